@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: MIT
+# Environment of every command that make starts; sourced, not run. Expects $clone, the top of the source tree.
+# shellcheck shell=bash disable=SC2154
+
+# Another Python's modules must not come before Debian's.
+unset PYTHONPATH PYTHONHOME
+
+# The matrices are small: threads of the BLAS cost more than they bring, and MPI ranks share the cores.
+export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
+
+# Pictures without a display.
+export MPLBACKEND="${MPLBACKEND:-Agg}"
+export PYVISTA_OFF_SCREEN="${PYVISTA_OFF_SCREEN:-true}"
+
+# Open MPI 4 (Debian 12) and 5 (Debian 13): allow root, more ranks than cores, and no attempt at
+# copying between processes by system calls that containers and chroots refuse with a warning.
+if [ "$(id -u)" = 0 ]; then
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+fi
+export OMPI_MCA_rmaps_base_oversubscribe=1
+export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+export OMPI_MCA_btl_vader_single_copy_mechanism=none
+
+# Caches of compiled forms, fonts and the like stay in the clone where the home directory cannot be written.
+_cache="${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}"
+if ! { mkdir -p "$_cache" && [ -w "$_cache" ]; } 2>/dev/null; then
+    export XDG_CACHE_HOME="$clone/.venv/cache"
+    mkdir -p "$XDG_CACHE_HOME" 2>/dev/null || true
+fi
+unset _cache
