@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: MIT
+"""Volume integrals of a planar body in the floating frame of reference.
+
+A material point of a body is at
+
+    r = R + A(theta) w,      w(X, q) = w_0 + sum_j q_j w_j,
+
+with w_0 = X the reference position in the body's frame and w_j the shape functions of the elastic
+displacement. Everything that the equations of motion need to know about the body is the small set
+of arrays held by :class:`VolumeIntegrals`; the mechanism never sees a mesh. A rigid body is a body
+with no shape functions, and a body may just as well be given by arrays from elsewhere.
+
+References:
+    A. A. Shabana, Dynamics of Multibody Systems, Cambridge University Press, chapter 5,
+    doi:10.1017/9781107337213.
+    J. Wallrapp, Standardization of flexible body modeling in multibody system codes, Part I:
+    definition of standard input data, Mechanics of Structures and Machines 22 (1994),
+    doi:10.1080/08905459408905214.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["BodyMarker", "VolumeIntegrals"]
+
+Array = NDArray[np.float64]
+
+#: Rotation by a quarter turn, the matrix J of the equations of motion.
+QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMarker:
+    """A point of a body where joints, forces or point masses attach.
+
+    The same class holds derivatives: then ``displacement`` and ``rotation`` are the derivatives of
+    a number with respect to the entries of the shape functions, and ``position``, which is data and
+    never depends on the design, is zero.
+    """
+
+    #: Undeformed position in the body's frame, shape (2,) [m].
+    position: Array
+    #: Shape functions of the elastic displacement at the point (Phi_P), shape (2, modes).
+    displacement: Array
+    #: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,) [rad/m].
+    rotation: Array
+
+    def __post_init__(self) -> None:
+        """Turn lists and other numbers into arrays."""
+        for name in ("position", "displacement", "rotation"):
+            object.__setattr__(self, name, _as_array(getattr(self, name)))
+
+    @property
+    def basis(self) -> Array:
+        """Reference position and shape functions side by side, shape (2, modes + 1)."""
+        return np.column_stack([self.position, self.displacement])
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeIntegrals:
+    """Volume integrals of one planar body, all that the equations of motion know about it.
+
+    Index a = 0 belongs to the reference position w_0, a = 1..modes to the shape functions w_a;
+    J is the rotation by a quarter turn. Shape functions are displacements per unit of their
+    elastic coordinate; with dimensionless shape functions the elastic coordinates are in metres
+    and the units are those given below.
+
+    The same class holds derivatives of a number psi with respect to each entry. Then G and K are
+    symmetric and N is antisymmetric too, so that for a perturbation d with that structure
+    psi(p + eps d) - psi(p) = eps * bar.dot(d) to first order.
+    """
+
+    #: Mass [kg].
+    mass: float
+    #: int rho w_a, shape (modes + 1, 2) [kg m].
+    S: Array
+    #: int rho w_a . w_b, symmetric, shape (modes + 1, modes + 1) [kg m^2].
+    G: Array
+    #: int rho (J w_a) . w_b, antisymmetric, shape (modes + 1, modes + 1) [kg m^2].
+    N: Array
+    #: Reduced stiffness int sigma(w_i) : eps(w_j), symmetric, shape (modes, modes) [N/m].
+    K: Array
+    #: Named points of the body.
+    markers: dict[str, BodyMarker] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Turn lists and other numbers into arrays."""
+        object.__setattr__(self, "mass", float(self.mass))
+        for name in ("S", "G", "N", "K"):
+            object.__setattr__(self, name, _as_array(getattr(self, name)))
+        object.__setattr__(self, "markers", dict(self.markers))
+
+    @property
+    def modes(self) -> int:
+        """Number of elastic coordinates."""
+        return int(self.K.shape[0])
+
+    @staticmethod
+    def rigid(
+        mass: float,
+        center: ArrayLike = (0.0, 0.0),
+        inertia: float = 0.0,
+        markers: Mapping[str, ArrayLike] | None = None,
+    ) -> VolumeIntegrals:
+        """Integrals of a rigid body, a body with no elastic coordinates.
+
+        Args:
+            mass: Mass [kg].
+            center: Centre of mass in the body's frame, shape (2,) [m].
+            inertia: Moment of inertia about the centre of mass [kg m^2].
+            markers: Position in the body's frame, shape (2,) [m], by name.
+        """
+        c = _as_array(center)
+        none = np.zeros((2, 0))
+        return VolumeIntegrals(
+            mass=mass,
+            S=mass * c[None, :],
+            G=np.array([[inertia + mass * c @ c]]),
+            N=np.zeros((1, 1)),
+            K=np.zeros((0, 0)),
+            markers={
+                name: BodyMarker(_as_array(position), none, np.zeros(0))
+                for name, position in (markers or {}).items()
+            },
+        )
+
+    def mass_matrix(self) -> Array:
+        """Mass matrix of the undeformed body at zero angle, shape (3 + modes, 3 + modes).
+
+        Rows are position [kg], angle [kg m^2] and the elastic coordinates.
+        """
+        matrix = np.zeros((3 + self.modes, 3 + self.modes))
+        matrix[:2, :2] = self.mass * np.eye(2)
+        matrix[:2, 2] = matrix[2, :2] = QUARTER_TURN @ self.S[0]
+        matrix[:2, 3:] = self.S[1:].T
+        matrix[3:, :2] = self.S[1:]
+        matrix[2, 2] = self.G[0, 0]
+        matrix[2, 3:] = matrix[3:, 2] = self.N[0, 1:]
+        matrix[3:, 3:] = self.G[1:, 1:]
+        return matrix
+
+    def validate(self, name: str) -> None:
+        """Check shapes, symmetry and definiteness.
+
+        Args:
+            name: Name of the body, for the message.
+
+        Raises:
+            ValueError: If an array has the wrong shape, holds NaN or infinity, lacks its symmetry,
+                if the mass is not positive, or if the mass or stiffness matrix is indefinite.
+        """
+        r = self.modes
+        shapes = {"S": (r + 1, 2), "G": (r + 1, r + 1), "N": (r + 1, r + 1), "K": (r, r)}
+        for key, shape in shapes.items():
+            _check_array(f"body {name!r}: integral {key}", getattr(self, key), shape)
+        if not np.isfinite(self.mass) or self.mass <= 0.0:
+            raise ValueError(
+                f"body {name!r}: the mass must be positive, but it is {self.mass:g} kg"
+            )
+        for key, sign in (("G", 1.0), ("N", -1.0), ("K", 1.0)):
+            array = getattr(self, key)
+            # Judged entry by entry against the diagonal, so that no unit hides a slip.
+            scale = np.sqrt(np.abs(np.diag(self.K if key == "K" else self.G)))
+            defect = np.abs(array - sign * array.T) / (
+                np.outer(scale, scale) + np.finfo(float).tiny
+            )
+            if array.size and defect.max() > 1e-9:
+                kind = "symmetric" if sign > 0 else "antisymmetric"
+                raise ValueError(
+                    f"body {name!r}: integral {key} must be {kind}, but entries differ by "
+                    f"{defect.max():.1e} relative to the diagonal"
+                )
+        for marker, point in self.markers.items():
+            where = f"body {name!r}, marker {marker!r}"
+            _check_array(f"{where}: position", point.position, (2,))
+            _check_array(f"{where}: displacement", point.displacement, (2, r))
+            _check_array(f"{where}: rotation", point.rotation, (r,))
+        smallest = _smallest_scaled_eigenvalue(self.mass_matrix())
+        if smallest < 1e-14:
+            raise ValueError(
+                f"body {name!r}: the mass matrix is not positive definite (smallest eigenvalue "
+                f"{smallest:.1e} after scaling to unit diagonal); check the inertia, and that no "
+                "shape function is a rigid-body motion or a combination of others"
+            )
+        smallest = _smallest_scaled_eigenvalue(self.K)
+        if smallest < -1e-9:
+            raise ValueError(
+                f"body {name!r}: the stiffness K has a negative eigenvalue "
+                f"({smallest:.1e} after scaling to unit diagonal)"
+            )
+
+    def zeros_like(self) -> VolumeIntegrals:
+        """Integrals of the same shape with all entries zero, the start of a sum of derivatives."""
+        return self.scaled(0.0)
+
+    def scaled(self, factor: float) -> VolumeIntegrals:
+        """All entries times a factor."""
+        return VolumeIntegrals(
+            factor * self.mass,
+            factor * self.S,
+            factor * self.G,
+            factor * self.N,
+            factor * self.K,
+            {
+                name: BodyMarker(factor * m.position, factor * m.displacement, factor * m.rotation)
+                for name, m in self.markers.items()
+            },
+        )
+
+    def __add__(self, other: VolumeIntegrals) -> VolumeIntegrals:
+        """Sum entry by entry."""
+        self._require_same_markers(other)
+        return VolumeIntegrals(
+            self.mass + other.mass,
+            self.S + other.S,
+            self.G + other.G,
+            self.N + other.N,
+            self.K + other.K,
+            {
+                name: BodyMarker(
+                    m.position + other.markers[name].position,
+                    m.displacement + other.markers[name].displacement,
+                    m.rotation + other.markers[name].rotation,
+                )
+                for name, m in self.markers.items()
+            },
+        )
+
+    def dot(self, other: VolumeIntegrals) -> float:
+        """Inner product over all entries of all arrays, markers included."""
+        self._require_same_markers(other)
+        total = self.mass * other.mass
+        for key in ("S", "G", "N", "K"):
+            total += float(np.sum(getattr(self, key) * getattr(other, key)))
+        for name, m in self.markers.items():
+            n = other.markers[name]
+            total += float(m.position @ n.position + np.sum(m.displacement * n.displacement))
+            total += float(m.rotation @ n.rotation)
+        return total
+
+    def with_point_mass(self, marker: str, mass: float) -> VolumeIntegrals:
+        """Integrals of the body with a point mass fixed to a marker.
+
+        With W the reference position and shape functions at the marker, the point adds m_P to the
+        mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N.
+
+        Args:
+            marker: Name of the marker.
+            mass: Mass of the point [kg].
+        """
+        basis = self.markers[marker].basis
+        return replace(
+            self,
+            mass=self.mass + mass,
+            S=self.S + mass * basis.T,
+            G=self.G + mass * basis.T @ basis,
+            N=self.N + mass * (QUARTER_TURN @ basis).T @ basis,
+        )
+
+    def point_mass_pullback(
+        self, bar: VolumeIntegrals, marker: str, mass: float
+    ) -> VolumeIntegrals:
+        """Transpose of the derivative of :meth:`with_point_mass` at these integrals.
+
+        Args:
+            bar: Derivative with respect to the integrals of the body with the point mass.
+            marker: Name of the marker.
+            mass: Mass of the point [kg].
+
+        Returns:
+            Derivative with respect to the integrals of the body without the point mass; the
+            marker's shape functions collect the share of the point.
+        """
+        basis = self.markers[marker].basis
+        basis_bar = mass * (bar.S.T + 2.0 * basis @ bar.G + 2.0 * QUARTER_TURN @ basis @ bar.N)
+        old = bar.markers[marker]
+        new = replace(old, displacement=old.displacement + basis_bar[:, 1:])
+        return replace(bar, markers={**bar.markers, marker: new})
+
+    def _require_same_markers(self, other: VolumeIntegrals) -> None:
+        if self.markers.keys() != other.markers.keys():
+            raise ValueError(
+                f"integrals with different markers: {sorted(self.markers)} "
+                f"and {sorted(other.markers)}"
+            )
+
+
+def _as_array(values: ArrayLike) -> Array:
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+def _check_array(what: str, array: Array, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{what} must have shape {shape}, but it has shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} holds NaN or infinity")
+
+
+def _smallest_scaled_eigenvalue(matrix: Array) -> float:
+    """Smallest eigenvalue after scaling to unit diagonal; negative for a non-positive diagonal."""
+    diagonal = np.diag(matrix)
+    if matrix.size == 0:
+        return 0.0
+    if np.any(diagonal < 0.0):
+        return -1.0
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return float(np.linalg.eigvalsh(matrix * np.outer(scale, scale))[0])

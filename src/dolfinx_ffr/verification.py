@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: MIT
+"""Taylor tests of derivatives and observed orders of convergence.
+
+For a function with derivative g, the remainder
+
+    R(s) = f(x + s d) - f(x) - s g.d
+
+falls like s^2 as the step s is halved; with a wrong derivative it falls like s. The observed order
+of the remainder is therefore the most direct test of a pullback that there is, and it needs no
+tolerance.
+
+Under MPI the values must be global: ``function`` has to return the same number on every rank, and
+``gradient_dot`` the inner product already summed over the ranks. All ranks then call the tests with
+their own part of ``x`` and ``direction`` and reach the same verdict.
+
+Example:
+    >>> import numpy as np
+    >>> x, d = np.array([1.0, 2.0]), np.array([0.3, -0.4])
+    >>> result = taylor_test(lambda x: float(np.sum(x**4)), lambda d: float(4 * x**3 @ d), x, d)
+    >>> assert_taylor_order(result)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "DEFAULT_STEPS",
+    "TaylorResult",
+    "assert_taylor_order",
+    "central_difference",
+    "convergence_order",
+    "taylor_test",
+]
+
+Array = NDArray[np.float64]
+
+#: Steps of :func:`taylor_test` where none are given: four halvings.
+DEFAULT_STEPS: tuple[float, ...] = tuple(1e-2 / 2.0**k for k in range(5))
+
+
+@dataclass(frozen=True)
+class TaylorResult:
+    """Outcome of a Taylor test."""
+
+    #: Steps s, shape (n,).
+    steps: Array
+    #: |f(x + s d) - f(x) - s g.d| at each step, shape (n,).
+    remainders: Array
+    #: |f(x + s d) - f(x)| at each step, shape (n,).
+    differences: Array
+    #: Observed order of the remainder between consecutive steps, shape (n - 1,).
+    orders: Array
+    #: Order of the remainder by a least-squares fit through all steps above round-off.
+    order: float
+    #: Number of steps whose remainder stands clear of round-off.
+    usable: int
+    #: Value at x.
+    value: float
+    #: Directional derivative g.d.
+    slope: float
+
+    def __str__(self) -> str:
+        """Table of steps, differences, remainders and orders."""
+        lines = ["      step     difference      remainder   order"]
+        for k, step in enumerate(self.steps):
+            order = f"{self.orders[k - 1]:7.3f}" if k else "      -"
+            lines.append(
+                f"{step:10.3e}   {self.differences[k]:12.5e}   {self.remainders[k]:12.5e} {order}"
+            )
+        return "\n".join([*lines, f"order {self.order:.3f} from {self.usable} steps"])
+
+
+def taylor_test(
+    function: Callable[[Array], float],
+    gradient_dot: Callable[[Array], float],
+    x: ArrayLike,
+    direction: ArrayLike,
+    *,
+    steps: Sequence[float] = DEFAULT_STEPS,
+    roundoff: float = 1e-14,
+) -> TaylorResult:
+    """Remainders of the first-order Taylor expansion and their observed orders.
+
+    Args:
+        function: The number f(x); the same on all ranks.
+        gradient_dot: The derivative of f at ``x`` in a direction, summed over all ranks.
+        x: Point of expansion, any shape; under MPI the part owned by this rank.
+        direction: Direction d, shape of ``x``.
+        steps: Steps s, largest first.
+        roundoff: Relative accuracy of f. Remainders below a hundred times this share of the
+            largest value are left out of the fit.
+
+    Returns:
+        Steps, remainders and orders; about 2 for a right derivative, about 1 for a wrong one, and
+        infinite where the remainder vanishes to round-off at all steps (a linear function); NaN
+        where too few remainders stand clear of round-off to tell.
+
+    Raises:
+        ValueError: If the steps are not positive and decreasing, the shapes differ, or a value is
+            NaN or infinite.
+    """
+    point = np.asarray(x, dtype=np.float64)
+    d = np.asarray(direction, dtype=np.float64)
+    s = np.asarray(steps, dtype=np.float64)
+    if d.shape != point.shape:
+        raise ValueError(f"direction has shape {d.shape}, but the point has shape {point.shape}")
+    if s.ndim != 1 or s.size < 2 or np.any(s <= 0.0) or np.any(np.diff(s) >= 0.0):
+        raise ValueError("steps must be at least two positive numbers, the largest first")
+    value = float(function(point))
+    slope = float(gradient_dot(d))
+    values = np.array([float(function(point + step * d)) for step in s])
+    if not np.all(np.isfinite(values)) or not np.isfinite(value) or not np.isfinite(slope):
+        raise ValueError("the function or its derivative is NaN or infinite near the point")
+    remainders = np.abs(values - value - s * slope)
+    noise = 100.0 * roundoff * max(abs(value), float(np.max(np.abs(values))))
+    clear = remainders > noise
+    # Only the leading run counts: beyond the first remainder in the noise all are noise.
+    usable = int(s.size if clear.all() else np.argmin(clear))
+    tiny = np.finfo(float).tiny
+    orders = np.diff(np.log(np.maximum(remainders, tiny))) / np.diff(np.log(s))
+    differences = np.abs(values - value)
+    if usable >= 2:
+        order = convergence_order(s[:usable], remainders[:usable])
+    else:
+        linear = usable == 0 and differences[0] > 1e6 * noise
+        order = float("inf") if linear else float("nan")
+    return TaylorResult(s, remainders, differences, orders, order, usable, value, slope)
+
+
+def assert_taylor_order(result: TaylorResult, minimum: float = 1.9, points: int = 3) -> None:
+    """Assert that the remainder falls with at least the given order.
+
+    Args:
+        result: Outcome of :func:`taylor_test`.
+        minimum: Least order of the fit and of each pair of consecutive usable steps.
+        points: Least number of steps that stand clear of round-off.
+
+    Raises:
+        AssertionError: With the table of remainders, if an order is too small or if too few
+            remainders stand clear of round-off to tell.
+    """
+    if np.isinf(result.order):
+        return
+    if result.usable < points:
+        raise AssertionError(
+            f"only {result.usable} of {result.steps.size} remainders stand clear of round-off, "
+            f"{points} are needed; take larger steps\n{result}"
+        )
+    worst = min(result.order, float(np.min(result.orders[: result.usable - 1])))
+    if not worst >= minimum:
+        raise AssertionError(f"Taylor order {worst:.3f} is below {minimum}\n{result}")
+
+
+def central_difference(
+    function: Callable[[Array], float],
+    x: ArrayLike,
+    direction: ArrayLike,
+    step: float,
+    *,
+    order: int = 4,
+) -> float:
+    """Directional derivative by central differences of second or fourth order.
+
+    Args:
+        function: The number f(x); the same on all ranks.
+        x: Point, any shape.
+        direction: Direction, shape of ``x``.
+        step: Step along the direction.
+        order: 2 or 4.
+
+    Raises:
+        ValueError: If the order is neither 2 nor 4.
+    """
+    if order not in (2, 4):
+        raise ValueError(f"central differences of order 2 or 4, not {order}")
+    point = np.asarray(x, dtype=np.float64)
+    d = np.asarray(direction, dtype=np.float64)
+
+    def slope(s: float) -> float:
+        return (float(function(point + s * d)) - float(function(point - s * d))) / (2.0 * s)
+
+    return slope(step) if order == 2 else (4.0 * slope(step / 2.0) - slope(step)) / 3.0
+
+
+def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
+    """Order p of errors ~ C h^p by a least-squares fit of log(error) against log(h).
+
+    Args:
+        h: Mesh sizes or time steps, shape (n,), n >= 2.
+        errors: Positive errors, shape (n,).
+
+    Raises:
+        ValueError: If there are fewer than two points or an entry is not positive.
+    """
+    x, y = np.asarray(h, dtype=np.float64), np.asarray(errors, dtype=np.float64)
+    if x.shape != y.shape or x.ndim != 1 or x.size < 2:
+        raise ValueError("a fit needs as many errors as sizes, and at least two")
+    if not (np.all(x > 0.0) and np.all(y > 0.0)):
+        raise ValueError("sizes and errors must be positive")
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
