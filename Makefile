@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: MIT
+# `make demo` and `make test` do the whole set-up themselves; `make` alone lists the targets.
+
+# The clone may be anywhere and make may be called from anywhere (make -C, make -f).
+clone := $(shell cd "$(dir $(lastword $(MAKEFILE_LIST)))" && pwd -P)
+python := "$(clone)/.venv/bin/python"
+env := clone="$(clone)" && . "$(clone)/install/environment.sh" &&
+# Arguments of the program that a target runs, for example: make demo ARGS="--elements 80 8"
+ARGS ?=
+
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-other-debian test-debian12 test-debian13 lint benchmark clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-19s %s\n", $$1, $$2}' "$(clone)/Makefile"
+
+setup: ## install Debian packages and make .venv (does nothing the second time)
+	@"$(clone)/install/setup.sh"
+
+demo: setup ## design the flexible rod of a slider-crank; pictures in results/ (ARGS="..." for options)
+	@cd "$(clone)" && $(env) $(python) demos/slider_crank.py $(ARGS)
+
+test: setup ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS="..." for pytest)
+	@"$(clone)/tests/run.sh" $(ARGS)
+
+test-other-debian: ## run the tests in a root of the other Debian release, 12 or 13 (needs root)
+	@"$(clone)/install/debian_root.sh" other make test ARGS='$(ARGS)'
+
+test-debian12: ## run the tests in a Debian 12 root (needs root)
+	@"$(clone)/install/debian_root.sh" bookworm make test ARGS='$(ARGS)'
+
+test-debian13: ## run the tests in a Debian 13 root (needs root)
+	@"$(clone)/install/debian_root.sh" trixie make test ARGS='$(ARGS)'
+
+lint: setup ## check style, format and types
+	@cd "$(clone)" && $(env) status=0; \
+	$(python) -m ruff check . || status=1; \
+	$(python) -m ruff format --check . || status=1; \
+	$(python) -m mypy || status=1; \
+	exit $$status
+
+benchmark: setup ## measure speed and growth with the mesh; table and picture in results/ (ARGS="...")
+	@cd "$(clone)" && $(env) $(python) benchmarks/run.py $(ARGS)
+
+clean: ## remove .venv, caches and results (the roots of other Debian releases stay)
+	@cd "$(clone)" && rm -rf .venv .venv.lock results build .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@find "$(clone)" -name __pycache__ -type d -prune -exec rm -rf {} +
