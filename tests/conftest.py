@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""Fixtures, and the rules by which one pytest session runs on several MPI ranks.
+
+Every rank runs the same session, so that collective calls meet:
+
+* with more than one rank only the tests marked ``mpi`` are selected;
+* the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
+  that fails anywhere fails everywhere, with the reason from the rank that knows it;
+* a rank that does not come to this agreement hangs in a collective call that another rank has left
+  by an exception. After a grace time the run is aborted and every rank prints where it stood.
+
+After each test garbage is collected on all ranks together: PETSc's destructors are collective.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import gc
+import os
+import signal
+import sys
+import time
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import TextIO
+
+from mpi4py import MPI
+
+import pytest
+from hypothesis import settings
+
+#: Longest duration of one phase of one test before it counts as hanging [s].
+HANGING = 600.0
+#: How long a rank on which a test has failed waits for the others [s].
+GRACE = 60.0
+
+#: Communicator of the agreement, so that it never meets a collective call of the test itself.
+AGREEMENT = MPI.COMM_WORLD.Dup()
+
+# The same examples on every rank and in every run, and no judgement by the clock.
+settings.register_profile("reproducible", derandomize=True, deadline=None, database=None)
+settings.load_profile("reproducible")
+
+
+#: Standard error past pytest's capturing.
+STDERR = pytest.StashKey[TextIO]()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Let one rank report, and print the stacks when a run is aborted."""
+    if AGREEMENT.size > 1:
+        config.stash[STDERR] = os.fdopen(os.dup(sys.__stderr__.fileno()), "w")
+        faulthandler.register(signal.SIGTERM, file=config.stash[STDERR], chain=True)
+    if AGREEMENT.rank > 0:
+        config.pluginmanager.unregister(name="terminalreporter")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """With more than one rank, deselect the tests that are not marked ``mpi``."""
+    if AGREEMENT.size == 1:
+        return
+    chosen = [item for item in items if item.get_closest_marker("mpi")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+    items[:] = chosen
+    names = AGREEMENT.allgather([item.nodeid for item in items])
+    if any(other != names[0] for other in names):
+        pytest.exit("the ranks have collected different tests", returncode=3)
+
+
+def _agree(failed: bool, reason: str, config: pytest.Config, nodeid: str) -> list[str]:
+    """Return what the ranks on which the phase failed say of it; abort the run if a rank hangs."""
+    request = AGREEMENT.Ibarrier()
+    limit = time.monotonic() + (GRACE if failed else HANGING)
+    while not request.Test():
+        if time.monotonic() > limit:
+            state = "has failed" if failed else "is done"
+            print(
+                f"\n{nodeid}: {state} on rank {AGREEMENT.rank}, while another rank hangs; "
+                f"all ranks are stopped.\n{reason}",
+                file=config.stash[STDERR],
+                flush=True,
+            )
+            AGREEMENT.Abort(1)
+        time.sleep(1e-4)
+    said = AGREEMENT.allgather(reason if failed else "")
+    return [f"on rank {rank}: {text}" for rank, text in enumerate(said) if text]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Make a phase that failed on one rank fail on all."""
+    report = yield
+    if AGREEMENT.size > 1:
+        failed = report.outcome == "failed"
+        reason = ""
+        if failed:
+            first_line = call.excinfo.exconly().splitlines()[0] if call.excinfo else "failed"
+            reason = f"{first_line}\n{report.longreprtext}"
+        reasons = _agree(failed, reason, item.config, item.nodeid)
+        if reasons:
+            report.outcome = "failed"
+            report.longrepr = "\n".join(reasons)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Stop a test that hangs, showing where."""
+    file = item.config.stash.get(STDERR, sys.__stderr__)
+    faulthandler.dump_traceback_later(2.0 * HANGING, exit=True, file=file)
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture(autouse=True)
+def _collect_garbage() -> Iterator[None]:
+    """Destroy what the test has left, on all ranks together."""
+    yield
+    gc.collect()
+    MPI.COMM_WORLD.Barrier()
+
+
+@pytest.fixture
+def comm() -> MPI.Intracomm:
+    """The communicator of all ranks."""
+    return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def shared_tmp_path(comm: MPI.Intracomm, tmp_path: Path) -> Path:
+    """A temporary directory, the same one on every rank."""
+    return comm.bcast(tmp_path)
