@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+"""Design of the flexible parts of moving machines with FEniCSx.
+
+The names below are loaded when they are first used, so that the mechanical half works where no
+DOLFINx is installed.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+#: where each public name lives
+_ROOMS = {
+    "body": ["BodyMarker", "VolumeIntegrals"],
+    "domain": ["Domain", "Interface"],
+    "elasticity": ["Elasticity"],
+    "flexible_body": ["FlexibleBody", "LinearizedBody"],
+    "material": [
+        "RAMP",
+        "SIMP",
+        "LinearMass",
+        "PlaneStrain",
+        "PlaneStress",
+        "SuppressedVoidMass",
+    ],
+    "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
+}
+
+__all__ = sorted(name for names in _ROOMS.values() for name in names)
+
+_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the module of a public name."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*__all__, "__version__"]

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: MIT
+"""Differences between DOLFINx releases, in one place.
+
+The package is written in the current DOLFINx spelling. Where an installed release says it differently, the function
+here says it for both. Releases are told apart by what they offer, never by version number, so that dropping a release
+means deleting lines. No other module may ask which DOLFINx is installed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import dolfinx.fem.petsc  # a release may not load it by itself
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+__all__ = [
+    "cell_geometry",
+    "coordinate_element",
+    "dofmap_array",
+    "evaluate_expression",
+    "function_space",
+    "gmsh_model_to_mesh",
+    "interpolation_points",
+    "petsc_vector",
+    "set_form_cache",
+    "vertex_connectivity",
+]
+
+
+def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
+    """Return the Lagrange or DG space of scalars (``shape=()``) or vectors."""
+    if hasattr(fem, "functionspace"):
+        element = (family, degree, shape) if shape else (family, degree)
+        return fem.functionspace(domain, element)
+    name = {"Lagrange": "CG"}.get(family, family)
+    if not shape:
+        return fem.FunctionSpace(domain, (name, degree))
+    return fem.VectorFunctionSpace(domain, (name, degree), dim=shape[0])
+
+
+def petsc_vector(function: fem.Function) -> PETSc.Vec:
+    """Return the PETSc vector that shares memory with ``function``."""
+    if hasattr(function.x, "petsc_vec"):
+        return function.x.petsc_vec
+    return function.vector
+
+
+def _as_table(adjacency: Any) -> NDArray[np.int32]:
+    """Return a regular adjacency list as a table, whichever way it is stored."""
+    if isinstance(adjacency, np.ndarray):
+        return adjacency
+    array = np.asarray(adjacency.array)
+    return array.reshape(adjacency.num_nodes, -1)
+
+
+def dofmap_array(space: Any) -> NDArray[np.int32]:
+    """Return the (blocked) dofs of each local cell, shape (cells, dofs per cell)."""
+    return _as_table(space.dofmap.list)
+
+
+def cell_geometry(domain: mesh.Mesh) -> NDArray[np.int32]:
+    """Return the geometry nodes of each local cell, shape (cells, nodes per cell)."""
+    geometry = domain.geometry
+    if hasattr(geometry, "dofmaps") and not callable(geometry.dofmaps):
+        return _as_table(geometry.dofmaps[0])
+    return _as_table(geometry.dofmap)
+
+
+def coordinate_element(domain: mesh.Mesh) -> Any:
+    """Return the element that maps the reference cell to physical cells."""
+    geometry = domain.geometry
+    if hasattr(geometry, "cmaps"):
+        return geometry.cmaps[0]
+    return geometry.cmap
+
+
+def interpolation_points(space: Any) -> NDArray[np.float64]:
+    """Return the reference points of an element's interpolation operator."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points
+
+
+def evaluate_expression(
+    expression: ufl.core.expr.Expr,
+    points: NDArray[np.float64],
+    domain: mesh.Mesh,
+    cells: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """Evaluate a UFL expression without arguments at reference points of cells.
+
+    Returns:
+        Array of shape (cells, points, components).
+    """
+    compiled = fem.Expression(expression, points)
+    try:
+        values = compiled.eval(domain, cells)
+    except TypeError:  # before 0.7 the mesh was not an argument
+        values = compiled.eval(cells)
+    return np.asarray(values).reshape(len(cells), len(points), -1)
+
+
+def vertex_connectivity(domain: mesh.Mesh, dim: int) -> Any:
+    """Return the adjacency from entities of dimension ``dim`` to vertices."""
+    domain.topology.create_entities(dim)
+    domain.topology.create_connectivity(dim, 0)
+    return domain.topology.connectivity(dim, 0)
+
+
+def gmsh_model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[mesh.Mesh, Any, Any]:
+    """Return mesh, cell tags and facet tags of a gmsh model in the plane."""
+    try:
+        from dolfinx.io import gmshio
+    except ImportError:  # renamed in 0.10, and its result became a record
+        from dolfinx.io import gmsh as gmshio
+    result = gmshio.model_to_mesh(model, comm, rank, gdim=2)
+    if isinstance(result, tuple) and len(result) == 3:
+        return result
+    return result.mesh, result.cell_tags, result.facet_tags
+
+
+def set_form_cache(directory: Path) -> None:
+    """Make DOLFINx keep compiled forms in ``directory`` from now on."""
+    import dolfinx.jit as jit
+
+    # named ..._PARAMETERS before 0.6
+    names = ("DOLFINX_DEFAULT_JIT_OPTIONS", "DOLFINX_DEFAULT_JIT_PARAMETERS")
+    defaults = next(getattr(jit, name) for name in names if hasattr(jit, name))
+    defaults["cache_dir"] = (directory, defaults["cache_dir"][1])
