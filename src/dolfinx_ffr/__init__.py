@@ -17,7 +17,7 @@ _ROOMS = {
     "body": ["BodyMarker", "VolumeIntegrals"],
     "domain": ["Domain", "Interface"],
     "elasticity": ["Elasticity"],
-    "flexible_body": ["FlexibleBody", "LinearizedBody"],
+
     "material": [
         "RAMP",
         "SIMP",
@@ -26,6 +26,7 @@ _ROOMS = {
         "PlaneStress",
         "SuppressedVoidMass",
     ],
+    "flexible_body": ["FlexibleBody", "ReducedBody"],
     "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
 }
 

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""Stiffness and mass of one body as functions of its density, and their derivatives.
+
+With the density field x (one value a cell) the two bilinear forms are
+
+    k_x(u, v) = int E(x) sigma(u) : eps(v) dX,      m_x(u, v) = int rho(x) u . v dX.
+
+Fields of the body are handled in blocks: arrays of shape (dofs owned by this rank, columns), one
+field a column.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from numpy.typing import ArrayLike, NDArray
+from petsc4py import PETSc
+
+from . import _compat
+from .domain import Domain
+from .material import ElasticMaterial, Interpolation
+
+__all__ = ["Elasticity"]
+
+Block = NDArray[np.float64]
+
+
+class Elasticity:
+    """Assembled stiffness and mass matrix of a body at a density.
+
+    Args:
+        domain: the mesh of the body.
+        material: the solid.
+        interpolation: stiffness and mass between void and solid.
+    """
+
+    def __init__(
+        self, domain: Domain, material: ElasticMaterial, interpolation: Interpolation
+    ) -> None:
+        self.domain = domain
+        self.comm: MPI.Comm = domain.comm
+        bound = material.on(domain.mesh)
+        space = domain.space
+        self.density = fem.Function(domain.density_space, name="density")
+        stiffness_factor, mass_factor = interpolation.on(domain.mesh, self.density)
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+
+        def stiffness_density(a: ufl.core.expr.Expr, b: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+            return stiffness_factor * ufl.inner(bound.stress(a), ufl.sym(ufl.grad(b)))
+
+        def mass_density(a: ufl.core.expr.Expr, b: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+            return mass_factor * bound.density * ufl.inner(a, b)
+
+        # exact on affine cells; UFL's estimate would count powers of the cellwise constant density
+        degree = 2 * domain.order + 2 * (_compat.coordinate_element(domain.mesh).degree - 1)
+        dx = ufl.Measure("dx", domain=domain.mesh, metadata={"quadrature_degree": degree})
+        self._stiffness_form = fem.form(stiffness_density(u, v) * dx)
+        self._mass_form = fem.form(mass_density(u, v) * dx)
+        self.stiffness: PETSc.Mat = fem.petsc.create_matrix(self._stiffness_form)
+        self.mass: PETSc.Mat = fem.petsc.create_matrix(self._mass_form)
+        # one pair of fields for the mass and one for the stiffness: compiled once, whatever the
+        # number of modes
+        self._fields = [fem.Function(space) for _ in range(4)]
+        w, y, phi, kappa = self._fields
+        pairing = (mass_density(w, y) + stiffness_density(phi, kappa)) * dx
+        test = ufl.TestFunction(domain.density_space)
+        self._gradient_form = fem.form(ufl.derivative(pairing, self.density, test))
+        index_map = space.dofmap.index_map
+        self.n_dofs = int(index_map.size_local) * 2  #: displacement dofs owned by this rank
+        self.n_dofs_global = int(index_map.size_global) * 2
+        self._layout = (self.n_dofs, self.n_dofs_global)
+        self.assemble(np.ones(domain.n_cells))  # fixes the sparsity pattern
+
+    def assemble(self, x: ArrayLike) -> None:
+        """Assemble `stiffness` and `mass` at a density.
+
+        Args:
+            x: one density for each cell owned by this rank, shape (cells,), in [0, 1].
+
+        Raises:
+            ValueError: on every rank, if the density has the wrong size, is NaN or leaves [0, 1].
+        """
+        self.density.x.array[: self.domain.n_cells] = self.domain.check_density(x)
+        self.density.x.scatter_forward()
+        for matrix, form in (
+            (self.stiffness, self._stiffness_form),
+            (self.mass, self._mass_form),
+        ):
+            matrix.zeroEntries()
+            fem.petsc.assemble_matrix(matrix, form)
+            matrix.assemble()
+
+    def density_gradient(self, w: Block, y: Block, phi: Block, kappa: Block) -> NDArray[np.float64]:
+        """Return d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields.
+
+        Args:
+            w: fields of the mass term, shape (dofs, a).
+            y: their partners, shape (dofs, a).
+            phi: fields of the stiffness term, shape (dofs, i), i <= a.
+            kappa: their partners, shape (dofs, i).
+
+        Returns:
+            Derivative for each cell owned by this rank, shape (cells,).
+        """
+        if phi.shape[1] > w.shape[1]:
+            raise ValueError("density_gradient: more stiffness pairs than mass pairs")
+        total = np.zeros(self.domain.n_cells)
+        for a in range(w.shape[1]):
+            self._set(self._fields[0], w[:, a])
+            self._set(self._fields[1], y[:, a])
+            if a < phi.shape[1]:
+                self._set(self._fields[2], phi[:, a])
+                self._set(self._fields[3], kappa[:, a])
+            elif a == phi.shape[1]:
+                self._fields[3].x.array[:] = 0.0
+            total += fem.assemble_vector(self._gradient_form).array[: self.domain.n_cells]
+        return total
+
+    def _set(self, function: fem.Function, column: NDArray[np.float64]) -> None:
+        function.x.array[: self.n_dofs] = column
+        function.x.scatter_forward()
+
+    # ------------------------------------------------------------------ blocks of fields
+
+    def apply(self, matrix: PETSc.Mat, block: Block) -> Block:
+        """Return matrix times block, shape (dofs, columns)."""
+        dense = self.dense(block)
+        product = matrix.matMult(dense)
+        result = np.array(product.getDenseArray())
+        product.destroy()
+        dense.destroy()
+        return result
+
+    def dense(self, block: Block) -> PETSc.Mat:
+        """Return a block as a distributed dense matrix."""
+        matrix = PETSc.Mat().createDense(
+            (self._layout, (PETSc.DECIDE, block.shape[1])),
+            array=np.asfortranarray(block, dtype=PETSc.ScalarType).ravel(order="F"),
+            comm=self.comm,
+        )
+        matrix.assemble()
+        return matrix
+
+    def inner(self, a: Block, b: Block) -> NDArray[np.float64]:
+        """Return a^T b, shape (columns of a, columns of b), bit-identical on every rank."""
+        local = np.ascontiguousarray(a.T @ b)
+        if self.comm.size == 1:
+            return local
+        total = np.empty_like(local)
+        self.comm.Reduce(local, total, root=0)
+        self.comm.Bcast(total, root=0)
+        return total
+
+    def coordinates(self) -> NDArray[np.float64]:
+        """Return the position of each node owned by this rank, shape (dofs / 2, 2) [m]."""
+        return self.domain.space.tabulate_dof_coordinates()[: self.n_dofs // 2, :2]
+
+
+def rotated(block: Block) -> Block:
+    """Return J u for each field of a block: a quarter turn, (u_x, u_y) -> (-u_y, u_x)."""
+    result = np.empty_like(block)
+    result[0::2], result[1::2] = -block[1::2], block[0::2]
+    return result
+
+
+def rigid_fields(coordinates: NDArray[np.float64], center: NDArray[np.float64]) -> Block:
+    """Return the unit translations in x and y and the unit rotation about ``center``.
+
+    Args:
+        coordinates: node positions, shape (nodes, 2) [m].
+        center: shape (2,) [m].
+
+    Returns:
+        Block of shape (2 nodes, 3).
+    """
+    offset = coordinates - center
+    block = np.zeros((2 * len(offset), 3))
+    block[0::2, 0] = 1.0
+    block[1::2, 1] = 1.0
+    block[0::2, 2] = -offset[:, 1]
+    block[1::2, 2] = offset[:, 0]
+    return block
