@@ -28,6 +28,7 @@ export OMPI_MCA_btl_vader_single_copy_mechanism=none
 _cache="${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}"
 if ! { mkdir -p "$_cache" && [ -w "$_cache" ]; } 2>/dev/null; then
     export XDG_CACHE_HOME="$clone/.venv/cache"
-    mkdir -p "$XDG_CACHE_HOME" 2>/dev/null || true
+    export MPLCONFIGDIR="${MPLCONFIGDIR:-$XDG_CACHE_HOME/matplotlib}"
+    mkdir -p "$MPLCONFIGDIR" 2>/dev/null || true
 fi
 unset _cache
