@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Flat arrays of a mechanism and work arrays, as the compiled kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Kinds of rows. The first three are differences of one coordinate of the two markers, numbered
+#: as the coordinate; LINE is the distance of the first marker from a line fixed to the second.
+X, Y, ANGLE, LINE = 0, 1, 2, 3
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function as a part of the compiled functions that call it."""
+    return njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+class ModelArrays(NamedTuple):
+    """A mechanism as flat arrays, padded to the largest number of modes."""
+
+    first: Integers  # (bodies,) index of the first coordinate of each body
+    modes: Integers  # (bodies,) number of elastic coordinates
+    mass: Array  # (bodies,) [kg]
+    S: Array  # (bodies, modes + 1, 2)
+    G: Array  # (bodies, modes + 1, modes + 1)
+    N: Array  # (bodies, modes + 1, modes + 1)
+    K: Array  # (bodies, modes, modes)
+    alpha: Array  # (bodies,) mass-proportional damping [1/s]
+    beta: Array  # (bodies,) stiffness-proportional damping [s]
+    gravity: Array  # (2,) [m/s^2]
+    marker_body: Integers  # (markers,) body, or -1 for a marker that moves as prescribed
+    marker_slot: Integers  # (markers,) place in `prescribed` for the latter
+    W: Array  # (markers, 2, modes + 1) reference position and shape functions
+    psi: Array  # (markers, modes) rotation shape functions
+    prescribed: Array  # (instants, prescribed markers, 3 derivatives, 3) of (x, y, angle)
+    kind: Integers  # (rows,)
+    side: Integers  # (rows, 2) the two markers
+    normal: Array  # (rows, 2) normal of the line in the frame of the second marker
+    drive: Array  # (instants, rows, 3) c(t) and its two derivatives
+
+
+class Work(NamedTuple):
+    """Work arrays of the kernels."""
+
+    rotation: Array  # (bodies, 2) cosine and sine
+    P: Array  # (markers, 2, modes) shape functions turned into the global axes
+    arm: Array  # (markers, 2) marker minus origin of the body's frame
+    swing: Array  # (markers, 2) elastic part of the velocity
+    z: Array  # (markers, 3)
+    zd: Array  # (markers, 3)
+    g: Array  # (rows, 6) gradients
+    hz: Array  # (rows, 6) Hessian times marker velocities
+    u: Array  # (6,)
+    out: Array  # (6,)
+    value: Array  # (rows,) position constraints
+    rate: Array  # (rows,) velocity constraints
+    C: Array  # (rows, n) constraint Jacobian
+    D: Array  # (rows, n) derivative of the velocity constraints with respect to the coordinates
+    old: Array  # (rows, n) constraint Jacobian at the beginning of the step
+    r: Array  # (n,) inertia and elastic forces
+    M: Array  # (n, n) derivative with respect to accelerations (and velocities)
+    Ky: Array  # (n, n) derivative with respect to coordinates
+    v6: Array  # (9, modes + 1) vectors of one body
+    A: Array  # (n + 2 rows, n + 2 rows)
+    rhs: Array  # (n + 2 rows,)
+    scale: Array  # (n + 2 rows,)
+    pivot: Integers  # (n + 2 rows,)
+
+
+@kernel
+def make_work(model):
+    """Work arrays for a model."""
+    bodies, markers, rows = model.first.size, model.marker_body.size, model.kind.size
+    n = 0
+    for b in range(bodies):
+        n += 3 + model.modes[b]
+    modes = model.psi.shape[1]
+    size = n + 2 * rows
+    return Work(
+        np.zeros((bodies, 2)),
+        np.zeros((markers, 2, modes)),
+        np.zeros((markers, 2)),
+        np.zeros((markers, 2)),
+        np.zeros((markers, 3)),
+        np.zeros((markers, 3)),
+        np.zeros((rows, 6)),
+        np.zeros((rows, 6)),
+        np.zeros(6),
+        np.zeros(6),
+        np.zeros(rows),
+        np.zeros(rows),
+        np.zeros((rows, n)),
+        np.zeros((rows, n)),
+        np.zeros((rows, n)),
+        np.zeros(n),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((9, modes + 1)),
+        np.zeros((size, size)),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size, dtype=np.int64),
+    )

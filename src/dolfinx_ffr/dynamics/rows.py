@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: MIT
+"""Markers and constraint rows: values, Jacobians, curvature terms and transposes.
+
+A constraint is a scalar row
+
+    g(z_a, z_b) - c(t) = 0
+
+of the coordinates z = (x, y, angle) of two markers. A new kind of joint needs no more than the
+value of g and its first three derivatives in z (``row_gradient``, ``row_hessian``, ``row_third``);
+the chain from the coordinates of the bodies to the markers, and its transpose, are shared.
+
+For a marker of a flexible body with shape functions W (reference position first) and psi,
+
+    (x, y) = R + A(theta) W (1, q),      angle = theta + psi q.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .arrays import LINE, kernel
+
+
+@kernel
+def place_markers(model, k, y, v, work):
+    """Positions and velocities of all markers at instant k."""
+    for b in range(model.first.size):
+        theta = y[model.first[b] + 2]
+        work.rotation[b, 0] = np.cos(theta)
+        work.rotation[b, 1] = np.sin(theta)
+    for m in range(model.marker_body.size):
+        b = model.marker_body[m]
+        if b < 0:
+            slot = model.marker_slot[m]
+            for i in range(3):
+                work.z[m, i] = model.prescribed[k, slot, 0, i]
+                work.zd[m, i] = model.prescribed[k, slot, 1, i]
+            continue
+        o = model.first[b]
+        c, s = work.rotation[b, 0], work.rotation[b, 1]
+        ax = c * model.W[m, 0, 0] - s * model.W[m, 1, 0]
+        ay = s * model.W[m, 0, 0] + c * model.W[m, 1, 0]
+        vx = vy = turn = spin = 0.0
+        for j in range(model.modes[b]):
+            px = c * model.W[m, 0, j + 1] - s * model.W[m, 1, j + 1]
+            py = s * model.W[m, 0, j + 1] + c * model.W[m, 1, j + 1]
+            work.P[m, 0, j] = px
+            work.P[m, 1, j] = py
+            ax += px * y[o + 3 + j]
+            ay += py * y[o + 3 + j]
+            vx += px * v[o + 3 + j]
+            vy += py * v[o + 3 + j]
+            turn += model.psi[m, j] * y[o + 3 + j]
+            spin += model.psi[m, j] * v[o + 3 + j]
+        omega = v[o + 2]
+        work.arm[m, 0], work.arm[m, 1] = ax, ay
+        work.swing[m, 0], work.swing[m, 1] = vx, vy
+        work.z[m, 0] = y[o] + ax
+        work.z[m, 1] = y[o + 1] + ay
+        work.z[m, 2] = y[o + 2] + turn
+        work.zd[m, 0] = v[o] - omega * ay + vx
+        work.zd[m, 1] = v[o + 1] + omega * ax + vy
+        work.zd[m, 2] = omega + spin
+
+
+@kernel
+def marker_push(model, m, x, work, out, at):
+    """out[at:at+3] = z_y x, the shift of a marker under a shift x of the coordinates."""
+    b = model.marker_body[m]
+    out[at] = out[at + 1] = out[at + 2] = 0.0
+    if b >= 0:
+        o = model.first[b]
+        out[at] = x[o] - x[o + 2] * work.arm[m, 1]
+        out[at + 1] = x[o + 1] + x[o + 2] * work.arm[m, 0]
+        out[at + 2] = x[o + 2]
+        for j in range(model.modes[b]):
+            out[at] += work.P[m, 0, j] * x[o + 3 + j]
+            out[at + 1] += work.P[m, 1, j] * x[o + 3 + j]
+            out[at + 2] += model.psi[m, j] * x[o + 3 + j]
+
+
+@kernel
+def marker_pull(model, m, fx, fy, moment, work, out):
+    """Add z_y^T f to out, the generalised forces of a force and a moment at a marker."""
+    b = model.marker_body[m]
+    if b >= 0:
+        o = model.first[b]
+        out[o] += fx
+        out[o + 1] += fy
+        out[o + 2] += fy * work.arm[m, 0] - fx * work.arm[m, 1] + moment
+        for j in range(model.modes[b]):
+            out[o + 3 + j] += fx * work.P[m, 0, j] + fy * work.P[m, 1, j] + moment * model.psi[m, j]
+
+
+@kernel
+def line_of_row(model, i, z):
+    """Normal of the line in global axes, and the first marker as seen from the second."""
+    a, b = model.side[i, 0], model.side[i, 1]
+    c, s = np.cos(z[b, 2]), np.sin(z[b, 2])
+    nx = c * model.normal[i, 0] - s * model.normal[i, 1]
+    ny = s * model.normal[i, 0] + c * model.normal[i, 1]
+    return nx, ny, z[a, 0] - z[b, 0], z[a, 1] - z[b, 1]
+
+
+@kernel
+def row_gradient(model, i, z, g):
+    """Value of a row; its gradient with respect to (z_a, z_b) goes to g (6,)."""
+    for j in range(6):
+        g[j] = 0.0
+    kind = model.kind[i]
+    if kind == LINE:
+        nx, ny, dx, dy = line_of_row(model, i, z)
+        g[0], g[1], g[3], g[4] = nx, ny, -nx, -ny
+        g[5] = nx * dy - ny * dx
+        return nx * dx + ny * dy
+    g[kind], g[3 + kind] = 1.0, -1.0
+    return z[model.side[i, 0], kind] - z[model.side[i, 1], kind]
+
+
+@kernel
+def row_hessian(model, i, z, u, out):
+    """out (6,) = Hessian of a row times u (6,)."""
+    for j in range(6):
+        out[j] = 0.0
+    if model.kind[i] == LINE:
+        nx, ny, dx, dy = line_of_row(model, i, z)
+        out[0], out[1], out[3], out[4] = -ny * u[5], nx * u[5], ny * u[5], -nx * u[5]
+        out[5] = nx * (u[1] - u[4]) - ny * (u[0] - u[3]) - (nx * dx + ny * dy) * u[5]
+
+
+@kernel
+def row_third(model, i, z, u, out):
+    """out (6,) = gradient of u . Hessian u at fixed u (6,)."""
+    for j in range(6):
+        out[j] = 0.0
+    if model.kind[i] == LINE:
+        nx, ny, dx, dy = line_of_row(model, i, z)
+        q = u[5] * u[5]
+        out[0], out[1], out[3], out[4] = -nx * q, -ny * q, nx * q, ny * q
+        out[5] = -2.0 * (nx * (u[0] - u[3]) + ny * (u[1] - u[4])) * u[5]
+        out[5] -= (nx * dy - ny * dx) * q
+
+
+@kernel
+def evaluate_rows(model, k, y, v, work):
+    """Constraints on positions and velocities, and the constraint Jacobian, at instant k."""
+    place_markers(model, k, y, v, work)
+    n = y.size
+    for i in range(model.kind.size):
+        a, b = model.side[i, 0], model.side[i, 1]
+        g = work.g[i]
+        work.value[i] = row_gradient(model, i, work.z, g) - model.drive[k, i, 0]
+        rate = -model.drive[k, i, 1]
+        for j in range(3):
+            rate += g[j] * work.zd[a, j] + g[3 + j] * work.zd[b, j]
+        work.rate[i] = rate
+        for j in range(n):
+            work.C[i, j] = 0.0
+        marker_pull(model, a, g[0], g[1], g[2], work, work.C[i])
+        marker_pull(model, b, g[3], g[4], g[5], work, work.C[i])
+
+
+@kernel
+def marker_velocities(model, i, work):
+    """Gather the velocities of the two markers of a row in work.u."""
+    for j in range(3):
+        work.u[j] = work.zd[model.side[i, 0], j]
+        work.u[3 + j] = work.zd[model.side[i, 1], j]
+
+
+@kernel
+def row_curvatures(model, v, lam, work):
+    """Add d(C_y^T lam)/dy to work.Ky, and put d(C_y v + C_t)/dy into work.D."""
+    n = v.size
+    for i in range(model.kind.size):
+        for j in range(n):
+            work.D[i, j] = 0.0
+        curved = model.kind[i] >= LINE
+        if curved:
+            marker_velocities(model, i, work)
+            row_hessian(model, i, work.z, work.u, work.hz[i])
+        for side in range(2):
+            m = model.side[i, side]
+            b = model.marker_body[m]
+            if b < 0:
+                continue
+            o = model.first[b]
+            omega = v[o + 2]
+            gx, gy = work.g[i, 3 * side], work.g[i, 3 * side + 1]
+            ax, ay = work.arm[m, 0], work.arm[m, 1]
+            if curved:
+                h = work.hz[i]
+                marker_pull(
+                    model, m, h[3 * side], h[3 * side + 1], h[3 * side + 2], work, work.D[i]
+                )
+            work.D[i, o + 2] += gy * work.swing[m, 0] - gx * work.swing[m, 1]
+            work.D[i, o + 2] -= omega * (gx * ax + gy * ay)
+            work.Ky[o + 2, o + 2] -= lam[i] * (gx * ax + gy * ay)
+            for j in range(model.modes[b]):
+                turned = gy * work.P[m, 0, j] - gx * work.P[m, 1, j]
+                work.D[i, o + 3 + j] += omega * turned
+                work.Ky[o + 2, o + 3 + j] += lam[i] * turned
+                work.Ky[o + 3 + j, o + 2] += lam[i] * turned
+        # The Hessian of a line fixed to the ground or to a prescribed marker does not reach y.
+        if curved and model.marker_body[model.side[i, 1]] >= 0:
+            add_row_hessian(model, i, lam[i], work)
+
+
+@kernel
+def add_row_hessian(model, i, factor, work):
+    """Add factor z_y^T g_zz z_y of a row to work.Ky."""
+    n = work.r.size
+    unit, column = work.rhs[:n], work.scale[:n]  # free at this point of the step
+    for j in range(n):
+        unit[j] = 0.0
+    for side in range(2):
+        body = model.marker_body[model.side[i, side]]
+        if body < 0 or (side == 1 and body == model.marker_body[model.side[i, 0]]):
+            continue
+        o = model.first[body]
+        for j in range(o, o + 3 + model.modes[body]):
+            unit[j] = 1.0
+            marker_push(model, model.side[i, 0], unit, work, work.u, 0)
+            marker_push(model, model.side[i, 1], unit, work, work.u, 3)
+            unit[j] = 0.0
+            row_hessian(model, i, work.z, work.u, work.out)
+            for l in range(n):
+                column[l] = 0.0
+            f = work.out
+            marker_pull(model, model.side[i, 0], f[0], f[1], f[2], work, column)
+            marker_pull(model, model.side[i, 1], f[3], f[4], f[5], work, column)
+            for l in range(n):
+                work.Ky[l, j] += factor * column[l]
+
+
+@kernel
+def rows_pullback(model, y, v, w, zdd, lam, x, m2, m3, m4, sign, work, y_bar, v_bar, markers):
+    """Add the derivative of sign * Q to the bars, with x, lam, m2, m3, m4 held fixed and
+
+        Q = sum over rows of  lam g_z.dz + m2 g + m3 g_z.z' + m4 (g_z.z'' + z'.g_zz z'),
+
+    dz = z_y x. The bars of a marker are markers[m] (3, modes + 1): x and y of the shape functions
+    W in the body's axes, and those of the rotation, whose first entry stays zero. Markers must
+    have been placed by evaluate_rows.
+    """
+    dz, u, h, third = np.empty(6), work.u, np.empty(6), np.empty(6)
+    bars = np.empty((4, 6))  # of z, dz, z', z''
+    for i in range(model.kind.size):
+        marker_push(model, model.side[i, 0], x, work, dz, 0)
+        marker_push(model, model.side[i, 1], x, work, dz, 3)
+        g = work.g[i]
+        for j in range(6):
+            bars[0, j] = m2[i] * g[j]
+            bars[1, j] = lam[i] * g[j]
+            bars[2, j] = m3[i] * g[j]
+            bars[3, j] = m4[i] * g[j]
+        if model.kind[i] >= LINE:
+            row_hessian(model, i, work.z, dz, h)
+            for j in range(6):
+                bars[0, j] += lam[i] * h[j]
+            marker_velocities(model, i, work)
+            row_hessian(model, i, work.z, u, h)
+            row_third(model, i, work.z, u, third)
+            for j in range(6):
+                bars[0, j] += m3[i] * h[j] + m4[i] * third[j]
+                bars[2, j] += 2.0 * m4[i] * h[j]
+            if m4[i] != 0.0:
+                for j in range(6):
+                    u[j] = zdd[model.side[i, j // 3], j % 3]
+                row_hessian(model, i, work.z, u, h)
+                for j in range(6):
+                    bars[0, j] += m4[i] * h[j]
+        for side in range(2):
+            if model.marker_body[model.side[i, side]] >= 0:
+                marker_pullback(
+                    model, model.side[i, side], y, v, w, x, bars, 3 * side, sign, work,
+                    y_bar, v_bar, markers,
+                )  # fmt: skip
+
+
+@kernel
+def marker_pullback(model, m, y, v, w, x, bars, at, sign, work, y_bar, v_bar, markers):
+    """Transpose of (z, z_y x, z', z'') with respect to y, v and the marker's shape functions."""
+    b = model.marker_body[m]
+    o, n = model.first[b], model.modes[b]
+    c, s = work.rotation[b, 0], work.rotation[b, 1]
+    omega, eps, spin = v[o + 2], w[o + 2], x[o + 2]
+    px, py, pt = sign * bars[0, at], sign * bars[0, at + 1], sign * bars[0, at + 2]
+    ex, ey, et = sign * bars[1, at], sign * bars[1, at + 1], sign * bars[1, at + 2]
+    dx, dy, dt = sign * bars[2, at], sign * bars[2, at + 1], sign * bars[2, at + 2]
+    cx, cy, ct = sign * bars[3, at], sign * bars[3, at + 1], sign * bars[3, at + 2]
+    ax, ay = work.arm[m, 0], work.arm[m, 1]
+    vx, vy = work.swing[m, 0], work.swing[m, 1]
+    hx = hy = kx = ky = 0.0
+    for j in range(n):
+        hx += work.P[m, 0, j] * x[o + 3 + j]
+        hy += work.P[m, 1, j] * x[o + 3 + j]
+        kx += work.P[m, 0, j] * w[o + 3 + j]
+        ky += work.P[m, 1, j] * w[o + 3 + j]
+    # Bars of the arm A W qh and of A W vh; those of A W xh and A W ah are e and c.
+    sx = px + spin * ey + omega * dy + eps * cy - omega * omega * cx
+    sy = py - spin * ex - omega * dx - eps * cx - omega * omega * cy
+    ux, uy = dx + 2.0 * omega * cy, dy - 2.0 * omega * cx
+    y_bar[o] += px
+    y_bar[o + 1] += py
+    y_bar[o + 2] += ax * sy - ay * sx + hx * ey - hy * ex + vx * uy - vy * ux + kx * cy - ky * cx
+    y_bar[o + 2] += pt
+    v_bar[o] += dx
+    v_bar[o + 1] += dy
+    v_bar[o + 2] += ax * dy - ay * dx - 2.0 * omega * (ax * cx + ay * cy) + dt
+    v_bar[o + 2] += 2.0 * (vx * cy - vy * cx)
+    markers[m, 0, 0] += c * sx + s * sy
+    markers[m, 1, 0] += c * sy - s * sx
+    for j in range(n):
+        i = o + 3 + j
+        y_bar[i] += work.P[m, 0, j] * sx + work.P[m, 1, j] * sy + model.psi[m, j] * pt
+        v_bar[i] += work.P[m, 0, j] * ux + work.P[m, 1, j] * uy + model.psi[m, j] * dt
+        fx = sx * y[i] + ux * v[i] + cx * w[i] + ex * x[i]
+        fy = sy * y[i] + uy * v[i] + cy * w[i] + ey * x[i]
+        markers[m, 0, j + 1] += c * fx + s * fy
+        markers[m, 1, j + 1] += c * fy - s * fx
+        markers[m, 2, j + 1] += pt * y[i] + dt * v[i] + ct * w[i] + et * x[i]
