@@ -8,6 +8,7 @@ is run by the virtual environment's Python and fails when one of them no longer 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -47,24 +48,26 @@ def check(path: Path) -> None:
     faults = []
     for line in path.read_text().split():
         name, version = line.split("==")
-        module = importlib.import_module(STACK[name])
-        if not str(module.__file__).startswith("/usr/lib/"):
-            faults.append(f"{name} is {module.__file__}, which is not Debian's")
+        spec = importlib.util.find_spec(STACK[name])
+        origin = str(spec and spec.origin)
+        if not origin.startswith("/usr/lib/"):
+            faults.append(f"{name} is {origin}, which is not Debian's")
         if distribution(name).version != version:
             faults.append(f"{name} is {distribution(name).version}, Debian's is {version}")
+    if faults:
+        sys.exit("\n".join(faults))
+
     for module_name in ("dolfinx.fem", "dolfinx.mesh", "gmsh", "pyvista"):
         importlib.import_module(module_name)
 
     from threadpoolctl import threadpool_info
 
     if not any(library["user_api"] == "blas" for library in threadpool_info()):
-        faults.append(
+        sys.exit(
             "NumPy uses the slow reference BLAS; select OpenBLAS for the names that "
             "`update-alternatives --get-selections | grep blas` lists, "
             "each by `update-alternatives --config NAME`"
         )
-    if faults:
-        sys.exit("\n".join(faults))
 
 
 if __name__ == "__main__":

@@ -35,18 +35,16 @@ missing_packages() {
     for name in "$@"; do [ -n "${installed[$name]:-}" ] || printf '%s\n' "$name"; done
 }
 
-# What the environment was made from: a change in any of it sets up again. The path counts because a
-# virtual environment cannot be moved, the Python because Debian may have been upgraded.
+# What the environment was made from: a change in any of it sets up again.
 fingerprint() {
     { cat "$list" "$clone/pyproject.toml" "${BASH_SOURCE[0]}"
-      printf '%s\n' "$clone"
-      readlink -f "$python"
+      readlink -f "$python" # Debian may have been upgraded
     } | sha256sum | cut -d' ' -f1
 }
 
 mapfile -t packages < <(sed 's/#.*//' "$list" | awk 'NF {print $1}')
 mapfile -t missing < <(missing_packages "${packages[@]}")
-if [ ${#missing[@]} = 0 ] && [ -x "$venv/bin/python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(fingerprint)" ]; then
+if [ ${#missing[@]} = 0 ] && [ -x "$venv/bin/python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(fingerprint) $clone" ]; then
     exit 0
 fi
 
@@ -79,8 +77,8 @@ fi
     "$python is $("$python" --version 2>&1); Python 3.11 or newer is needed (Debian 12 or 13)." \
     "On an older system use the conda-forge route: README.md, section \"Install with conda-forge\"."
 
-# No stamp means that a set-up was killed half-way: nothing of it is trusted.
-if [ ! -f "$stamp" ] || ! "$venv/bin/python" -m pip --version >/dev/null 2>&1 ||
+# No stamp means that a set-up was killed half-way: nothing of it is trusted. Nor can an environment be moved.
+if [ ! -f "$stamp" ] || [ "$(cut -d' ' -f2- "$stamp")" != "$clone" ] || ! "$venv/bin/python" -m pip --version >/dev/null 2>&1 ||
     [ "$("$venv/bin/python" -c 'import sys; print(sys.prefix, *sys.version_info[:2])')" != \
       "$venv $("$python" -c 'import sys; print(*sys.version_info[:2])')" ]; then
     say "making the virtual environment $venv"
@@ -102,6 +100,6 @@ say "installing PyPI packages (Debian's NumPy and its companions stay as they ar
 "$venv/bin/python" "$clone/install/debian_stack.py" check "$venv/constraints.txt" || fail \
     "the environment is not usable; the reason stands above."
 
-fingerprint >"$stamp.new"
+printf '%s %s\n' "$(fingerprint)" "$clone" >"$stamp.new"
 mv "$stamp.new" "$stamp"
 say "done: $venv"
