@@ -21,6 +21,7 @@ from petsc4py import PETSc
 
 __all__ = [
     "cell_geometry",
+    "create_mesh",
     "coordinate_element",
     "dofmap_array",
     "evaluate_expression",
@@ -132,3 +133,30 @@ def set_form_cache(directory: Path) -> None:
     names = ("DOLFINX_DEFAULT_JIT_OPTIONS", "DOLFINX_DEFAULT_JIT_PARAMETERS")
     defaults = next(getattr(jit, name) for name in names if hasattr(jit, name))
     defaults["cache_dir"] = (directory, defaults["cache_dir"][1])
+
+
+def create_mesh(
+    comm: MPI.Comm, cells: NDArray[np.int64], x: NDArray[np.float64], cell: str, degree: int
+) -> mesh.Mesh:
+    """Return a mesh in the plane from cell nodes and node positions.
+
+    Args:
+        comm: communicator; ranks may hold no cells.
+        cells: nodes of each cell, shape (cells, nodes per cell), DOLFINx ordering.
+        x: node positions, shape (nodes, 2) [m].
+        cell: ``"triangle"`` or ``"quadrilateral"``.
+        degree: of the geometry.
+    """
+    import inspect
+
+    try:
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(2,))
+    except ImportError:
+        element = ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=2), degree)
+    names = list(inspect.signature(mesh.create_mesh).parameters)
+    given = {names[0]: comm, "cells": cells, "x": x}
+    rest = next(n for n in names[1:] if n not in given)  # "domain" or "e"
+    given[rest] = ufl.Mesh(element) if rest == "domain" else element
+    return mesh.create_mesh(**given)
