@@ -119,7 +119,7 @@ def row_gradient(model, i, z, g):
 
 @kernel
 def row_hessian(model, i, z, u, out):
-    """out (6,) = Hessian of a row times u (6,)."""
+    """Set out (6,) to the Hessian of a row times u (6,)."""
     for j in range(6):
         out[j] = 0.0
     if model.kind[i] == LINE:
@@ -130,7 +130,7 @@ def row_hessian(model, i, z, u, out):
 
 @kernel
 def row_third(model, i, z, u, out):
-    """out (6,) = gradient of u . Hessian u at fixed u (6,)."""
+    """Set out (6,) to the gradient of u . Hessian u at fixed u (6,)."""
     for j in range(6):
         out[j] = 0.0
     if model.kind[i] == LINE:
@@ -224,22 +224,22 @@ def add_row_hessian(model, i, factor, work):
             marker_push(model, model.side[i, 1], unit, work, work.u, 3)
             unit[j] = 0.0
             row_hessian(model, i, work.z, work.u, work.out)
-            for l in range(n):
-                column[l] = 0.0
+            for p in range(n):
+                column[p] = 0.0
             f = work.out
             marker_pull(model, model.side[i, 0], f[0], f[1], f[2], work, column)
             marker_pull(model, model.side[i, 1], f[3], f[4], f[5], work, column)
-            for l in range(n):
-                work.Ky[l, j] += factor * column[l]
+            for p in range(n):
+                work.Ky[p, j] += factor * column[p]
 
 
 @kernel
 def rows_pullback(model, y, v, w, zdd, lam, x, m2, m3, m4, sign, work, y_bar, v_bar, markers):
-    """Add the derivative of sign * Q to the bars, with x, lam, m2, m3, m4 held fixed and
+    """Add the derivative of sign * Q to the bars.
 
-        Q = sum over rows of  lam g_z.dz + m2 g + m3 g_z.z' + m4 (g_z.z'' + z'.g_zz z'),
+        Q = sum over rows of  lam g_z.dz + m2 g + m3 g_z.z' + m4 (g_z.z'' + z'.g_zz z')
 
-    dz = z_y x. The bars of a marker are markers[m] (3, modes + 1): x and y of the shape functions
+    with dz = z_y x, and x, lam, m2, m3, m4 held fixed. The bars of a marker are markers[m] (3, modes + 1): x and y of the shape functions
     W in the body's axes, and those of the rotation, whose first entry stays zero. Markers must
     have been placed by evaluate_rows.
     """

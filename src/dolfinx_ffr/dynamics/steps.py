@@ -136,13 +136,13 @@ def step_system(model, k, y, v, w, lam, cy, cv, work):
         for j in range(n):
             A[i, j] = work.M[i, j] + cy * work.Ky[i, j]
         total = work.r[i]
-        for l in range(rows):
-            total += work.C[l, i] * lam[l]
-            A[i, n + l] = work.C[l, i]
+        for c in range(rows):
+            total += work.C[c, i] * lam[c]
+            A[i, n + c] = work.C[c, i]
             push = 0.0
             for j in range(n):
-                push += work.Ky[i, j] * work.old[l, j]
-            A[i, n + rows + l] = -cy * push
+                push += work.Ky[i, j] * work.old[c, j]
+            A[i, n + rows + c] = -cy * push
         work.rhs[i] = total
     ratio = cy / cv
     for i in range(rows):
@@ -152,14 +152,14 @@ def step_system(model, k, y, v, w, lam, cy, cv, work):
         for j in range(n):
             A[p, j] = work.C[i, j]
             A[q, j] = work.C[i, j] + ratio * work.D[i, j]
-        for l in range(rows):
-            A[p, n + l] = A[q, n + l] = 0.0
+        for c in range(rows):
+            A[p, n + c] = A[q, n + c] = 0.0
             first = second = 0.0
             for j in range(n):
-                first += work.C[i, j] * work.old[l, j]
-                second += work.D[i, j] * work.old[l, j]
-            A[p, n + rows + l] = -first
-            A[q, n + rows + l] = -ratio * second
+                first += work.C[i, j] * work.old[c, j]
+                second += work.D[i, j] * work.old[c, j]
+            A[p, n + rows + c] = -first
+            A[q, n + rows + c] = -ratio * second
 
 
 @kernel
@@ -206,8 +206,8 @@ def march(model, h, method, y, v, w, a, lam, eta, iterations):
             vp[i] = v[k, i] + h * ((1.0 - gamma) * a[k, i] + gamma * rest)
             wn[i] = w[k, i]
             yn[i], vn[i] = yp[i] + cy * wn[i], vp[i] + cv * wn[i]
-        for l in range(rows):
-            ln[l], s[l] = lam[k, l], 0.0
+        for c in range(rows):
+            ln[c], s[c] = lam[k, c], 0.0
         status, previous = DIVERGED, 0.0
         for iteration in range(MAX_ITERATIONS):
             step_system(model, k + 1, yn, vn, wn, ln, cy, cv, work)
@@ -215,15 +215,15 @@ def march(model, h, method, y, v, w, a, lam, eta, iterations):
                 status = SINGULAR
                 break
             lu_solve(work.A, size, work.pivot, work.rhs)
-            for l in range(rows):
-                ln[l] -= work.rhs[n + l]
-                s[l] -= work.rhs[n + rows + l]
+            for c in range(rows):
+                ln[c] -= work.rhs[n + c]
+                s[c] -= work.rhs[n + rows + c]
             change = largest = floor = 0.0
             for i in range(n):
                 shift = pushed = 0.0
-                for l in range(rows):
-                    shift += work.old[l, i] * work.rhs[n + rows + l]
-                    pushed += work.old[l, i] * s[l]
+                for c in range(rows):
+                    shift += work.old[c, i] * work.rhs[n + rows + c]
+                    pushed += work.old[c, i] * s[c]
                 # Weights that make corrections in metres, radians and modal units comparable.
                 weight = np.sqrt(abs(work.M[i, i] + cy * work.Ky[i, i]))
                 delta = work.rhs[i]
@@ -243,8 +243,8 @@ def march(model, h, method, y, v, w, a, lam, eta, iterations):
             if status == CONVERGED:
                 break
             previous = change
-        for l in range(rows):
-            eta[k + 1, l] = s[l] * cy / h
+        for c in range(rows):
+            eta[k + 1, c] = s[c] * cy / h
         for i in range(n):
             a[k + 1, i] = a1 * wn[i] + a0 * w[k, i] - a2 * a[k, i]
         if status != CONVERGED:
@@ -296,19 +296,19 @@ def backward(model, h, method, offset, states, multipliers, extra, bars, lam_bar
             vb[i] += bars[1, k, i]
             wb[i] += bars[2, k, i]
             rhs[i] = wb[i] + a1 * ab[i] + cy * yb[i] + cv * vb[i]
-        for l in range(rows):
-            rhs[n + l] = lam_bars[k, l]
+        for c in range(rows):
+            rhs[n + c] = lam_bars[k, c]
             total = 0.0
             for i in range(n):
-                total += work.old[l, i] * yb[i]
-            rhs[n + rows + l] = -cy * total
+                total += work.old[c, i] * yb[i]
+            rhs[n + rows + c] = -cy * total
         lu_solve_transposed(work.A, size, work.pivot, rhs)
         for i in range(n):
             x[k, i] = rhs[i]
-        for l in range(rows):
-            m2[l] = rhs[n + l] / cy
-            m3[l] = rhs[n + rows + l] / cv
-            held[l] = h * eta[k, l]
+        for c in range(rows):
+            m2[c] = rhs[n + c] / cy
+            m3[c] = rhs[n + rows + c] / cv
+            held[c] = h * eta[k, c]
         for b in range(model.first.size):
             body_pullback(model, b, y[k], v[k], w[k], x[k], work, yb, vb)
         rows_pullback(

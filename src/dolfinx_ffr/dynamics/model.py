@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: MIT
+"""A mechanism and its bodies as flat arrays over a grid of times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import VolumeIntegrals
+from ..mechanism import (
+    Ground,
+    Joint,
+    Marker,
+    Mechanism,
+    PointOnLine,
+    PrescribedAngle,
+    PrescribedPosition,
+    Revolute,
+    Weld,
+    marker_name,
+)
+from ..motion import Motion
+from .arrays import ANGLE, LINE, ModelArrays, X, Y
+
+__all__ = ["FlatModel", "assemble_model"]
+
+Array = NDArray[np.float64]
+
+#: Share of a step after which the accelerations are taken a second time to start the integration.
+START_OFFSET = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class FlatModel:
+    """A mechanism compiled for the kernels, with the names of what stands where."""
+
+    #: Flat arrays.
+    arrays: ModelArrays
+    #: Times, shape (steps + 1,) [s].
+    times: Array
+    #: Time from the start to the extra instant at the end of the tables [s].
+    offset: float
+    #: The mechanism.
+    mechanism: Mechanism
+    #: Integrals of the bodies, as given, without the point masses.
+    bodies: Mapping[str, VolumeIntegrals]
+    #: Place of each body marker in the arrays, by (body, marker).
+    markers: Mapping[tuple[str, str], int]
+    #: Rows of each joint in the multipliers, by name of the joint.
+    joints: Mapping[str, slice]
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return int(np.sum(3 + self.arrays.modes))
+
+    @property
+    def rows(self) -> int:
+        """Number of scalar constraints."""
+        return int(self.arrays.kind.size)
+
+    def coordinates(self, body: str) -> slice:
+        """Place of a body's coordinates (R_x, R_y, theta, q) among all coordinates.
+
+        Args:
+            body: Name of the body.
+
+        Raises:
+            ValueError: If there is no such body; the message lists the bodies.
+        """
+        b = self.body_index(body)
+        first = int(self.arrays.first[b])
+        return slice(first, first + 3 + int(self.arrays.modes[b]))
+
+    def body_index(self, body: str) -> int:
+        """Number of a body.
+
+        Args:
+            body: Name of the body.
+
+        Raises:
+            ValueError: If there is no such body; the message lists the bodies.
+        """
+        names = list(self.bodies)
+        if body not in self.bodies:
+            raise ValueError(f"no body {body!r}; the bodies are {names}")
+        return names.index(body)
+
+    def joint_of_row(self, row: int) -> str:
+        """Name of the joint to which a row belongs.
+
+        Args:
+            row: Number of the row.
+        """
+        return next(name for name, rows in self.joints.items() if rows.start <= row < rows.stop)
+
+    def body_of_coordinate(self, index: int) -> str:
+        """Name of the body to which a coordinate belongs.
+
+        Args:
+            index: Number of the coordinate.
+        """
+        return list(self.bodies)[int(np.searchsorted(self.arrays.first, index, "right")) - 1]
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One scalar constraint g(z_a, z_b) = constant + motion(t)."""
+
+    kind: int
+    a: Marker
+    b: Marker
+    normal: tuple[float, float] = (0.0, 0.0)
+    constant: float = 0.0
+    motion: Motion | None = None
+
+
+def _rows_of_joint(joint: Joint, angles: Mapping[str, float], start: Array) -> list[_Row]:
+    """Scalar rows of a joint; the angles of the placements settle a weld without an angle."""
+    if isinstance(joint, Revolute):
+        return [_Row(kind, joint.a, joint.b) for kind in (X, Y)]
+    if isinstance(joint, Weld):
+
+        def angle(marker: Marker) -> float:
+            if isinstance(marker, tuple):
+                return angles[marker[0]]
+            return float(marker.motions[2].tabulate(start)[0, 0])
+
+        relative = angle(joint.a) - angle(joint.b) if joint.angle is None else joint.angle
+        weld = _Row(ANGLE, joint.a, joint.b, constant=relative)
+        return [_Row(X, joint.a, joint.b), _Row(Y, joint.a, joint.b), weld]
+    if isinstance(joint, PointOnLine):
+        length = math.hypot(*joint.direction)
+        normal = (-joint.direction[1] / length, joint.direction[0] / length)
+        return [_Row(LINE, joint.point, joint.line, normal)]
+    if isinstance(joint, PrescribedAngle):
+        return [_Row(ANGLE, joint.marker, joint.relative_to, motion=joint.motion)]
+    if isinstance(joint, PrescribedPosition):
+        kind = X if joint.axis == "x" else Y
+        return [_Row(kind, joint.marker, Ground(), motion=joint.motion)]
+    raise ValueError(f"a joint of unknown kind: {type(joint).__name__}")
+
+
+def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> None:
+    """Refuse names that do not exist, listing those that do."""
+    names = list(bodies)
+    for what, given in (("placement", mechanism.placements), ("damping", mechanism.damping)):
+        for name in given:
+            if name not in bodies:
+                raise ValueError(f"{what} for {name!r}, but the bodies are {names}")
+    for name in bodies:
+        if name not in mechanism.placements:
+            raise ValueError(
+                f"body {name!r} has no placement; placements are given for "
+                f"{list(mechanism.placements)}"
+            )
+    uses = [
+        (f"joint {label!r}", marker)
+        for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
+        for marker in joint.markers
+        if isinstance(marker, tuple)
+    ]
+    uses += [("point mass", point.marker) for point in mechanism.point_masses]
+    for what, (body, marker) in uses:
+        if body not in bodies:
+            raise ValueError(f"{what} refers to body {body!r}, but the bodies are {names}")
+        if marker not in bodies[body].markers:
+            raise ValueError(
+                f"{what} refers to marker {marker!r} of body {body!r}, whose markers are "
+                f"{list(bodies[body].markers)}"
+            )
+
+
+def _tabulate(motion: Motion, instants: Array, end: float, where: str) -> Array:
+    """Table (instants, 3) of a motion whose derivatives have been checked."""
+    try:
+        table = motion.tabulate(instants)
+        motion.check(float(instants[0]), end)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    return table.T
+
+
+def assemble_model(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], times: Array
+) -> FlatModel:
+    """Compile a mechanism and its bodies to flat arrays.
+
+    Args:
+        mechanism: The mechanism.
+        bodies: Volume integrals of all bodies, by name.
+        times: Equally spaced times, shape (steps + 1,) [s].
+
+    Raises:
+        ValueError: If a name does not exist, integrals are not valid, a motion is NaN or its
+            derivatives are wrong; the message names the thing.
+    """
+    if not bodies:
+        raise ValueError("a mechanism needs at least one body")
+    _check_names(mechanism, bodies)
+    for name, integrals in bodies.items():
+        integrals.validate(name)
+    effective = dict(bodies)
+    for point in mechanism.point_masses:
+        body, marker = point.marker
+        effective[body] = effective[body].with_point_mass(marker, point.mass)
+
+    offset = START_OFFSET * float(times[1] - times[0])
+    instants = np.append(times, times[0] + offset)
+    index: dict[tuple[str, str], int] = {}
+    table: list[Marker] = []
+    prescribed: list[Array] = []
+
+    def place(marker: Marker, joint: str) -> int:
+        """Number of a marker, entered in the table at its first use."""
+        if isinstance(marker, tuple):
+            if marker not in index:
+                index[marker] = len(table)
+                table.append(marker)
+            return index[marker]
+        for number, known in enumerate(table):
+            if known is marker or (isinstance(marker, Ground) and known == marker):
+                return number
+        where = f"joint {joint!r}, marker {marker_name(marker)!r}"
+        columns = [_tabulate(m, instants, float(times[-1]), where) for m in marker.motions]
+        prescribed.append(np.stack(columns, axis=-1))
+        table.append(marker)
+        return len(table) - 1
+
+    angles = {name: placement.angle for name, placement in mechanism.placements.items()}
+    rows: list[_Row] = []
+    drives: list[Array] = []
+    joints: dict[str, slice] = {}
+    sides: list[tuple[int, int]] = []
+    for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
+        own = _rows_of_joint(joint, angles, instants[:1])
+        joints[label] = slice(len(rows), len(rows) + len(own))
+        for row in own:
+            drive = np.zeros((instants.size, 3))
+            if row.motion is not None:
+                drive += _tabulate(row.motion, instants, float(times[-1]), f"joint {label!r}")
+            drive[:, 0] += row.constant
+            drives.append(drive)
+            sides.append((place(row.a, label), place(row.b, label)))
+        rows += own
+
+    arrays = _body_arrays(mechanism, effective)
+    modes = int(arrays["modes"].max())
+    W = np.zeros((len(table), 2, modes + 1))
+    psi = np.zeros((len(table), modes))
+    body_of, slot_of = np.full(len(table), -1), np.zeros(len(table), dtype=np.int64)
+    slots = 0
+    for number, known in enumerate(table):
+        if isinstance(known, tuple):
+            point_of_body = bodies[known[0]].markers[known[1]]
+            r = bodies[known[0]].modes
+            W[number, :, : r + 1] = point_of_body.basis
+            psi[number, :r] = point_of_body.rotation
+            body_of[number] = list(bodies).index(known[0])
+        else:
+            slot_of[number] = slots
+            slots += 1
+    flat = ModelArrays(
+        **arrays,
+        gravity=np.array(mechanism.gravity, dtype=np.float64),
+        marker_body=body_of.astype(np.int64),
+        marker_slot=slot_of,
+        W=W,
+        psi=psi,
+        prescribed=_stack(prescribed, (instants.size, 3, 3)),
+        kind=np.array([row.kind for row in rows], dtype=np.int64),
+        side=np.array(sides, dtype=np.int64).reshape(-1, 2),
+        normal=np.array([row.normal for row in rows], dtype=np.float64).reshape(-1, 2),
+        drive=_stack(drives, (instants.size, 3)),
+    )
+    return FlatModel(flat, times, offset, mechanism, dict(bodies), index, joints)
+
+
+def _stack(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """Tables side by side along a second axis, which may be empty."""
+    if not tables:
+        return np.zeros((shape[0], 0, *shape[1:]))
+    return np.ascontiguousarray(np.stack(tables, axis=1))
+
+
+def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
+    """Padded arrays of all bodies, by name of the field of ModelArrays."""
+    count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
+    out = {
+        "modes": np.array([integrals.modes for integrals in bodies.values()], dtype=np.int64),
+        "mass": np.array([integrals.mass for integrals in bodies.values()]),
+        "S": np.zeros((count, modes + 1, 2)),
+        "G": np.zeros((count, modes + 1, modes + 1)),
+        "N": np.zeros((count, modes + 1, modes + 1)),
+        "K": np.zeros((count, modes, modes)),
+        "alpha": np.zeros(count),
+        "beta": np.zeros(count),
+    }
+    for b, (name, integrals) in enumerate(bodies.items()):
+        r = integrals.modes
+        out["S"][b, : r + 1] = integrals.S
+        # The kernels use rows as columns: remove what round-off has left of the other part.
+        out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)
+        out["N"][b, : r + 1, : r + 1] = 0.5 * (integrals.N - integrals.N.T)
+        out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
+        if name in mechanism.damping:
+            out["alpha"][b] = mechanism.damping[name].alpha
+            out["beta"][b] = mechanism.damping[name].beta
+    out["first"] = np.concatenate([[0], np.cumsum(3 + out["modes"])[:-1]]).astype(np.int64)
+    return out

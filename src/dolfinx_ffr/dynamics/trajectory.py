@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: MIT
+"""Result of a simulation, and derivatives with respect to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import FlatModel
+
+__all__ = ["Trajectory", "TrajectoryBar"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Motion of a mechanism over time.
+
+    Coordinates of all bodies stand side by side, (R_x, R_y, theta, q_1, ..., q_r) for each; see
+    :meth:`rigid`, :meth:`elastic` and :meth:`pose`. All arrays are the same on every rank.
+    """
+
+    #: Times, shape (steps + 1,) [s].
+    t: Array
+    #: Coordinates, shape (steps + 1, size) [m, rad].
+    y: Array
+    #: Velocities, shape (steps + 1, size) [m/s, rad/s].
+    v: Array
+    #: Accelerations, derivatives of v, shape (steps + 1, size) [m/s^2, rad/s^2].
+    w: Array
+    #: Accelerations of the integration method itself, shape (steps + 1, size) [m/s^2, rad/s^2].
+    a: Array
+    #: Multipliers of the constraints, shape (steps + 1, rows) [N, N m].
+    multipliers: Array
+    #: Multipliers that keep the positions on the constraints, shape (steps + 1, rows); they tend
+    #: to zero with the step.
+    stabilization: Array
+    #: Newton iterations of each step, shape (steps,).
+    iterations: Integers
+    #: Coordinates, velocities, accelerations and multipliers shortly after the start, shape
+    #: (4, size); they settle the method's first acceleration.
+    beginning: Array
+    #: The compiled mechanism.
+    model: FlatModel
+    #: alpha_m, alpha_f, gamma, beta of the integration method.
+    method: tuple[float, float, float, float]
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps."""
+        return self.t.size - 1
+
+    def rigid(self, body: str) -> Array:
+        """Position and angle of a body's frame over time, shape (steps + 1, 3) [m, m, rad].
+
+        Args:
+            body: Name of the body.
+        """
+        first = self.model.coordinates(body).start
+        return self.y[:, first : first + 3]
+
+    def elastic(self, body: str) -> Array:
+        """Elastic coordinates of a body over time, shape (steps + 1, modes).
+
+        Args:
+            body: Name of the body.
+        """
+        where = self.model.coordinates(body)
+        return self.y[:, where.start + 3 : where.stop]
+
+    def pose(self, body: str, step: int) -> tuple[Array, float, Array]:
+        """Position (2,) [m] and angle [rad] of a body's frame, elastic coordinates (modes,).
+
+        Args:
+            body: Name of the body.
+            step: Number of the time step, from 0.
+        """
+        x, y, angle = self.rigid(body)[step]
+        return np.array([x, y]), float(angle), self.elastic(body)[step]
+
+    def marker_path(self, body: str, marker: str) -> Array:
+        """Position of a marker over time, shape (steps + 1, 2) [m].
+
+        Args:
+            body: Name of the body.
+            marker: Name of the marker.
+
+        Raises:
+            ValueError: If there is no such marker; the message lists the markers.
+        """
+        rigid, elastic = self.rigid(body), self.elastic(body)
+        markers = self.model.bodies[body].markers
+        if marker not in markers:
+            raise ValueError(f"body {body!r} has no marker {marker!r}, but {list(markers)}")
+        local = markers[marker].position + elastic @ markers[marker].displacement.T
+        return rigid[:, :2] + _rotated(local, rigid[:, 2])
+
+    def joint_force(self, name: str) -> Array:
+        """Force of a joint on its first marker over time, shape (steps + 1, rows) [N, N m].
+
+        A revolute joint gives (F_x, F_y) in global axes, a weld (F_x, F_y, M), a point on a line
+        the force along the normal of the line, a prescribed angle or position the driving moment
+        or force. On the second marker acts the opposite.
+
+        Args:
+            name: Name of the joint.
+
+        Raises:
+            ValueError: If there is no such joint; the message lists the joints.
+        """
+        if name not in self.model.joints:
+            raise ValueError(f"no joint {name!r}; the joints are {list(self.model.joints)}")
+        return -self.multipliers[:, self.model.joints[name]]
+
+    def kinetic_energy(self, body: str) -> Array:
+        """Kinetic energy of a body and its point masses over time, shape (steps + 1,) [J].
+
+        Args:
+            body: Name of the body.
+        """
+        m, S, G, N, _, _, velocity, omega, qh, vh = self._products(body)
+        drift = _quarter_turn(qh @ S) * omega[:, None] + vh @ S
+        turned = _rotated(velocity, -self.rigid(body)[:, 2])
+        energy = 0.5 * m * np.sum(velocity**2, axis=1) + np.sum(turned * drift, axis=1)
+        energy += 0.5 * omega**2 * _form(qh, G, qh) + omega * _form(qh, N, vh)
+        return energy + 0.5 * _form(vh, G, vh)
+
+    def strain_energy(self, body: str) -> Array:
+        """Elastic energy of a body over time, shape (steps + 1,) [J].
+
+        Args:
+            body: Name of the body.
+        """
+        q = self.elastic(body)
+        return 0.5 * _form(q, self.model.bodies[body].K, q)
+
+    def potential_energy(self, body: str) -> Array:
+        """Energy of a body and its point masses in the field of gravity, (steps + 1,) [J].
+
+        Args:
+            body: Name of the body.
+        """
+        m, S, _, _, position, angle, _, _, qh, _ = self._products(body)
+        moment = m * position + _rotated(qh @ S, angle)
+        return -moment @ self.model.arrays.gravity
+
+    def linear_momentum(self, body: str) -> Array:
+        """Linear momentum of a body and its point masses, shape (steps + 1, 2) [kg m/s].
+
+        Args:
+            body: Name of the body.
+        """
+        m, S, _, _, _, angle, velocity, omega, qh, vh = self._products(body)
+        return m * velocity + _rotated(omega[:, None] * _quarter_turn(qh @ S) + vh @ S, angle)
+
+    def angular_momentum(self, body: str) -> Array:
+        """Angular momentum about the origin of the global axes, shape (steps + 1,) [kg m^2/s].
+
+        Args:
+            body: Name of the body.
+        """
+        _, S, G, N, position, angle, velocity, omega, qh, vh = self._products(body)
+        own = omega * _form(qh, G, qh) + _form(qh, N, vh)
+        arm = _rotated(qh @ S, angle)
+        return _cross(position, self.linear_momentum(body)) + _cross(arm, velocity) + own
+
+    def _products(self, body: str) -> tuple:
+        arrays, b = self.model.arrays, self.model.body_index(body)
+        n, where = int(arrays.modes[b]) + 1, self.model.coordinates(body)
+        y, v = self.y[:, where], self.v[:, where]
+        qh, vh = y[:, 2:].copy(), v[:, 2:].copy()
+        qh[:, 0], vh[:, 0] = 1.0, 0.0
+        S, G, N = arrays.S[b, :n], arrays.G[b, :n, :n], arrays.N[b, :n, :n]
+        return arrays.mass[b], S, G, N, y[:, :2], y[:, 2], v[:, :2], v[:, 2], qh, vh
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryBar:
+    """Derivatives of a number with respect to a trajectory."""
+
+    #: With respect to the coordinates, shape (steps + 1, size).
+    y: Array
+    #: With respect to the velocities, shape (steps + 1, size).
+    v: Array
+    #: With respect to the accelerations, shape (steps + 1, size).
+    w: Array
+    #: With respect to the multipliers, shape (steps + 1, rows).
+    multipliers: Array
+
+    @staticmethod
+    def zeros(trajectory: Trajectory) -> TrajectoryBar:
+        """Zero derivatives, to be filled in.
+
+        Args:
+            trajectory: The trajectory.
+        """
+        return TrajectoryBar(
+            *(np.zeros_like(trajectory.y) for _ in range(3)), np.zeros_like(trajectory.multipliers)
+        )
+
+    def __add__(self, other: TrajectoryBar) -> TrajectoryBar:
+        """Sum entry by entry."""
+        return TrajectoryBar(
+            self.y + other.y,
+            self.v + other.v,
+            self.w + other.w,
+            self.multipliers + other.multipliers,
+        )
+
+
+def _rotated(vectors: Array, angles: Array) -> Array:
+    """Turn vectors (n, 2) by angles (n,)."""
+    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    return c * vectors + s * _quarter_turn(vectors)
+
+
+def _quarter_turn(vectors: Array) -> Array:
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _form(a: Array, matrix: Array, b: Array) -> Array:
+    """Row by row a . matrix b."""
+    return np.sum((a @ matrix) * b, axis=1)

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: MIT
+"""Planar mechanisms for the tests of dynamics and adjoint, and random changes of their bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from beam_bodies import beam
+
+from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
+from dolfinx_ffr.dynamics import GeneralizedAlpha
+from dolfinx_ffr.mechanism import (
+    Ground,
+    Mechanism,
+    Moving,
+    Placement,
+    PointMass,
+    PointOnLine,
+    PrescribedAngle,
+    PrescribedPosition,
+    RayleighDamping,
+    Revolute,
+    Weld,
+)
+from dolfinx_ffr.motion import Motion
+
+Bodies = dict[str, VolumeIntegrals]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A mechanism, its bodies and a time integration."""
+
+    mechanism: Mechanism
+    bodies: Bodies
+    integrator: GeneralizedAlpha
+
+
+def slider_crank(end_time: float = 0.4, steps: int = 160, modes: int = 6) -> Scene:
+    """Flexible rod between a prescribed crank and a slider of 0.5 kg."""
+    crank = Moving.circle((0.0, 0.0), 0.1, Motion.smooth_step(4.0 * math.pi, 0.5))
+    mechanism = Mechanism(
+        placements={"rod": Placement(position=(0.3, 0.0))},
+        joints=[
+            Revolute(("rod", "left"), crank, name="crank pin"),
+            PointOnLine(("rod", "right"), Ground(), name="slider"),
+        ],
+        point_masses=[PointMass(("rod", "right"), 0.5)],
+    )
+    return Scene(mechanism, {"rod": beam(modes=modes)}, GeneralizedAlpha(end_time, steps))
+
+
+def four_bar(end_time: float = 0.3, steps: int = 150) -> Scene:
+    """Rigid crank driven by a motor, flexible coupler and flexible rocker, gravity and damping."""
+    crank, coupler, rocker = 0.1, 0.4, 0.3
+    ground = 0.4
+    # Start with the crank upright; the coupler's end is where two circles meet.
+    pin = np.array([0.0, crank])
+    pivot = np.array([ground, 0.0])
+    gap = pivot - pin
+    d = float(np.hypot(*gap))
+    along = (coupler**2 - rocker**2 + d**2) / (2.0 * d)
+    across = math.sqrt(coupler**2 - along**2)
+    end = pin + along * gap / d + across * np.array([-gap[1], gap[0]]) / d
+    drive = Motion(
+        lambda t: 0.5 * np.pi + 12.0 * t + 0.5 * np.sin(9.0 * t),
+        lambda t: 12.0 + 4.5 * np.cos(9.0 * t),
+        lambda t: -40.5 * np.sin(9.0 * t),
+        "motor",
+    )
+    mechanism = Mechanism(
+        placements={
+            "crank": Placement((0.0, 0.5 * crank), 0.5 * math.pi),
+            "coupler": Placement(tuple(0.5 * (pin + end)), math.atan2(*(end - pin)[::-1])),
+            "rocker": Placement(tuple(0.5 * (end + pivot)), math.atan2(*(pivot - end)[::-1])),
+        },
+        joints=[
+            Revolute(("crank", "left"), Ground(), name="motor bearing"),
+            Revolute(("crank", "right"), ("coupler", "left"), name="crank pin"),
+            Revolute(("coupler", "right"), ("rocker", "left"), name="coupler pin"),
+            Revolute(("rocker", "right"), Ground((ground, 0.0)), name="rocker bearing"),
+            PrescribedAngle(("crank", "left"), drive, name="motor"),
+        ],
+        gravity=(0.0, -9.81),
+        damping={"coupler": RayleighDamping(2.0, 1e-5), "rocker": RayleighDamping(0.0, 2e-5)},
+    )
+    bodies = {
+        "crank": VolumeIntegrals.rigid(
+            0.3, (0.01, 0.005), 4e-4, {"left": (-0.05, 0.0), "right": (0.05, 0.0)}
+        ),
+        "coupler": beam(coupler, 0.01, 0.01, elements=8, modes=5, frame="chord"),
+        "rocker": beam(rocker, 0.008, 0.01, elements=8, modes=4, frame="tangent"),
+    }
+    return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps))
+
+
+def robot(end_time: float = 0.3, steps: int = 120) -> Scene:
+    """Arm on a lifted base, welded tip, a slider that runs along the bending arm, a moving rail.
+
+    Nearly every term of every kind of joint is at work: lines on flexible, moving and ground
+    markers, a weld and a prescribed angle in the middle of flexible bodies, prescribed positions.
+    """
+    swing = Motion(
+        lambda t: 0.3 + 0.8 * np.sin(7.0 * t),
+        lambda t: 5.6 * np.cos(7.0 * t),
+        lambda t: -39.2 * np.sin(7.0 * t),
+        "swing",
+    )
+    lift = Motion.polynomial([0.0, 0.3, 1.5], "lift")
+    rail = Moving(
+        Motion.polynomial([0.25, 0.1]),
+        Motion.polynomial([0.35, 0.0, 0.5]),
+        Motion.polynomial([0.2, 1.0, -2.0]),
+        "rail",
+    )
+    angle = 0.3
+    along = np.array([math.cos(angle), math.sin(angle)])
+    tip = 0.4 * along
+    mechanism = Mechanism(
+        placements={
+            "arm": Placement(tuple(0.2 * along), angle),
+            "tip": Placement(tuple(tip + 0.1 * along), angle),
+            "rider": Placement(tuple(0.25 * along), angle),
+            "link": Placement((0.3, 0.25), 1.2),
+        },
+        joints=[
+            PrescribedPosition(("arm", "left"), "x", Motion.constant(0.0), name="base x"),
+            PrescribedPosition(("arm", "left"), "y", lift, name="base y"),
+            PrescribedAngle(("arm", "left"), swing, name="swing"),
+            Weld(("arm", "right"), ("tip", "left"), name="flange"),
+            PointOnLine(("rider", "pin"), ("arm", "middle"), (1.0, 0.1), name="guide"),
+            Revolute(("link", "left"), ("rider", "pin"), name="rider pin"),
+            PointOnLine(("link", "right"), rail, name="rail"),
+            PointOnLine(("tip", "right"), ("link", "middle"), (0.3, 1.0), name="wedge"),
+        ],
+        point_masses=[PointMass(("tip", "middle"), 0.2), PointMass(("arm", "right"), 0.1)],
+        gravity=(1.0, -9.81),
+        damping={"arm": RayleighDamping(5.0, 1e-4)},
+    )
+    bodies = {
+        "arm": beam(0.4, 0.01, 0.01, elements=8, modes=5, frame="free"),
+        "tip": beam(0.2, 0.008, 0.01, elements=6, modes=3, frame="free"),
+        "rider": VolumeIntegrals.rigid(0.4, (0.02, 0.01), 1e-3, {"pin": (0.0, 0.0)}),
+        "link": beam(0.3, 0.008, 0.01, elements=8, modes=3, frame="free"),
+    }
+    return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps, 0.7))
+
+
+SCENES: dict[str, Callable[..., Scene]] = {
+    "slider-crank": slider_crank,
+    "four-bar": four_bar,
+    "robot": robot,
+}
+
+
+def random_direction(bodies: Bodies, seed: int, fields: str = "mSGNKWP") -> Bodies:
+    """A random change of the integrals, in proportion to their size and with their symmetry.
+
+    The letters choose what changes: mass m, the arrays S, G, N, K, and of the markers the
+    displacement shape functions W and the rotation shape functions P.
+    """
+    rng = np.random.default_rng(seed)
+    out = {}
+    for name, body in bodies.items():
+        length = max([np.hypot(*m.position) for m in body.markers.values()] + [0.1])
+        g = np.sqrt(np.diag(body.G))
+        size = {"S": np.sqrt(body.mass) * g[:, None] * np.ones(2), "G": np.outer(g, g)}
+        size["N"] = size["G"]
+        k = np.sqrt(np.diag(body.K)) if body.modes else np.zeros(0)
+        size["K"] = np.outer(k, k)
+        arrays = {}
+        for key in "SGNK":
+            change = size[key] * rng.uniform(-1.0, 1.0, size[key].shape)
+            if key in "GK":
+                change = 0.5 * (change + change.T)
+            if key == "N":
+                change = 0.5 * (change - change.T)
+            arrays[key] = change * (key in fields)
+        markers = {
+            m: BodyMarker(
+                np.zeros(2),
+                rng.uniform(-1.0, 1.0, point.displacement.shape) * ("W" in fields),
+                rng.uniform(-1.0, 1.0, point.rotation.shape) / length * ("P" in fields),
+            )
+            for m, point in body.markers.items()
+        }
+        mass = body.mass * rng.uniform(-1.0, 1.0) * ("m" in fields)
+        out[name] = VolumeIntegrals(mass, **arrays, markers=markers)
+    return out
+
+
+def moved(bodies: Bodies, direction: Bodies, step: float) -> Bodies:
+    """Bodies moved by a step along a direction."""
+    return {name: body + direction[name].scaled(step) for name, body in bodies.items()}
