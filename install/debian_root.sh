@@ -35,6 +35,7 @@ mkdir -p "$roots" 2>/dev/null && [ -w "$roots" ] || { roots=$clone/.roots && mkd
 root=$roots/$suite
 inside=/opt/dolfinx_ffr
 
+# One run at a time in a root; the lock ends with this process.
 exec 9>"$roots/$suite.lock"
 flock --nonblock 9 || { echo "debian_root: waiting for another run in $root"; flock 9; }
 
@@ -71,7 +72,8 @@ if [ -f "${HOME:-/root}/.config/pip/pip.conf" ]; then
     mkdir -p "$root/root/.config/pip"
     cp "${HOME:-/root}/.config/pip/pip.conf" "$root/root/.config/pip/pip.conf"
 fi
-settings=(HOME=/root PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 TERM="${TERM:-dumb}")
+settings=(HOME=/root PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 TERM="${TERM:-dumb}"
+    NUMBA_CACHE_DIR="$inside/.venv/numba") # beside the sources it would go with them
 for name in http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY PIP_INDEX_URL PIP_EXTRA_INDEX_URL \
     PIP_TRUSTED_HOST PIP_PROXY PIP_DEFAULT_TIMEOUT; do
     if [ -n "${!name:-}" ]; then settings+=("$name=${!name}"); fi
@@ -80,6 +82,7 @@ certificates=${PIP_CERT:-${SSL_CERT_FILE:-/etc/ssl/certs/ca-certificates.crt}}
 if [ -f "$certificates" ]; then
     cp -L "$certificates" "$root/etc/host-certificates.pem"
     settings+=(PIP_CERT=/etc/host-certificates.pem)
+    echo 'Acquire::https::CaInfo "/etc/host-certificates.pem";' >>"$root/etc/apt/apt.conf.d/80host"
 fi
 
 # The sources as they stand here, changes that are not yet committed included.

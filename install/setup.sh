@@ -61,7 +61,7 @@ if [ ${#missing[@]} -gt 0 ]; then
         as_root=(sudo)
     fi
     apt() { "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -q -o DPkg::Lock::Timeout=300 "$@"; }
-    say "installing ${#missing[@]} Debian packages: ${missing[*]}"
+    say "installing ${#missing[@]} Debian packages and what they need, some minutes: ${missing[*]}"
     # An installation that was killed leaves packages unpacked but not configured.
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a
     apt update || fail "apt-get update failed (its own message stands above)." \
@@ -92,7 +92,7 @@ site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("pureli
 printf 'import site; site.ENABLE_USER_SITE = False\n' >"$site/dolfinx_ffr_no_user_site.pth"
 
 "$python" -I "$clone/install/debian_stack.py" constraints >"$venv/constraints.txt"
-say "installing PyPI packages (Debian's NumPy and its companions stay as they are)"
+say "installing PyPI packages, at first about 150 MB (Debian's NumPy and its companions stay as they are)"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --constraint "$venv/constraints.txt" \
     --editable "$clone[test,lint]" || fail "pip could not install the PyPI packages (its own message stands above)." \
     "Check the network, then run this again."
