@@ -104,7 +104,7 @@ list_sources | tar --create --directory "$clone" --null --files-from - | tar --e
 export root inside
 # $0 and $@ of the inner shell are the settings and the command.
 # shellcheck disable=SC2016
-unshare --mount --propagation private --pid --fork --kill-child bash -c '
+exec unshare --mount --propagation private --pid --fork --kill-child bash -c '
     mount -t proc proc "$root/proc" || mount --rbind /proc "$root/proc" || exit 1
     mount --rbind /sys "$root/sys" && mount -t tmpfs tmpfs "$root/dev/shm" || exit 1
     mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts" 2>/dev/null # only apt asks for it, to write a log
