@@ -24,13 +24,13 @@ __all__ = [
     "create_mesh",
     "coordinate_element",
     "dofmap_array",
+    "entity_vertices",
     "evaluate_expression",
     "function_space",
     "gmsh_model_to_mesh",
     "interpolation_points",
     "petsc_vector",
     "set_form_cache",
-    "vertex_connectivity",
 ]
 
 
@@ -56,8 +56,8 @@ def _as_table(adjacency: Any) -> NDArray[np.int32]:
     """Return a regular adjacency list as a table, whichever way it is stored."""
     if isinstance(adjacency, np.ndarray):
         return adjacency
-    array = np.asarray(adjacency.array)
-    return array.reshape(adjacency.num_nodes, -1)
+    array = np.asarray(adjacency.array)  # a rank may hold no cells
+    return array.reshape(adjacency.num_nodes, len(array) // max(adjacency.num_nodes, 1))
 
 
 def dofmap_array(space: Any) -> NDArray[np.int32]:
@@ -103,14 +103,15 @@ def evaluate_expression(
         values = compiled.eval(domain, cells)
     except TypeError:  # before 0.7 the mesh was not an argument
         values = compiled.eval(cells)
-    return np.asarray(values).reshape(len(cells), len(points), -1)
+    components = int(np.prod(expression.ufl_shape))  # a rank may own no cells
+    return np.asarray(values).reshape(len(cells), len(points), components)
 
 
-def vertex_connectivity(domain: mesh.Mesh, dim: int) -> Any:
-    """Return the adjacency from entities of dimension ``dim`` to vertices."""
+def entity_vertices(domain: mesh.Mesh, dim: int) -> NDArray[np.int32]:
+    """Return the vertices of each local edge (``dim=1``) or cell (``dim=2``), one row each."""
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
-    return domain.topology.connectivity(dim, 0)
+    return _as_table(domain.topology.connectivity(dim, 0))
 
 
 def gmsh_model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[mesh.Mesh, Any, Any]:

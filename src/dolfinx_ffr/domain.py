@@ -303,7 +303,7 @@ class Domain:
 
     def _cell_midpoints(self) -> NDArray[np.float64]:
         nodes = _compat.cell_geometry(self.mesh)[: self.n_cells]
-        return np.asarray(self.mesh.geometry.x[nodes][:, :, :2].mean(axis=1))
+        return np.asarray(self.mesh.geometry.x[nodes][:, :, :2].sum(axis=1) / max(nodes.shape[1], 1))
 
     def _find_interfaces(
         self, interfaces: Mapping[str, Predicate | ArrayLike], centers: Mapping[str, Sequence[float]]
@@ -364,16 +364,12 @@ class Domain:
         self.mesh.topology.create_connectivity(1, 2)
         everything = mesh.locate_entities_boundary(self.mesh, 1, lambda x: np.full(x.shape[1], True))
         owned = everything[everything < self.mesh.topology.index_map(1).size_local]
-        to_vertices = _compat.vertex_connectivity(self.mesh, 1)
-        nodes = self._vertex_nodes()
-        ends = [self.mesh.geometry.x[nodes[to_vertices.links(f)]][:, :2] for f in owned]
-        local = np.array(ends, dtype=np.float64).reshape(-1, 2, 2)
-        return np.vstack(self.comm.allgather(local))
+        ends = self._vertex_nodes()[_compat.entity_vertices(self.mesh, 1)[owned].reshape(-1, 2)]
+        return np.vstack(self.comm.allgather(self.mesh.geometry.x[ends][:, :, :2]))
 
     def _vertex_nodes(self) -> NDArray[np.int32]:
         """Return the geometry node of each local vertex."""
-        cell_vertices = self.mesh.topology.connectivity(2, 0)
-        table = np.asarray(cell_vertices.array).reshape(cell_vertices.num_nodes, -1)
+        table = _compat.entity_vertices(self.mesh, 2)
         nodes = np.zeros(table.max(initial=-1) + 1, dtype=np.int32)
         # vertices come first among a cell's geometry nodes, in the same order
         nodes[table.ravel()] = _compat.cell_geometry(self.mesh)[:, : table.shape[1]].ravel()
@@ -400,15 +396,13 @@ class Domain:
     def _check_held(self) -> None:
         """Refuse pieces of the mesh that touch no interface and would float away."""
         topology = self.mesh.topology
-        cell_vertices = topology.connectivity(2, 0)
-        table = np.asarray(cell_vertices.array).reshape(cell_vertices.num_nodes, -1)
+        table = _compat.entity_vertices(self.mesh, 2)
         vertex_map = topology.index_map(0)
         global_vertices = vertex_map.local_to_global(np.arange(table.max(initial=-1) + 1, dtype=np.int32))
         held = np.zeros(len(global_vertices), dtype=bool)
-        facet_vertices = _compat.vertex_connectivity(self.mesh, 1)
+        facet_vertices = _compat.entity_vertices(self.mesh, 1)
         for interface in self.interfaces.values():
-            for facet in interface.facets:
-                held[facet_vertices.links(facet)] = True
+            held[facet_vertices[interface.facets].ravel()] = True
         n = int(vertex_map.size_global)
         piece = _pieces(table, len(global_vertices))
         # a vertex stands for its piece on each rank; ranks meet in shared vertices
@@ -441,7 +435,7 @@ class Domain:
 
 def _pieces(table: NDArray[np.int32], n_vertices: int) -> NDArray[np.int32]:
     """Return the number of the connected piece of each vertex on this rank."""
-    rows = np.repeat(table[:, 0], table.shape[1] - 1)
+    rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
     columns = table[:, 1:].ravel()
     graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n_vertices, n_vertices))
     return connected_components(graph, directed=False)[1]
