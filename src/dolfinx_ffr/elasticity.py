@@ -11,6 +11,8 @@ field a column.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -56,6 +58,7 @@ class Elasticity:
         # exact on affine cells; UFL's estimate would count powers of the cellwise constant density
         degree = 2 * domain.order + 2 * (_compat.coordinate_element(domain.mesh).degree - 1)
         dx = ufl.Measure("dx", domain=domain.mesh, metadata={"quadrature_degree": degree})
+        self._material, self._interpolation, self._dx = material, interpolation, dx
         self._stiffness_form = fem.form(stiffness_density(u, v) * dx)
         self._mass_form = fem.form(mass_density(u, v) * dx)
         self.stiffness: PETSc.Mat = fem.petsc.create_matrix(self._stiffness_form)
@@ -117,6 +120,33 @@ class Elasticity:
                 self._fields[3].x.array[:] = 0.0
             total += fem.assemble_vector(self._gradient_form).array[: self.domain.n_cells]
         return total
+
+    def strain_energy(self, x: ArrayLike, field: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the elastic energy of each cell; what is assembled stays as it is.
+
+        Args:
+            x: one density for each cell owned by this rank, shape (cells,), in [0, 1].
+            field: displacement of this rank's dofs, shape (dofs,) [m].
+
+        Returns:
+            Energy 1/2 k_x(u, u) of each cell owned by this rank, shape (cells,) [J].
+        """
+        form, density, displacement = self._energy
+        density.x.array[: self.domain.n_cells] = self.domain.check_density(x)
+        density.x.scatter_forward()
+        self._set(displacement, field)
+        return np.array(fem.assemble_vector(form).array[: self.domain.n_cells])
+
+    @cached_property
+    def _energy(self) -> tuple[fem.Form, fem.Function, fem.Function]:
+        domain = self.domain
+        density = fem.Function(domain.density_space)
+        displacement = fem.Function(domain.space)
+        factor, _ = self._interpolation.on(domain.mesh, density)
+        stress = self._material.on(domain.mesh).stress(displacement)
+        energy = 0.5 * factor * ufl.inner(stress, ufl.sym(ufl.grad(displacement)))
+        test = ufl.TestFunction(domain.density_space)
+        return fem.form(energy * test * self._dx), density, displacement
 
     def _set(self, function: fem.Function, column: NDArray[np.float64]) -> None:
         function.x.array[: self.n_dofs] = column
