@@ -16,8 +16,9 @@ __version__ = "0.1.0"
 _ROOMS = {
     "body": ["BodyMarker", "VolumeIntegrals"],
     "domain": ["Domain", "Interface"],
+    "dynamics": ["GeneralizedAlpha", "SimulationError", "SofteningWarning", "Trajectory", "simulate"],
     "elasticity": ["Elasticity"],
-
+    "flexible_body": ["FlexibleBody", "ReducedBody"],
     "material": [
         "RAMP",
         "SIMP",
@@ -26,8 +27,23 @@ _ROOMS = {
         "PlaneStress",
         "SuppressedVoidMass",
     ],
-    "flexible_body": ["FlexibleBody", "ReducedBody"],
+    "mechanism": [
+        "Ground",
+        "Mechanism",
+        "Moving",
+        "Placement",
+        "PointMass",
+        "PointOnLine",
+        "PrescribedAngle",
+        "PrescribedPosition",
+        "RayleighDamping",
+        "Revolute",
+        "Weld",
+    ],
+    "motion": ["Motion"],
+    "objective": ["IntegralCompliance"],
     "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
+    "sensitivity": ["Evaluation", "Problem"],
 }
 
 __all__ = sorted(name for names in _ROOMS.values() for name in names)
