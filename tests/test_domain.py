@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import ufl
-from dolfinx import mesh
 from mpi4py import MPI
 
+import numpy as np
 import pytest
+import ufl
+from dolfinx import mesh
+
 from dolfinx_ffr import Domain
 
 pytestmark = pytest.mark.mpi
@@ -83,7 +84,9 @@ def test_nothing_to_design(comm: MPI.Intracomm) -> None:
         Domain(strip(comm), {"left": lambda x: x[0] < 1e-9}, lambda x: x[0] > -1.0)
 
 
-def unstructured(comm: MPI.Intracomm, cells: list[list[int]], points: list[list[float]]) -> mesh.Mesh:
+def unstructured(
+    comm: MPI.Intracomm, cells: list[list[int]], points: list[list[float]]
+) -> mesh.Mesh:
     """A mesh of quadrilaterals from rank 0."""
     from dolfinx_ffr import _compat
 
@@ -112,7 +115,7 @@ def test_hanging_node(comm: MPI.Intracomm) -> None:
     """A node in the middle of a neighbour's edge is found and located."""
     points = [[0, 0], [2, 0], [0, 2], [2, 2], [4, 0], [2, 1], [4, 1], [4, 2]]
     cells = [[0, 1, 2, 3], [1, 4, 5, 6], [5, 6, 3, 7]]
-    with pytest.raises(ValueError, match=r"hanging node at \(2\.0, 1\.0\)"):
+    with pytest.raises(ValueError, match=r"hanging node at \(2, 1\)"):
         Domain(unstructured(comm, cells, points), {"left": lambda x: x[0] < 1e-9})
 
 
@@ -165,7 +168,12 @@ def write_rod(path: Path, *, names: bool = True, order: int = 1) -> None:
     end = geometry.addPlaneSurface([geometry.addCurveLoop([line[0], cut, line[4], line[5]])])
     rest = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
     geometry.synchronize()
-    groups = [(1, [line[5]], "left"), (1, [line[2]], "right"), (2, [end], "solid"), (2, [rest], "d")]
+    groups = [
+        (1, [line[5]], "left"),
+        (1, [line[2]], "right"),
+        (2, [end], "solid"),
+        (2, [rest], "d"),
+    ]
     for dim, entities, name in groups:
         tag = gmsh.model.addPhysicalGroup(dim, entities)
         if names:

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 from mpi4py import MPI
 
+import numpy as np
 import pytest
+
 from dolfinx_ffr import (
     RAMP,
     SIMP,

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
+import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
+
 from dolfinx_ffr import (
     RAMP,
     SIMP,

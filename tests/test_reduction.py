@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
-import scipy.linalg
 from mpi4py import MPI
 
+import numpy as np
 import pytest
+import scipy.linalg
+
 from dolfinx_ffr import (
     SIMP,
     ChordFrame,
@@ -20,8 +21,8 @@ from dolfinx_ffr import (
     LinearMass,
     PlaneStress,
     TangentFrame,
+    _compat,
 )
-from dolfinx_ffr import _compat
 from dolfinx_ffr.verification import assert_taylor_order, convergence_order, taylor_test
 
 STEEL = PlaneStress(210e9, 0.3, 7850.0, 0.01)
@@ -87,11 +88,14 @@ def test_plane_stress_plate_of_du_and_olhoff(comm: MPI.Intracomm) -> None:
     assert omega == pytest.approx(146.1, rel=1e-3)
 
 
-@pytest.mark.parametrize(("cell", "order", "expected"), [
-    ("quadrilateral", 1, 2.0),
-    ("triangle", 1, 2.0),
-    ("quadrilateral", 2, 4.0),
-])
+@pytest.mark.parametrize(
+    ("cell", "order", "expected"),
+    [
+        ("quadrilateral", 1, 2.0),
+        ("triangle", 1, 2.0),
+        ("quadrilateral", 2, 4.0),
+    ],
+)
 def test_convergence_of_frequencies(
     comm: MPI.Intracomm, cell: str, order: int, expected: float
 ) -> None:

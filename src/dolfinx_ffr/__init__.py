@@ -16,7 +16,13 @@ __version__ = "0.1.0"
 _ROOMS = {
     "body": ["BodyMarker", "VolumeIntegrals"],
     "domain": ["Domain", "Interface"],
-    "dynamics": ["GeneralizedAlpha", "SimulationError", "SofteningWarning", "Trajectory", "simulate"],
+    "dynamics": [
+        "GeneralizedAlpha",
+        "SimulationError",
+        "SofteningWarning",
+        "Trajectory",
+        "simulate",
+    ],
     "elasticity": ["Elasticity"],
     "flexible_body": ["FlexibleBody", "ReducedBody"],
     "material": [

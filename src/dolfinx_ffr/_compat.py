@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Differences between DOLFINx releases, in one place.
 
-The package is written in the current DOLFINx spelling. Where an installed release says it differently, the function
-here says it for both. Releases are told apart by what they offer, never by version number, so that dropping a release
-means deleting lines. No other module may ask which DOLFINx is installed.
+The package is written in the current DOLFINx spelling. Where an installed release says it
+differently, the function here says it for both. Releases are told apart by what they offer, never
+by version number, so that dropping a release means deleting lines. No other module may ask which
+DOLFINx is installed.
 """
 
 from __future__ import annotations
@@ -11,18 +12,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import dolfinx.fem.petsc  # a release may not load it by itself
+from mpi4py import MPI
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 __all__ = [
     "cell_geometry",
-    "create_mesh",
     "coordinate_element",
+    "create_mesh",
     "dofmap_array",
     "entity_vertices",
     "evaluate_expression",

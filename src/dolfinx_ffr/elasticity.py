@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from functools import cached_property
 
+from mpi4py import MPI
+from petsc4py import PETSc
+
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
-from petsc4py import PETSc
 
 from . import _compat
 from .domain import Domain

@@ -70,7 +70,8 @@ class FlexibleBody:
         if clash:
             raise ValueError(f"body: points {clash} have the names of interfaces; rename them")
         self.points = {
-            name: PointMarker.at(domain, position, name) for name, position in (points or {}).items()
+            name: PointMarker.at(domain, position, name)
+            for name, position in (points or {}).items()
         }
         self.elasticity = Elasticity(domain, material, self.interpolation)
         self.reduction = CraigBampton(self.elasticity, frame, modes, tolerance=tolerance)
@@ -137,9 +138,7 @@ class FlexibleBody:
         shapes, k = reduced.basis.shapes, reduced.basis.n_constraint
         y = pull.y
         y[:, 1 + k : -1] -= reduced.basis.eigenvalues * adjoint.fields[:, k:]
-        gradient = self.elasticity.density_gradient(
-            pull.w, y, shapes, pull.kappa + adjoint.fields
-        )
+        gradient = self.elasticity.density_gradient(pull.w, y, shapes, pull.kappa + adjoint.fields)
         return gradient, {
             "iterations": adjoint.iterations,
             "reduction pullback": solved - before,

@@ -54,9 +54,7 @@ def volume_integrals(
         for name, interface in elasticity.domain.interfaces.items()
     }
     for name, point in points.items():
-        markers[name] = BodyMarker(
-            point.position - reduction.origin, *point.motion(basis.shapes)
-        )
+        markers[name] = BodyMarker(point.position - reduction.origin, *point.motion(basis.shapes))
     return VolumeIntegrals(
         mass=float(elasticity.inner(constants[:, :1], mass_constants[:, :1])[0, 0]),
         S=elasticity.inner(fields, mass_constants),

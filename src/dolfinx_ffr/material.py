@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Elastic materials in the plane and their interpolation with the density.
 
-A material gives the stress of the solid; an interpolation scales stiffness and mass with the density field
-``x`` in [0, 1]. Both are handed to UFL with their numbers as `dolfinx.fem.Constant`, so that another steel or another
-exponent compiles nothing anew.
+A material gives the stress of the solid; an interpolation scales stiffness and mass with the
+density field ``x`` in [0, 1]. Both are handed to UFL with their numbers as `dolfinx.fem.Constant`,
+so that another steel or another exponent compiles nothing anew.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class ElasticMaterial:
         raise NotImplementedError("use PlaneStress or PlaneStrain")
 
     def on(self, domain: mesh.Mesh) -> BoundMaterial:
-        """Return this material as UFL on a mesh."""
+        """Return this material as UFL on the mesh ``domain``."""
         lame_lambda, lame_mu = self.lame
         return BoundMaterial(
             fem.Constant(domain, np.float64(lame_lambda * self.thickness)),
@@ -114,7 +114,7 @@ class BoundMaterial:
     density: fem.Constant  #: [kg/m^2]
 
     def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Return the stress resultant sigma(u) of the solid [N/m]."""
+        """Return the stress resultant sigma(u) of the solid at a ``displacement`` u [N/m]."""
         strain = ufl.sym(ufl.grad(displacement))
         return self.lame_lambda * ufl.tr(strain) * ufl.Identity(2) + 2 * self.lame_mu * strain
 
@@ -123,7 +123,7 @@ class MassLaw(Protocol):
     """Share of the solid's mass that an element of density x has."""
 
     def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Return the mass factor as UFL of the density field ``x``."""
+        """Return the mass factor as UFL of the density field ``x`` on ``domain``."""
         ...
 
 
@@ -131,13 +131,13 @@ class MassLaw(Protocol):
 class LinearMass:
     """Mass proportional to the density.
 
-    Below a density of about 0.1 the stiffness of SIMP falls faster than this mass, and void elements get vibrations of
-    their own among the first frequencies. Use it for densities that stay away from zero; `SuppressedVoidMass`
-    otherwise.
+    Below a density of about 0.1 the stiffness of SIMP falls faster than this mass, and void
+    elements get vibrations of their own among the first frequencies. Use it for densities that
+    stay away from zero; `SuppressedVoidMass` otherwise.
     """
 
     def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Return the mass factor as UFL of the density field ``x``."""
+        """Return the mass factor as UFL of the density field ``x`` on ``domain``."""
         return x
 
 
@@ -145,8 +145,8 @@ class LinearMass:
 class SuppressedVoidMass:
     """Mass proportional to the density, fading faster than the stiffness below a threshold.
 
-    m(x) = x above the threshold t, and 6 x^6/t^5 - 5 x^7/t^6 below it: continuous with its first derivative. For
-    t = 0.1 this is the law of Du and Olhoff, doi:10.1007/s00158-007-0101-y.
+    m(x) = x above the threshold t, and 6 x^6/t^5 - 5 x^7/t^6 below it: continuous with its first
+    derivative. For t = 0.1 this is the law of Du and Olhoff, doi:10.1007/s00158-007-0101-y.
 
     Args:
         threshold: density t below which the mass fades, in (0, 1).
@@ -162,7 +162,7 @@ class SuppressedVoidMass:
         )
 
     def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """Return the mass factor as UFL of the density field ``x``."""
+        """Return the mass factor as UFL of the density field ``x`` on ``domain``."""
         t = fem.Constant(domain, np.float64(self.threshold))
         s = x / t
         return ufl.conditional(ufl.lt(x, t), t * s**6 * (6 - 5 * s), x)
@@ -174,7 +174,7 @@ class Interpolation(Protocol):
     def on(
         self, domain: mesh.Mesh, x: ufl.core.expr.Expr
     ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
-        """Return the factors of stiffness and mass as UFL of the density field ``x``."""
+        """Return the factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
         ...
 
 
@@ -211,7 +211,7 @@ class SIMP:
     def on(
         self, domain: mesh.Mesh, x: ufl.core.expr.Expr
     ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
-        """Return the factors of stiffness and mass as UFL of the density field ``x``."""
+        """Return the factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
         floor = fem.Constant(domain, np.float64(self.floor))
         exponent = fem.Constant(domain, np.float64(self.exponent))
         return floor + (1 - floor) * x**exponent, self.mass.on(domain, x)
@@ -221,8 +221,8 @@ class SIMP:
 class RAMP:
     """Rational interpolation: E(x)/E = floor + (1 - floor) x / (1 + q (1 - x)).
 
-    Its slope at x = 0 is finite, so that void elements have no low frequencies of their own even with `LinearMass`
-    (Stolpe and Svanberg, doi:10.1007/s001580100129).
+    Its slope at x = 0 is finite, so that void elements have no low frequencies of their own even
+    with `LinearMass` (Stolpe and Svanberg, doi:10.1007/s001580100129).
 
     Args:
         penalty: q >= 0.
@@ -245,7 +245,7 @@ class RAMP:
     def on(
         self, domain: mesh.Mesh, x: ufl.core.expr.Expr
     ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
-        """Return the factors of stiffness and mass as UFL of the density field ``x``."""
+        """Return the factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
         floor = fem.Constant(domain, np.float64(self.floor))
         penalty = fem.Constant(domain, np.float64(self.penalty))
         return floor + (1 - floor) * x / (1 + penalty * (1 - x)), self.mass.on(domain, x)

@@ -18,13 +18,13 @@ References:
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from petsc4py import PETSc
+
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from .domain import Domain
@@ -40,11 +40,11 @@ class Frame(Protocol):
     """Reference conditions: which rigid motions of interfaces the body's frame takes over."""
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """Return the frame's origin in the undeformed body, shape (2,) [m]."""
+        """Return the frame's origin in the undeformed ``domain``, shape (2,) [m]."""
         ...
 
     def retained(self, domain: Domain) -> dict[str, NDArray[np.float64]]:
-        """Return the motions (u_x, u_y, rotation) that stay elastic, shape (k, 3), by interface."""
+        """Return the elastic motions (u_x, u_y, rotation), (k, 3) by interface of ``domain``."""
         ...
 
 
@@ -66,12 +66,12 @@ class TangentFrame:
     interface: str
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """Return the interface's center, shape (2,) [m]."""
+        """Return the center of the interface of ``domain``, shape (2,) [m]."""
         _interface(domain, self.interface, "tangent frame")
         return domain.interfaces[self.interface].center
 
     def retained(self, domain: Domain) -> dict[str, NDArray[np.float64]]:
-        """Return all motions of the other interfaces."""
+        """Return all motions of the other interfaces of ``domain``."""
         _interface(domain, self.interface, "tangent frame")
         return {name: np.eye(3) for name in domain.interfaces if name != self.interface}
 
@@ -92,12 +92,12 @@ class ChordFrame:
     end: str
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """Return the first interface's center, shape (2,) [m]."""
+        """Return the center of the first interface of ``domain``, shape (2,) [m]."""
         _interface(domain, self.start, "chord frame")
         return domain.interfaces[self.start].center
 
     def retained(self, domain: Domain) -> dict[str, NDArray[np.float64]]:
-        """Return the rotation at the start, rotation and stretch at the end, all of the others."""
+        """Return rotations, the stretch of the chord, and all others of ``domain``."""
         for name in (self.start, self.end):
             _interface(domain, name, "chord frame")
         chord = domain.interfaces[self.end].center - domain.interfaces[self.start].center
@@ -105,7 +105,8 @@ class ChordFrame:
         size = float(np.max(np.ptp(domain.bounding_box, axis=0)))
         if self.start == self.end or length <= 1e-9 * size:
             raise ValueError(
-                f"chord frame: the interfaces {self.start!r} and {self.end!r} have the same center, "
+                f"chord frame: the interfaces {self.start!r} and {self.end!r} have the same "
+                f"center, "
                 "which leaves the angle of the frame undetermined; use TangentFrame or two "
                 "interfaces apart"
             )
@@ -211,6 +212,9 @@ class CraigBampton:
         """Return displacement and rotation shape functions at an interface's center.
 
         They do not depend on the density.
+
+        Args:
+            name: of the interface.
 
         Returns:
             Phi_P of shape (2, r) [-] and Psi_P of shape (r,) [1/m], r constraint and normal modes.
@@ -336,8 +340,10 @@ class CraigBampton:
             return
         wide = np.flatnonzero(gaps >= CLUSTER) + 1
         better = [int(k) for k in wide if k != self.modes]
-        advice = f"take modes = {min(better, key=lambda k: abs(k - self.modes))}" if better else (
-            "take a few more or fewer"
+        advice = (
+            f"take modes = {min(better, key=lambda k: abs(k - self.modes))}"
+            if better
+            else ("take a few more or fewer")
         )
         pair = np.sqrt(eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
         warnings.warn(
@@ -436,10 +442,6 @@ class CraigBampton:
         self.elasticity.comm.Bcast(total, root=0)
         return total
 
-    def frame_coordinates(self, points: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray]:
-        """Return positions in the body's frame, shape (2,) each [m]."""
-        return {name: np.asarray(point) - self.origin for name, point in points.items()}
-
 
 #: conjugate gradient iterations after which the pullback gives up
 MAX_ITERATIONS = 500
@@ -453,7 +455,9 @@ class Pullback:
     iterations: int  #: conjugate gradient iterations
 
 
-def _smooth_field(coordinates: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.float64]:
+def _smooth_field(
+    coordinates: NDArray[np.float64], box: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return a field without symmetries that does not depend on the mesh's partition.
 
     Starting the eigenvalue solver from it gives the same modes on any number of ranks.

@@ -98,7 +98,10 @@ class Problem:
     def gradient(self, x: Densities) -> Evaluation:
         """Return the objective and its exact gradient at densities.
 
-        Arguments and errors are those of `value`.
+        Args:
+            x: as for `value`.
+
+        Errors are those of `value`.
         """
         return self._evaluate(x, with_gradient=True)
 
