@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of designs, modes, diagrams and mechanisms in motion.
+
+No screen is needed. All functions are collective: every rank calls them, rank 0 draws what it has
+gathered and writes the file, and all return its path.
+"""
+
+from __future__ import annotations
+
+from .design import plot_design
+from .diagrams import plot_crank_motion, plot_history
+from .modes import plot_modes
+from .motion_pictures import animate_motion, plot_scene
+
+__all__ = [
+    "animate_motion",
+    "plot_crank_motion",
+    "plot_design",
+    "plot_history",
+    "plot_modes",
+    "plot_scene",
+]

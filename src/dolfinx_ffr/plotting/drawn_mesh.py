@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""The mesh of a body as points and straight-sided pieces on rank 0, ready to be drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from dolfinx import fem, mesh
+from numpy.typing import NDArray
+
+from .. import _compat
+from ..domain import Domain
+
+__all__ = ["DrawnMesh"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMesh:
+    """Points, pieces and lines of a body; everything on rank 0, empty arrays on the other ranks.
+
+    Each cell of the mesh is cut into straight-sided pieces, one if geometry and displacements are
+    linear and n^2 if one of them has order n. The cells stand in the order in which the mesh was
+    made, so that the picture does not depend on the number of ranks. All methods are collective.
+    """
+
+    points: Array  #: (points, 2) undeformed [m]; cells do not share points
+    pieces: Integers  #: (pieces, 3 or 4) points of each piece, in turn
+    parents: Integers  #: (pieces,) cell of each piece
+    outline: Integers  #: (lines, 2) ends of the lines on the boundary
+    interfaces: dict[str, Integers]  #: (lines, 2) ends of the lines of each interface
+    domain: Domain  #: the body
+    _order: Integers  #: (cells,) where each cell stands among those sent by the ranks
+
+    @staticmethod
+    def of(domain: Domain) -> DrawnMesh:
+        """Gather a body.
+
+        Args:
+            domain: its mesh and interfaces.
+        """
+        kind, degree, lattice, pieces = _reference(domain)
+        nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
+        x = domain.mesh.geometry.x[nodes][:, :, :2]
+        points = np.einsum("pn,cnd->cpd", _shape_functions(kind, degree, lattice), x)
+        sides = [_points_on_facet(kind, i, lattice) for i in range(len(basix.topology(kind)[1]))]
+        topology = domain.mesh.topology
+        facets = topology.connectivity(2, 1).array.reshape(-1, len(sides))[: domain.n_cells]
+        chosen = {"": mesh.exterior_facet_indices(topology)}
+        chosen.update({name: part.facets for name, part in domain.interfaces.items()})
+        number = np.asarray(topology.original_cell_index)[: domain.n_cells]
+        sent = domain.comm.gather(
+            (number, points, {name: np.isin(facets, part) for name, part in chosen.items()})
+        )
+        if sent is None:
+            nothing = np.zeros((0, 2), dtype=np.int64)
+            empty = {name: nothing for name in domain.interfaces}
+            none = nothing[:, 0]
+            return DrawnMesh(np.zeros((0, 2)), nothing, none, nothing, empty, domain, none)
+        order = np.argsort(np.concatenate([part[0] for part in sent]), kind="stable")
+        points = np.concatenate([part[1] for part in sent])[order]
+        first = len(lattice) * np.arange(len(order), dtype=np.int64)
+        lines = {}
+        for name in chosen:
+            marked = np.concatenate([part[2][name] for part in sent])[order]
+            lines[name] = np.concatenate(
+                [
+                    (first[marked[:, i]][:, None, None] + side[None]).reshape(-1, 2)
+                    for i, side in enumerate(sides)
+                ]
+            )
+        return DrawnMesh(
+            points=points.reshape(-1, 2),
+            pieces=(first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1]),
+            parents=np.repeat(np.arange(len(order), dtype=np.int64), len(pieces)),
+            outline=lines.pop(""),
+            interfaces=lines,
+            domain=domain,
+            _order=order,
+        )
+
+    def cell_values(self, values: NDArray) -> NDArray:
+        """Return values of all cells on rank 0.
+
+        Args:
+            values: of the cells owned by this rank, shape (cells, ...).
+
+        Returns:
+            Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
+        """
+        sent = self.domain.comm.gather(values)
+        return values[:0] if sent is None else np.concatenate(sent)[self._order]
+
+    def displacements(self, block: Array) -> Array:
+        """Return displacement fields at the points on rank 0.
+
+        Args:
+            block: fields on the displacement dofs owned by this rank, shape (dofs, columns).
+
+        Returns:
+            Shape (points, 2, columns) on rank 0, (0, 2, columns) elsewhere.
+        """
+        domain = self.domain
+        kind, _, lattice, _ = _reference(domain)
+        table = _shape_functions(kind, domain.order, lattice)
+        dofs = _compat.dofmap_array(domain.space)[: domain.n_cells]
+        field = fem.Function(domain.space)
+        values = np.empty((domain.n_cells, len(lattice), 2, block.shape[1]))
+        for i, column in enumerate(block.T):
+            field.x.array[: len(column)] = column
+            field.x.scatter_forward()
+            nodal = field.x.array.reshape(-1, 2)[dofs]
+            values[..., i] = np.einsum("pn,cnd->cpd", table, nodal)
+        return self.cell_values(values).reshape(-1, 2, block.shape[1])
+
+
+def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
+    """Return kind and geometric degree of the cells, their lattice points and pieces."""
+    kind = getattr(basix.CellType, domain.mesh.ufl_cell().cellname())
+    degree = int(_compat.coordinate_element(domain.mesh).degree)
+    return kind, degree, *_lattice(kind, max(degree, domain.order))
+
+
+def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
+    """Return the values of the Lagrange shape functions of a cell, shape (points, functions)."""
+    element = basix.create_element(
+        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+    )
+    return np.asarray(element.tabulate(0, points)).reshape(len(points), -1)
+
+
+def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
+    """Return points that cut each side of the reference cell into n, and the pieces between them.
+
+    Returns:
+        Points of shape (points, 2), and the points of each piece, shape (pieces, corners).
+    """
+    triangle = kind == basix.CellType.triangle
+    where = {(i, j): None for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)}
+    number = {place: k for k, place in enumerate(where)}
+    pieces = []
+    for i, j in number:
+        if not triangle and i < n and j < n:
+            pieces.append([number[i + a, j + b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+        elif triangle and i + j < n:
+            pieces.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+            if i + j < n - 1:
+                pieces.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+    return np.array(list(number), dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
+
+
+def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:
+    """Return the lines between lattice points along a facet of the reference cell, (lines, 2)."""
+    a, b = basix.geometry(kind)[basix.topology(kind)[1][facet]][:, :2]
+    along, across = b - a, np.array([a[1] - b[1], b[0] - a[0]])
+    on = np.flatnonzero(np.abs((lattice - a) @ across) < 1e-9)
+    chain = on[np.argsort((lattice[on] - a) @ along)]
+    return np.column_stack([chain[:-1], chain[1:]]).astype(np.int64)

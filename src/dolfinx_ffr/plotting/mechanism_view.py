@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: MIT
+"""A mechanism in matplotlib axes: bodies, cranks, joints, supports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from ..mechanism import Ground, PointOnLine, PrescribedAngle, Weld
+from .scene import Arm, DrawnBody, Scene
+from .style import DARK, GRAY, LIGHT
+
+__all__ = ["MechanismView"]
+
+Array = NDArray[np.float64]
+
+#: cells of less density are not drawn
+VOID = 0.3
+_STEEL, _PALE = "#57606a", "#eef1f4"
+
+
+class MechanismView:
+    """Artists of a mechanism; `show` moves them to an instant.
+
+    Args:
+        axes: where to draw; its limits and aspect are set here.
+        scene: the mechanism.
+        magnification: of the deformation.
+        colors: gives the colour value of each cell of a body at an instant.
+        cmap: colours.
+        norm: range of the values.
+        labels: whether to write the names of bodies and joints.
+    """
+
+    def __init__(
+        self,
+        axes: Axes,
+        scene: Scene,
+        magnification: float,
+        colors: Callable[[DrawnBody, int], Array],
+        cmap: Colormap | str,
+        norm: Normalize,
+        *,
+        labels: bool = False,
+    ) -> None:
+        self.axes, self.scene, self.magnification = axes, scene, magnification
+        self.moving: list[Artist] = []  #: artists that `show` changes, from back to front
+        self._updates: list[Callable[[int], None]] = []
+        low, high = scene.box(magnification)
+        self.unit = 0.018 * float(np.max(high - low))  #: size of a pin [m]
+        self._set_limits(low, high)
+        for i, joint in enumerate(scene.mechanism.joints):
+            if isinstance(joint, PointOnLine):
+                self._add_slider(joint)
+            elif not isinstance(joint, PrescribedAngle):
+                for marker in joint.markers:
+                    if isinstance(marker, Ground):
+                        self._add_support(scene.position(marker, 0))
+            if i in scene.arms:
+                self._add_arm(i, scene.arms[i])
+        for body in scene.bodies.values():
+            if body.drawn is None:
+                self._add_bar(body)
+            else:
+                self._add_mesh(body, colors, cmap, norm)
+        self._add_pins()
+        if labels:
+            self._add_labels()
+
+    def show(self, instant: int) -> None:
+        """Move everything to an instant."""
+        for update in self._updates:
+            update(instant)
+
+    # ------------------------------------------------------------------ parts
+
+    def _set_limits(self, low: Array, high: Array) -> None:
+        margin = 3.2 * self.unit
+        self.axes.set_xlim(low[0] - margin, high[0] + margin)
+        self.axes.set_ylim(low[1] - margin, high[1] + margin)
+        self.axes.set_aspect("equal")
+        self.axes.set_axis_off()
+
+    def _add(self, artist: Artist, update: Callable[[int], None] | None = None) -> None:
+        """Add an artist; one with an update is drawn anew at every instant."""
+        if isinstance(artist, Line2D):
+            self.axes.add_line(artist)
+        elif isinstance(artist, Polygon):
+            self.axes.add_patch(artist)
+        else:
+            self.axes.add_collection(artist, autolim=False)
+        if update is not None:
+            self.moving.append(artist)
+            self._updates.append(update)
+
+    def _add_mesh(
+        self,
+        body: DrawnBody,
+        colors: Callable[[DrawnBody, int], Array],
+        cmap: Colormap | str,
+        norm: Normalize,
+    ) -> None:
+        drawn = body.drawn
+        assert drawn is not None
+        shown = body.density[drawn.parents] >= VOID
+        pieces, parents = drawn.pieces[shown], drawn.parents[shown]
+        rim = drawn.outline
+        outline = LineCollection([], colors=LIGHT, linewidths=1.0, zorder=4)
+        cells = PolyCollection(
+            [], cmap=cmap, norm=norm, edgecolors="face", linewidths=0.5, zorder=5
+        )
+        rigid = np.concatenate([rim[:0], *drawn.interfaces.values()])
+        ends = LineCollection([], colors=_STEEL, linewidths=3.0, capstyle="projecting", zorder=5.5)
+
+        def update_outline(instant: int) -> None:
+            points = body.points(instant, self.magnification)
+            outline.set_segments(points[rim])
+            ends.set_segments(points[rigid])
+
+        def update_cells(instant: int) -> None:
+            cells.set_verts(body.points(instant, self.magnification)[pieces])
+            cells.set_array(colors(body, instant)[parents])
+
+        self._add(outline, update_outline)
+        self._add(cells, update_cells)
+        self._add(ends, lambda instant: None)  # with the outline
+
+    def _add_bar(self, body: DrawnBody) -> None:
+        """Draw a body without a mesh as a bar through its markers."""
+        bar = Line2D(
+            [],
+            [],
+            color=_STEEL,
+            linewidth=7.0,
+            solid_capstyle="round",
+            zorder=4,
+            solid_joinstyle="round",
+        )
+
+        def update(instant: int) -> None:
+            points = body.points(instant, self.magnification)
+            closed = np.vstack([points, points[:1]]) if len(points) > 2 else points
+            bar.set_data(*closed.T)
+
+        self._add(bar, update)
+
+    def _add_arm(self, number: int, arm: Arm) -> None:
+        angles = np.linspace(0.0, 2.0 * np.pi, 181)
+        circle = arm.center + arm.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        self._add(Line2D(*circle.T, color=LIGHT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1))
+        self._add_support(arm.center)
+        bar = Line2D([], [], color=_STEEL, linewidth=9.0, solid_capstyle="round", zorder=3)
+        joint = self.scene.mechanism.joints[number]
+        moving = next(m for m in joint.markers if not isinstance(m, tuple))
+
+        def update(instant: int) -> None:
+            bar.set_data(*np.array([arm.center, self.scene.position(moving, instant)]).T)
+
+        self._add(bar, update)
+
+    def _add_support(self, at: Array) -> None:
+        """Draw the triangle that stands for the ground, hatched below."""
+        u = self.unit
+        triangle = at + u * np.array([[0.0, 0.0], [-1.1, -1.9], [1.1, -1.9]])
+        self._add(Polygon(triangle, facecolor=_PALE, edgecolor=DARK, linewidth=1.2, zorder=2))
+        self._add_hatching(at + u * np.array([-1.7, -1.9]), at + u * np.array([1.7, -1.9]))
+
+    def _add_hatching(self, a: Array, b: Array) -> None:
+        """Draw a line of the ground from a to b; the ground lies to the right of that way."""
+        u = self.unit
+        length = float(np.linalg.norm(b - a))
+        along = (b - a) / length
+        count = max(2, round(length / (0.55 * u)))
+        starts = a + (np.arange(count)[:, None] + 0.8) / count * (b - a)
+        down = np.array([along[1], -along[0]])
+        strokes = np.stack([starts, starts + 0.55 * u * (down - along)], axis=1)
+        self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=1.5))
+        self._add(Line2D(*np.array([a, b]).T, color=DARK, linewidth=1.2, zorder=2))
+
+    def _add_slider(self, joint: PointOnLine) -> None:
+        """Draw the block and, where the line stands still, the guide under it."""
+        u, scene = self.unit, self.scene
+        half = np.array([2.6, 1.25]) * u
+        corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        own = float(np.arctan2(joint.direction[1], joint.direction[0]))
+        block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=2.5)
+
+        def update(instant: int) -> None:
+            turn = scene.angle(joint.line, instant) + own
+            along = np.array([np.cos(turn), np.sin(turn)])
+            axes = np.array([along, [-along[1], along[0]]])
+            at = scene.position(joint.point, instant, self.magnification)
+            block.set_xy(at + corners @ axes)
+
+        if isinstance(joint.line, Ground):
+            turn = joint.line.angle + own
+            along = np.array([np.cos(turn), np.sin(turn)])
+            if along[0] < -1e-9:
+                along = -along  # keeps the ground below
+            origin = np.array(joint.line.position)
+            path = [scene.position(joint.point, i) for i in range(len(scene.steps))]
+            way = (np.array(path) - origin) @ along
+            below = origin + half[1] * np.array([along[1], -along[0]])
+            reach = 1.15 * half[0]
+            self._add_hatching(
+                below + (way.min() - reach) * along, below + (way.max() + reach) * along
+            )
+        self._add(block, update)
+
+    def _add_pins(self) -> None:
+        """Draw joints as pins (welds as squares) and point masses as discs."""
+        scene, mechanism = self.scene, self.scene.mechanism
+        joints = [j for j in mechanism.joints if not isinstance(j, PrescribedAngle)]
+        sliders = [j.point for j in joints if isinstance(j, PointOnLine)]
+        masses = [p.marker for p in mechanism.point_masses if p.marker not in sliders]
+
+        def markers(style: str, size: float, face: str) -> Line2D:
+            return Line2D(
+                [],
+                [],
+                linestyle="none",
+                marker=style,
+                markersize=size,
+                markerfacecolor=face,
+                markeredgecolor=DARK,
+                markeredgewidth=1.4,
+                zorder=6,
+            )
+
+        discs, pins, welds = (
+            markers("o", 15.0, _STEEL),
+            markers("o", 8.5, "white"),
+            markers("s", 8.5, GRAY),
+        )
+
+        def update_discs(instant: int) -> None:
+            places = [scene.position(m, instant, self.magnification) for m in masses]
+            discs.set_data(*np.reshape(places, (-1, 2)).T)
+
+        def update_pins(instant: int) -> None:
+            places = [arm.center for arm in scene.arms.values()]
+            places += [
+                scene.joint_position(joint, instant, self.magnification)
+                for joint in joints
+                if not isinstance(joint, Weld)
+            ]
+            pins.set_data(*np.reshape(places, (-1, 2)).T)
+
+        def update_welds(instant: int) -> None:
+            places = [
+                scene.joint_position(joint, instant, self.magnification)
+                for joint in joints
+                if isinstance(joint, Weld)
+            ]
+            welds.set_data(*np.reshape(places, (-1, 2)).T)
+
+        self._add(discs, update_discs)
+        self._add(pins, update_pins)
+        self._add(welds, update_welds)
+
+    def _add_labels(self) -> None:
+        """Write names beside bodies and joints, at the first instant."""
+        scene, u = self.scene, self.unit
+        box = {
+            "boxstyle": "round,pad=0.15",
+            "facecolor": "white",
+            "edgecolor": "none",
+            "alpha": 0.8,
+        }
+
+        def write(x: float, y: float, text: str, vertical: str = "center") -> None:
+            self.axes.text(x, y, text, ha="center", va=vertical, bbox=box, zorder=7)
+
+        for body in scene.bodies.values():
+            points = body.points(0, self.magnification)
+            x = 0.5 * (points[:, 0].min() + points[:, 0].max())
+            near = points[np.abs(points[:, 0] - x) < 1.5 * u]
+            write(x, (near if len(near) else points)[:, 1].max() + 0.8 * u, body.name, "bottom")
+        for i, joint in enumerate(scene.mechanism.joints):
+            at = scene.joint_position(joint, 0, self.magnification)
+            name = getattr(joint, "name", "")
+            if i in scene.arms:  # away from both crank and body
+                arm = scene.arms[i]
+                owner = next(m for m in joint.markers if isinstance(m, tuple))[0]
+                points = scene.bodies[owner].points(0, self.magnification)
+                away = (at - arm.center) / arm.radius + _unit(at - points.mean(axis=0))
+                if np.linalg.norm(away) < 0.1:
+                    away = np.array([0.0, 1.0])
+                x, y = at + 3.0 * u * _unit(away)
+                write(x, y, name or arm.name)
+            elif name:
+                write(at[0], at[1] - 2.2 * u, name, "top")
+
+
+def _unit(vector: Array) -> Array:
+    """Return a vector of length one."""
+    return vector / max(float(np.linalg.norm(vector)), 1e-300)

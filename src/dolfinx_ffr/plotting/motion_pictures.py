@@ -1,0 +1,341 @@
+# SPDX-License-Identifier: MIT
+"""The mechanism at one instant, and in motion."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize, PowerNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..sensitivity import Evaluation, Problem
+from .mechanism_view import MechanismView
+from .scene import DrawnBody, Scene
+from .style import (
+    BLUE,
+    DARK,
+    GRAY,
+    RED,
+    nice_number,
+    on_rank_zero,
+    prefixed,
+    save,
+    styled_figure,
+    tidy,
+    writable,
+)
+
+__all__ = ["animate_motion", "plot_scene"]
+
+Array = NDArray[np.float64]
+
+#: from cool steel to glowing: legible on white, its lightness falls and its warmth grows
+_GLOW = LinearSegmentedColormap.from_list(
+    "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
+)
+#: shown deflection relative to the body, at the instant of the largest one
+_SHOWN_DEFLECTION = 0.1
+
+
+def plot_scene(
+    problem: Problem,
+    evaluation: Evaluation,
+    path: str | Path,
+    *,
+    time: float | None = None,
+    color: str = "density",
+    deformation_scale: float | None = None,
+    title: str = "",
+) -> Path:
+    """Draw the mechanism at one instant.
+
+    One sees the flexible bodies with their design (cells of density below 0.3 are left out, the
+    outline remains), bodies given by integrals as bars, prescribed cranks with their circles,
+    supports, guides and sliders, joints as pins and welds as squares, names of bodies and joints.
+
+    Args:
+        problem: bodies and mechanism.
+        evaluation: result of `Problem.value` or `Problem.gradient` at the design.
+        path: file to write, .png, .pdf or .svg.
+        time: instant [s]; by default that of the largest strain energy.
+        color: what the colour of the cells tells: ``"density"`` or ``"energy"`` (strain energy
+            density relative to its largest value at this instant).
+        deformation_scale: factor by which the deformation is magnified; by default a round number
+            that makes it visible with ``"energy"``, and 1 with ``"density"``.
+        title: heading.
+
+    Returns:
+        The path. The function is collective; rank 0 writes.
+
+    Raises:
+        ValueError: on every rank, if the colour or the kind of file is not known, or the time lies
+            outside the simulation.
+    """
+    path = writable(path, (".png", ".pdf", ".svg"))
+    if color not in ("density", "energy"):
+        raise ValueError(f"plot_scene: color = {color!r} must be 'density' or 'energy'")
+    trajectory = evaluation.trajectory
+    energy = sum(trajectory.strain_energy(name) for name in problem.flexible)
+    if time is None:
+        step = int(np.argmax(energy))
+    elif trajectory.t[0] <= time <= trajectory.t[-1]:
+        step = int(np.argmin(np.abs(trajectory.t - time)))
+    else:
+        raise ValueError(
+            f"plot_scene: time = {time} s lies outside the simulation, which runs from "
+            f"{trajectory.t[0]:g} to {trajectory.t[-1]:g} s"
+        )
+    steps = np.array([step])
+    scene = Scene.gather(problem, evaluation, steps, energy=color == "energy")
+    if deformation_scale is None and color == "density":
+        deformation_scale = 1.0
+
+    def draw(file: Path) -> None:
+        scale = deformation_scale or _visible_scale(scene)
+        low, high = scene.box(scale)
+        width, tall = 9.0, _height_of_view(low, high, 8.8)
+        height = tall + 0.75
+        with styled_figure(width, height) as figure:
+            axes = figure.add_axes((0.1 / width, 0.1 / height, 8.8 / width, tall / height))
+            if color == "energy":
+                norm, top = _energy_norm(scene)
+                _add_color_bar(figure, norm, top)
+                view = MechanismView(axes, scene, scale, _energy, _GLOW, norm, labels=True)
+            else:
+                view = MechanismView(
+                    axes, scene, scale, _density, "gray_r", Normalize(-0.15, 1.15), labels=True
+                )
+            view.show(0)
+            _write(figure, _heading(title, scale), f"t = {scene.times[0]:.3f} s")
+            save(figure, file)
+
+    return on_rank_zero(_comm(problem), path, draw)
+
+
+def animate_motion(
+    problem: Problem,
+    evaluation: Evaluation,
+    path: str | Path,
+    *,
+    deformation_scale: float | None = None,
+    frames: int = 96,
+    frames_per_second: float = 16.0,
+    title: str = "",
+) -> Path:
+    """Show the mechanism in motion, with the deformed bodies coloured by strain energy density.
+
+    One sees what `plot_scene` shows, moving. The colour of a cell is its strain energy density
+    relative to the largest one of the whole motion, on a scale that spreads the small values.
+    Below, the strain energy of all flexible bodies runs along with time.
+
+    Args:
+        problem: bodies and mechanism.
+        evaluation: result of `Problem.value` or `Problem.gradient` at the design.
+        path: file to write, .gif, or .mp4 where ffmpeg is installed.
+        deformation_scale: factor by which the deformation is magnified about the undeformed body
+            laid through its joints; by default a round number that makes it visible.
+        frames: number of pictures, at equal intervals of time.
+        frames_per_second: of the film.
+        title: heading.
+
+    Returns:
+        The path. The function is collective; rank 0 writes.
+
+    Raises:
+        ValueError: on every rank, if a number or the kind of file is out of range, or ffmpeg is
+            not there for .mp4.
+    """
+    path = writable(path, (".gif", ".mp4"))
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        raise ValueError(
+            f"picture {str(path)!r}: .mp4 needs the program ffmpeg, which is not there; install it "
+            "(apt-get install ffmpeg) or end the name in .gif"
+        )
+    if int(frames) != frames or frames < 2:
+        raise ValueError(f"animate_motion: frames = {frames} must be a whole number of at least 2")
+    if not (np.isfinite(frames_per_second) and frames_per_second > 0.0):
+        raise ValueError(
+            f"animate_motion: frames_per_second = {frames_per_second} must be positive"
+        )
+    trajectory = evaluation.trajectory
+    steps = np.unique(np.round(np.linspace(0, trajectory.steps, int(frames))).astype(np.int64))
+    scene = Scene.gather(problem, evaluation, steps, energy=True)
+
+    def draw(file: Path) -> None:
+        pictures = _film(scene, list(problem.flexible), deformation_scale, title)
+        if file.suffix.lower() == ".gif":
+            _write_gif(pictures, file, frames_per_second)
+        else:
+            _write_mp4(pictures, file, frames_per_second)
+
+    return on_rank_zero(_comm(problem), path, draw)
+
+
+# ---------------------------------------------------------------------- frames
+
+
+def _film(
+    scene: Scene, flexible: list[str], scale: float | None, title: str
+) -> list[NDArray[np.uint8]]:
+    """Return the pictures, each of shape (height, width, 3)."""
+    scale = scale or _visible_scale(scene)
+    low, high = scene.box(scale)
+    width, tall, head, foot = 9.0, _height_of_view(low, high, 8.8), 0.75, 1.45
+    height = round(100 * (head + tall + foot)) // 2 * 2 / 100  # even, as films want it
+    with styled_figure(width, height, dpi=100.0) as figure:
+        axes = figure.add_axes((0.1 / width, foot / height, 8.8 / width, tall / height))
+        norm, top = _energy_norm(scene)
+        view = MechanismView(axes, scene, scale, _energy, _GLOW, norm)
+        stamp = _write(figure, _heading(title, scale), "")
+        _add_color_bar(figure, norm, top)
+        below = figure.add_axes((0.6 / width, 0.5 / height, 8.15 / width, 0.75 / height))
+        t = scene.trajectory.t
+        total = np.sum([scene.trajectory.strain_energy(name) for name in flexible], axis=0)
+        unit, factor = prefixed(float(np.max(total)), "J")
+        below.plot(t, total * factor, color=BLUE, linewidth=1.2)
+        below.set_xlim(t[0], t[-1])
+        below.set_ylim(0.0, max(1.12 * float(np.max(total)) * factor, 1e-300))
+        below.set_xlabel("time [s]", labelpad=1.0)
+        below.set_title(f"strain energy [{unit}]", loc="left", fontsize=9.5, pad=4.0)
+        below.locator_params(axis="y", nbins=3)
+        tidy(below)
+        (line,) = below.plot([], [], color=GRAY, linewidth=0.8)
+        (dot,) = below.plot([], [], "o", color=RED, markersize=6.0, clip_on=False)
+        moving = [*view.moving, stamp, line, dot]
+        for artist in moving:
+            artist.set_animated(True)
+        canvas: Any = figure.canvas
+        canvas.draw()
+        background = canvas.copy_from_bbox(figure.bbox)
+        order = sorted(view.moving, key=lambda artist: artist.get_zorder())
+        pictures = []
+        for i, step in enumerate(scene.steps):
+            canvas.restore_region(background)
+            view.show(i)
+            stamp.set_text(f"t = {t[step]:.2f} s")
+            line.set_data([t[step]] * 2, below.get_ylim())
+            dot.set_data([t[step]], [total[step] * factor])
+            for artist in order:
+                axes.draw_artist(artist)
+            for artist in (line, dot):
+                below.draw_artist(artist)
+            figure.draw_artist(stamp)
+            pictures.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    return pictures
+
+
+def _energy(body: DrawnBody, instant: int) -> Array:
+    return body.energy[instant]
+
+
+def _density(body: DrawnBody, instant: int) -> Array:
+    return body.density
+
+
+def _energy_norm(scene: Scene) -> tuple[Normalize, float]:
+    """Return the colour scale, and the largest strain energy density that is drawn [J/m^3]."""
+    tops = [np.max(body.energy, initial=0.0) for body in scene.bodies.values()]
+    top = float(max(tops, default=0.0))
+    return PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), top
+
+
+def _visible_scale(scene: Scene) -> float:
+    """Return a round magnification that makes the largest deflection visible."""
+    instants = range(len(scene.steps))
+    largest = max(
+        (body.deflection(i) for body in scene.bodies.values() for i in instants), default=0.0
+    )
+    if largest <= 1e-12 * scene.size():
+        return 1.0
+    return max(nice_number(_SHOWN_DEFLECTION * scene.size() / largest), 1.0)
+
+
+def _height_of_view(low: Array, high: Array, width: float) -> float:
+    """Return the height [inches] of axes of a width that fit all that is drawn."""
+    margin = 2.0 * 3.2 * 0.018 * float(np.max(high - low))
+    size = high - low + margin
+    return float(np.clip(width * size[1] / size[0], 1.0, 7.0))
+
+
+def _heading(title: str, scale: float) -> str:
+    magnified = f"deformation magnified {scale:g} times" if scale != 1.0 else "deformation to scale"
+    return f"{title}   ({magnified})" if title else magnified
+
+
+def _write(figure: Figure, heading: str, stamp: str) -> Any:
+    width, height = figure.get_size_inches()
+    figure.text(0.2 / width, 1.0 - 0.28 / height, heading, va="center", fontsize=11)
+    return figure.text(
+        0.2 / width, 1.0 - 0.56 / height, stamp, va="center", fontsize=11, family="monospace"
+    )
+
+
+def _add_color_bar(figure: Figure, norm: Normalize, top: float) -> None:
+    width, height = figure.get_size_inches()
+    bar = figure.add_axes((1.0 - 3.2 / width, 1.0 - 0.46 / height, 2.9 / width, 0.13 / height))
+    relative = PowerNorm(0.5, 0.0, 1.0)
+    figure.colorbar(
+        ScalarMappable(relative, _GLOW),
+        cax=bar,
+        orientation="horizontal",
+        ticks=[0.0, 0.05, 0.2, 0.5, 1.0],
+        format="{x:g}",
+    )
+    unit, factor = prefixed(top, "J/m³")
+    bar.set_title(
+        f"strain energy density / {top * factor:.3g} {unit}", fontsize=9, pad=4.0, color=DARK
+    )
+    bar.tick_params(labelsize=8, length=2.5, pad=2.0)
+
+
+# ---------------------------------------------------------------------- files
+
+
+def _write_gif(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> None:
+    """Write an animated GIF with one palette, so that what stands still does not flicker."""
+    chosen = Image.fromarray(np.vstack(pictures[:: max(1, len(pictures) // 8)]))
+    common = chosen.quantize(96, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    glow = np.round(255.0 * _GLOW(np.linspace(0.0, 1.0, 120))[:, :3]).astype(int)
+    grays = np.repeat(np.round(np.linspace(0, 255, 40)).astype(int), 3)
+    nearly_white = np.min(np.reshape(common, (-1, 3)), axis=1) > 240
+    common = np.where(nearly_white[:, None], 255, np.reshape(common, (-1, 3)))[:96]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*grays, *glow.ravel(), *common.ravel()])
+    images = [
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in pictures
+    ]
+    images[0].save(
+        path,
+        save_all=True,
+        append_images=images[1:],
+        duration=max(20, round(1000.0 / rate)),
+        loop=0,
+        optimize=False,
+    )
+
+
+def _write_mp4(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> None:
+    """Write a film by ffmpeg."""
+    height, width, _ = pictures[0].shape
+    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"]
+    command += ["-an", "-pix_fmt", "yuv420p", str(path)]
+    film = b"".join(picture.tobytes() for picture in pictures)
+    result = subprocess.run(command, input=film, capture_output=True, check=False)
+    if result.returncode:
+        message = result.stderr.decode(errors="replace").strip()
+        raise RuntimeError(f"ffmpeg could not write {path}: {message}")
+
+
+def _comm(problem: Problem) -> MPI.Comm:
+    return next(iter(problem.flexible.values())).domain.comm

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""What all pictures have in common: fonts, colours, figures without a screen, files by rank 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+__all__ = [
+    "ACCENTS",
+    "BLUE",
+    "DARK",
+    "GRAY",
+    "LIGHT",
+    "RED",
+    "nice_number",
+    "on_rank_zero",
+    "prefixed",
+    "save",
+    "styled_figure",
+    "tidy",
+    "writable",
+]
+
+DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
+BLUE, RED, GREEN, ORANGE = "#0b62a4", "#c8352b", "#2b8a4b", "#d9822b"
+#: told apart by readers with any colour vision, in this order (interfaces, bodies)
+ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
+
+_STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "axes.titlesize": 11.0,
+    "axes.labelsize": 10.0,
+    "axes.labelcolor": DARK,
+    "axes.edgecolor": GRAY,
+    "axes.linewidth": 0.8,
+    "axes.titlecolor": DARK,
+    "axes.grid": False,
+    "axes.facecolor": "white",
+    "figure.facecolor": "white",
+    "grid.color": "#e4e8ec",
+    "grid.linewidth": 0.8,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "lines.linewidth": 1.8,
+    "savefig.facecolor": "white",
+    "text.color": DARK,
+    "xtick.color": DARK,
+    "ytick.color": DARK,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "mathtext.fontset": "dejavusans",
+}
+
+
+@contextmanager
+def styled_figure(width: float, height: float, *, dpi: float = 150.0) -> Iterator[Figure]:
+    """Give a figure that needs no screen, in the style of the package; settings are put back.
+
+    Args:
+        width: in inches.
+        height: in inches.
+        dpi: pixels per inch.
+    """
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        figure = Figure(figsize=(width, height), dpi=dpi)
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def tidy(axes: Axes, *, grid: bool = True) -> None:
+    """Leave only the left and lower spine of a diagram, with a quiet grid behind the lines."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_axisbelow(True)
+    axes.grid(grid)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; its size in pixels is that of the figure."""
+    figure.savefig(path, dpi=figure.dpi)
+
+
+def writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
+    """Return the path of a picture, or refuse its kind.
+
+    Raises:
+        ValueError: if the suffix is not one of ``suffixes``.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(
+            f"picture {str(path)!r}: the kind {path.suffix!r} is not known here; end the name in "
+            f"{' or '.join(suffixes)}"
+        )
+    return path
+
+
+def on_rank_zero(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
+    """Draw and write a picture on rank 0, while the others wait; an error is raised on all.
+
+    Args:
+        comm: the ranks that make the picture together.
+        path: where to; missing directories are made.
+        draw: writes the file, called on rank 0.
+
+    Returns:
+        The path, on every rank.
+    """
+    failure: tuple[type[Exception], str] | None = None
+    if comm.rank == 0:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw(path)
+        except Exception as error:
+            comm.bcast((type(error), str(error)))
+            raise
+        comm.bcast(None)
+    else:
+        failure = comm.bcast(None)
+    if failure is not None:
+        kind, text = failure
+        known = kind if issubclass(kind, OSError | ValueError | TypeError) else RuntimeError
+        raise known(f"on rank 0: {text}")
+    return path
+
+
+def nice_number(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
+    if not (np.isfinite(value) and value > 0.0):
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(m for m in (1.0, 2.0, 5.0) if m <= value / power * (1.0 + 1e-9)) * power)
+
+
+def prefixed(value: float, unit: str) -> tuple[str, float]:
+    """Return the unit with a prefix that suits a value, and the factor to it."""
+    for prefix, size in (("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6)):
+        if value >= size:
+            return prefix + unit, 1.0 / size
+    return unit, 1.0
