@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: MIT
+"""A level set of radial basis functions, and the density that it gives each element.
+
+The body's material is where phi(X) = sum_j alpha_j g(|X - X_j|) is positive. The knots X_j form a
+regular grid of their own, whatever the mesh. The density of an element is its fill fraction, the
+mean of a smoothed Heaviside function over the element's area,
+
+    x_e = sum_q w_q H(phi(X_q) / width),     H(s) = 1/2 + 15/16 (s - 2/3 s^3 + 1/5 s^5), |s| < 1,
+
+so that the derivative with respect to the coefficients is exact. Cells that are not designed are
+solid. Coefficients are replicated: every rank holds all of them, bit-identical.
+
+References:
+    S. Wang and M. Y. Wang, International Journal for Numerical Methods in Engineering 65 (2006),
+    doi:10.1002/nme.1536.
+    P. Wei, Z. Li, X. Li and M. Y. Wang, Structural and Multidisciplinary Optimization 58 (2018),
+    doi:10.1007/s00158-018-1904-8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import contourpy
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from .domain import Domain
+from .rbf import Kernel, RadialBasis, Wendland
+
+__all__ = ["LevelSet"]
+
+Array = NDArray[np.float64]
+
+
+class LevelSet:
+    """phi on a grid of knots over a body, and the fill fraction of the body's elements.
+
+    Args:
+        domain: the body.
+        spacing: distance of the knots [m]; by default the size of a mean element.
+        kernel: radial basis function; by default Wendland's with a radius of three spacings.
+        width: half-width of the smoothed Heaviside function in units of phi, which re-initialised
+            is a distance [m]; by default the size of a mean element.
+        quadrature: points in each direction of an element.
+
+    Raises:
+        ValueError: on every rank, if a length is not positive, the spacing leaves fewer than three
+            knots across the body, or the kernel does not reach from knot to knot.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        spacing: float | None = None,
+        kernel: Kernel | None = None,
+        width: float | None = None,
+        quadrature: int = 3,
+    ) -> None:
+        self.domain = domain
+        element = float(np.sqrt(domain.area / domain.n_cells_global))
+        for name, value in (("spacing", spacing), ("width", width)):
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"level set: {name} = {value} must be a positive length [m]")
+        low, high = domain.bounding_box
+        wanted = element if spacing is None else spacing
+        counts = np.rint((high - low) / wanted).astype(int) + 1
+        if counts.min() < 3:
+            raise ValueError(
+                f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
+                f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
+            )
+        #: coordinates of the knots' columns and rows [m]
+        self.grid = (np.linspace(low[0], high[0], counts[0]), np.linspace(low[1], high[1], counts[1]))
+        #: distance of neighbouring knots [m]
+        self.spacing = float(max(g[1] - g[0] for g in self.grid))
+        #: half-width of the smoothed Heaviside function [m]
+        self.width = element if width is None else float(width)
+        x, y = np.meshgrid(*self.grid, indexing="ij")
+        knots = np.column_stack([x.ravel(), y.ravel()])
+        self.basis = RadialBasis(knots, kernel or Wendland(3.0 * self.spacing))
+        points, self._weights = domain.quadrature_points(quadrature)
+        self._matrix = self.basis.matrix(points.reshape(-1, 2))
+        self._knot_matrix = self.basis.matrix(knots)
+
+    @property
+    def knots(self) -> Array:
+        """Positions of the knots, shape (knots, 2) [m]."""
+        return self.basis.knots
+
+    # ------------------------------------------------------------------ density
+
+    def fill_fraction(self, coefficients: ArrayLike) -> Array:
+        """Return the density of each cell owned by this rank, shape (cells,), in [0, 1].
+
+        Args:
+            coefficients: alpha, shape (knots,).
+
+        Raises:
+            ValueError: if there is not one finite coefficient a knot.
+        """
+        phi = self._at_points(coefficients)
+        x = np.einsum("cq,cq->c", self._weights, _heaviside(phi / self.width))
+        # the mean of values in [0, 1] may leave it by round-off
+        return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), 1.0)
+
+    def pullback(self, coefficients: ArrayLike, x_bar: Array) -> Array:
+        """Return the transpose of the derivative of `fill_fraction`.
+
+        Args:
+            coefficients: alpha, shape (knots,).
+            x_bar: derivative with respect to the density of this rank's cells, shape (cells,).
+
+        Returns:
+            Derivative with respect to the coefficients, shape (knots,), summed over the ranks and
+            bit-identical on each.
+        """
+        phi = self._at_points(coefficients)
+        slope = _heaviside_slope(phi / self.width) / self.width
+        bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights * slope
+        local = np.ascontiguousarray(self._matrix.T @ bar.ravel())
+        return self._sum(local)
+
+    def volume(self, coefficients: ArrayLike) -> float:
+        """Return the filled share of the body's area at ``coefficients``, the same on every rank."""
+        filled = self.fill_fraction(coefficients) * self.domain.cell_volumes
+        return self.domain.sum(filled) / self.domain.area
+
+    def _at_points(self, coefficients: ArrayLike) -> Array:
+        alpha = np.asarray(coefficients, dtype=np.float64)
+        if alpha.shape != (len(self.knots),) or not np.all(np.isfinite(alpha)):
+            raise ValueError(
+                f"level set: expected {len(self.knots)} finite coefficients, one a knot, and got "
+                f"an array of shape {alpha.shape}"
+                + ("" if np.all(np.isfinite(alpha)) else " with NaN or infinity")
+            )
+        return np.asarray(self._matrix @ alpha).reshape(self._weights.shape)
+
+    def _sum(self, local: Array) -> Array:
+        comm: MPI.Comm = self.domain.comm
+        total = np.empty_like(local)
+        comm.Reduce(local, total, root=0)
+        comm.Bcast(total, root=0)
+        return total
+
+    # ------------------------------------------------------------------ phi on the knots
+
+    def interpolate(self, phi: ArrayLike | Callable[[Array], Array]) -> Array:
+        """Return the coefficients of a function given at the knots.
+
+        Args:
+            phi: values at the knots, shape (knots,) [m], or a function of positions (n, 2) [m].
+        """
+        return self.basis.interpolate(phi(self.knots) if callable(phi) else phi)
+
+    def at_knots(self, coefficients: ArrayLike) -> Array:
+        """Return phi at the knots for ``coefficients`` (knots,), shape (knots,) [m]."""
+        return np.asarray(self._knot_matrix @ np.asarray(coefficients, dtype=np.float64))
+
+    def with_holes(
+        self, columns: int, rows: int, radius: float, *, margin: float | None = None
+    ) -> Array:
+        """Return a start design: solid with staggered round holes, mirror-symmetric about the axis.
+
+        Args:
+            columns: holes along the longer side of the body's bounding box.
+            rows: holes across.
+            radius: of the holes [m]; zero leaves the body solid.
+            margin: distance of the outermost rows' centers from the longer sides [m]; by default
+                half the distance between rows.
+
+        Returns:
+            Coefficients of the signed distance, shape (knots,).
+        """
+        if columns < 1 or rows < 1 or not radius >= 0.0:
+            raise ValueError(
+                f"level set: {columns} x {rows} holes of radius {radius} m; take at least one, and "
+                "a radius of at least zero"
+            )
+        low, high = self.domain.bounding_box
+        long = int(np.argmax(high - low))
+        length, height = (high - low)[long], (high - low)[1 - long]
+        edge = height / (2 * rows) if margin is None else margin
+        across = np.linspace(edge, height - edge, rows) if rows > 1 else np.array([height / 2])
+        pitch = length / columns
+        centers = []
+        for row, offset in enumerate(across):
+            # staggered, and alike on both sides of the middle row
+            shift = 0.5 * (min(row, rows - 1 - row) % 2)
+            for column in range(-1, columns + 1):
+                center = np.empty(2)
+                center[long] = low[long] + (column + 0.5 + shift) * pitch
+                center[1 - long] = low[1 - long] + offset
+                centers.append(center)
+        distance = cKDTree(np.array(centers)).query(self.knots)[0] - radius
+        return self.interpolate(np.minimum(distance, radius + pitch))
+
+    def signed_distance(self, phi: ArrayLike) -> Array:
+        """Return the signed distance from the zero line of phi, at the knots.
+
+        The zero line is the polygon that a contour of the knots' bilinear grid follows.
+
+        Args:
+            phi: values at the knots, shape (knots,).
+
+        Returns:
+            Values at the knots, shape (knots,) [m]; ``phi`` itself where it has no zero line.
+        """
+        values = np.asarray(phi, dtype=np.float64)
+        shape = tuple(len(g) for g in self.grid)
+        generator = contourpy.contour_generator(*self.grid, values.reshape(shape).T)
+        lines = [line for line in generator.lines(0.0) if len(line) > 1]
+        if not lines:
+            return values.copy()
+        start = np.vstack([line[:-1] for line in lines])
+        end = np.vstack([line[1:] for line in lines])
+        return np.where(values >= 0.0, 1.0, -1.0) * _distance(self.knots, start, end)
+
+
+def _heaviside(s: Array) -> Array:
+    s = np.clip(s, -1.0, 1.0)
+    return 0.5 + 15.0 / 16.0 * (s - 2.0 / 3.0 * s**3 + 0.2 * s**5)
+
+
+def _heaviside_slope(s: Array) -> Array:
+    return np.where(np.abs(s) < 1.0, 15.0 / 16.0 * (1.0 - s**2) ** 2, 0.0)
+
+
+def _distance(points: Array, start: Array, end: Array) -> Array:
+    """Return the distance of each point from the nearest of some line segments."""
+    middle, span = 0.5 * (start + end), end - start
+    # a segment's middle may be farther than its nearest point by half its length
+    half = 0.5 * np.linalg.norm(span, axis=1).max()
+    tree = cKDTree(middle)
+    nearest = tree.query(points)[0]
+    candidates = tree.query_ball_point(points, nearest + 2.0 * half)
+    counts = [len(c) for c in candidates]
+    segment = np.concatenate(candidates).astype(np.int64)
+    point = np.repeat(np.arange(len(points)), counts)
+    offset = points[point] - start[segment]
+    length2 = np.maximum(np.einsum("ij,ij->i", span, span)[segment], np.finfo(float).tiny)
+    t = np.clip(np.einsum("ij,ij->i", offset, span[segment]) / length2, 0.0, 1.0)
+    distance = np.linalg.norm(offset - t[:, None] * span[segment], axis=1)
+    return np.minimum.reduceat(distance, np.concatenate([[0], np.cumsum(counts)[:-1]]))

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: MIT
+"""Radial basis functions on scattered knots.
+
+A field is s(X) = sum_j alpha_j g(|X - X_j|) with knots X_j that know nothing of a mesh. Compactly
+supported kernels give sparse matrices and suit many knots; global kernels give dense ones.
+
+References:
+    H. Wendland, Scattered Data Approximation, Cambridge University Press,
+    doi:10.1017/CBO9780511617539.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+__all__ = ["Kernel", "Multiquadric", "RadialBasis", "Wendland"]
+
+Array = NDArray[np.float64]
+
+
+class Kernel(Protocol):
+    """A function g(r) of the distance from a knot."""
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]; infinite for a global kernel."""
+        ...
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        ...
+
+
+def _check_length(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} = {value} must be a positive, finite length [m]")
+
+
+@dataclass(frozen=True)
+class Wendland:
+    """Wendland's compactly supported C2 function (1 - s)^4 (4 s + 1), s = r / radius.
+
+    Positive definite in the plane and in space.
+
+    Args:
+        radius: support [m]; two to four knot spacings are usual.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check the radius."""
+        _check_length("Wendland kernel: radius", self.radius)
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]."""
+        return self.radius
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        s = np.minimum(np.asarray(r) / self.radius, 1.0)
+        return (1.0 - s) ** 4 * (4.0 * s + 1.0)
+
+
+@dataclass(frozen=True)
+class Multiquadric:
+    """Hardy's global multiquadric sqrt(1 + (r / length)^2).
+
+    Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings.
+
+    Args:
+        length: shape parameter [m]; about one knot spacing.
+    """
+
+    length: float
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        _check_length("multiquadric kernel: length", self.length)
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]: infinite."""
+        return math.inf
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        return np.sqrt(1.0 + (np.asarray(r) / self.length) ** 2)
+
+
+class RadialBasis:
+    """A kernel on knots, with the factored interpolation matrix.
+
+    Args:
+        knots: shape (knots, d) [m], all different.
+        kernel: function of the distance.
+
+    Raises:
+        ValueError: if there are no knots, two coincide, a coordinate is not finite, the kernel's
+            support does not reach the next knot, or the interpolation is ill-conditioned.
+    """
+
+    def __init__(self, knots: ArrayLike, kernel: Kernel) -> None:
+        self.knots = np.ascontiguousarray(knots, dtype=np.float64)
+        self.kernel = kernel
+        if self.knots.ndim != 2 or len(self.knots) == 0:
+            raise ValueError(f"radial basis: no knots (array of shape {self.knots.shape})")
+        if not np.all(np.isfinite(self.knots)):
+            raise ValueError("radial basis: a knot has a coordinate that is NaN or infinite")
+        self._tree = cKDTree(self.knots)
+        if len(self.knots) > 1:
+            nearest = self._tree.query(self.knots, k=2)[0][:, 1]
+            if nearest.min() == 0.0:
+                raise ValueError("radial basis: two knots coincide; remove one of them")
+            if kernel.support <= nearest.max():
+                raise ValueError(
+                    f"radial basis: the kernel's support {kernel.support:.4g} m does not reach "
+                    f"from knot to knot ({nearest.max():.4g} m); take a larger radius or more knots"
+                )
+        matrix = self.matrix(self.knots)
+        if scipy.sparse.issparse(matrix):
+            self._sparse_factor = scipy.sparse.linalg.splu(matrix.tocsc())
+            self._dense_factor = None
+        else:
+            self._sparse_factor = None
+            self._dense_factor = scipy.linalg.lu_factor(matrix)
+        probe = np.cos(np.arange(len(self.knots)))
+        defect = np.max(np.abs(matrix @ self.interpolate(probe) - probe))
+        if not defect < 1e-8:
+            raise ValueError(
+                f"radial basis: interpolation on {len(self.knots)} knots is ill-conditioned "
+                f"(values reproduced to {defect:.1e} only); shorten the kernel's length"
+            )
+
+    def matrix(self, points: ArrayLike) -> Array | scipy.sparse.csr_matrix:
+        """Return g(|X_i - X_j|) for points X_i and knots X_j, shape (points, knots).
+
+        Args:
+            points: shape (points, d) [m].
+
+        Returns:
+            Sparse for compactly supported kernels, dense for global ones.
+        """
+        x = np.asarray(points, dtype=np.float64).reshape(-1, self.knots.shape[1])
+        if math.isinf(self.kernel.support):
+            return self.kernel(cdist(x, self.knots))
+        near = self._tree.query_ball_point(x, self.kernel.support)
+        counts = np.array([len(k) for k in near], dtype=np.int64)
+        columns = np.concatenate([np.sort(k) for k in near]).astype(np.int64) if len(x) else counts
+        rows = np.repeat(np.arange(len(x)), counts)
+        values = self.kernel(np.linalg.norm(x[rows] - self.knots[columns], axis=1))
+        return scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(x), len(self.knots)))
+
+    def interpolate(self, values: ArrayLike) -> Array:
+        """Return the coefficients alpha for which the field takes ``values`` (knots,) at the knots.
+
+        Raises:
+            ValueError: if there is not one finite value a knot.
+        """
+        v = np.asarray(values, dtype=np.float64)
+        if v.shape != (len(self.knots),) or not np.all(np.isfinite(v)):
+            raise ValueError(
+                f"radial basis: expected {len(self.knots)} finite values, one a knot, and got "
+                f"an array of shape {v.shape}"
+                + ("" if np.all(np.isfinite(v)) else " with NaN or infinity")
+            )
+        if self._sparse_factor is not None:
+            return self._sparse_factor.solve(v)
+        return scipy.linalg.lu_solve(self._dense_factor, v)
+
+    def interpolate_transposed(self, coefficients_bar: ArrayLike) -> Array:
+        """Return the transpose of `interpolate` on ``coefficients_bar``, shape (knots,)."""
+        v = np.asarray(coefficients_bar, dtype=np.float64)
+        if self._sparse_factor is not None:
+            return self._sparse_factor.solve(v, trans="T")
+        return scipy.linalg.lu_solve(self._dense_factor, v, trans=1)
