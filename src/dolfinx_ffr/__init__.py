@@ -24,7 +24,10 @@ _ROOMS = {
         "simulate",
     ],
     "elasticity": ["Elasticity"],
+    "evolution": ["Evolution", "VelocityExtension", "VolumeBisection"],
     "flexible_body": ["FlexibleBody", "ReducedBody"],
+    "io": ["CheckpointError", "read_history", "write_density", "write_summary"],
+    "levelset": ["LevelSet"],
     "material": [
         "RAMP",
         "SIMP",
@@ -48,6 +51,8 @@ _ROOMS = {
     ],
     "motion": ["Motion"],
     "objective": ["IntegralCompliance"],
+    "optimization": ["Result", "gray_fraction", "optimize"],
+    "rbf": ["Multiquadric", "RadialBasis", "Wendland"],
     "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
     "sensitivity": ["Evaluation", "Problem"],
 }

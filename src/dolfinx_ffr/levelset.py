@@ -21,9 +21,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mpi4py import MPI
+
 import contourpy
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
@@ -74,7 +75,10 @@ class LevelSet:
                 f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
             )
         #: coordinates of the knots' columns and rows [m]
-        self.grid = (np.linspace(low[0], high[0], counts[0]), np.linspace(low[1], high[1], counts[1]))
+        self.grid = (
+            np.linspace(low[0], high[0], counts[0]),
+            np.linspace(low[1], high[1], counts[1]),
+        )
         #: distance of neighbouring knots [m]
         self.spacing = float(max(g[1] - g[0] for g in self.grid))
         #: half-width of the smoothed Heaviside function [m]

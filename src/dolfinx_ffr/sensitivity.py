@@ -12,7 +12,7 @@ densities.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -34,9 +34,9 @@ class Evaluation:
     """A value of the objective, its gradient, and what was learnt on the way."""
 
     psi: float  #: value of the objective (integral compliance: [J s]), the same on every rank
-    #: dpsi/dx for each cell owned by this rank, shape (cells,); by body where the densities were
-    #: given by body; None where only the value was asked for
-    gradient: NDArray[np.float64] | dict[str, NDArray[np.float64]] | None
+    #: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where only the value
+    #: was asked for
+    gradient: dict[str, NDArray[np.float64]] | None
     trajectory: Trajectory = field(repr=False)  #: the motion, replicated on every rank
     bodies: dict[str, ReducedBody] = field(repr=False)  #: shape functions and integrals
     volume: dict[str, float]  #: share of each body's area that is filled, in [0, 1]
@@ -93,48 +93,19 @@ class Problem:
             ValueError: on every rank, if a density has the wrong size, is NaN or leaves [0, 1].
             SimulationError: on every rank, if the motion cannot be computed.
         """
-        return self._evaluate(x, with_gradient=False)
-
-    def gradient(self, x: Densities) -> Evaluation:
-        """Return the objective and its exact gradient at densities.
-
-        Args:
-            x: as for `value`.
-
-        Errors are those of `value`.
-        """
-        return self._evaluate(x, with_gradient=True)
-
-    def _evaluate(self, x: Densities, *, with_gradient: bool) -> Evaluation:
         densities = self._by_name(x)
         reduced = {name: body.reduce(densities[name]) for name, body in self.flexible.items()}
         seconds: dict[str, float] = {}
         for part in reduced.values():
             _add(seconds, part.seconds)
-        integrals: dict[str, VolumeIntegrals] = {}
-        for name, body in self.bodies.items():
-            integrals[name] = body if isinstance(body, VolumeIntegrals) else reduced[name].integrals
+        integrals = self._integrals(reduced)
         start = perf_counter()
         trajectory = simulate(self.mechanism, integrals, self.integrator)
         psi = self.objective.value(trajectory, integrals)
         seconds["simulation"] = perf_counter() - start
-        iterations: dict[str, int] = {}
-        gradient: NDArray[np.float64] | dict[str, NDArray[np.float64]] | None = None
-        if with_gradient:
-            start = perf_counter()
-            trajectory_bar, direct = self.objective.pullback(trajectory, integrals)
-            bars = adjoint(trajectory, trajectory_bar)
-            seconds["adjoint"] = perf_counter() - start
-            gradients = {}
-            for name, body in self.flexible.items():
-                bar = bars[name] + direct[name] if name in direct else bars[name]
-                gradients[name], learnt = body.pullback(reduced[name], bar)
-                iterations[name] = int(learnt.pop("iterations"))
-                _add(seconds, learnt)
-            gradient = gradients if isinstance(x, Mapping) else next(iter(gradients.values()))
         return Evaluation(
             psi=float(psi),
-            gradient=gradient,
+            gradient=None,
             trajectory=trajectory,
             bodies=reduced,
             volume={
@@ -143,9 +114,56 @@ class Problem:
             },
             frequencies={name: part.basis.frequencies for name, part in reduced.items()},
             outer_gap={name: part.basis.outer_gap for name, part in reduced.items()},
-            solver_iterations=iterations,
+            solver_iterations={},
             seconds=seconds,
         )
+
+    def gradient(self, x: Densities) -> Evaluation:
+        """Return the objective and its exact gradient at densities.
+
+        Args:
+            x: as for `value`.
+
+        Raises:
+            ValueError: as `value` does.
+            SimulationError: as `value` does.
+            RuntimeError: on every rank, if an adjoint system cannot be solved.
+        """
+        return self.differentiate(self.value(x))
+
+    def differentiate(self, evaluation: Evaluation) -> Evaluation:
+        """Return an evaluation with the exact gradient added.
+
+        So a design whose value is rejected need not be differentiated.
+
+        Args:
+            evaluation: what `value` returned last; the factors of an earlier one are gone.
+
+        Raises:
+            RuntimeError: on every rank, if another density has been evaluated since, or an adjoint
+                system cannot be solved.
+        """
+        integrals = self._integrals(evaluation.bodies)
+        seconds = dict(evaluation.seconds)
+        start = perf_counter()
+        trajectory_bar, direct = self.objective.pullback(evaluation.trajectory, integrals)
+        bars = adjoint(evaluation.trajectory, trajectory_bar)
+        seconds["adjoint"] = perf_counter() - start
+        iterations: dict[str, int] = {}
+        gradient: dict[str, NDArray[np.float64]] = {}
+        for name, body in self.flexible.items():
+            bar = bars[name] + direct[name] if name in direct else bars[name]
+            gradient[name], learnt = body.pullback(evaluation.bodies[name], bar)
+            iterations[name] = int(learnt.pop("iterations"))
+            _add(seconds, learnt)
+        return replace(evaluation, gradient=gradient, solver_iterations=iterations, seconds=seconds)
+
+    def _integrals(self, reduced: Mapping[str, ReducedBody]) -> dict[str, VolumeIntegrals]:
+        """Return what the mechanism sees of all bodies, in the order in which they were given."""
+        return {
+            name: body if isinstance(body, VolumeIntegrals) else reduced[name].integrals
+            for name, body in self.bodies.items()
+        }
 
     def _by_name(self, x: Densities) -> dict[str, NDArray[np.float64]]:
         if isinstance(x, Mapping):

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: MIT
+"""Explicit evolution of a level set under a velocity, with an upper bound on the volume.
+
+One step moves phi at the knots by at most a CFL number times the knots' spacing h,
+
+    phi <- phi + c h clip(v - Lambda m, -1, 1),        Lambda >= 0,
+
+where v is the smoothed, scaled negative gradient of psi and m that of the volume. The multiplier
+Lambda is the smallest for which the volume bound holds: zero where the bound is not active, because
+less material may well be better when inertia is the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .levelset import LevelSet
+from .rbf import RadialBasis, Wendland
+
+__all__ = ["Evolution", "VelocityExtension", "VolumeBisection"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VolumeBisection:
+    """Smallest multiplier for which a volume stays below its bound.
+
+    Args:
+        bound: upper bound of the volume (any unit; here a share of the body's area).
+        tolerance: how far below the bound the volume may end, in units of the bound.
+
+    Raises:
+        ValueError: if the bound is not positive.
+    """
+
+    bound: float
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        """Check the bound."""
+        if not (np.isfinite(self.bound) and self.bound > 0.0):
+            raise ValueError(f"volume bound {self.bound} must be positive")
+
+    def multiplier(self, volume: Callable[[float], float]) -> float:
+        """Return the smallest Lambda >= 0 with volume(Lambda) <= bound.
+
+        Args:
+            volume: falling function of the multiplier.
+
+        Raises:
+            ValueError: if no multiplier brings the volume below its bound.
+        """
+        if volume(0.0) <= self.bound:
+            return 0.0
+        low, high = 0.0, 1.0
+        while volume(high) > self.bound:
+            low, high = high, 2.0 * high
+            if high > 1e12:
+                raise ValueError(
+                    f"the volume stays at {volume(high):.6g}, above its bound {self.bound:.6g}, "
+                    "whatever the multiplier: raise the bound or shrink the solid regions"
+                )
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            found = volume(middle)
+            if found > self.bound:
+                low = middle
+            else:
+                high = middle
+                if found >= self.bound * (1.0 - self.tolerance):
+                    break
+            if high - low <= 1e-14 * high:
+                break
+        return high
+
+
+class VelocityExtension:
+    """Carries derivatives from the neighbourhood of the zero line to the knots around.
+
+    A derivative with respect to phi at the knots is smoothed with a positive definite kernel, so
+    that the negative result is a descent direction for any basis of the level set.
+
+    Args:
+        levelset: gives the knots.
+        radius: of the smoothing kernel [m]; by default three spacings.
+    """
+
+    def __init__(self, levelset: LevelSet, radius: float | None = None) -> None:
+        self.levelset = levelset
+        kernel = Wendland(3.0 * levelset.spacing if radius is None else radius)
+        if levelset.basis.kernel == kernel:
+            self._matrix = None  # smoothing undoes the interpolation exactly
+        else:
+            self._matrix = RadialBasis(levelset.knots, kernel).matrix(levelset.knots)
+
+    def __call__(self, coefficients_bar: Array) -> Array:
+        """Return the extended derivative at the knots, given ``coefficients_bar`` (knots,)."""
+        if self._matrix is None:
+            return coefficients_bar
+        return np.asarray(
+            self._matrix @ self.levelset.basis.interpolate_transposed(coefficients_bar)
+        )
+
+
+class Evolution:
+    """Explicit steps of a level set.
+
+    Args:
+        levelset: what moves.
+        volume: upper bound of the filled share of the body's area, in (0, 1].
+        band: phi is kept within this many spacings of its zero line, so that a hole or a strut of
+            that size can vanish within that many steps.
+        extension: velocity extension; by default with its default radius.
+
+    Raises:
+        ValueError: on every rank, if the bound is out of range or below the share of the regions
+            that stay solid.
+    """
+
+    def __init__(
+        self,
+        levelset: LevelSet,
+        volume: float,
+        *,
+        band: float = 3.0,
+        extension: VelocityExtension | None = None,
+    ) -> None:
+        domain = levelset.domain
+        solid = domain.sum(domain.cell_volumes * ~domain.design_cells) / domain.area
+        if not 0.0 < volume <= 1.0:
+            raise ValueError(f"evolution: volume = {volume} must be a share in (0, 1]")
+        if volume <= solid:
+            raise ValueError(
+                f"evolution: volume = {volume:.4g} leaves nothing to design: the solid regions "
+                f"alone fill {solid:.4g} of the body"
+            )
+        self.levelset = levelset
+        self.band = band * levelset.spacing
+        self.bisection = VolumeBisection(volume)
+        self.extension = extension or VelocityExtension(levelset)
+        self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
+
+    def start(self, coefficients: Array) -> Array:
+        """Return phi at the knots of a start design, shrunk evenly until the volume bound holds.
+
+        Args:
+            coefficients: of the start design, shape (knots,).
+        """
+        return self.reinitialize(self.levelset.at_knots(coefficients))
+
+    def reinitialize(self, phi: Array) -> Array:
+        """Return the signed distance from the zero line of ``phi`` (knots,), within the bounds.
+
+        It ends at the band, and is shrunk evenly until the volume bound holds.
+        """
+        return self.bounded(np.clip(self.levelset.signed_distance(phi), -self.band, self.band))
+
+    def bounded(self, phi: Array) -> Array:
+        """Return ``phi`` (knots,), shrunk evenly until the volume bound holds."""
+        return self._bounded(lambda shift: phi - shift * self.levelset.spacing)[0]
+
+    def step(self, phi: Array, gradient: Array, size: float) -> tuple[Array, float]:
+        """Return phi after one explicit step, and the multiplier of the volume bound.
+
+        Args:
+            phi: at the knots, shape (knots,) [m].
+            gradient: dpsi/dx of the cells owned by this rank, shape (cells,).
+            size: CFL number c: largest change of phi in spacings.
+
+        Returns:
+            New values at the knots, shape (knots,), and Lambda >= 0 in units of the scaled
+            velocity.
+        """
+        coefficients = self.levelset.interpolate(phi)
+        psi_bar = self.extension(self.levelset.pullback(coefficients, gradient))
+        volume_bar = self.extension(self.levelset.pullback(coefficients, self._cell_share))
+        near = np.abs(volume_bar) > 1e-3 * np.max(np.abs(volume_bar), initial=0.0)
+        if not np.any(near):
+            return phi.copy(), 0.0
+        velocity = -psi_bar / _typical(psi_bar[near])
+        removal = volume_bar / _typical(volume_bar[near])
+        move = size * self.levelset.spacing
+
+        def moved(multiplier: float) -> Array:
+            return phi + move * np.clip(velocity - multiplier * removal, -1.0, 1.0)
+
+        return self._bounded(moved)
+
+    def _bounded(self, family: Callable[[float], Array]) -> tuple[Array, float]:
+        """Return the first member of a family of shrinking designs that keeps the volume bound."""
+
+        def volume(multiplier: float) -> float:
+            return self.levelset.volume(self.levelset.interpolate(family(multiplier)))
+
+        multiplier = self.bisection.multiplier(volume)
+        return family(multiplier), multiplier
+
+
+def _typical(values: Array) -> float:
+    """Return a size that most values stay below, and outliers do not set."""
+    return float(np.percentile(np.abs(values), 80)) or 1.0
