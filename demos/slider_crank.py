@@ -1,19 +1,249 @@
+# SPDX-License-Identifier: MIT
+# %% [markdown]
+"""# The flexible rod of a slider-crank, designed under its own motion.
+
+What you will see: a connecting rod of 200 x 20 elements that finds its shape in about a minute,
+with the exact gradient with respect to every element in every iteration, and the finished rod in
+motion.
+
+A crank of 0.1 m turns five times in two seconds, from rest to rest. It drives a steel rod of
+0.4 m x 0.04 m x 0.01 m, whose other end carries a slider of 0.5 kg along a straight line. The load
+on the rod is inertia, its own and the slider's, so that it changes with the rod's shape.
+
+**Problem.** Find the level set alpha that minimises the rod's integral compliance
+
+    psi = int_0^T q^T K_e q dt      such that      volume(x(alpha)) <= 0.5,
+
+where x is the density of the elements and q are the elastic coordinates of the rod in its floating
+frame of reference: M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0.
+
+**Discretisation.** Bilinear quadrilaterals in plane stress, SIMP with exponent 3; chord frame with
+three constraint modes and eight normal modes; 2000 steps of generalised-alpha. The gradient is that
+of the discrete problem.
+
+Run it with `make demo`, or
+
+    python demos/slider_crank.py [--elements NX NY] [--iterations N] [--mesh FILE] [--order P]
+                                 [--output DIR]
+
+also under `mpirun -n 2`.
+"""
+
+# %% Imports
 from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from time import perf_counter
+
+import dolfinx
 import numpy as np
 from mpi4py import MPI
-import dolfinx_ffr as ffr
+from numpy.typing import NDArray
 
-def reference_problem(comm, elements=(200, 20), order=1, domain=None, steps=2000, cell="quadrilateral"):
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+
+# %% Parameters
+LENGTH, HEIGHT, THICKNESS = 0.4, 0.04, 0.01  # of the rod [m]
+STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=THICKNESS)
+CRANK = 0.1  # radius [m]
+SLIDER = 0.5  # mass [kg]
+TURNS, DURATION = 5, 2.0  # [-], [s]
+MODES, STEPS = 8, 2000
+VOLUME = 0.5  # upper bound, share of the rod
+
+
+# %% The scene
+def reference_problem(
+    comm: MPI.Comm,
+    elements: tuple[int, int] = (200, 20),
+    *,
+    cell: str = "quadrilateral",
+    order: int = 1,
+    domain: ffr.Domain | None = None,
+    modes: int = MODES,
+    steps: int = STEPS,
+) -> ffr.Problem:
+    """Return the slider-crank with a rod on a built-in or a given mesh.
+
+    Args:
+        comm: communicator over which the mesh is distributed.
+        elements: of the built-in rod, along and across.
+        cell: of the built-in rod, ``"quadrilateral"`` or ``"triangle"``.
+        order: polynomial order of the displacements of the built-in rod.
+        domain: a mesh with the interfaces ``"left"`` (crank) and ``"right"`` (slider) instead.
+        modes: number of normal modes.
+        steps: number of time steps.
+    """
     if domain is None:
-        domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=elements, order=order, cell=cell)
-    rod = ffr.FlexibleBody(domain, ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01), frame=ffr.ChordFrame("left", "right"), modes=8)
-    angle = ffr.Motion.smooth_step(2 * np.pi * 5, 2.0)
+        domain = ffr.Domain.rectangle(
+            comm, LENGTH, HEIGHT, elements=elements, cell=cell, order=order
+        )
+    rod = ffr.FlexibleBody(domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=modes)
+    crank_angle = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="crank angle")
     mechanism = ffr.Mechanism(
-        placements={"rod": ffr.Placement(position=(0.1, 0.0))},
+        placements={"rod": ffr.Placement(position=(CRANK, 0.0))},
         joints=[
-            ffr.Revolute(("rod", "left"), ffr.Moving.circle((0.0, 0.0), 0.1, angle)),
-            ffr.PointOnLine(("rod", "right"), ffr.Ground()),
+            ffr.Revolute(
+                ("rod", "left"), ffr.Moving.circle((0.0, 0.0), CRANK, crank_angle), name="crank pin"
+            ),
+            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
         ],
-        point_masses=[ffr.PointMass(("rod", "right"), 0.5)],
+        point_masses=[ffr.PointMass(("rod", "right"), SLIDER)],
     )
-    return ffr.Problem({"rod": rod}, mechanism, ffr.GeneralizedAlpha(2.0, steps), ffr.IntegralCompliance())
+    integrator = ffr.GeneralizedAlpha(DURATION, steps)
+    return ffr.Problem({"rod": rod}, mechanism, integrator, ffr.IntegralCompliance())
+
+
+# %% Designs to compare with
+def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
+    """Return the full rod, an even density, a strip and two flanges, shape (cells,) each.
+
+    All but the full rod fill half of the region that is designed.
+    """
+    low, high = domain.bounding_box
+    offset = np.abs(domain.centroids[:, 1] - 0.5 * (low[1] + high[1])) / (high[1] - low[1])
+    shapes = {
+        "solid": np.ones(domain.n_cells),
+        "even": np.full(domain.n_cells, VOLUME),
+        "strip": np.where(offset < 0.25, 1.0, 0.0),
+        "flanges": np.where(offset > 0.25, 1.0, 0.0),
+    }
+    return {name: np.where(domain.design_cells, x, 1.0) for name, x in shapes.items()}
+
+
+def asymmetry(levelset: ffr.LevelSet, coefficients: NDArray[np.float64]) -> float:
+    """Return the share of the rod's area that differs from its mirror image about the axis."""
+    shape = tuple(len(g) for g in levelset.grid)
+    solid = (levelset.at_knots(coefficients) > 0.0).reshape(shape)
+    return float(np.mean(solid != solid[:, ::-1]))
+
+
+# %% The program
+def main(arguments: list[str] | None = None) -> None:
+    """Design the rod, and leave numbers and pictures."""
+    options = parse(arguments)
+    comm = MPI.COMM_WORLD
+    output = Path(options.output)
+    start_time = perf_counter()
+    say = print if comm.rank == 0 else lambda *_: None
+
+    domain = None
+    if options.mesh:
+        domain = ffr.Domain.from_gmsh(comm, options.mesh, order=options.order)
+    problem = reference_problem(comm, tuple(options.elements), order=options.order, domain=domain)
+    domain = problem.flexible["rod"].domain
+    say(
+        f"rod of {domain.n_cells_global} elements, {problem.flexible['rod'].modes} elastic "
+        f"coordinates, {STEPS} steps, {comm.size} rank(s), DOLFINx {dolfinx.__version__}"
+    )
+    compliance = {}
+    for name, x in simple_designs(domain).items():
+        try:
+            compliance[name] = problem.value(x).psi
+        except ffr.SimulationError:  # on a mesh of another shape a strip may hold nothing
+            compliance[name] = float("inf")
+    solid = compliance["solid"]
+
+    # %% The design: holes in three rows, which merge, move and vanish
+    levelset = ffr.LevelSet(domain)
+    low, high = domain.bounding_box
+    height = high[1] - low[1]
+    start = levelset.with_holes(10, 3, 0.2 * height, margin=0.25 * height)
+    shrunk = levelset.interpolate(ffr.Evolution(levelset, VOLUME).start(start))
+    x_start = levelset.fill_fraction(shrunk)
+    loop_time = perf_counter()
+    result = ffr.optimize(
+        problem,
+        levelset,
+        start,
+        volume=VOLUME,
+        iterations=options.iterations,
+        output=output,
+        resume=options.resume,
+    )
+    loop_seconds = perf_counter() - loop_time
+    gray = ffr.gray_fraction(domain, result.x)
+    volume = result.evaluation.volume["rod"]
+    mirrored = asymmetry(levelset, result.coefficients)
+
+    # %% Numbers and pictures
+    ffr.write_density(domain, result.x, output / "design.xdmf")
+    plotting.plot_design(
+        domain,
+        {
+            "start": x_start,
+            f"design: {100 * result.psi / solid:.1f} % of the full rod's compliance with "
+            f"{100 * volume:.0f} % of its material": result.x,
+        },
+        output / "design.png",
+    )
+    plotting.plot_history(
+        result.history, output / "history.png", psi_solid=solid, volume_bound=VOLUME, comm=comm
+    )
+    plotting.plot_modes(
+        problem.flexible["rod"], result.evaluation.bodies["rod"], output / "modes.png"
+    )
+    plotting.plot_crank_motion(
+        result.evaluation.trajectory, output / "crank_motion.png", comm=comm
+    )
+    plotting.plot_scene(problem, result.evaluation, output / "scene.png")
+    plotting.animate_motion(problem, result.evaluation, output / "motion.gif")
+    summary = {
+        "compliance_initial": float(result.history["psi"][0]),
+        "compliance_final": result.psi,
+        **{f"compliance_{name}": psi for name, psi in compliance.items()},
+        "compliance_final_relative": result.psi / solid,
+        "volume_fraction": volume,
+        "gray_fraction": gray,
+        "asymmetry": mirrored,
+        "first_frequency": float(result.evaluation.frequencies["rod"][0]),
+        "iterations": result.iterations,
+        "reason": result.reason,
+        "seconds_total": perf_counter() - start_time,
+        "seconds_per_iteration": loop_seconds / max(result.iterations, 1),
+        "design_variables": domain.n_cells_global,
+        "level_set_knots": len(levelset.knots),
+        "modes": problem.flexible["rod"].modes,
+        "steps": STEPS,
+        "ranks": comm.size,
+        "dolfinx": dolfinx.__version__,
+    }
+    ffr.write_summary(comm, output / "summary.json", summary)
+    say(f"{result.reason} after {result.iterations} iterations, {loop_seconds:.0f} s")
+    for name, psi in {"design": result.psi, **compliance}.items():
+        say(f"  {name:8s} {psi:.4e} J s   {psi / solid:6.3f} of the full rod")
+    say(f"pictures and numbers are in {output}")
+
+    # %% What a good design must meet
+    assert volume <= VOLUME + 1e-9, f"volume {volume} above its bound {VOLUME}"
+    if result.reason == "interrupted" or options.iterations < ENOUGH:
+        return  # a few iterations make no finished design
+    assert gray < 0.10, f"{100 * gray:.1f} % of the elements are neither solid nor void"
+    assert mirrored < SYMMETRY, f"{100 * mirrored:.1f} % of the rod differs from its mirror image"
+    assert result.psi < 0.55 * solid, f"psi is {result.psi / solid:.3f} of the full rod's"
+
+
+#: iterations from which on a design counts as finished
+ENOUGH = 60
+#: The crank turns one way and the rod rings, so that the problem itself is symmetric only as far as
+#: the rod follows the inertia forces without delay: the gradient of the full rod differs from its
+#: mirror image by a few per cent near the rod's ends.
+SYMMETRY = 0.03
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(description="Design the flexible rod of a slider-crank.")
+    parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
+    parser.add_argument("--iterations", type=int, default=80, help="at most (default 80)")
+    parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
+    parser.add_argument("--order", type=int, default=1, help="of the displacements (default 1)")
+    parser.add_argument("--output", default="results/slider_crank", help="folder for the results")
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -17,8 +17,10 @@ from __future__ import annotations
 
 import atexit
 import fcntl
+import logging
 import os
 import shutil
+import sys
 import tempfile
 from itertools import count
 from pathlib import Path
@@ -51,6 +53,8 @@ def claim_form_cache(comm: MPI.Intracomm) -> Path:
         RuntimeError: on every rank, if not even a temporary directory can be made.
     """
     global _directory
+    if _quiet not in logging.getLogger().filters:
+        logging.getLogger().addFilter(_quiet)
     held = comm.allgather(_directory)
     if held[0] is not None and all(other == held[0] for other in held):
         return held[0]
@@ -66,6 +70,24 @@ def claim_form_cache(comm: MPI.Intracomm) -> Path:
     _directory = answer
     _compat.set_form_cache(answer)
     return answer
+
+
+class _Announcement(logging.Filter):
+    """One line on the screen in place of each command that the compiler is called with."""
+
+    said = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether a ``record`` is shown."""
+        if "distutils" not in record.pathname or record.levelno >= logging.WARNING:
+            return True
+        if not self.said:
+            print("compiling finite-element forms, once: about 10 s", file=sys.stderr, flush=True)
+            self.said = True
+        return False
+
+
+_quiet = _Announcement()
 
 
 def _pool() -> Path:
