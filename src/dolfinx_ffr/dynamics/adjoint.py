@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import BodyMarker, VolumeIntegrals
-from .compiled import kernels
 from .generalized_alpha import one_thread
+from .loops import CONVERGED, kernels
 from .model import FlatModel
-from .steps import CONVERGED
 from .trajectory import Trajectory, TrajectoryBar
 
 __all__ = ["adjoint"]
@@ -53,6 +52,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             raise ValueError(f"bar.{name} holds NaN or infinity")
     x = np.zeros((trajectory.steps + 2, model.size))
     markers = np.zeros((model.arrays.marker_body.size, 3, model.arrays.psi.shape[1] + 1))
+    shifts = np.zeros((2, *size))
     with one_thread():
         status, step = kernels.backward(
             model.arrays,
@@ -65,6 +65,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             np.stack([bar.y, bar.v, bar.w]),
             np.ascontiguousarray(bar.multipliers, dtype=np.float64),
             x,
+            shifts,
             markers,
         )
         if status != CONVERGED:
@@ -77,7 +78,12 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
                 (trajectory.y, trajectory.v, trajectory.w), trajectory.beginning, strict=False
             )
         ]
-        bars = {name: _integral_bars(model, name, states, x) for name in model.bodies}
+        h = float(trajectory.t[1] - trajectory.t[0])
+        bars = {
+            name: _integral_bars(model, name, states, x)
+            + _metric_bars(model, name, h * shifts[0], shifts[1])
+            for name in model.bodies
+        }
     for (body, marker), number in model.markers.items():
         old, r = bars[body].markers[marker], model.bodies[body].modes
         bars[body].markers[marker] = replace(
@@ -144,3 +150,14 @@ def _integral_bars(
             for name, m in integrals.markers.items()
         },
     )
+
+
+def _metric_bars(model: FlatModel, body: str, left: Array, right: Array) -> VolumeIntegrals:
+    """Share of the metric of the position corrections, sum over time of left . dD^-1 right."""
+    where = model.coordinates(body)
+    x, z = left[:, where], right[:, where]
+    out = model.bodies[body].zeros_like()
+    elastic = x[:, 3:].T @ z[:, 3:]
+    out.G[1:, 1:] = 0.5 * (elastic + elastic.T)
+    out.G[0, 0] = x[:, 2] @ z[:, 2]
+    return replace(out, mass=float(np.sum(x[:, :2] * z[:, :2])))

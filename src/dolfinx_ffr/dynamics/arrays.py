@@ -20,7 +20,7 @@ X, Y, ANGLE, LINE = 0, 1, 2, 3
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function as a part of the compiled functions that call it."""
-    return njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+    return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
 class ModelArrays(NamedTuple):
@@ -35,6 +35,7 @@ class ModelArrays(NamedTuple):
     K: Array  # (bodies, modes, modes)
     alpha: Array  # (bodies,) mass-proportional damping [1/s]
     beta: Array  # (bodies,) stiffness-proportional damping [s]
+    inverse: Array  # (bodies, modes + 3, modes + 3) D of the position corrections, see steps.py
     gravity: Array  # (2,) [m/s^2]
     marker_body: Integers  # (markers,) body, or -1 for a marker that moves as prescribed
     marker_slot: Integers  # (markers,) place in `prescribed` for the latter
@@ -64,7 +65,7 @@ class Work(NamedTuple):
     rate: Array  # (rows,) velocity constraints
     C: Array  # (rows, n) constraint Jacobian
     D: Array  # (rows, n) derivative of the velocity constraints with respect to the coordinates
-    old: Array  # (rows, n) constraint Jacobian at the beginning of the step
+    correction: Array  # (rows, n) D C_y^T at the beginning of the step, transposed
     r: Array  # (n,) inertia and elastic forces
     M: Array  # (n, n) derivative with respect to accelerations (and velocities)
     Ky: Array  # (n, n) derivative with respect to coordinates
@@ -76,7 +77,7 @@ class Work(NamedTuple):
 
 
 @kernel
-def make_work(model):
+def make_work(model: ModelArrays) -> Work:
     """Work arrays for a model."""
     bodies, markers, rows = model.first.size, model.marker_body.size, model.kind.size
     n = 0

@@ -19,11 +19,11 @@ Multibody Systems, Springer 2014, doi:10.1007/978-3-319-01228-5).
 
 from __future__ import annotations
 
-from .arrays import kernel
+from .arrays import Array, ModelArrays, Work, kernel
 
 
 @kernel
-def body_products(model, b, y, v, w, work):
+def body_products(model: ModelArrays, b: int, y: Array, v: Array, w: Array, work: Work) -> None:
     """Rows 0-8 of work.v6: qh, vh, ah, G qh, G vh, G ah, N qh, N vh, N ah of one body."""
     o, n = model.first[b], model.modes[b]
     G, N, t = model.G[b], model.N[b], work.v6
@@ -47,7 +47,9 @@ def body_products(model, b, y, v, w, work):
 
 
 @kernel
-def body_equations(model, b, y, v, w, cv, work):
+def body_equations(
+    model: ModelArrays, b: int, y: Array, v: Array, w: Array, cv: float, work: Work
+) -> None:
     """Forces r of one body, its block of r_w + cv r_v (work.M) and of r_y (work.Ky)."""
     o, n = model.first[b], model.modes[b]
     S, G, N, K = model.S[b], model.G[b], model.N[b], model.K[b]
@@ -114,7 +116,17 @@ def body_equations(model, b, y, v, w, cv, work):
 
 
 @kernel
-def body_pullback(model, b, y, v, w, x, work, y_bar, v_bar):
+def body_pullback(
+    model: ModelArrays,
+    b: int,
+    y: Array,
+    v: Array,
+    w: Array,
+    x: Array,
+    work: Work,
+    y_bar: Array,
+    v_bar: Array,
+) -> None:
     """Subtract r_y^T x from y_bar and r_v^T x from v_bar for one body."""
     o, n = model.first[b], model.modes[b]
     S, K, t = model.S[b], model.K[b], work.v6

@@ -16,10 +16,10 @@ from threadpoolctl import ThreadpoolController
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from .arrays import ANGLE
-from .compiled import compile_kernels, kernels
+from .compiled import compile_kernels
 from .initial import initial_state
+from .loops import CONVERGED, SINGULAR, kernels
 from .model import FlatModel, assemble_model
-from .steps import CONVERGED, SINGULAR
 from .trajectory import Trajectory
 
 __all__ = ["GeneralizedAlpha", "SimulationError", "SofteningWarning", "simulate"]
@@ -175,14 +175,8 @@ def _cut(trajectory: Trajectory, last: int) -> Trajectory:
 def _diagnosis(trajectory: Trajectory, k: int, status: int) -> str:
     """Say what failed in step k, from the residual of the last iterate."""
     model, n = trajectory.model, trajectory.model.size
-    residual = kernels.residual(
-        model.arrays,
-        k,
-        trajectory.y[k],
-        trajectory.v[k],
-        trajectory.w[k],
-        trajectory.multipliers[k],
-    )
+    rows = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w, trajectory.multipliers))
+    residual, _ = kernels.evaluate(model.arrays, k, *rows)
     size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
     worst = int(np.argmax(size[:n]))
     turning = worst in set(model.arrays.first + 2)

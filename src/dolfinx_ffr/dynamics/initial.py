@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import ANGLE
-from .compiled import kernels
+from .loops import kernels
 from .model import FlatModel
 
 __all__ = ["initial_state"]
@@ -54,8 +54,14 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
     column = np.tile([1.0, 1.0, 1.0 / length], arrays.first.size)
     row = np.where(arrays.kind == ANGLE, length, 1.0)
 
+    def constraints(position: Array, velocity: Array) -> tuple[Array, Array, Array]:
+        zero = np.zeros(model.size), np.zeros(model.rows)
+        values, jacobian = kernels.evaluate(arrays, 0, position, velocity, *zero)
+        gaps = values[model.size :].reshape(2, -1)
+        return gaps[0], gaps[1], jacobian
+
     def residual(position: Array) -> tuple[Array, Array]:
-        value, _, jacobian = kernels.constraints(arrays, 0, position, v)
+        value, _, jacobian = constraints(position, v)
         return row * value, row[:, None] * jacobian[:, rigid] * column
 
     value, jacobian = residual(y)
@@ -76,11 +82,11 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
         y, value, jacobian = trial, new_value, new_jacobian
     _refuse_open(model, value / row, np.abs(value), _OPEN * length, ("m", "rad"), "assembled")
 
-    _, drift, full = kernels.constraints(arrays, 0, y, 0.0 * v)
-    _, rate, _ = kernels.constraints(arrays, 0, y, v)
+    _, drift, full = constraints(y, 0.0 * v)
+    _, rate, _ = constraints(y, v)
     speed = max(float(np.max(row * np.abs(drift))), float(np.max(row * np.abs(rate))))
     v[rigid] += column * np.linalg.lstsq(jacobian, -row * rate, rcond=1e-10)[0]
-    _, rate, _ = kernels.constraints(arrays, 0, y, v)
+    _, rate, _ = constraints(y, v)
     _refuse_open(model, rate, row * np.abs(rate), _OPEN * speed, ("m/s", "rad/s"), "set in motion")
     _refuse_redundant(model, full)
     return y, v

@@ -7,14 +7,14 @@ the factorisation itself.
 
 from __future__ import annotations
 
-from .arrays import kernel
+from .arrays import Array, Integers, kernel
 
 #: A pivot below this share of its row is taken for zero.
 PIVOT_FLOOR = 1e-14
 
 
 @kernel
-def lu_factor(A, n, pivot, scale):
+def lu_factor(A: Array, n: int, pivot: Integers, scale: Array) -> bool:
     """LU factors in place with scaled partial pivoting; False where the matrix is singular."""
     for i in range(n):
         big = 0.0
@@ -48,7 +48,7 @@ def lu_factor(A, n, pivot, scale):
 
 
 @kernel
-def lu_solve(A, n, pivot, b):
+def lu_solve(A: Array, n: int, pivot: Integers, b: Array) -> None:
     """Solve A x = b in place."""
     for k in range(n):
         p = pivot[k]
@@ -66,7 +66,7 @@ def lu_solve(A, n, pivot, b):
 
 
 @kernel
-def lu_solve_transposed(A, n, pivot, b):
+def lu_solve_transposed(A: Array, n: int, pivot: Integers, b: Array) -> None:
     """Solve A^T x = b in place with the factors of A."""
     for i in range(n):
         b[i] /= A[i, i]

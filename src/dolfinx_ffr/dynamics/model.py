@@ -299,6 +299,7 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         "K": np.zeros((count, modes, modes)),
         "alpha": np.zeros(count),
         "beta": np.zeros(count),
+        "inverse": np.zeros((count, modes + 3, modes + 3)),
     }
     for b, (name, integrals) in enumerate(bodies.items()):
         r = integrals.modes
@@ -307,6 +308,10 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)
         out["N"][b, : r + 1, : r + 1] = 0.5 * (integrals.N - integrals.N.T)
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
+        out["inverse"][b, :2, :2] = np.eye(2) / integrals.mass
+        out["inverse"][b, 2, 2] = 1.0 / integrals.G[0, 0]
+        elastic = np.linalg.inv(out["G"][b, 1 : r + 1, 1 : r + 1])
+        out["inverse"][b, 3 : r + 3, 3 : r + 3] = 0.5 * (elastic + elastic.T)
         if name in mechanism.damping:
             out["alpha"][b] = mechanism.damping[name].alpha
             out["beta"][b] = mechanism.damping[name].beta

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .arrays import LINE, kernel
+from .arrays import LINE, Array, ModelArrays, Work, kernel
 
 
 @kernel
-def place_markers(model, k, y, v, work):
+def place_markers(model: ModelArrays, k: int, y: Array, v: Array, work: Work) -> None:
     """Positions and velocities of all markers at instant k."""
     for b in range(model.first.size):
         theta = y[model.first[b] + 2]
@@ -64,7 +64,7 @@ def place_markers(model, k, y, v, work):
 
 
 @kernel
-def marker_push(model, m, x, work, out, at):
+def marker_push(model: ModelArrays, m: int, x: Array, work: Work, out: Array, at: int) -> None:
     """out[at:at+3] = z_y x, the shift of a marker under a shift x of the coordinates."""
     b = model.marker_body[m]
     out[at] = out[at + 1] = out[at + 2] = 0.0
@@ -80,7 +80,9 @@ def marker_push(model, m, x, work, out, at):
 
 
 @kernel
-def marker_pull(model, m, fx, fy, moment, work, out):
+def marker_pull(
+    model: ModelArrays, m: int, fx: float, fy: float, moment: float, work: Work, out: Array
+) -> None:
     """Add z_y^T f to out, the generalised forces of a force and a moment at a marker."""
     b = model.marker_body[m]
     if b >= 0:
@@ -93,7 +95,7 @@ def marker_pull(model, m, fx, fy, moment, work, out):
 
 
 @kernel
-def line_of_row(model, i, z):
+def line_of_row(model: ModelArrays, i: int, z: Array) -> tuple[float, float, float, float]:
     """Normal of the line in global axes, and the first marker as seen from the second."""
     a, b = model.side[i, 0], model.side[i, 1]
     c, s = np.cos(z[b, 2]), np.sin(z[b, 2])
@@ -103,7 +105,7 @@ def line_of_row(model, i, z):
 
 
 @kernel
-def row_gradient(model, i, z, g):
+def row_gradient(model: ModelArrays, i: int, z: Array, g: Array) -> float:
     """Value of a row; its gradient with respect to (z_a, z_b) goes to g (6,)."""
     for j in range(6):
         g[j] = 0.0
@@ -118,7 +120,7 @@ def row_gradient(model, i, z, g):
 
 
 @kernel
-def row_hessian(model, i, z, u, out):
+def row_hessian(model: ModelArrays, i: int, z: Array, u: Array, out: Array) -> None:
     """Set out (6,) to the Hessian of a row times u (6,)."""
     for j in range(6):
         out[j] = 0.0
@@ -129,7 +131,7 @@ def row_hessian(model, i, z, u, out):
 
 
 @kernel
-def row_third(model, i, z, u, out):
+def row_third(model: ModelArrays, i: int, z: Array, u: Array, out: Array) -> None:
     """Set out (6,) to the gradient of u . Hessian u at fixed u (6,)."""
     for j in range(6):
         out[j] = 0.0
@@ -142,7 +144,7 @@ def row_third(model, i, z, u, out):
 
 
 @kernel
-def evaluate_rows(model, k, y, v, work):
+def evaluate_rows(model: ModelArrays, k: int, y: Array, v: Array, work: Work) -> None:
     """Constraints on positions and velocities, and the constraint Jacobian, at instant k."""
     place_markers(model, k, y, v, work)
     n = y.size
@@ -161,7 +163,7 @@ def evaluate_rows(model, k, y, v, work):
 
 
 @kernel
-def marker_velocities(model, i, work):
+def marker_velocities(model: ModelArrays, i: int, work: Work) -> None:
     """Gather the velocities of the two markers of a row in work.u."""
     for j in range(3):
         work.u[j] = work.zd[model.side[i, 0], j]
@@ -169,7 +171,7 @@ def marker_velocities(model, i, work):
 
 
 @kernel
-def row_curvatures(model, v, lam, work):
+def row_curvatures(model: ModelArrays, v: Array, lam: Array, work: Work) -> None:
     """Add d(C_y^T lam)/dy to work.Ky, and put d(C_y v + C_t)/dy into work.D."""
     n = v.size
     for i in range(model.kind.size):
@@ -207,7 +209,7 @@ def row_curvatures(model, v, lam, work):
 
 
 @kernel
-def add_row_hessian(model, i, factor, work):
+def add_row_hessian(model: ModelArrays, i: int, factor: float, work: Work) -> None:
     """Add factor z_y^T g_zz z_y of a row to work.Ky."""
     n = work.r.size
     unit, column = work.rhs[:n], work.scale[:n]  # free at this point of the step
@@ -234,14 +236,30 @@ def add_row_hessian(model, i, factor, work):
 
 
 @kernel
-def rows_pullback(model, y, v, w, zdd, lam, x, m2, m3, m4, sign, work, y_bar, v_bar, markers):
+def rows_pullback(
+    model: ModelArrays,
+    y: Array,
+    v: Array,
+    w: Array,
+    zdd: Array,
+    lam: Array,
+    x: Array,
+    m2: Array,
+    m3: Array,
+    m4: Array,
+    sign: float,
+    work: Work,
+    y_bar: Array,
+    v_bar: Array,
+    markers: Array,
+) -> None:
     """Add the derivative of sign * Q to the bars.
 
         Q = sum over rows of  lam g_z.dz + m2 g + m3 g_z.z' + m4 (g_z.z'' + z'.g_zz z')
 
-    with dz = z_y x, and x, lam, m2, m3, m4 held fixed. The bars of a marker are markers[m] (3, modes + 1): x and y of the shape functions
-    W in the body's axes, and those of the rotation, whose first entry stays zero. Markers must
-    have been placed by evaluate_rows.
+    with dz = z_y x, and x, lam, m2, m3, m4 held fixed. The bars of a marker are markers[m]
+    (3, modes + 1): x and y of the shape functions W in the body's axes, and those of the rotation,
+    whose first entry stays zero. Markers must have been placed by evaluate_rows.
     """
     dz, u, h, third = np.empty(6), work.u, np.empty(6), np.empty(6)
     bars = np.empty((4, 6))  # of z, dz, z', z''
@@ -279,7 +297,21 @@ def rows_pullback(model, y, v, w, zdd, lam, x, m2, m3, m4, sign, work, y_bar, v_
 
 
 @kernel
-def marker_pullback(model, m, y, v, w, x, bars, at, sign, work, y_bar, v_bar, markers):
+def marker_pullback(
+    model: ModelArrays,
+    m: int,
+    y: Array,
+    v: Array,
+    w: Array,
+    x: Array,
+    bars: Array,
+    at: int,
+    sign: float,
+    work: Work,
+    y_bar: Array,
+    v_bar: Array,
+    markers: Array,
+) -> None:
     """Transpose of (z, z_y x, z', z'') with respect to y, v and the marker's shape functions."""
     b = model.marker_body[m]
     o, n = model.first[b], model.modes[b]

@@ -198,9 +198,8 @@ class TrajectoryBar:
         Args:
             trajectory: The trajectory.
         """
-        return TrajectoryBar(
-            *(np.zeros_like(trajectory.y) for _ in range(3)), np.zeros_like(trajectory.multipliers)
-        )
+        y, v, w = (np.zeros_like(trajectory.y) for _ in range(3))
+        return TrajectoryBar(y, v, w, np.zeros_like(trajectory.multipliers))
 
     def __add__(self, other: TrajectoryBar) -> TrajectoryBar:
         """Sum entry by entry."""
