@@ -22,7 +22,7 @@ from PIL import Image
 
 from ..domain import Domain
 from .drawn_mesh import DrawnMesh
-from .style import ACCENTS, DARK, GRAY, nice_number, on_rank_zero, save, styled_figure, writable
+from .style import ACCENTS, DARK, GRAY, nice_number, save, styled_figure, writable, written
 
 __all__ = ["plot_design"]
 
@@ -69,7 +69,7 @@ def plot_design(
         for name, density in designs.items()
     }
     draw = _draw_by_pyvista if backend == "pyvista" else _draw_by_matplotlib
-    return on_rank_zero(domain.comm, path, lambda file: draw(drawn, values, file, title))
+    return written(domain.comm, path, lambda file: draw(drawn, values, file, title))
 
 
 # ---------------------------------------------------------------------- pyvista

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,9 +14,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from ..dynamics import Trajectory
+from ..io import read_history
 from ..mechanism import Moving
 from ..motion import Motion
-from .style import BLUE, GRAY, RED, on_rank_zero, prefixed, save, styled_figure, tidy, writable
+from .style import BLUE, GRAY, RED, prefixed, save, styled_figure, tidy, writable, written
 
 __all__ = ["plot_crank_motion", "plot_history"]
 
@@ -38,12 +38,14 @@ def plot_history(
     """Draw how a design came about, over the iterations.
 
     One sees, each in a panel of its own as far as the history has it: the objective, with the line
-    of the solid body where it is given; the volume with its bound; the first frequency (interfaces
-    held); the length of the steps. The last value stands above each panel.
+    of the solid body where it is given; the volume with its bound, and the share that is neither
+    void nor solid; the first frequency (interfaces held); the size of the steps. The last value
+    stands above each panel.
 
     Args:
         history: columns by name, or a CSV file with a line of names: ``iteration`` and any of
-            ``psi`` [J s], ``volume`` [-], ``frequency`` [Hz], ``step`` [-].
+            ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz], ``step``
+            [knot spacings].
         path: file to write, .png, .pdf or .svg.
         psi_solid: objective of the solid body [J s]; the objective is then drawn relative to it.
         volume_bound: largest volume allowed, in [0, 1].
@@ -60,7 +62,10 @@ def plot_history(
     path = writable(path, _KINDS)
 
     def draw(file: Path) -> None:
-        columns = _columns(history)
+        if isinstance(history, Mapping):
+            columns = {name: np.asarray(v, dtype=np.float64) for name, v in history.items()}
+        else:
+            columns = read_history(history)
         chosen = [name for name in _PANELS if name in columns]
         if not chosen or not len(columns[chosen[0]]):
             raise ValueError(
@@ -74,7 +79,8 @@ def plot_history(
         with styled_figure({1: 6.0, 2: 9.6, 3: 13.0}[across], 2.6 * rows + 0.8) as figure:
             panels = figure.subplots(rows, across, squeeze=False).ravel()
             for axes, name in zip(panels, chosen, strict=True):
-                _draw_column(axes, name, iteration, columns[name], psi_solid, volume_bound)
+                gray = columns.get("gray") if name == "volume" else None
+                _draw_column(axes, name, iteration, columns[name], psi_solid, volume_bound, gray)
             for axes in panels[-across:]:
                 axes.set_xlabel("iteration")
             if title:
@@ -82,7 +88,7 @@ def plot_history(
             figure.tight_layout(w_pad=3.0, h_pad=1.5)
             save(figure, file)
 
-    return on_rank_zero(comm, path, draw)
+    return written(comm, path, draw)
 
 
 #: heading and unit of each panel, by the name of the column
@@ -90,7 +96,7 @@ _PANELS = {
     "psi": ("objective ψ", "J s"),
     "volume": ("volume, share of the body", ""),
     "frequency": ("first frequency", "Hz"),
-    "step": ("step", ""),
+    "step": ("size of the step / knot spacing", ""),
 }
 
 
@@ -101,6 +107,7 @@ def _draw_column(
     values: Array,
     psi_solid: float | None,
     volume_bound: float | None,
+    gray: Array | None,
 ) -> None:
     """Draw one column of the history, its last value in the upper right corner."""
     heading, unit = _PANELS[name]
@@ -116,6 +123,9 @@ def _draw_column(
     axes.plot(
         iteration, values, color=BLUE, marker="o" if len(values) <= 60 else "", markersize=3.0
     )
+    if gray is not None:
+        axes.plot(iteration, gray, color=GRAY, linewidth=1.2)
+        _name_line(axes, float(gray[-1]), GRAY, "between void and solid")
     top = float(np.nanmax(values))
     if name == "volume":
         axes.set_ylim(0.0, 1.08 * max(1.0, top))
@@ -195,12 +205,17 @@ def plot_crank_motion(
             figure.tight_layout(h_pad=1.2)
             save(figure, file)
 
-    return on_rank_zero(comm, path, draw)
+    return written(comm, path, draw)
 
 
 def _line(axes: Axes, value: float, color: str, label: str) -> None:
-    """Draw a level with its name at the right."""
+    """Draw a level with its name."""
     axes.axhline(value, color=color, linewidth=1.2, linestyle=(0, (5, 3)))
+    _name_line(axes, value, color, label)
+
+
+def _name_line(axes: Axes, value: float, color: str, label: str) -> None:
+    """Write the name of a line at its right end."""
     axes.annotate(
         label,
         (1.0, value),
@@ -212,23 +227,6 @@ def _line(axes: Axes, value: float, color: str, label: str) -> None:
         color=color,
         fontsize=9,
     )
-
-
-def _columns(history: Mapping[str, ArrayLike] | str | Path) -> dict[str, Array]:
-    """Return the columns of a history; cells that are no numbers become NaN."""
-    if isinstance(history, Mapping):
-        return {name: np.asarray(values, dtype=np.float64) for name, values in history.items()}
-    with open(history, newline="", encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
-
-    def number(text: str | None) -> float:
-        try:
-            return float(text or "nan")
-        except ValueError:
-            return float("nan")
-
-    names = [name for name in (lines[0] if lines else {}) if name]
-    return {name: np.array([number(line[name]) for line in lines]) for name in names}
 
 
 def _crank_angle(trajectory: Trajectory) -> Motion:

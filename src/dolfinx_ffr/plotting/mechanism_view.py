@@ -276,28 +276,39 @@ class MechanismView:
             "alpha": 0.8,
         }
 
-        def write(x: float, y: float, text: str, vertical: str = "center") -> None:
-            self.axes.text(x, y, text, ha="center", va=vertical, bbox=box, zorder=7)
+        def write(at: Array, text: str, horizontal: str = "center") -> None:
+            x, y = at
+            self.axes.text(x, y, text, ha=horizontal, va="center", bbox=box, zorder=7)
 
-        for body in scene.bodies.values():
+        middles = {}
+        for name, body in scene.bodies.items():
             points = body.points(0, self.magnification)
-            x = 0.5 * (points[:, 0].min() + points[:, 0].max())
-            near = points[np.abs(points[:, 0] - x) < 1.5 * u]
-            write(x, (near if len(near) else points)[:, 1].max() + 0.8 * u, body.name, "bottom")
+            middle = middles[name] = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            along = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+            across = np.array([-along[1], along[0]]) * (1.0 if along[0] >= 0.0 else -1.0)
+            offset = points - middle
+            near = np.abs(offset @ along) < 1.5 * u
+            top = float(np.max((offset @ across)[near], initial=0.0))
+            side = "center" if abs(across[0]) < 0.5 else "left" if across[0] > 0.0 else "right"
+            write(middle + (top + 1.6 * u) * across, name, side)
         for i, joint in enumerate(scene.mechanism.joints):
+            if isinstance(joint, PrescribedAngle):
+                continue
             at = scene.joint_position(joint, 0, self.magnification)
             name = getattr(joint, "name", "")
-            if i in scene.arms:  # away from both crank and body
-                arm = scene.arms[i]
-                owner = next(m for m in joint.markers if isinstance(m, tuple))[0]
-                points = scene.bodies[owner].points(0, self.magnification)
-                away = (at - arm.center) / arm.radius + _unit(at - points.mean(axis=0))
-                if np.linalg.norm(away) < 0.1:
-                    away = np.array([0.0, 1.0])
-                x, y = at + 3.0 * u * _unit(away)
-                write(x, y, name or arm.name)
-            elif name:
-                write(at[0], at[1] - 2.2 * u, name, "top")
+            if isinstance(joint, PointOnLine) or any(isinstance(m, Ground) for m in joint.markers):
+                write(at - [0.0, 3.3 * u], name)  # below the block or the support
+                continue
+            away = sum(
+                (_unit(at - middles[m[0]]) for m in joint.markers if isinstance(m, tuple)),
+                np.zeros(2),
+            )
+            if i in scene.arms:
+                away = away + _unit(at - scene.arms[i].center)
+                name = name or scene.arms[i].name
+            if np.linalg.norm(away) < 0.1:
+                away = np.array([0.0, 1.0])
+            write(at + 3.0 * u * _unit(away), name)
 
 
 def _unit(vector: Array) -> Array:

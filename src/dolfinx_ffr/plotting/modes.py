@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..flexible_body import FlexibleBody, ReducedBody
 from .drawn_mesh import DrawnMesh
 from .mechanism_view import VOID
-from .style import LIGHT, on_rank_zero, save, styled_figure, writable
+from .style import LIGHT, save, styled_figure, writable, written
 
 __all__ = ["plot_modes"]
 
@@ -110,7 +110,7 @@ def plot_modes(
             bar.tick_params(labelsize=8, length=2.5, pad=2.0)
             save(figure, file)
 
-    return on_rank_zero(body.domain.comm, path, draw)
+    return written(body.domain.comm, path, draw)
 
 
 def _names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:

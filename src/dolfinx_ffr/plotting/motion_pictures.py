@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..sensitivity import Evaluation, Problem
-from .mechanism_view import MechanismView
+from .mechanism_view import VOID, MechanismView
 from .scene import DrawnBody, Scene
 from .style import (
     BLUE,
@@ -26,12 +26,12 @@ from .style import (
     GRAY,
     RED,
     nice_number,
-    on_rank_zero,
     prefixed,
     save,
     styled_figure,
     tidy,
     writable,
+    written,
 )
 
 __all__ = ["animate_motion", "plot_scene"]
@@ -118,7 +118,7 @@ def plot_scene(
             _write(figure, _heading(title, scale), f"t = {scene.times[0]:.3f} s")
             save(figure, file)
 
-    return on_rank_zero(_comm(problem), path, draw)
+    return written(_comm(problem), path, draw)
 
 
 def animate_motion(
@@ -134,7 +134,7 @@ def animate_motion(
     """Show the mechanism in motion, with the deformed bodies coloured by strain energy density.
 
     One sees what `plot_scene` shows, moving. The colour of a cell is its strain energy density
-    relative to the largest one of the whole motion, on a scale that spreads the small values.
+    relative to the largest one of all pictures, on a scale that spreads the small values.
     Below, the strain energy of all flexible bodies runs along with time.
 
     Args:
@@ -177,7 +177,7 @@ def animate_motion(
         else:
             _write_mp4(pictures, file, frames_per_second)
 
-    return on_rank_zero(_comm(problem), path, draw)
+    return written(_comm(problem), path, draw)
 
 
 # ---------------------------------------------------------------------- frames
@@ -243,8 +243,8 @@ def _density(body: DrawnBody, instant: int) -> Array:
 
 def _energy_norm(scene: Scene) -> tuple[Normalize, float]:
     """Return the colour scale, and the largest strain energy density that is drawn [J/m^3]."""
-    tops = [np.max(body.energy, initial=0.0) for body in scene.bodies.values()]
-    top = float(max(tops, default=0.0))
+    drawn = [body.energy[:, body.density >= VOID] for body in scene.bodies.values()]
+    top = float(max((np.max(energy, initial=0.0) for energy in drawn), default=0.0))
     return PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), top
 
 

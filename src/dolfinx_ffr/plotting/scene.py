@@ -38,7 +38,7 @@ class DrawnBody:
     rigid: Array  #: (instants, 3) position and angle of the frame [m, m, rad]
     elastic: Array  #: (instants, r) elastic coordinates
     density: Array  #: (cells,) density of the cells
-    energy: Array  #: (instants, cells) strain energy density [J/m^3]; no rows if not asked for
+    energy: Array  #: (instants, cells) strain energy density [J/m^3]; no columns if not asked for
 
     def points(self, instant: int, magnification: float = 1.0) -> Array:
         """Return where the points are drawn, shape (points, 2) [m]."""
@@ -71,11 +71,14 @@ class DrawnBody:
         before = np.array([marker.position for marker in held])
         after = before + np.array([marker.displacement @ q for marker in held])
         middle, target = before.mean(axis=0), after.mean(axis=0)
-        a, b = before - middle, after - target
-        angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
-        if len(held) == 1:
-            angle = float(held[0].rotation @ q) if self.welded else 0.0
-        return target + (reference - middle) @ _rotation(angle).T
+        # turn and stretch: two joints then stay exactly where they are
+        a, b = _complex(before - middle), _complex(after - target)
+        weight = float(np.sum(np.abs(a) ** 2))
+        turn = complex(np.sum(b * a.conj())) / weight if weight > 0.0 else 1.0 + 0.0j
+        if len(held) == 1 and self.welded:
+            turn = np.exp(1j * float(held[0].rotation @ q))
+        laid = turn * _complex(reference - middle)
+        return target + np.column_stack([laid.real, laid.imag])
 
     def _moved(
         self, reference: Array, displacement: Array, instant: int, magnification: float
@@ -130,7 +133,7 @@ class Scene:
             )
             elastic = trajectory.elastic(name)[steps]
             drawn, density = None, np.zeros(0)
-            fields = np.zeros((len(steps), 0))
+            fields = np.zeros((len(steps), 0))  # a body without cells
             markers = list(integrals.markers.values())
             points, motion = (
                 np.zeros((len(markers), 2)),
@@ -214,6 +217,10 @@ class Scene:
 def _bodies_of(joint: Joint) -> list[str]:
     points: list[BodyPoint] = [m for m in joint.markers if isinstance(m, tuple)]
     return [name for name, _ in points]
+
+
+def _complex(vectors: Array) -> NDArray[np.complex128]:
+    return vectors[:, 0] + 1j * vectors[:, 1]
 
 
 def _rotation(angle: float) -> Array:

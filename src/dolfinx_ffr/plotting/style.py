@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..io import on_rank_0
+
 __all__ = [
     "ACCENTS",
     "BLUE",
@@ -24,12 +26,12 @@ __all__ = [
     "LIGHT",
     "RED",
     "nice_number",
-    "on_rank_zero",
     "prefixed",
     "save",
     "styled_figure",
     "tidy",
     "writable",
+    "written",
 ]
 
 DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
@@ -108,7 +110,7 @@ def writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
     return path
 
 
-def on_rank_zero(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
+def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
     """Draw and write a picture on rank 0, while the others wait; an error is raised on all.
 
     Args:
@@ -119,21 +121,12 @@ def on_rank_zero(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Pa
     Returns:
         The path, on every rank.
     """
-    failure: tuple[type[Exception], str] | None = None
-    if comm.rank == 0:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            draw(path)
-        except Exception as error:
-            comm.bcast((type(error), str(error)))
-            raise
-        comm.bcast(None)
-    else:
-        failure = comm.bcast(None)
-    if failure is not None:
-        kind, text = failure
-        known = kind if issubclass(kind, OSError | ValueError | TypeError) else RuntimeError
-        raise known(f"on rank 0: {text}")
+
+    def write() -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draw(path)
+
+    on_rank_0(comm, write)
     return path
 
 
