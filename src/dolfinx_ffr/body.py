@@ -165,10 +165,9 @@ class VolumeIntegrals:
         for key, sign in (("G", 1.0), ("N", -1.0), ("K", 1.0)):
             array = getattr(self, key)
             # Judged entry by entry against the diagonal, so that no unit hides a slip.
-            scale = np.sqrt(np.abs(np.diag(self.K if key == "K" else self.G)))
-            defect = np.abs(array - sign * array.T) / (
-                np.outer(scale, scale) + np.finfo(float).tiny
-            )
+            diagonal = np.abs(np.diag(self.K if key == "K" else self.G))
+            scale = np.sqrt(np.maximum(diagonal, 1e-12 * np.max(diagonal, initial=1e-300)))
+            defect = np.abs(array - sign * array.T) / np.outer(scale, scale)
             if array.size and defect.max() > 1e-9:
                 kind = "symmetric" if sign > 0 else "antisymmetric"
                 raise ValueError(
@@ -199,7 +198,11 @@ class VolumeIntegrals:
         return self.scaled(0.0)
 
     def scaled(self, factor: float) -> VolumeIntegrals:
-        """All entries times a factor."""
+        """All entries times a factor.
+
+        Args:
+            factor: The factor.
+        """
         return VolumeIntegrals(
             factor * self.mass,
             factor * self.S,
@@ -232,7 +235,14 @@ class VolumeIntegrals:
         )
 
     def dot(self, other: VolumeIntegrals) -> float:
-        """Inner product over all entries of all arrays, markers included."""
+        """Inner product over all entries of all arrays, markers included.
+
+        Args:
+            other: Integrals of the same shape.
+
+        Raises:
+            ValueError: If the two have different markers.
+        """
         self._require_same_markers(other)
         total = self.mass * other.mass
         for key in ("S", "G", "N", "K"):

@@ -84,9 +84,10 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
 
     _, drift, full = constraints(y, 0.0 * v)
     _, rate, _ = constraints(y, v)
-    speed = max(float(np.max(row * np.abs(drift))), float(np.max(row * np.abs(rate))))
+    speed = float(np.max(row * (np.abs(full) @ np.abs(v) + np.abs(drift))))
     v[rigid] += column * np.linalg.lstsq(jacobian, -row * rate, rcond=1e-10)[0]
     _, rate, _ = constraints(y, v)
+    speed = max(speed, float(np.max(row * (np.abs(full) @ np.abs(v)))))
     _refuse_open(model, rate, row * np.abs(rate), _OPEN * speed, ("m/s", "rad/s"), "set in motion")
     _refuse_redundant(model, full)
     return y, v

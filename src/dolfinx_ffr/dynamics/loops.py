@@ -168,6 +168,8 @@ def _make_kernels(digest: str) -> Kernels:
                 elif iteration > 0 and change <= 1e-2 * previous:
                     if change * (change / previous) ** 2 <= 1e-14 * largest:
                         status = CONVERGED
+                elif iteration > 1 and change <= 1e-8 * largest + 1e-10 * floor:
+                    status = CONVERGED  # round-off, which a nearly singular position magnifies
                 if status == CONVERGED:
                     break
                 previous = change
