@@ -15,6 +15,7 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import dolfinx.fem.petsc  # noqa: F401  (a release may not load it by itself)
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
