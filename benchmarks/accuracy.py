@@ -1,0 +1,458 @@
+# SPDX-License-Identifier: MIT
+"""Time beside error: steps, modes, tolerance, mesh; and the gradient against differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from jobs import Job, Progress
+from matplotlib.axes import Axes
+from report import Table, write_page
+from scene import block_design, holes_design, slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE, save, styled_figure, tidy
+
+__all__ = [
+    "accuracy_jobs",
+    "central_differences",
+    "mesh_refinement",
+    "number_of_modes",
+    "number_of_steps",
+    "report_accuracy",
+    "solver_tolerance",
+]
+
+Results = list[tuple[Job, dict[str, Any]]]
+
+
+def accuracy_jobs(*, quick: bool) -> list[Job]:
+    """Return the measurements: one process for each choice that a user can make."""
+    elements = [60, 6] if quick else [200, 20]
+    repetitions = 1 if quick else 3
+    common = {"elements": elements, "repetitions": repetitions}
+    counts: list[int] = [500, 1000, 2000] if quick else [500, 1000, 2000, 4000, 8000, 16000]
+    modes = [2, 4, 8, 16] if quick else [2, 4, 6, 8, 12, 16, 24]
+    tolerances = [10.0**-k for k in ((4, 8, 12) if quick else range(4, 13))]
+    divisions = [1, 2, 4] if quick else [1, 2, 4, 8]
+    sizes = [1e-2, 1e-3, 1e-4] if quick else [10.0 ** (-0.5 * k) for k in range(3, 13)]
+    return [
+        Job(
+            "accuracy",
+            "number_of_steps",
+            4.0 if quick else 30.0,
+            {**common, "settings": counts, "reference": 4 * counts[-1]},
+        ),
+        Job(
+            "accuracy",
+            "number_of_modes",
+            4.0 if quick else 20.0,
+            {**common, "settings": modes, "reference": 24 if quick else 40},
+        ),
+        Job(
+            "accuracy",
+            "solver_tolerance",
+            4.0 if quick else 20.0,
+            {**common, "settings": tolerances, "reference": 1e-13},
+        ),
+        Job(
+            "accuracy",
+            "mesh_refinement",
+            6.0 if quick else 60.0,
+            {
+                "blocks": [20, 2] if quick else [50, 5],
+                "settings": divisions,
+                "repetitions": repetitions,
+            },
+        ),
+        Job(
+            "accuracy",
+            "central_differences",
+            4.0 if quick else 15.0,
+            {"elements": elements, "settings": sizes},
+        ),
+    ]
+
+
+# ---------------------------------------------------------------------- measurements
+
+
+def number_of_steps(
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    elements: list[int],
+    settings: list[int],
+    reference: int,
+    repetitions: int,
+) -> dict[str, Any]:
+    """Vary the number of time steps; parameters as in `_against_reference`."""
+    domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
+    problems: dict[float, ffr.Problem] = {
+        n: slider_crank(comm, domain=domain, steps=n) for n in [*settings, reference]
+    }
+    return _against_reference(problems, reference, repetitions, progress)
+
+
+def number_of_modes(
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    elements: list[int],
+    settings: list[int],
+    reference: int,
+    repetitions: int,
+) -> dict[str, Any]:
+    """Vary the number of normal modes; parameters as in `_against_reference`."""
+    domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
+    problems: dict[float, ffr.Problem] = {
+        n: slider_crank(comm, domain=domain, modes=n) for n in [*settings, reference]
+    }
+    return _against_reference(problems, reference, repetitions, progress)
+
+
+def solver_tolerance(
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    elements: list[int],
+    settings: list[float],
+    reference: float,
+    repetitions: int,
+) -> dict[str, Any]:
+    """Vary the tolerance of eigenvalue problem and adjoint systems, as in `_against_reference`."""
+    domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
+    problems = {t: slider_crank(comm, domain=domain, tolerance=t) for t in [*settings, reference]}
+    return _against_reference(problems, reference, repetitions, progress)
+
+
+def _against_reference(
+    problems: Mapping[float, ffr.Problem],
+    reference: float,
+    repetitions: int,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Measure times and errors of each setting.
+
+    Args:
+        problems: by setting, on one mesh.
+        reference: the setting that counts as exact.
+        repetitions: turns through all settings; the times are medians.
+        progress: told the part that is done.
+    """
+    x = holes_design(next(iter(problems.values())).flexible["rod"].domain)
+    exact = problems[reference].gradient(x)
+    exact_gradient = np.asarray(exact.gradient)
+    settings = [setting for setting in problems if setting != reference]
+    times: dict[float, list[tuple[float, float]]] = {setting: [] for setting in settings}
+    psi, error, iterations = {}, {}, {}
+    for repetition in range(repetitions):
+        for place, setting in enumerate(settings):
+            problem = problems[setting]
+            if repetition == 0:
+                problem.gradient(x)  # what is made once for each problem
+            seconds_value = _seconds(problem, x)
+            start = perf_counter()
+            evaluation = problem.gradient(x)
+            times[setting].append((seconds_value, perf_counter() - start))
+            psi[setting] = evaluation.psi
+            difference = np.asarray(evaluation.gradient) - exact_gradient
+            error[setting] = float(np.linalg.norm(difference) / np.linalg.norm(exact_gradient))
+            iterations[setting] = evaluation.solver_iterations["rod"]
+            progress((repetition + (place + 1) / len(settings)) / repetitions)
+    return {
+        "rows": [
+            {
+                "setting": setting,
+                "value": float(np.median([t[0] for t in times[setting]])),
+                "gradient": float(np.median([t[1] for t in times[setting]])),
+                "psi": psi[setting],
+                "error_psi": abs(psi[setting] / exact.psi - 1.0),
+                "error_gradient": error[setting],
+                "iterations": iterations[setting],
+            }
+            for setting in settings
+        ],
+        "reference": reference,
+        "psi_reference": exact.psi,
+        "elements": len(x),
+    }
+
+
+def _seconds(problem: ffr.Problem, x: np.ndarray) -> float:
+    start = perf_counter()
+    problem.value(x)
+    return perf_counter() - start
+
+
+def mesh_refinement(
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    blocks: list[int],
+    settings: list[int],
+    repetitions: int,
+) -> dict[str, Any]:
+    """Vary the mesh and the order of the displacements, for one rod of gray blocks.
+
+    Args:
+        comm: one rank.
+        progress: told the part that is done.
+        blocks: along and across.
+        settings: elements along the side of each block.
+        repetitions: the times are medians.
+    """
+    cases = [(order, n) for n in settings for order in (1, 2)]
+    finest = (2, 2 * settings[-1])
+    work = [order**2 * n**2 for order, n in [*cases, finest]]
+    rows: list[dict[str, Any]] = []
+    psi: dict[tuple[int, int], float] = {}
+    for place, (order, n) in enumerate([*cases, finest]):
+        problem = slider_crank(comm, (n * blocks[0], n * blocks[1]), order=order)
+        rod = problem.flexible["rod"]
+        x = block_design(rod.domain, (blocks[0], blocks[1]))
+        if (order, n) == finest:
+            psi[finest] = problem.value(x).psi
+        else:
+            problem.value(x)
+            times = [_seconds(problem, x) for _ in range(repetitions)]
+            psi[order, n] = problem.value(x).psi
+            rows.append(
+                {
+                    "setting": n,
+                    "order": order,
+                    "mesh": f"{n * blocks[0]}x{n * blocks[1]}",
+                    "dofs": rod.elasticity.n_dofs_global,
+                    "value": float(np.median(times)),
+                    "psi": psi[order, n],
+                }
+            )
+        progress(sum(work[: place + 1]) / sum(work))
+    coarse, middle, fine = (psi[2, finest[1] // k] for k in (4, 2, 1))
+    # the rigid ends are singular corners, so that the order is not known beforehand (Aitken)
+    limit = fine - (fine - middle) ** 2 / (fine - 2.0 * middle + coarse)
+    for row in rows:
+        row["error_psi"] = abs(row["psi"] / limit - 1.0)
+    return {"rows": rows, "psi_reference": limit, "finest": finest[1]}
+
+
+def central_differences(
+    comm: MPI.Comm, progress: Progress, *, elements: list[int], settings: list[float]
+) -> dict[str, Any]:
+    """Compare the gradient along a random direction with central differences of several steps.
+
+    Args:
+        comm: one rank.
+        progress: told the part that is done.
+        elements: along and across.
+        settings: steps of the differences, at most 0.05.
+    """
+    problem = slider_crank(comm, (elements[0], elements[1]))
+    domain = problem.flexible["rod"].domain
+    x = 0.05 + 0.9 * holes_design(domain)  # room for a step both ways
+    direction = np.random.default_rng(0).uniform(-1.0, 1.0, domain.n_cells)
+    slope = float(np.asarray(problem.gradient(x).gradient) @ direction)
+    rows = []
+    for place, step in enumerate(settings):
+        ahead = problem.value(x + step * direction).psi
+        behind = problem.value(x - step * direction).psi
+        difference = (ahead - behind) / (2.0 * step)
+        rows.append({"setting": step, "error_gradient": abs(difference / slope - 1.0)})
+        progress((place + 1) / len(settings))
+    return {"rows": rows, "slope": slope}
+
+
+# ---------------------------------------------------------------------- tables and picture
+
+MEASURED = {
+    "value": "value [s]",
+    "gradient": "gradient [s]",
+    "error_psi": "error of psi",
+    "error_gradient": "error of gradient",
+}
+
+
+def accuracy_tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
+    """Return the tables, given the result of each measurement by its name."""
+    steps, modes = results["number_of_steps"], results["number_of_modes"]
+    tolerance, mesh = results["solver_tolerance"], results["mesh_refinement"]
+    n = steps["elements"]
+    measured = (
+        f"Rod with 30 holes, {n:,} bilinear quadrilaterals. *Value* is the time for psi alone, "
+        "*gradient* that for psi and its exact gradient (medians); errors are relative, that of "
+        "the gradient in the Euclidean norm over all elements, against"
+    )
+    defaults = "All else as in the demo (8 normal modes, 2000 steps, tolerance 1e-11)."
+    return [
+        Table(
+            "accuracy_steps",
+            "Number of time steps",
+            f"{measured} {steps['reference']:,} steps. {defaults}",
+            {"setting": "steps", **MEASURED},
+            steps["rows"],
+        ),
+        Table(
+            "accuracy_modes",
+            "Number of normal modes",
+            f"{measured} {modes['reference']} normal modes; the three constraint modes are always "
+            f"there. {defaults}",
+            {"setting": "normal modes", **MEASURED},
+            modes["rows"],
+        ),
+        Table(
+            "accuracy_tolerance",
+            "Tolerance of the solvers",
+            f"{measured} a tolerance of {tolerance['reference']:g}. One tolerance for the relative "
+            "residuals of the eigenvalue problem and of the adjoint systems, whose conjugate "
+            f"gradient iterations are the last column. {defaults}",
+            {"setting": "tolerance", **MEASURED, "iterations": "iterations"},
+            tolerance["rows"],
+        ),
+        Table(
+            "accuracy_mesh",
+            "Mesh and order of the displacements",
+            "A rod of gray blocks, the same on every mesh of quadrilaterals. Time of psi alone "
+            "(median); relative error of psi against Aitken's extrapolation of the three finest "
+            f"meshes of order 2, the finest of them with {mesh['finest']} elements along the side "
+            "of a block, one mesh beyond the table.",
+            {
+                "mesh": "mesh",
+                "order": "order",
+                "dofs": "unknowns",
+                "value": "value [s]",
+                "psi": "psi [J s]",
+                "error_psi": "error of psi",
+            },
+            sorted(mesh["rows"], key=lambda row: (row["order"], row["setting"])),
+        ),
+        Table(
+            "accuracy_differences",
+            "The gradient against central differences",
+            "Relative difference between the exact gradient along a random direction in the space "
+            "of all densities and the central difference of psi, over the step of the difference. "
+            "Large steps show the error of the difference, which falls with the square of the "
+            "step, small ones the round-off in psi.",
+            {"setting": "step", "error_gradient": "relative difference"},
+            results["central_differences"]["rows"],
+        ),
+    ]
+
+
+def report_accuracy(results: Results, directory: Path) -> list[Table]:
+    """Write tables and picture.
+
+    Args:
+        results: of `accuracy_jobs`.
+        directory: where to.
+
+    Returns:
+        The tables.
+    """
+    by_name = {job.function: result for job, result in results}
+    tables = accuracy_tables(by_name)
+    _draw(by_name, directory / "accuracy.png")
+    picture = "![Error over time for steps, modes, tolerance and mesh](accuracy.png)"
+    write_page(directory, "accuracy", "Time beside error", picture, tables)
+    return tables
+
+
+def _draw(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    with styled_figure(13.0, 8.0) as figure:
+        axes = figure.subplots(2, 3)
+        for place, (name, title, text) in zip(
+            axes.flat,
+            (
+                ("number_of_steps", "Time steps", "{:,.0f}"),
+                ("number_of_modes", "Normal modes", "{:.0f}"),
+                ("solver_tolerance", "Tolerance of the solvers", "{:.0e}"),
+            ),
+            strict=False,
+        ):
+            _work_precision(place, results[name]["rows"], text)
+            place.set_title(f"{title} (numbers at the points)")
+        axes[0, 0].legend(*axes[0, 0].get_legend_handles_labels(), loc="lower left")
+        _draw_mesh(axes[1, 0], results["mesh_refinement"]["rows"])
+        _draw_steps(axes[1, 1], results["number_of_steps"]["rows"])
+        _draw_differences(axes[1, 2], results["central_differences"]["rows"])
+        figure.tight_layout(w_pad=2.0, h_pad=2.0)
+        save(figure, path)
+
+
+def _log_log(axes: Axes, x_label: str, y_label: str) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    tidy(axes)
+
+
+def _label(axes: Axes, text: str, x: float, y: float, color: str, below: bool = False) -> None:
+    axes.annotate(
+        text,
+        (x, y),
+        (4, -4 if below else 4),
+        textcoords="offset points",
+        fontsize=8,
+        color=color,
+        va="top" if below else "bottom",
+    )
+
+
+def _work_precision(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> None:
+    """Draw errors over the time that is needed for them."""
+    _log_log(axes, "seconds", "relative error")
+    for time, error, color, label in (
+        ("gradient", "error_gradient", ORANGE, "gradient (time of psi and gradient)"),
+        ("value", "error_psi", BLUE, "psi (time of psi alone)"),
+    ):
+        x = [row[time] for row in rows]
+        y = [max(row[error], 1e-16) for row in rows]
+        axes.plot(x, y, "o-", color=color, label=label)
+        for row, a, b in zip(rows, x, y, strict=True):
+            number = text.format(row["setting"]).replace("e-0", "e-")
+            _label(axes, number, a, b, DARK, below=color == BLUE)
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high * (high / low) ** 0.08)
+
+
+def _draw_mesh(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
+    _log_log(axes, "seconds", "relative error of psi")
+    for order, color in ((1, BLUE), (2, ORANGE)):
+        chosen = sorted((r for r in rows if r["order"] == order), key=lambda r: r["setting"])
+        x, y = [r["value"] for r in chosen], [r["error_psi"] for r in chosen]
+        axes.plot(x, y, "o-", color=color, label=f"order {order}")
+        for row, a, b in zip(chosen, x, y, strict=True):
+            _label(axes, row["mesh"], a, b, DARK, below=order == 2)
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high * (high / low) ** 0.12)
+    axes.set_title("Mesh and order (elements at the points)")
+    axes.legend(loc="lower left")
+
+
+def _draw_steps(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
+    _log_log(axes, "time steps", "relative error")
+    n = np.array([row["setting"] for row in rows], dtype=float)
+    for error, color, label in (("error_gradient", ORANGE, "gradient"), ("error_psi", BLUE, "psi")):
+        axes.plot(n, [row[error] for row in rows], "o-", color=color, label=label)
+    axes.plot(
+        n, rows[0]["error_psi"] * (n / n[0]) ** -2.0, ":", color=GRAY, label="slope of order 2"
+    )
+    axes.set_title("Order in time")
+    axes.legend(loc="lower left")
+
+
+def _draw_differences(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
+    _log_log(axes, "step of the central difference", "relative difference")
+    h = [row["setting"] for row in rows]
+    e = [row["error_gradient"] for row in rows]
+    axes.plot(h, e, "o-", color=ORANGE)
+    best = int(np.argmin(e))
+    _label(axes, f"{e[best]:.0e}".replace("e-0", "e-"), h[best], e[best], DARK, below=True)
+    axes.set_ylim(min(e) / 5.0, max(e) * 2.0)
+    axes.set_title("Exact gradient against differences, random direction")

@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: MIT
+"""Growth of time and memory with the number of elements, and the share of each room."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from jobs import Job, Progress
+from matplotlib.axes import Axes
+from report import Table, write_page
+from scene import holes_design, slider_crank, warm_up
+
+from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE, save, styled_figure, tidy
+
+__all__ = ["evaluation_growth", "growth_jobs", "report_growth"]
+
+#: rooms in the order of the chain, those of the value first
+ROOMS = (
+    "assembly",
+    "reduction",
+    "integrals",
+    "simulation",
+    "adjoint",
+    "reduction pullback",
+    "integrals pullback",
+)
+VALUE_ROOMS = 4
+#: gradient over value: what is aimed at, and for how many elements
+TARGET, TARGET_ELEMENTS = 2.5, 16_000
+
+
+def growth_jobs(*, quick: bool) -> list[Job]:
+    """Return the measurements: one process for each mesh and number of ranks."""
+    if quick:
+        sizes = {(40, 4): 3, (80, 8): 3}
+        seconds = {(40, 4): 5.0, (80, 8): 5.0}
+    else:
+        sizes = {(100, 10): 15, (200, 20): 15, (400, 40): 9, (800, 80): 5}
+        seconds = {(100, 10): 8.0, (200, 20): 12.0, (400, 40): 22.0, (800, 80): 55.0}
+    parallel = list(sizes)[-2:]
+    return [
+        Job(
+            "growth",
+            "evaluation_growth",
+            seconds[size],
+            {"elements": list(size), "repetitions": repetitions},
+            ranks,
+        )
+        for size, repetitions in sizes.items()
+        for ranks in ((1, 2) if size in parallel else (1,))
+    ]
+
+
+def evaluation_growth(
+    comm: MPI.Comm, progress: Progress, *, elements: list[int], repetitions: int
+) -> dict[str, Any]:
+    """Measure value, gradient and the lower bound on one mesh, side by side.
+
+    Args:
+        comm: the ranks.
+        progress: told the part that is done.
+        elements: along and across.
+        repetitions: of value, gradient and lower bound, in turn.
+    """
+    warm_up(comm)
+    base = _reset_peak_memory()
+    problem = slider_crank(comm, (elements[0], elements[1]))
+    rod = problem.flexible["rod"]
+    x = holes_design(rod.domain)
+    problem.value(x)
+    memory_value = _peak_memory() - base
+    problem.gradient(x)  # also warms up what is made once for each mesh
+    memory_gradient = _peak_memory() - base
+
+    rng = np.random.default_rng(0)
+    block = rng.standard_normal((rod.elasticity.n_dofs, rod.modes))
+    columns = [block[:, i : i + 1].copy() for i in range(rod.modes)]
+
+    def singly() -> None:
+        for column in columns:
+            rod.reduction.solve(column)
+
+    times: dict[str, list[float]] = {
+        name: [] for name in ("value", "gradient", "factor", "solve", "solve singly")
+    }
+    rooms: dict[str, list[float]] = {name: [] for name in ROOMS}
+    iterations = 0
+    for repetition in range(repetitions):
+        times["value"].append(_seconds(comm, lambda: problem.value(x)))
+        start = perf_counter()
+        evaluation = problem.gradient(x)
+        comm.Barrier()
+        times["gradient"].append(perf_counter() - start)
+        for name in ROOMS:
+            rooms[name].append(evaluation.seconds[name])
+        iterations = evaluation.solver_iterations["rod"]
+        times["factor"].append(_seconds(comm, rod.reduction.factor))
+        times["solve"].append(_seconds(comm, lambda: rod.reduction.solve(block)))
+        times["solve singly"].append(_seconds(comm, singly))
+        progress((repetition + 1) / repetitions)
+    return {
+        "elements": rod.domain.n_cells_global,
+        "dofs": rod.elasticity.n_dofs_global,
+        "modes": rod.modes,
+        "steps": problem.integrator.steps,
+        "times": times,
+        "rooms": rooms,
+        "iterations": iterations,
+        "memory_value": comm.allreduce(memory_value),
+        "memory_gradient": comm.allreduce(memory_gradient),
+        "memory_base": comm.allreduce(base),
+    }
+
+
+def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> float:
+    """Return how long an action takes on the slowest rank."""
+    comm.Barrier()
+    start = perf_counter()
+    action()
+    comm.Barrier()
+    return perf_counter() - start
+
+
+def _reset_peak_memory() -> float:
+    """Begin a new record of the peak memory of this process, and return it [MB]."""
+    with contextlib.suppress(OSError):  # then the record goes on, and small meshes show nothing
+        Path("/proc/self/clear_refs").write_text("5")
+    return _peak_memory()
+
+
+def _peak_memory() -> float:
+    """Return the peak of the resident memory of this process [MB].
+
+    The record of `resource.getrusage` would include that of the process that started this one.
+    """
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    return float(found[1]) * 1024e-6 if found else np.nan
+
+
+# ---------------------------------------------------------------------- tables and picture
+
+
+def rows_of_growth(results: list[tuple[Job, dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Return one row for each measurement: medians, and what follows from them."""
+    rows = []
+    for job, result in results:
+        t = {name: np.array(values) for name, values in result["times"].items()}
+        rooms = {name: float(np.median(values)) for name, values in result["rooms"].items()}
+        gradient = float(np.median(t["gradient"]))
+        bound = float(np.median(t["factor"] + t["solve"]))
+        rows.append(
+            {
+                "elements": result["elements"],
+                "mesh": "x".join(map(str, job.parameters["elements"])),
+                "dofs": result["dofs"],
+                "ranks": job.ranks,
+                "repetitions": len(t["value"]),
+                "value": float(np.median(t["value"])),
+                "gradient": gradient,
+                "fastest_value": float(np.min(t["value"])),
+                "fastest_gradient": float(np.min(t["gradient"])),
+                # pair by pair, so that a busy moment of the machine counts on both sides
+                "ratio": float(np.median(t["gradient"] / t["value"])),
+                "factor": float(np.median(t["factor"])),
+                "bound": bound,
+                "bound_singly": float(np.median(t["factor"] + t["solve singly"])),
+                "over_bound": float(np.median(t["gradient"] / (t["factor"] + t["solve"]))),
+                "memory_value": result["memory_value"],
+                "memory_gradient": result["memory_gradient"],
+                "memory_base": result["memory_base"],
+                "iterations": result["iterations"],
+                **rooms,
+                "rest": max(gradient - sum(rooms.values()), 0.0),
+            }
+        )
+    return rows
+
+
+def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) -> list[Table]:
+    """Write tables and picture.
+
+    Args:
+        results: of `growth_jobs`.
+        directory: where to.
+
+    Returns:
+        The tables.
+    """
+    rows = rows_of_growth(results)
+    first = results[0][1]
+    scene = (
+        f"Slider-crank of the demo, rod with 30 holes, bilinear quadrilaterals, {first['modes']} "
+        f"modes (3 constraint modes among them), {first['steps']} time steps."
+    )
+    times = Table(
+        "growth",
+        "Time",
+        f"{scene} *Value* is psi alone, *gradient* is psi and its exact derivative with respect to "
+        "every element. Value, gradient and lower bound are measured in turn, again and again, in "
+        "one process for each line; times are medians, the ratio is the median of the ratios of "
+        "neighbours. The *lower bound* is one numerical factorisation of the stiffness and one "
+        "back-substitution for each mode, all of them at once (beside it: one after the other).",
+        {
+            "mesh": "mesh",
+            "elements": "elements",
+            "dofs": "unknowns",
+            "ranks": "ranks",
+            "repetitions": "repetitions",
+            "value": "value [s]",
+            "gradient": "gradient [s]",
+            "ratio": "gradient / value",
+            "bound": "lower bound [s]",
+            "bound_singly": "one by one [s]",
+            "over_bound": "gradient / lower bound",
+        },
+        rows,
+    )
+    rooms = Table(
+        "growth_rooms",
+        "Share of each room",
+        "Medians of the seconds that one evaluation of value and gradient spends in each room; "
+        "*rest* is what the whole evaluation takes beyond them. *Iterations* are those of the "
+        "conjugate gradients in the reduction's pullback, all modes side by side.",
+        {
+            "mesh": "mesh",
+            "ranks": "ranks",
+            **{name: f"{name} [s]" for name in ROOMS},
+            "rest": "rest [s]",
+            "iterations": "iterations",
+        },
+        rows,
+    )
+    memory = Table(
+        "growth_memory",
+        "Memory",
+        "Peak of the resident memory, each line in a process of its own, summed over its ranks, "
+        "beyond what the process holds with all libraries loaded and a rod of 40 elements "
+        "evaluated (*base*). *Value* includes mesh and matrices, *gradient* both.",
+        {
+            "mesh": "mesh",
+            "elements": "elements",
+            "ranks": "ranks",
+            "memory_base": "base [MB]",
+            "memory_value": "value [MB]",
+            "memory_gradient": "gradient [MB]",
+        },
+        rows,
+    )
+    _draw(rows, directory / "growth.png")
+    picture = "![Time, shares and memory over the number of elements](growth.png)"
+    tables = [times, rooms, memory]
+    write_page(directory, "growth", "Growth with the number of elements", picture, tables)
+    return tables
+
+
+def _draw(rows: list[dict[str, Any]], path: Path) -> None:
+    serial = [row for row in rows if row["ranks"] == 1]
+    parallel = [row for row in rows if row["ranks"] == 2]
+    with styled_figure(13.0, 4.4) as figure:
+        time_axes, share_axes, memory_axes = figure.subplots(
+            1, 3, gridspec_kw={"width_ratios": [1.1, 1.0, 0.9]}
+        )
+        _draw_times(time_axes, serial, parallel)
+        _draw_shares(share_axes, serial)
+        _draw_memory(memory_axes, serial, parallel)
+        figure.tight_layout(w_pad=2.0)
+        save(figure, path)
+
+
+def _column(rows: list[dict[str, Any]], name: str) -> np.ndarray:
+    return np.array([row[name] for row in rows])
+
+
+def _elements_axis(axes: Axes, rows: list[dict[str, Any]]) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    ticks = sorted({row["elements"] for row in rows})
+    axes.set_xticks(ticks, [f"{n:,}" for n in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel("elements")
+    tidy(axes)
+
+
+def _draw_times(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[str, Any]]) -> None:
+    n = _column(serial, "elements")
+    axes.plot(n, _column(serial, "gradient"), "o-", color=ORANGE, label="psi and exact gradient")
+    axes.plot(n, _column(serial, "value"), "o-", color=BLUE, label="psi alone")
+    axes.plot(
+        n,
+        _column(serial, "bound"),
+        "o-",
+        color=GRAY,
+        label="one factorisation, one\nback-substitution a mode",
+    )
+    for name, color in (("gradient", ORANGE), ("value", BLUE)):
+        axes.plot(
+            _column(parallel, "elements"),
+            _column(parallel, name),
+            "s--",
+            color=color,
+            markerfacecolor="white",
+            label="the same on 2 ranks" if name == "gradient" else None,
+        )
+    for row in serial:
+        axes.annotate(
+            f"{row['ratio']:.2f}x",
+            (row["elements"], row["gradient"]),
+            (0, 8),
+            textcoords="offset points",
+            ha="center",
+            fontsize=9,
+            color=DARK,
+        )
+    _elements_axis(axes, serial)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, 2.5 * high)
+    axes.set_ylabel("seconds")
+    axes.set_title("Time of one evaluation; gradient / value above")
+    axes.legend(loc="upper left")
+
+
+def _draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
+    # the value's rooms in blues, the gradient's in oranges
+    blues, oranges = ("#cfe3f2", "#0b62a4", "#7db5dc", "#073b63"), ("#f7d9b0", "#d9822b", "#8f4f12")
+    colors = dict(zip(ROOMS, blues + oranges, strict=True))
+    total = np.array([sum(row[name] for name in (*ROOMS, "rest")) for row in serial])
+    bottom = np.zeros(len(serial))
+    places = np.arange(len(serial))
+    for name in (*ROOMS, "rest"):
+        share = 100.0 * _column(serial, name) / total
+        axes.bar(
+            places, share, 0.72, bottom, color=colors.get(name, "#c9d1d9"), edgecolor="white",
+            linewidth=0.6, label=name,
+        )  # fmt: skip
+        for place, part, base in zip(places, share, bottom, strict=True):
+            if part >= 6.0:
+                dark = name in ("reduction", "simulation", "integrals pullback")
+                axes.text(
+                    place, base + 0.5 * part, f"{part:.0f}", ha="center", va="center", fontsize=8.5,
+                    color="white" if dark else DARK,
+                )  # fmt: skip
+        bottom += share
+    axes.set_xticks(places, [f"{row['elements']:,}" for row in serial])
+    axes.set_ylim(0.0, 100.0)
+    axes.set_xlabel("elements")
+    axes.set_ylabel("share [%]")
+    axes.set_title("Where value and gradient spend their time")
+    tidy(axes, grid=False)
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(
+        handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8.5
+    )
+
+
+def _draw_memory(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[str, Any]]) -> None:
+    for name, color, label in (
+        ("memory_gradient", ORANGE, "psi and exact gradient"),
+        ("memory_value", BLUE, "psi alone"),
+    ):
+        axes.plot(
+            _column(serial, "elements"), _column(serial, name), "o-", color=color, label=label
+        )
+        axes.plot(
+            _column(parallel, "elements"),
+            _column(parallel, name),
+            "s--",
+            color=color,
+            markerfacecolor="white",
+            label="the same on 2 ranks" if name == "memory_gradient" else None,
+        )
+    last = serial[-1]
+    axes.annotate(
+        f"{last['memory_gradient']:,.0f} MB",
+        (last["elements"], last["memory_gradient"]),
+        (-6, 6),
+        textcoords="offset points",
+        ha="right",
+        fontsize=9,
+    )
+    _elements_axis(axes, serial)
+    axes.set_ylabel("MB")
+    axes.set_title("Peak memory beyond the libraries'")
+    axes.legend(loc="upper left")
