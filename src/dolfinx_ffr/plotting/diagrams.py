@@ -125,7 +125,7 @@ def _draw_column(
     )
     if gray is not None:
         axes.plot(iteration, gray, color=GRAY, linewidth=1.2)
-        _name_line(axes, float(gray[-1]), GRAY, "between void and solid")
+        _name_line(axes, float(np.nanmax(gray)), GRAY, "between void and solid", left=True)
     top = float(np.nanmax(values))
     if name == "volume":
         axes.set_ylim(0.0, 1.08 * max(1.0, top))
@@ -214,15 +214,15 @@ def _line(axes: Axes, value: float, color: str, label: str) -> None:
     _name_line(axes, value, color, label)
 
 
-def _name_line(axes: Axes, value: float, color: str, label: str) -> None:
-    """Write the name of a line at its right end."""
+def _name_line(axes: Axes, value: float, color: str, label: str, *, left: bool = False) -> None:
+    """Write the name of a line over its right or its left end."""
     axes.annotate(
         label,
-        (1.0, value),
+        (0.0 if left else 1.0, value),
         xycoords=("axes fraction", "data"),
-        xytext=(-2, 3),
+        xytext=(6 if left else -2, 3),
         textcoords="offset points",
-        ha="right",
+        ha="left" if left else "right",
         va="bottom",
         color=color,
         fontsize=9,
