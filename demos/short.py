@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: MIT
+"""The shortest program that designs a flexible rod; README shows it."""
+
+import numpy as np
+from mpi4py import MPI
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+
+rod = ffr.Domain.rectangle(MPI.COMM_WORLD, 0.4, 0.04, elements=(200, 20))
+steel = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
+body = ffr.FlexibleBody(rod, steel, frame=ffr.ChordFrame("left", "right"), modes=8)
+
+crank = ffr.Moving.circle((0, 0), 0.1, ffr.Motion.smooth_step(10 * np.pi, 2.0))
+mechanism = ffr.Mechanism(
+    placements={"rod": ffr.Placement(position=(0.1, 0.0))},
+    joints=[
+        ffr.Revolute(("rod", "left"), crank),
+        ffr.PointOnLine(("rod", "right"), ffr.Ground()),
+    ],
+    point_masses=[ffr.PointMass(("rod", "right"), 0.5)],
+)
+problem = ffr.Problem(
+    {"rod": body}, mechanism, ffr.GeneralizedAlpha(2.0, 2000), ffr.IntegralCompliance()
+)
+
+levelset = ffr.LevelSet(rod)
+start = levelset.with_holes(10, 3, 0.008, margin=0.01)
+result = ffr.optimize(problem, levelset, start, volume=0.5, output="results/short")
+
+plotting.plot_design(rod, result.x, "results/short/design.png")
+plotting.animate_motion(problem, result.evaluation, "results/short/motion.gif")

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""The demos as a user runs them, on small meshes: serial, with two ranks, on a mesh file."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import pytest
+from dolfinx_ffr import read_history
+
+TOP = Path(__file__).parents[1]
+DEMO = TOP / "demos" / "slider_crank.py"
+
+
+def run(*arguments: str, ranks: int = 1, cwd: Path, program: Path = DEMO) -> str:
+    """Run a demo from a directory of its own and return what it prints."""
+    command = [sys.executable, str(program), *arguments]
+    if ranks > 1:
+        mpirun = shutil.which("mpirun")
+        assert mpirun, "mpirun is missing: install openmpi-bin"
+        command = [mpirun, "-n", str(ranks), *command]
+    # this process has initialised MPI already: a child must not take it for its parent
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_COMM", "PMIX_", "PRTE_LAUNCHED", "OMPI_UNIVERSE"))
+    }
+    done = subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=500
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+def summary(folder: Path) -> dict[str, float]:
+    """Return the numbers that a demo has left."""
+    return json.loads((folder / "summary.json").read_text())  # type: ignore[no-any-return]
+
+
+SMALL = ["--elements", "60", "6", "--iterations", "6", "--output", "out"]
+FILES = ["design.xdmf", "design.h5", "design.png", "history.png", "motion.gif", "modes.png"]
+
+
+def test_slider_crank_serial_and_parallel(tmp_path: Path) -> None:
+    """Files and numbers are there, and two ranks find the same design as one."""
+    serial, parallel = tmp_path / "serial", tmp_path / "parallel"
+    for folder, ranks in ((serial, 1), (parallel, 2)):
+        folder.mkdir()
+        run(*SMALL, ranks=ranks, cwd=folder)
+    one, two = summary(serial / "out"), summary(parallel / "out")
+    assert (one["ranks"], two["ranks"]) == (1, 2)
+    assert one["design_variables"] == 360
+    for key, value in one.items():
+        if key.startswith("compliance"):
+            assert two[key] == pytest.approx(value, rel=1e-7), key
+    assert one["compliance_final"] < one["compliance_initial"]
+    assert one["volume_fraction"] <= 0.5 + 1e-9
+    for name in FILES:
+        assert (serial / "out" / name).stat().st_size > 500, name
+    history = read_history(serial / "out" / "history.csv")
+    assert len(history["psi"]) == 7
+    assert history["psi"][-1] == pytest.approx(one["compliance_final"], rel=1e-12)
+    with Image.open(serial / "out" / "motion.gif") as film:
+        assert film.n_frames > 20
+        film.seek(0)
+        first = np.asarray(film.convert("L"), dtype=float)
+        film.seek(film.n_frames // 3)
+        later = np.asarray(film.convert("L"), dtype=float)
+    assert np.mean(np.abs(first - later)) > 0.5  # something moves
+
+
+def test_slider_crank_on_a_mesh_file(tmp_path: Path) -> None:
+    """A gmsh file takes the place of the built-in rod, of order two."""
+    from test_domain import write_rod
+
+    write_rod(tmp_path / "rod.msh")
+    run("--mesh", "rod.msh", "--order", "2", "--iterations", "2", "--output", "o", cwd=tmp_path)
+    numbers = summary(tmp_path / "o")
+    assert numbers["compliance_final"] < numbers["compliance_initial"]
+    assert 0.0 < numbers["volume_fraction"] <= 0.5 + 1e-9
+
+
+def test_resumed_demo_continues(tmp_path: Path) -> None:
+    """A second run with --resume goes on where the first one ended."""
+    run(*SMALL, cwd=tmp_path)
+    first = read_history(tmp_path / "out" / "history.csv")
+    more = [*SMALL, "--resume"]
+    more[4] = "8"
+    run(*more, cwd=tmp_path)
+    second = read_history(tmp_path / "out" / "history.csv")
+    assert len(second["psi"]) == 9
+    np.testing.assert_array_equal(second["psi"][:7], first["psi"])
+
+
+def test_readme_shows_the_short_program() -> None:
+    """README's program is the one that is run here."""
+    blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)
+    program = (TOP / "demos" / "short.py").read_text().split('"""\n', 1)[1].strip()
+    assert any(block.strip() == program for block in blocks)
+
+
+def test_short_program(tmp_path: Path) -> None:
+    """The short program runs as it stands, but for a coarser mesh and fewer iterations."""
+    text = (TOP / "demos" / "short.py").read_text()
+    coarse = text.replace("(200, 20)", "(40, 6)").replace("volume=0.5", "volume=0.5, iterations=2")
+    assert coarse != text
+    program = tmp_path / "short.py"
+    program.write_text(coarse)
+    run(cwd=tmp_path, program=program)
+    assert (tmp_path / "results" / "short" / "motion.gif").stat().st_size > 10_000
