@@ -8,6 +8,11 @@ One step moves phi at the knots by at most a CFL number times the knots' spacing
 where v is the smoothed, scaled negative gradient of psi and m that of the volume. The multiplier
 Lambda is the smallest for which the volume bound holds: zero where the bound is not active, because
 less material may well be better when inertia is the load.
+
+Velocities reach as far from the zero line as the smoothed Heaviside function and the kernel do.
+Holes merge and vanish, but none opens within solid material farther away: a start design has more
+holes than the final one will need, or none at all, which the volume bound then turns into an even
+gray from which the gradient carves.
 """
 
 from __future__ import annotations
@@ -116,6 +121,8 @@ class Evolution:
         band: phi is kept within this many spacings of its zero line, so that a hole or a strut of
             that size can vanish within that many steps.
         extension: velocity extension; by default with its default radius.
+        distance: re-initialiser, from phi at the knots (knots,) to a signed distance at the knots;
+            by default `LevelSet.signed_distance`.
 
     Raises:
         ValueError: on every rank, if the bound is out of range or below the share of the regions
@@ -128,10 +135,13 @@ class Evolution:
         volume: float,
         *,
         band: float = 3.0,
-        extension: VelocityExtension | None = None,
+        extension: Callable[[Array], Array] | None = None,
+        distance: Callable[[Array], Array] | None = None,
     ) -> None:
         domain = levelset.domain
         solid = domain.sum(domain.cell_volumes * ~domain.design_cells) / domain.area
+        if not band > 0.0:
+            raise ValueError(f"evolution: band = {band} must be a positive number of spacings")
         if not 0.0 < volume <= 1.0:
             raise ValueError(f"evolution: volume = {volume} must be a share in (0, 1]")
         if volume <= solid:
@@ -143,10 +153,13 @@ class Evolution:
         self.band = band * levelset.spacing
         self.bisection = VolumeBisection(volume)
         self.extension = extension or VelocityExtension(levelset)
+        self.distance = distance or levelset.signed_distance
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
 
     def start(self, coefficients: Array) -> Array:
         """Return phi at the knots of a start design, shrunk evenly until the volume bound holds.
+
+        A design without a zero line becomes an even gray of the bound's volume.
 
         Args:
             coefficients: of the start design, shape (knots,).
@@ -158,7 +171,7 @@ class Evolution:
 
         It ends at the band, and is shrunk evenly until the volume bound holds.
         """
-        return self.bounded(np.clip(self.levelset.signed_distance(phi), -self.band, self.band))
+        return self.bounded(np.clip(self.distance(phi), -self.band, self.band))
 
     def bounded(self, phi: Array) -> Array:
         """Return ``phi`` (knots,), shrunk evenly until the volume bound holds."""

@@ -13,7 +13,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,7 @@ class HistoryFile:
         comm: MPI.Comm,
         path: str | Path,
         columns: list[str],
-        rows: list[Mapping[str, float]] | None = None,
+        rows: Sequence[Mapping[str, float]] = (),
     ) -> None:
         self._comm = comm
         self._path = Path(path)
@@ -120,7 +120,7 @@ class HistoryFile:
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows or [])
+        writer.writerows(rows)
         on_rank_0(comm, lambda: _replace(self._path, text.getvalue().encode()))
 
     def append(self, row: Mapping[str, float]) -> None:

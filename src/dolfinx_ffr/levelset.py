@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """A level set of radial basis functions, and the density that it gives each element.
 
-The body's material is where phi(X) = sum_j alpha_j g(|X - X_j|) is positive. The knots X_j form a
-regular grid of their own, whatever the mesh. The density of an element is its fill fraction, the
-mean of a smoothed Heaviside function over the element's area,
+The body's material is where phi(X) = sum_j alpha_j g(|X - X_j|) is positive. The knots X_j are a
+regular grid of their own or given points, whatever the mesh. The density of an element is its fill
+fraction, the mean of a smoothed Heaviside function over the element's area,
 
     x_e = sum_q w_q H(phi(X_q) / width),     H(s) = 1/2 + 15/16 (s - 2/3 s^3 + 1/5 s^5), |s| < 1,
 
@@ -19,12 +19,14 @@ References:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from mpi4py import MPI
 
 import contourpy
 import numpy as np
+import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
@@ -35,60 +37,100 @@ __all__ = ["LevelSet"]
 
 Array = NDArray[np.float64]
 
+#: entries of the largest dense matrix that a rank may hold (4 GB)
+LARGEST = 2**29
+
 
 class LevelSet:
-    """phi on a grid of knots over a body, and the fill fraction of the body's elements.
+    """phi on knots over a body, and the fill fraction of the body's elements.
 
     Args:
         domain: the body.
-        spacing: distance of the knots [m]; by default the size of a mean element.
-        kernel: radial basis function; by default Wendland's with a radius of three spacings.
+        knots: shape (knots, 2) [m], the same on every rank; by default a regular grid over the
+            body's bounding box.
+        spacing: distance of the grid's knots [m]; by default the size of a mean element. With
+            given knots it is the resolution at which the zero line is drawn, by default their
+            median distance.
+        kernel: radial basis function; by default Wendland's with a radius of three spacings. The
+            matrices of a global kernel are dense: take a spacing of two or more elements with it.
         width: half-width of the smoothed Heaviside function in units of phi, which re-initialised
             is a distance [m]; by default the size of a mean element.
         quadrature: points in each direction of an element.
 
     Raises:
-        ValueError: on every rank, if a length is not positive, the spacing leaves fewer than three
-            knots across the body, or the kernel does not reach from knot to knot.
+        ValueError: on every rank, if there are no knots, a length is not positive, the spacing
+            leaves fewer than three knots across the body, the kernel does not reach from knot to
+            knot, the knots do not cover the body, or a dense matrix would not fit into memory.
     """
 
     def __init__(
         self,
         domain: Domain,
         *,
+        knots: ArrayLike | None = None,
         spacing: float | None = None,
         kernel: Kernel | None = None,
         width: float | None = None,
         quadrature: int = 3,
     ) -> None:
         self.domain = domain
-        element = float(np.sqrt(domain.area / domain.n_cells_global))
+        #: size of a mean element [m]
+        self.element = float(np.sqrt(domain.area / domain.n_cells_global))
         for name, value in (("spacing", spacing), ("width", width)):
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"level set: {name} = {value} must be a positive length [m]")
+        if int(quadrature) != quadrature or quadrature < 1:
+            raise ValueError(f"level set: quadrature = {quadrature} must be a whole number above 0")
+        given = None if knots is None else _check_knots(knots)
+        wanted = spacing
+        if wanted is None:
+            wanted = self.element if given is None else _median_distance(given)
         low, high = domain.bounding_box
-        wanted = element if spacing is None else spacing
         counts = np.rint((high - low) / wanted).astype(int) + 1
         if counts.min() < 3:
             raise ValueError(
                 f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
                 f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
             )
-        #: coordinates of the knots' columns and rows [m]
+        #: coordinates of the columns and rows of the grid on which the zero line is drawn [m]; by
+        #: default the knots form this grid, column by column
         self.grid = (
             np.linspace(low[0], high[0], counts[0]),
             np.linspace(low[1], high[1], counts[1]),
         )
-        #: distance of neighbouring knots [m]
+        #: distance of neighbouring grid points [m]
         self.spacing = float(max(g[1] - g[0] for g in self.grid))
         #: half-width of the smoothed Heaviside function [m]
-        self.width = element if width is None else float(width)
-        x, y = np.meshgrid(*self.grid, indexing="ij")
-        knots = np.column_stack([x.ravel(), y.ravel()])
-        self.basis = RadialBasis(knots, kernel or Wendland(3.0 * self.spacing))
+        self.width = self.element if width is None else float(width)
+        grid = np.column_stack([x.ravel() for x in np.meshgrid(*self.grid, indexing="ij")])
         points, self._weights = domain.quadrature_points(quadrature)
+        kernel = kernel or Wendland(3.0 * self.spacing)
+        self._check_memory(kernel, self._weights.size, len(grid if given is None else given))
+        self.basis = RadialBasis(grid if given is None else given, kernel)
         self._matrix = self.basis.matrix(points.reshape(-1, 2))
-        self._knot_matrix = self.basis.matrix(knots)
+        self._check_cover()
+        self._knot_matrix = self.basis.matrix(self.knots)
+        self._grid_matrix = self._knot_matrix if given is None else self.basis.matrix(grid)
+
+    def _check_memory(self, kernel: Kernel, points: int, knots: int) -> None:
+        largest = self.domain.comm.allreduce(points, MPI.MAX)
+        if math.isinf(kernel.support) and largest * knots > LARGEST:
+            raise ValueError(
+                f"level set: a global kernel on {knots} knots makes a dense matrix of "
+                f"{8e-9 * largest * knots:.1f} GB; take a larger spacing, fewer quadrature points, "
+                "or a compactly supported kernel"
+            )
+
+    def _check_cover(self) -> None:
+        if not isinstance(self._matrix, scipy.sparse.csr_matrix):
+            return
+        reached = np.where(np.diff(self._matrix.indptr) > 0, 1.0, 0.0)
+        bare = 1.0 - self.domain.sum(reached) / self.domain.sum(np.ones(len(reached)))
+        if bare:
+            raise ValueError(
+                f"level set: {100.0 * bare:.2g} % of the body is beyond the reach of all "
+                "knots; add knots there or take a kernel with a larger radius"
+            )
 
     @property
     def knots(self) -> Array:
@@ -129,11 +171,14 @@ class LevelSet:
         return self._sum(local)
 
     def volume(self, coefficients: ArrayLike) -> float:
-        """Return the filled share of the body's area at ``coefficients``, the same on every rank."""
+        """Return the filled share of the body's area at ``coefficients``, alike on every rank."""
         filled = self.fill_fraction(coefficients) * self.domain.cell_volumes
         return self.domain.sum(filled) / self.domain.area
 
     def _at_points(self, coefficients: ArrayLike) -> Array:
+        return np.asarray(self._matrix @ self._check(coefficients)).reshape(self._weights.shape)
+
+    def _check(self, coefficients: ArrayLike) -> Array:
         alpha = np.asarray(coefficients, dtype=np.float64)
         if alpha.shape != (len(self.knots),) or not np.all(np.isfinite(alpha)):
             raise ValueError(
@@ -141,7 +186,7 @@ class LevelSet:
                 f"an array of shape {alpha.shape}"
                 + ("" if np.all(np.isfinite(alpha)) else " with NaN or infinity")
             )
-        return np.asarray(self._matrix @ alpha).reshape(self._weights.shape)
+        return alpha
 
     def _sum(self, local: Array) -> Array:
         comm: MPI.Comm = self.domain.comm
@@ -162,7 +207,12 @@ class LevelSet:
 
     def at_knots(self, coefficients: ArrayLike) -> Array:
         """Return phi at the knots for ``coefficients`` (knots,), shape (knots,) [m]."""
-        return np.asarray(self._knot_matrix @ np.asarray(coefficients, dtype=np.float64))
+        return np.asarray(self._knot_matrix @ self._check(coefficients))
+
+    def on_grid(self, coefficients: ArrayLike) -> Array:
+        """Return phi on `grid` for ``coefficients`` (knots,), shape (columns, rows) [m]."""
+        values = np.asarray(self._grid_matrix @ self._check(coefficients))
+        return values.reshape(len(self.grid[0]), len(self.grid[1]))
 
     def with_holes(
         self, columns: int, rows: int, radius: float, *, margin: float | None = None
@@ -205,7 +255,7 @@ class LevelSet:
     def signed_distance(self, phi: ArrayLike) -> Array:
         """Return the signed distance from the zero line of phi, at the knots.
 
-        The zero line is the polygon that a contour of the knots' bilinear grid follows.
+        The zero line is the polygon along which phi, bilinear on `grid`, is zero.
 
         Args:
             phi: values at the knots, shape (knots,).
@@ -214,14 +264,33 @@ class LevelSet:
             Values at the knots, shape (knots,) [m]; ``phi`` itself where it has no zero line.
         """
         values = np.asarray(phi, dtype=np.float64)
-        shape = tuple(len(g) for g in self.grid)
-        generator = contourpy.contour_generator(*self.grid, values.reshape(shape).T)
+        on_grid = self.on_grid(self.basis.interpolate(values))
+        generator = contourpy.contour_generator(*self.grid, on_grid.T)
         lines = [line for line in generator.lines(0.0) if len(line) > 1]
         if not lines:
             return values.copy()
         start = np.vstack([line[:-1] for line in lines])
         end = np.vstack([line[1:] for line in lines])
         return np.where(values >= 0.0, 1.0, -1.0) * _distance(self.knots, start, end)
+
+
+def _check_knots(knots: ArrayLike) -> Array:
+    given = np.asarray(knots, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != 2 or len(given) < 3:
+        raise ValueError(
+            f"level set: no usable knots in an array of shape {given.shape}; give at least three "
+            "points, shape (knots, 2), or none for a regular grid"
+        )
+    if not np.all(np.isfinite(given)):
+        raise ValueError("level set: a knot has a coordinate that is NaN or infinite")
+    return given
+
+
+def _median_distance(points: Array) -> float:
+    distance = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    if distance == 0.0:
+        raise ValueError("level set: two knots coincide; remove one of them")
+    return distance
 
 
 def _heaviside(s: Array) -> Array:

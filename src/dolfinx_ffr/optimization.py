@@ -59,6 +59,9 @@ GROW, SHRINK = 1.3, 0.5
 SHORTEST = 1e-3
 #: iterations over which convergence is judged
 WINDOW = 5
+#: relative difference from which on a resumed psi counts as another problem's; the number of ranks
+#: and the release of DOLFINx change less
+SAME = 1e-6
 
 
 def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9) -> float:
@@ -114,10 +117,11 @@ def optimize(
     start: Array,
     *,
     volume: float = 0.5,
-    iterations: int = 80,
-    widths: Sequence[float] = (1.0, 0.6, 0.35),
+    evolution: Evolution | None = None,
+    iterations: int = 100,
+    widths: Sequence[float] = (1.0, 0.6, 0.35, 0.2),
     step: float = 1.0,
-    tolerance: float = 2e-3,
+    tolerance: float = 1e-3,
     reinitialize_every: int = 5,
     output: str | Path | None = None,
     resume: bool = False,
@@ -136,14 +140,19 @@ def optimize(
         start: coefficients of the start design, shape (knots,), for example from
             `LevelSet.with_holes`; shrunk until the volume bound holds.
         volume: upper bound of the filled share of the body, in (0, 1].
+        evolution: how the level set moves; by default an `Evolution` of ``levelset`` with that
+            bound. One that is given brings its own bound.
         iterations: steps at most.
-        widths: half-widths of the smoothed Heaviside function in units of that of ``levelset``,
-            one a stage. The next stage begins where one has converged, or has had its share of the
-            iterations.
-        step: largest change of phi in one iteration, in knot spacings (CFL number).
+        widths: half-widths of the smoothed Heaviside function in units of a mean element, one a
+            stage. The next stage begins where one has converged, or has had its share of the
+            iterations. Below a fifth of an element derivatives miss the quadrature points.
+            ``levelset`` keeps the last width.
+        step: largest change of phi in one iteration, in knot spacings (CFL number); above one the
+            zero line overshoots thin struts.
         tolerance: a stage has converged when psi falls by less than this, relatively, over five
             iterations.
-        reinitialize_every: steps between re-initialisations to the signed distance; 0 for none.
+        reinitialize_every: steps kept between re-initialisations to the signed distance; 0 for
+            none.
         output: folder for ``history.csv`` and ``checkpoint``; None writes nothing.
         resume: go on from the checkpoint in ``output``, if there is one.
         progress: show a progress bar on rank 0.
@@ -160,16 +169,22 @@ def optimize(
         OSError: on every rank, if a file cannot be written.
     """
     loop = _Loop(
-        problem, levelset, Evolution(levelset, volume), iterations, widths, step, tolerance
+        problem,
+        levelset,
+        evolution or Evolution(levelset, volume),
+        iterations,
+        widths,
+        step,
+        tolerance,
+        reinitialize_every,
     )
-    loop.reinitialize_every = reinitialize_every
     comm = levelset.domain.comm
     files = None if output is None else Path(output)
     rows: list[dict[str, float]] = []
     checkpoint = None if files is None else files / "checkpoint"
     if resume and checkpoint is not None and comm.bcast(checkpoint.is_file(), root=0):
         state, rows = loop.load(checkpoint)
-        evaluation = loop.evaluate(state)
+        evaluation = loop.resume(state, rows, checkpoint)
     else:
         state, evaluation = loop.begin(start)
         rows = [loop.row(state, evaluation, accepted=True, multiplier=0.0)]
@@ -228,6 +243,7 @@ class _Loop:
         widths: Sequence[float],
         step: float,
         tolerance: float,
+        reinitialize_every: int,
     ) -> None:
         if len(problem.flexible) != 1:
             raise ValueError(
@@ -237,15 +253,21 @@ class _Loop:
         self.name, body = next(iter(problem.flexible.items()))
         if body.domain is not levelset.domain:
             raise ValueError("optimize: the level set is not on the domain of the problem's body")
-        if iterations < 0 or not widths or min(widths) <= 0.0 or step <= 0.0 or tolerance < 0.0:
-            raise ValueError(
-                f"optimize: iterations = {iterations}, widths = {tuple(widths)}, step = {step} and "
-                f"tolerance = {tolerance} must be positive"
-            )
+        if evolution.levelset is not levelset:
+            raise ValueError("optimize: the evolution moves another level set")
+        for name, value, fits in (
+            ("iterations", iterations, iterations >= 0),
+            ("widths", tuple(widths), len(widths) > 0 and all(0.0 < w < np.inf for w in widths)),
+            ("step", step, 0.0 < step < np.inf),
+            ("tolerance", tolerance, 0.0 <= tolerance < np.inf),
+            ("reinitialize_every", reinitialize_every, reinitialize_every >= 0),
+        ):
+            if not fits:
+                raise ValueError(f"optimize: {name} = {value} must be positive and finite")
         self.problem, self.levelset, self.evolution = problem, levelset, evolution
         self.iterations, self.step, self.tolerance = iterations, step, tolerance
-        self.widths = [levelset.width * w for w in widths]
-        self.reinitialize_every = 0
+        self.widths = [levelset.element * w for w in widths]
+        self.reinitialize_every = reinitialize_every
 
     # ------------------------------------------------------------------ evaluations
 
@@ -270,6 +292,18 @@ class _Loop:
                 f"apart when it was shrunk to the volume bound. Start with smaller or fewer holes, "
                 f"or raise the bound. ({error})"
             ) from error
+
+    def resume(self, state: _State, rows: list[dict[str, float]], path: Path) -> Evaluation:
+        """Return value and gradient of a state that was loaded from ``path``."""
+        evaluation = self.evaluate(state)
+        before = rows[-1]["psi"]
+        if not abs(evaluation.psi - before) <= SAME * abs(before):
+            raise CheckpointError(
+                f"checkpoint {path} is of another problem: psi of its design was {before:.8g} and "
+                f"is {evaluation.psi:.8g} here. Delete it to start anew, or write into another "
+                "folder"
+            )
+        return evaluation
 
     def iterate(
         self, state: _State, evaluation: Evaluation
@@ -357,36 +391,33 @@ class _Loop:
 
     def save(self, path: Path, state: _State, rows: list[dict[str, float]]) -> None:
         """Write all that a later run needs to go on."""
+        table = np.array([[row[name] for name in COLUMNS] for row in rows])
         save_checkpoint(
-            self.levelset.domain.comm,
-            path,
-            {
-                **vars(state),
-                "knots": self.levelset.knots,
-                "cells": self.levelset.domain.n_cells_global,
-                "widths": self.widths,
-                "bound": self.evolution.bisection.bound,
-                "rows": np.array([[row[name] for name in COLUMNS] for row in rows]),
-            },
+            self.levelset.domain.comm, path, {**vars(state), **self._identity(), "rows": table}
         )
+
+    def _identity(self) -> dict[str, Any]:
+        """Return what a checkpoint and the loop that reads it have in common."""
+        return {
+            "knots": self.levelset.knots,
+            "kernel": repr(self.levelset.basis.kernel),
+            "cells": self.levelset.domain.n_cells_global,
+            "widths": self.widths,
+            "volume": self.evolution.bisection.bound,
+        }
 
     def load(self, path: Path) -> tuple[_State, list[dict[str, float]]]:
         """Return the state and the history of an earlier run."""
         data = load_checkpoint(self.levelset.domain.comm, path)
-        expected: dict[str, Any] = {
-            "knots": self.levelset.knots,
-            "cells": self.levelset.domain.n_cells_global,
-            "widths": self.widths,
-            "bound": self.evolution.bisection.bound,
-        }
-        for key, value in expected.items():
-            if not np.array_equal(data.get(key, np.nan), value):
+        for key, value in self._identity().items():
+            if key not in data or not np.array_equal(data[key], value):
                 raise CheckpointError(
                     f"checkpoint {path} is of another problem: it differs in {key!r}. Delete it to "
                     "start anew, or write into another folder"
                 )
         names = _State.__dataclass_fields__
-        state = _State(**{k: data[k] if k == "phi" else data[k].item() for k in names})
+        fields: dict[str, Any] = {k: data[k] if k == "phi" else data[k].item() for k in names}
+        state = _State(**fields)
         rows = [dict(zip(COLUMNS, map(float, values), strict=True)) for values in data["rows"]]
         return state, rows
 

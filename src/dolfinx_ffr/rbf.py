@@ -129,8 +129,14 @@ class RadialBasis:
                     f"from knot to knot ({nearest.max():.4g} m); take a larger radius or more knots"
                 )
         matrix = self.matrix(self.knots)
-        if scipy.sparse.issparse(matrix):
-            self._sparse_factor = scipy.sparse.linalg.splu(matrix.tocsc())
+        if isinstance(matrix, scipy.sparse.csr_matrix):
+            # symmetric and positive definite: a symmetric ordering, and no pivoting to spoil it
+            self._sparse_factor = scipy.sparse.linalg.splu(
+                matrix.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
             self._dense_factor = None
         else:
             self._sparse_factor = None
@@ -155,12 +161,12 @@ class RadialBasis:
         x = np.asarray(points, dtype=np.float64).reshape(-1, self.knots.shape[1])
         if math.isinf(self.kernel.support):
             return self.kernel(cdist(x, self.knots))
-        near = self._tree.query_ball_point(x, self.kernel.support)
-        counts = np.array([len(k) for k in near], dtype=np.int64)
-        columns = np.concatenate([np.sort(k) for k in near]).astype(np.int64) if len(x) else counts
-        rows = np.repeat(np.arange(len(x)), counts)
-        values = self.kernel(np.linalg.norm(x[rows] - self.knots[columns], axis=1))
-        return scipy.sparse.csr_matrix((values, (rows, columns)), shape=(len(x), len(self.knots)))
+        near = cKDTree(x).sparse_distance_matrix(
+            self._tree, self.kernel.support, output_type="ndarray"
+        )
+        return scipy.sparse.csr_matrix(
+            (self.kernel(near["v"]), (near["i"], near["j"])), shape=(len(x), len(self.knots))
+        )
 
     def interpolate(self, values: ArrayLike) -> Array:
         """Return the coefficients alpha for which the field takes ``values`` (knots,) at the knots.
