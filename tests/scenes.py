@@ -91,8 +91,8 @@ def four_bar(end_time: float = 0.3, steps: int = 150) -> Scene:
         "crank": VolumeIntegrals.rigid(
             0.3, (0.01, 0.005), 4e-4, {"left": (-0.05, 0.0), "right": (0.05, 0.0)}
         ),
-        "coupler": beam(coupler, 0.01, 0.01, elements=8, modes=5, frame="chord"),
-        "rocker": beam(rocker, 0.008, 0.01, elements=8, modes=4, frame="tangent"),
+        "coupler": beam(coupler, 0.01, 0.01, elements=8, modes=3, frame="chord"),
+        "rocker": beam(rocker, 0.008, 0.01, elements=8, modes=2, frame="tangent"),
     }
     return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps))
 

@@ -112,7 +112,8 @@ class IntegralCompliance:
         for name, weight in self._terms(bodies).items():
             q, where = trajectory.elastic(name), trajectory.model.coordinates(name)
             bar.y[:, where.start + 3 : where.stop] = 2.0 * weight * dt * (q @ bodies[name].K)
-            bars[name].K[:] = weight * (q.T @ (dt * q))
+            square = q.T @ (dt * q)
+            bars[name].K[:] = 0.5 * weight * (square + square.T)
         return bar, bars
 
 
