@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -62,6 +63,9 @@ WINDOW = 5
 #: relative difference from which on a resumed psi counts as another problem's; the number of ranks
 #: and the release of DOLFINx change less
 SAME = 1e-6
+#: a start design this many times softer than an even density of the same volume is in pieces: its
+#: gradient tells of the void that holds it together, and leads nowhere
+APART = 1e3
 
 
 def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9) -> float:
@@ -138,7 +142,8 @@ def optimize(
         problem: has exactly one body with a density.
         levelset: on that body's domain.
         start: coefficients of the start design, shape (knots,), for example from
-            `LevelSet.with_holes`; shrunk until the volume bound holds.
+            `LevelSet.with_holes`; shrunk until the volume bound holds. Where that makes it fall
+            apart, the loop warns and begins with an even density.
         volume: upper bound of the filled share of the body, in (0, 1].
         evolution: how the level set moves; by default an `Evolution` of ``levelset`` with that
             bound. One that is given brings its own bound.
@@ -163,8 +168,8 @@ def optimize(
         The last design that was kept, on every rank.
 
     Raises:
-        ValueError: on every rank, if the arguments do not fit each other, or the motion of the
-            start design cannot be computed.
+        ValueError: on every rank, if the arguments do not fit each other.
+        SimulationError: on every rank, if not even the motion of an even density can be computed.
         CheckpointError: on every rank, if the checkpoint is damaged or of another problem.
         OSError: on every rank, if a file cannot be written.
     """
@@ -283,15 +288,22 @@ class _Loop:
     def begin(self, start: Array) -> tuple[_State, Evaluation]:
         """Return the first state with its evaluation."""
         self.levelset.width = self.widths[0]
-        state = _State(self.evolution.start(np.asarray(start, dtype=np.float64)), size=self.step)
+        given = _State(self.evolution.start(np.asarray(start, dtype=np.float64)), size=self.step)
+        even = replace(given, phi=self.evolution.bounded(np.zeros(len(given.phi))))
+        limit = APART * self.problem.value(self.density(even)).psi
         try:
-            return state, self.evaluate(state)
-        except SimulationError as error:
-            raise ValueError(
-                "optimize: the motion of the start design cannot be computed; it may have fallen "
-                f"apart when it was shrunk to the volume bound. Start with smaller or fewer holes, "
-                f"or raise the bound. ({error})"
-            ) from error
+            evaluation = self.evaluate(given)
+            if evaluation.psi <= limit:
+                return given, evaluation
+        except SimulationError:  # so soft that it cannot move
+            pass
+        warnings.warn(
+            "optimize: the start design has fallen apart; the loop begins with an even density "
+            "instead. Take smaller or fewer holes, or raise the volume bound, to which the start "
+            "design is shrunk",
+            stacklevel=3,
+        )
+        return even, self.evaluate(even)
 
     def resume(self, state: _State, rows: list[dict[str, float]], path: Path) -> Evaluation:
         """Return value and gradient of a state that was loaded from ``path``."""
