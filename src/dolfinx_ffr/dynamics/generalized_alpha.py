@@ -131,7 +131,11 @@ def simulate(
     compile_kernels()
     with one_thread():
         y0, v0 = initial_state(model)
-        trajectory = _integrate(model, integrator, y0, v0)
+        try:
+            trajectory = _integrate(model, integrator, y0, v0)
+        except SimulationError as error:
+            _warn_of_softening(error.trajectory)  # a likely reason
+            raise
         _warn_of_softening(trajectory)
     return trajectory
 

@@ -26,6 +26,9 @@ from .steps import (
 #: Outcome of the loops.
 CONVERGED, SINGULAR, DIVERGED = 0, 1, 2
 
+#: Modules whose code is compiled.
+SOURCES = ("arrays", "linear", "rows", "bodies", "steps", "loops")
+
 #: Most Newton iterations of one step.
 MAX_ITERATIONS = 25
 
@@ -324,8 +327,8 @@ def _make_kernels(digest: str) -> Kernels:
 
 
 def _digest_of_sources() -> str:
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    return sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    here = Path(__file__).parent
+    return sha256(b"".join((here / f"{name}.py").read_bytes() for name in SOURCES)).hexdigest()
 
 
 kernels = _make_kernels(_digest_of_sources())
