@@ -144,7 +144,7 @@ class Evolution:
             raise ValueError(f"evolution: band = {band} must be a positive number of spacings")
         if not 0.0 < volume <= 1.0:
             raise ValueError(f"evolution: volume = {volume} must be a share in (0, 1]")
-        if volume <= solid:
+        if volume <= solid * (1.0 + 1e-9):
             raise ValueError(
                 f"evolution: volume = {volume:.4g} leaves nothing to design: the solid regions "
                 f"alone fill {solid:.4g} of the body"
