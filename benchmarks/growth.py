@@ -15,6 +15,7 @@ from mpi4py import MPI
 import numpy as np
 from jobs import Job, Progress
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 from report import Table, write_page
 from scene import holes_design, slider_crank, warm_up
 
@@ -265,17 +266,18 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     serial = [row for row in rows if row["ranks"] == 1]
     parallel = [row for row in rows if row["ranks"] == 2]
     with styled_figure(13.0, 4.4) as figure:
+        figure.set_constrained_layout(True)
+        figure.set_constrained_layout_pads(w_pad=0.12, h_pad=0.08)
         time_axes, share_axes, memory_axes = figure.subplots(
-            1, 3, gridspec_kw={"width_ratios": [1.1, 1.0, 0.9]}
+            1, 3, gridspec_kw={"width_ratios": [1.1, 1.0, 1.0]}
         )
         _draw_times(time_axes, serial, parallel)
         _draw_shares(share_axes, serial)
         _draw_memory(memory_axes, serial, parallel)
-        figure.tight_layout(w_pad=2.0)
         save(figure, path)
 
 
-def _column(rows: list[dict[str, Any]], name: str) -> np.ndarray:
+def _column(rows: list[dict[str, Any]], name: str) -> NDArray[np.float64]:
     return np.array([row[name] for row in rows])
 
 
@@ -286,6 +288,8 @@ def _elements_axis(axes: Axes, rows: list[dict[str, Any]]) -> None:
     axes.set_xticks(ticks, [f"{n:,}" for n in ticks])
     axes.minorticks_off()
     axes.set_xlabel("elements")
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high * (high / low) ** 0.05)
     tidy(axes)
 
 
@@ -312,18 +316,18 @@ def _draw_times(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[st
     for row in serial:
         axes.annotate(
             f"{row['ratio']:.2f}x",
-            (row["elements"], row["gradient"]),
-            (0, 8),
+            (row["elements"], row["value"]),
+            (5, -4),
             textcoords="offset points",
-            ha="center",
+            va="top",
             fontsize=9,
             color=DARK,
         )
     _elements_axis(axes, serial)
     low, high = axes.get_ylim()
-    axes.set_ylim(low, 2.5 * high)
+    axes.set_ylim(low, high * (high / low) ** 0.5)
     axes.set_ylabel("seconds")
-    axes.set_title("Time of one evaluation; gradient / value above")
+    axes.set_title("Time (gradient / value at the points)")
     axes.legend(loc="upper left")
 
 
@@ -352,7 +356,7 @@ def _draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
     axes.set_ylim(0.0, 100.0)
     axes.set_xlabel("elements")
     axes.set_ylabel("share [%]")
-    axes.set_title("Where value and gradient spend their time")
+    axes.set_title("Share of each room")
     tidy(axes, grid=False)
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(
@@ -386,6 +390,8 @@ def _draw_memory(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[s
         fontsize=9,
     )
     _elements_axis(axes, serial)
-    axes.set_ylabel("MB")
-    axes.set_title("Peak memory beyond the libraries'")
+    axes.set_ylabel("MB beyond the libraries")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.35)
+    axes.set_title("Peak memory")
     axes.legend(loc="upper left")

@@ -104,7 +104,9 @@ def _system() -> str:
 def _printed(value: float | str) -> str:
     if isinstance(value, str):
         return value
-    if value == 0 or (isinstance(value, int) and abs(value) < 10**7):
+    if value == 0:
+        return "0"
+    if isinstance(value, int) and abs(value) < 10**7:
         return f"{value:,}"
     if not np.isfinite(value):
         return "-"

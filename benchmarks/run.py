@@ -37,7 +37,10 @@ def main(arguments: list[str] | None = None) -> None:
         jobs += growth_jobs(quick=options.quick)
     if "accuracy" in options.only:
         jobs += accuracy_jobs(quick=options.quick)
-    results = list(run_jobs(jobs))
+    try:
+        results = list(run_jobs(jobs))
+    except RuntimeError as error:
+        raise SystemExit(f"benchmarks: {error}; its messages are above") from error
 
     growth = [(job, result) for job, result in results if job.study == "growth"]
     accuracy = [(job, result) for job, result in results if job.study == "accuracy"]

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""The benchmarks run, and what they measure of errors is right; times are not judged."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+pytestmark = pytest.mark.slow
+
+BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+PAGES = ("growth", "accuracy", "differences")
+#: Entries that may be nothing: memory that was there before, time lost between rooms, and what the
+#: eigenvalue solver adds to psi where it does better than it was asked.
+MAY_BE_ZERO = {"memory_value", "memory_gradient", "rest", "error_psi", "iterations"}
+TABLES = {
+    "growth": 4,
+    "growth_rooms": 4,
+    "growth_memory": 4,
+    "accuracy_steps": 3,
+    "accuracy_modes": 4,
+    "accuracy_tolerance": 3,
+    "accuracy_mesh": 6,
+    "accuracy_differences": 3,
+    "differences": 2,
+}
+Column = Callable[[str, str], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What ``run.py --quick`` leaves."""
+    directory = tmp_path_factory.mktemp("benchmarks")
+    ours = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PRTE_ML", "ORTE_", "PMI_")
+    subprocess.run(
+        [sys.executable, str(BENCHMARKS / "run.py"), "--quick", "--output", str(directory)],
+        env={name: value for name, value in os.environ.items() if not name.startswith(ours)},
+        cwd=directory,
+        check=True,
+    )
+    return directory
+
+
+@pytest.fixture(scope="module")
+def column(output: Path) -> Column:
+    """A column of a table as an array."""
+
+    def read(table: str, name: str) -> np.ndarray:
+        with (output / f"{table}.csv").open() as file:
+            return np.array([float(row[name]) for row in csv.DictReader(file)])
+
+    return read
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_tables_hold_finite_positive_numbers(output: Path, table: str) -> None:
+    with (output / f"{table}.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == TABLES[table]
+    for row in rows:
+        for name, text in row.items():
+            if name == "mesh" or name.endswith("_text"):
+                assert text
+            else:
+                value = float(text)
+                assert np.isfinite(value), name
+                assert value > 0.0 or (name in MAY_BE_ZERO and value == 0.0), name
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_have_facts_and_a_picture(output: Path, page: str) -> None:
+    text = (output / f"{page}.md").read_text()
+    assert "DOLFINx" in text and "cores" in text and f"({page}.png)" in text
+    picture = imread(output / f"{page}.png")
+    assert picture.shape[0] > 400 and picture.shape[1] > 800
+    assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 10
+
+
+def test_both_numbers_of_ranks_are_measured(column: Column) -> None:
+    assert sorted(column("growth", "ranks")) == [1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("error", ["error_psi", "error_gradient"])
+def test_error_in_time_is_of_second_order(column: Column, error: str) -> None:
+    steps, errors = column("accuracy_steps", "setting"), column("accuracy_steps", error)
+    # the reference has four times the finest number of steps: its own error adds 0.03 to the order
+    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("error", ["error_psi", "error_gradient"])
+def test_error_falls_with_the_number_of_modes(column: Column, error: str) -> None:
+    errors = column("accuracy_modes", error)
+    assert np.all(np.diff(errors) < 0.0)
+    assert errors[-1] < 1e-2 * errors[0]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_error_falls_with_the_mesh(column: Column, order: int) -> None:
+    errors = column("accuracy_mesh", "error_psi")[column("accuracy_mesh", "order") == order]
+    assert np.all(errors[1:] < 0.5 * errors[:-1])
+
+
+def test_error_falls_with_the_tolerance(column: Column) -> None:
+    tolerance = column("accuracy_tolerance", "setting")
+    assert np.all(column("accuracy_tolerance", "error_psi") <= tolerance)
+    assert np.all(column("accuracy_tolerance", "error_gradient") <= tolerance)
+    assert np.all(np.diff(column("accuracy_tolerance", "iterations")) > 0)
+
+
+def test_gradient_agrees_with_central_differences(column: Column) -> None:
+    steps = column("accuracy_differences", "setting")
+    differences = column("accuracy_differences", "error_gradient")
+    assert differences.min() < 1e-6
+    # as long as the error of the difference itself prevails, it falls with the square of the step
+    large = steps >= 1e-3
+    order = np.polyfit(np.log(steps[large]), np.log(differences[large]), 1)[0]
+    assert order == pytest.approx(2.0, abs=0.2)
+
+
+def test_cost_of_differences_is_that_of_their_values(column: Column) -> None:
+    elements, value = column("differences", "elements"), column("differences", "value")
+    assert np.allclose(column("differences", "one_sided"), (elements + 1) * value, rtol=1e-12)
+    assert np.allclose(column("differences", "central"), 2 * elements * value, rtol=1e-12)
