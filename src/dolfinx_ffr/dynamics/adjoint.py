@@ -56,7 +56,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
     with one_thread():
         status, step = kernels.backward(
             model.arrays,
-            float(trajectory.t[1] - trajectory.t[0]),
+            float(model.times[1] - model.times[0]),
             trajectory.method,
             model.offset,
             np.stack([trajectory.y, trajectory.v, trajectory.w, trajectory.a]),
@@ -78,7 +78,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
                 (trajectory.y, trajectory.v, trajectory.w), trajectory.beginning, strict=False
             )
         ]
-        h = float(trajectory.t[1] - trajectory.t[0])
+        h = float(model.times[1] - model.times[0])
         bars = {
             name: _integral_bars(model, name, states, x)
             + _metric_bars(model, name, h * shifts[0], shifts[1])

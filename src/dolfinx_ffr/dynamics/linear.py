@@ -7,6 +7,8 @@ the factorisation itself.
 
 from __future__ import annotations
 
+import numpy as np
+
 from .arrays import Array, Integers, kernel
 
 #: A pivot below this share of its row is taken for zero.
@@ -23,6 +25,8 @@ def lu_factor(A: Array, n: int, pivot: Integers, scale: Array) -> bool:
         if not big > 0.0:
             return False
         scale[i] = 1.0 / big
+    # Unsigned bounds tell the compiler that no index counts from the end; it vectorises then.
+    end = np.uintp(n)
     for k in range(n):
         best, p = 0.0, k
         for i in range(k, n):
@@ -32,18 +36,22 @@ def lu_factor(A: Array, n: int, pivot: Integers, scale: Array) -> bool:
         if not best > PIVOT_FLOOR:
             return False
         pivot[k] = p
+        top = A[k]
         if p != k:
+            other = A[p]
             for j in range(n):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
+                top[j], other[j] = other[j], top[j]
             scale[p] = scale[k]
-        inverse = 1.0 / A[k, k]
+        inverse = 1.0 / top[k]
+        after = np.uintp(k + 1)
         for i in range(k + 1, n):
-            factor = A[i, k]
+            row = A[i]
+            factor = row[k]
             if factor != 0.0:
                 factor *= inverse
-                A[i, k] = factor
-                for j in range(k + 1, n):
-                    A[i, j] -= factor * A[k, j]
+                row[k] = factor
+                for j in range(after, end):
+                    row[j] -= factor * top[j]
     return True
 
 
