@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The shortest program that designs a flexible rod; README shows it."""
 
-import numpy as np
 from mpi4py import MPI
+
+import numpy as np
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting

@@ -36,9 +36,10 @@ import argparse
 from pathlib import Path
 from time import perf_counter
 
+from mpi4py import MPI
+
 import dolfinx
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
@@ -225,9 +226,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 #: iterations from which on a design counts as finished
 ENOUGH = 60
-#: Run backwards in time, the motion is its own mirror image, so that the problem is symmetric but for
-#: the rod's ringing: the gradient of the full rod differs from its mirror image by 4e-6, relatively.
-#: The loop lets such differences grow where a thin strut is about to vanish.
+#: Run backwards in time, the motion is its own mirror image, so that the problem is symmetric but
+#: for the rod's ringing: the gradient of the full rod differs from its mirror image by 4e-6,
+#: relatively. The loop lets such differences grow where a thin strut is about to vanish.
 SYMMETRY = 0.01
 
 
@@ -235,7 +236,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(description="Design the flexible rod of a slider-crank.")
     parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
-    parser.add_argument("--iterations", type=int, default=80, help="at most (default 80)")
+    parser.add_argument("--iterations", type=int, default=100, help="at most (default 100)")
     parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
     parser.add_argument("--order", type=int, default=1, help="of the displacements (default 1)")
     parser.add_argument("--output", default="results/slider_crank", help="folder for the results")
