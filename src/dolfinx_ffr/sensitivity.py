@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .body import VolumeIntegrals
-from .dynamics import GeneralizedAlpha, Trajectory, adjoint, simulate
+from .dynamics import GeneralizedAlpha, Trajectory, adjoint, compile_kernels, simulate
 from .flexible_body import FlexibleBody, ReducedBody
 from .mechanism import Mechanism
 from .objective import Objective
@@ -81,6 +81,16 @@ class Problem:
                 f"problem: none of the bodies {sorted(self.bodies)} has a density to design; give "
                 "at least one FlexibleBody, or call simulate directly"
             )
+
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile the time integration on one rank, for the others to find in the cache."""
+        comm = next(iter(self.flexible.values())).domain.comm
+        if comm.rank == 0:
+            compile_kernels()
+        comm.Barrier()
+        compile_kernels(announce=lambda line: None)
 
     def value(self, x: Densities) -> Evaluation:
         """Return the objective at densities.
