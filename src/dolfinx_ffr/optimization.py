@@ -63,8 +63,8 @@ WINDOW = 5
 #: relative difference from which on a resumed psi counts as another problem's; the number of ranks
 #: and the release of DOLFINx change less
 SAME = 1e-6
-#: a start design this many times softer than an even density of the same volume is in pieces: its
-#: gradient tells of the void that holds it together, and leads nowhere
+#: a design this many times softer than what it is compared with is in pieces: its gradient tells of
+#: the void that holds it together, and leads nowhere
 APART = 1e3
 
 
@@ -89,7 +89,9 @@ class Result:
     coefficients: Array  #: of the level set, shape (knots,), the same on every rank
     evaluation: Evaluation = field(repr=False)  #: psi, gradient and motion of the design
     history: dict[str, Array] = field(repr=False)  #: columns over the iterations
-    reason: str  #: why the loop ended: "converged", "iterations" or "interrupted"
+    #: why the loop ended: "converged", "iterations" (none were left), "interrupted", or "stalled"
+    #: (the design would fall apart with a narrower Heaviside function)
+    reason: str
 
     @property
     def psi(self) -> float:
@@ -211,9 +213,13 @@ def optimize(
             if reason:
                 break
             if loop.stage_ended(state, rows):
-                state, evaluation = loop.next_stage(state)
+                narrowed = loop.next_stage(state, evaluation)
+                if narrowed is None:
+                    reason = "stalled"
+                    break
+                state, evaluation = narrowed
             state, evaluation, accepted, multiplier = loop.iterate(state, evaluation)
-            state.seconds = perf_counter() - began
+            state.seconds = comm.bcast(perf_counter() - began, root=0)
             row = loop.row(state, evaluation, accepted=accepted, multiplier=multiplier)
             rows.append(row)
             if history is not None and checkpoint is not None:
@@ -350,8 +356,8 @@ class _Loop:
         share = (state.stage + 1) * self.iterations / len(self.widths)
         return state.iteration >= share or self._converged(state, rows)
 
-    def next_stage(self, state: _State) -> tuple[_State, Evaluation]:
-        """Return the state at the beginning of the next stage."""
+    def next_stage(self, state: _State, evaluation: Evaluation) -> tuple[_State, Evaluation] | None:
+        """Return the state at the beginning of the next stage; None if it falls apart there."""
         self.levelset.width = self.widths[state.stage + 1]
         narrowed = replace(
             state,
@@ -360,7 +366,14 @@ class _Loop:
             since=state.iteration,
             size=max(state.size, 0.3 * self.step),
         )
-        return narrowed, self.evaluate(narrowed)
+        try:
+            found = self.evaluate(narrowed)
+            if found.psi <= APART * evaluation.psi:
+                return narrowed, found
+        except SimulationError:  # so soft that it cannot move
+            pass
+        self.levelset.width = self.widths[state.stage]
+        return None
 
     def ended(self, state: _State, rows: list[dict[str, float]]) -> str:
         """Return why the loop ends here, or nothing."""
