@@ -138,7 +138,8 @@ def optimize(
 
     Ctrl-C (or SIGTERM) ends the loop after the iteration at hand and returns the design so far; a
     second one interrupts at once. The history and the checkpoint are on the disk after every
-    iteration.
+    iteration. (mpirun itself kills its processes a second after Ctrl-C; call again with ``resume``
+    to have the design, on any number of ranks.)
 
     Args:
         problem: has exactly one body with a density.
