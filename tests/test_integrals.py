@@ -46,6 +46,18 @@ def test_rigid_body_integrals(comm: MPI.Intracomm, cell: str, order: int) -> Non
     np.testing.assert_allclose(integrals.markers["right"].position, [length, 0.0], atol=1e-15)
 
 
+def test_volume_and_its_derivative(comm: MPI.Intracomm) -> None:
+    """The filled share is linear in the density, on cells of different size too."""
+    body = BODIES["triangles"](comm)
+    c = body.domain.centroids
+    density, direction = 0.5 + 0.3 * np.sin(40 * c[:, 0]), 0.1 * np.cos(90 * c[:, 1])
+    before, derivative = body.volume(density)
+    after, _ = body.volume(density + direction)
+    slope = comm.allreduce(float(derivative @ direction))
+    assert after - before == pytest.approx(slope, rel=1e-9)
+    assert body.volume(np.ones(body.domain.n_cells))[0] == pytest.approx(1.0, rel=1e-13)
+
+
 def test_frames_agree_on_rigid_motion(comm: MPI.Intracomm) -> None:
     """The rotating field J w_0 is a combination of rigid fields: its products are S and G."""
     domain = Domain.rectangle(comm, 0.4, 0.04, elements=(12, 2))

@@ -249,6 +249,7 @@ def prongs(comm: MPI.Intracomm) -> Domain:
     return Domain(mesh, {"root": lambda x: x[0] < 1e-9})
 
 
+@pytest.mark.mpi
 def test_cut_cluster_is_reported(comm: MPI.Intracomm) -> None:
     """Cutting between two equal frequencies warns and names a better number."""
     domain = prongs(comm)

@@ -81,6 +81,23 @@ class FlexibleBody:
         """Number of elastic coordinates: constraint modes and normal modes."""
         return self.reduction.n_constraint + self.reduction.modes
 
+    def volume(self, x: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """Return the filled share of the body's area, and its derivative.
+
+        Args:
+            x: one density for each cell owned by this rank, shape (cells,), in [0, 1].
+
+        Returns:
+            The share, the same on every rank, and its derivative with respect to the density of
+            each cell owned by this rank, shape (cells,).
+
+        Raises:
+            ValueError: on every rank, if the density has the wrong size, is NaN or leaves [0, 1].
+        """
+        domain = self.domain
+        share = domain.cell_volumes / domain.area
+        return domain.sum(domain.check_density(x) * share), share
+
     def reduce(self, x: ArrayLike) -> ReducedBody:
         """Return shape functions and volume integrals at a density.
 

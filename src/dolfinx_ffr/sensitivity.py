@@ -118,10 +118,7 @@ class Problem:
             gradient=None,
             trajectory=trajectory,
             bodies=reduced,
-            volume={
-                name: body.domain.sum(densities[name] * body.domain.cell_volumes) / body.domain.area
-                for name, body in self.flexible.items()
-            },
+            volume={name: b.volume(densities[name])[0] for name, b in self.flexible.items()},
             frequencies={name: part.basis.frequencies for name, part in reduced.items()},
             outer_gap={name: part.basis.outer_gap for name, part in reduced.items()},
             solver_iterations={},
