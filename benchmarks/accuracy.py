@@ -412,6 +412,8 @@ def _log_log(axes: Axes, x_label: str, y_label: str) -> None:
 def _seconds_axis(axes: Axes) -> None:
     """Label 1, 2 and 5 of each decade, and leave room for words at the last point."""
     low, high = axes.get_xlim()
+    room = max(2.0 / np.sqrt(high / low), 1.0)  # at least a factor of four, not the noise alone
+    low, high = low / room, high * room
     axes.set_xlim(low, high * (high / low) ** 0.15)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
@@ -445,8 +447,9 @@ def _draw_settings(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> 
             _label(axes, text.format(row["setting"]), a, b, below=color == BLUE)
         if not chosen:
             axes.text(
-                0.03, 0.03, "psi: the same number for all", color=color, transform=axes.transAxes
-            )
+                0.97, 0.05, "psi: the same number for all", color=color, ha="right",
+                transform=axes.transAxes,
+            )  # fmt: skip
     low, high = axes.get_xlim()
     axes.set_xlim(low / (high / low) ** 0.1, high)
     _seconds_axis(axes)

@@ -17,6 +17,10 @@ import numpy as np
 __all__ = ["Table", "duration", "facts", "write_page"]
 
 
+#: mean number of busy processes in the last minute when this run began: those of others
+LOAD_BEFORE = os.getloadavg()[0]
+
+
 @dataclass(frozen=True)
 class Table:
     """Numbers in columns."""
@@ -76,9 +80,15 @@ def facts() -> str:
     }
     versions = ", ".join(f"{name} {version(package)}" for name, package in names.items())
     cores = len(os.sched_getaffinity(0))
+    busy = (
+        "- **the machine was not free when the run began: the times are longer than they need be, "
+        "those on 2 ranks most of all; ratios from one line suffer less**\n"
+        if LOAD_BEFORE > 0.5
+        else ""
+    )
     return (
-        f"- machine: {_processor()}, {cores} cores for this process, load "
-        f"{os.getloadavg()[0]:.1f} at the end of the run\n"
+        f"- machine: {_processor()}, {cores} cores for this process, load {LOAD_BEFORE:.1f} before "
+        f"the run and {os.getloadavg()[0]:.1f} at its end\n{busy}"
         f"- {_system()}, Python {platform.python_version()}, {versions}\n"
         f"- one BLAS thread; 1 MPI rank where nothing else is said; measured on "
         f"{time.strftime('%Y-%m-%d')}\n"
