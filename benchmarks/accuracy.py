@@ -447,7 +447,7 @@ def _draw_settings(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> 
             _label(axes, text.format(row["setting"]), a, b, below=color == BLUE)
         if not chosen:
             axes.text(
-                0.97, 0.05, "psi: the same number for all", color=color, ha="right",
+                0.97, 0.75, "psi: the same\nnumber for all", color=color, ha="right",
                 transform=axes.transAxes,
             )  # fmt: skip
     low, high = axes.get_xlim()
