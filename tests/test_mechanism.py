@@ -58,7 +58,11 @@ def test_rough_placements_are_corrected_until_all_joints_close(name: str) -> Non
         for body, p in scene.mechanism.placements.items()
     }
     rough_mechanism = replace(scene.mechanism, placements=rough)
-    assert np.max(np.abs(residuals(rough_mechanism, scene.bodies))) < 1e-14
+    # a few units in the last place of positions around 1 m and of the fastest velocity
+    model = assemble_model(rough_mechanism, scene.bodies, TIMES)
+    fastest = max(1.0, float(np.max(np.abs(initial_state(model)[1]))))
+    worst = np.max(np.abs(residuals(rough_mechanism, scene.bodies)))
+    assert worst < 8 * np.finfo(float).eps * fastest
 
 
 def test_correction_is_the_smallest() -> None:
