@@ -39,27 +39,29 @@ inside=/opt/dolfinx_ffr
 exec 9>"$roots/$suite.lock"
 flock --nonblock 9 || { echo "debian_root: waiting for another run in $root"; flock 9; }
 
-# The mirrors that this machine uses, and Debian's own where its configuration names none.
-mirror() { # mirror NAME FALLBACK: the first configured site whose address ends in NAME
+# The mirrors that this machine uses; debootstrap knows Debian's own where its configuration names none.
+mirror() { # mirror NAME: the first configured site whose address ends in NAME, or nothing
     apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
-        sed -n "s#^\(https\?://.*/$1\)/\?\$#\1#p" | awk -v other="$2" 'NR == 1 {found = $0} END {print found ? found : other}'
+        sed -n "s#^\(https\?://.*/$1\)/\?\$#\1#p" | awk 'NR == 1'
 }
 
 if [ ! -d "$root" ]; then
     command -v debootstrap >/dev/null || {
         apt-get -q update && DEBIAN_FRONTEND=noninteractive apt-get -q install -y --no-install-recommends debootstrap
     } || fail "debootstrap is missing and could not be installed."
-    main=$(mirror debian http://deb.debian.org/debian)
+    main=$(mirror debian)
     echo "debian_root: making a root of Debian $suite in $root (once, some minutes)"
     rm -rf --one-file-system "$root.partial"
-    debootstrap --variant=minbase "$suite" "$root.partial" "$main" || fail "debootstrap failed; see above."
+    debootstrap --variant=minbase "$suite" "$root.partial" ${main:+"$main"} || fail "debootstrap failed; see above."
     mv "$root.partial" "$root"
 fi
 
 # Network settings of this machine, renewed at each run.
-main=$(mirror debian http://deb.debian.org/debian)
-security=$(mirror debian-security http://deb.debian.org/debian-security)
-printf 'deb %s main\n' "$main $suite" "$main $suite-updates" "$security $suite-security" >"$root/etc/apt/sources.list"
+main=$(mirror debian)
+security=$(mirror debian-security)
+if [ -n "$main" ] && [ -n "$security" ]; then # otherwise the list stays that debootstrap has written
+    printf 'deb %s main\n' "$main $suite" "$main $suite-updates" "$security $suite-security" >"$root/etc/apt/sources.list"
+fi
 apt-config dump --format '%F "%v";%n' Acquire::http Acquire::https Acquire::Retries Acquire::Check-Valid-Until \
     Acquire::Check-Date >"$root/etc/apt/apt.conf.d/80host"
 printf 'DPkg::Post-Invoke {"rm -f /var/cache/apt/archives/*.deb || true";};\n' >"$root/etc/apt/apt.conf.d/80keep-no-archives"
