@@ -232,8 +232,8 @@ ENOUGH, FINE = 60, 4000
 #: Run backwards in time, the motion is its own mirror image, so that the problem is symmetric but
 #: for the rod's ringing: the gradient of the full rod differs from its mirror image by 4e-6,
 #: relatively. The loop lets such differences, and round-off, grow where a thin strut is about to
-#: vanish. Allowed is a tenth of an element along the 1.6 m of outline that such a design has.
-SYMMETRY = 0.1 * 0.002 * 1.6 / (LENGTH * HEIGHT)
+#: vanish. Allowed is a tenth of an element along the 1.4 m of its zero line.
+SYMMETRY = 0.1 * 0.002 * 1.4 / (LENGTH * HEIGHT)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
