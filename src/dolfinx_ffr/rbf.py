@@ -4,7 +4,14 @@
 A field is s(X) = sum_j alpha_j g(|X - X_j|) with knots X_j that know nothing of a mesh. Compactly
 supported kernels give sparse matrices and suit many knots; global kernels give dense ones.
 
+Each kernel states the least degree m of the polynomial that interpolation with it needs: -1 (none)
+for positive definite kernels, 0 (a constant) for the multiquadric, 1 (linear) for the thin plate.
+Then (-1)^(m + 1) g is conditionally positive definite of order m + 1. `RadialBasis` has no
+polynomial part; `dolfinx_ffr.scattered` has.
+
 References:
+    C. A. Micchelli, Interpolation of scattered data, Constructive Approximation 2 (1986),
+    doi:10.1007/BF01893414.
     H. Wendland, Scattered Data Approximation, Cambridge University Press,
     doi:10.1017/CBO9780511617539.
 """
@@ -22,8 +29,17 @@ import scipy.sparse.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
+from scipy.special import xlogy
 
-__all__ = ["Kernel", "Multiquadric", "RadialBasis", "Wendland"]
+__all__ = [
+    "ExponentialSpline",
+    "Gaussian",
+    "Kernel",
+    "Multiquadric",
+    "RadialBasis",
+    "ThinPlate",
+    "Wendland",
+]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +50,11 @@ class Kernel(Protocol):
     @property
     def support(self) -> float:
         """Distance beyond which the kernel vanishes [m]; infinite for a global kernel."""
+        ...
+
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel; -1 if none is needed."""
         ...
 
     def __call__(self, r: Array) -> Array:
@@ -67,6 +88,11 @@ class Wendland:
         """Distance beyond which the kernel vanishes [m]."""
         return self.radius
 
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: -1, none."""
+        return -1
+
     def __call__(self, r: Array) -> Array:
         """Return g at distances ``r`` [m]."""
         s = np.minimum(np.asarray(r) / self.radius, 1.0)
@@ -77,7 +103,8 @@ class Wendland:
 class Multiquadric:
     """Hardy's global multiquadric sqrt(1 + (r / length)^2).
 
-    Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings.
+    Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings. The theory
+    of its errors asks for a constant beside it; its matrix is nonsingular without (Micchelli 1986).
 
     Args:
         length: shape parameter [m]; about one knot spacing.
@@ -94,9 +121,103 @@ class Multiquadric:
         """Distance beyond which the kernel vanishes [m]: infinite."""
         return math.inf
 
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: 0, a constant."""
+        return 0
+
     def __call__(self, r: Array) -> Array:
         """Return g at distances ``r`` [m]."""
         return np.sqrt(1.0 + (np.asarray(r) / self.length) ** 2)
+
+
+@dataclass(frozen=True)
+class ExponentialSpline:
+    """The exponential spline exp(-r / length), a global kernel that decays.
+
+    Positive definite in every dimension. It has a kink at its knot, where it is not differentiable:
+    fields of it follow rough data without overshoot, and smooth data at a low order.
+
+    Args:
+        length: distance over which the kernel falls to 1/e [m]; a few knot spacings and more.
+    """
+
+    length: float
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        _check_length("exponential spline: length", self.length)
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]: infinite."""
+        return math.inf
+
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: -1, none."""
+        return -1
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        return np.exp(-np.asarray(r) / self.length)
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """The Gaussian exp(-(r / length)^2), a global kernel that decays.
+
+    Positive definite in every dimension and infinitely smooth; its matrix is ill-conditioned once
+    the length exceeds one or two knot spacings.
+
+    Args:
+        length: shape parameter [m]; about one knot spacing.
+    """
+
+    length: float
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        _check_length("Gaussian kernel: length", self.length)
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]: infinite."""
+        return math.inf
+
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: -1, none."""
+        return -1
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        return np.exp(-((np.asarray(r) / self.length) ** 2))
+
+
+@dataclass(frozen=True)
+class ThinPlate:
+    """The thin-plate spline r^2 log r, a global kernel without a shape parameter.
+
+    Conditionally positive definite of order 2: it needs a linear polynomial beside it. With that,
+    the interpolant is the one of least bending energy, and does not depend on the unit of length
+    (J. Duchon, doi:10.1007/BFb0086566).
+    """
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]: infinite."""
+        return math.inf
+
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: 1, linear."""
+        return 1
+
+    def __call__(self, r: Array) -> Array:
+        """Return g at distances ``r`` [m]."""
+        distance = np.asarray(r)
+        return distance * xlogy(distance, distance)
 
 
 class RadialBasis:
@@ -107,13 +228,20 @@ class RadialBasis:
         kernel: function of the distance.
 
     Raises:
-        ValueError: if there are no knots, two coincide, a coordinate is not finite, the kernel's
-            support does not reach the next knot, or the interpolation is ill-conditioned.
+        ValueError: if there are no knots, two coincide, a coordinate is not finite, the kernel
+            needs a linear polynomial beside it, its support does not reach the next knot, or the
+            interpolation is ill-conditioned.
     """
 
     def __init__(self, knots: ArrayLike, kernel: Kernel) -> None:
         self.knots = np.ascontiguousarray(knots, dtype=np.float64)
         self.kernel = kernel
+        if kernel.minimal_degree > 0:
+            raise ValueError(
+                f"radial basis: {kernel!r} needs a polynomial of degree {kernel.minimal_degree} "
+                "beside it, which this basis does not have; take Wendland, Multiquadric, "
+                "ExponentialSpline or Gaussian"
+            )
         if self.knots.ndim != 2 or len(self.knots) == 0:
             raise ValueError(f"radial basis: no knots (array of shape {self.knots.shape})")
         if not np.all(np.isfinite(self.knots)):
