@@ -19,7 +19,18 @@ import dolfinx_ffr
 ROOT = Path(dolfinx_ffr.__file__).parent
 SOURCES = sorted(ROOT.rglob("*.py"))
 #: Modules that know nothing of finite elements and of other ranks.
-MECHANICAL = ["body", "motion", "mechanism", "dynamics", "objective"]
+MECHANICAL = [
+    "body",
+    "dynamics",
+    "forces",
+    "joints",
+    "mechanical_problem",
+    "mechanism",
+    "motion",
+    "objective",
+    "parametric_body",
+    "points",
+]
 FINITE_ELEMENTS = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 MAX_LINES = 650
 VERSION_QUESTION = re.compile(

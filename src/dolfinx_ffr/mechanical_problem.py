@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT
+"""From the volume integrals of the bodies to numbers of the motion, and back; no mesh is needed.
+
+    volume integrals -> trajectory -> psi and constraints
+      integrals_bar  <- discrete adjoint <-
+
+Several numbers share one simulation; each has an adjoint pass of its own. A number that does not
+depend on the motion, such as a mass, causes neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from .body import VolumeIntegrals
+from .dynamics import GeneralizedAlpha, Trajectory, TrajectoryBar, adjoint, simulate
+from .mechanism import Mechanism
+from .objective import Constraint, Objective
+
+__all__ = ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"]
+
+Bodies = Mapping[str, VolumeIntegrals]
+Derivative = TypeVar("Derivative")
+
+
+@dataclass(frozen=True)
+class ConstraintValue(Generic[Derivative]):
+    """A constraint at one design: it holds where ``value`` is not positive."""
+
+    #: g, the distance from the bound relative to the bound; at most zero where the bound holds.
+    value: float
+    #: The objective that is bounded, in its own unit.
+    psi: float
+    #: Derivative of g by name of the body; None where only values were asked for.
+    gradient: dict[str, Derivative] | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class MechanicalEvaluation:
+    """Objective and constraints of a mechanism, and their derivatives."""
+
+    #: Value of the objective, in its unit.
+    psi: float
+    #: Derivative of psi with respect to the integrals, by name of the body, markers included; None
+    #: where only values were asked for.
+    gradient: dict[str, VolumeIntegrals] | None = field(repr=False)
+    #: Constraints by name.
+    constraints: dict[str, ConstraintValue[VolumeIntegrals]]
+    #: The motion; None if neither objective nor constraints depend on it.
+    trajectory: Trajectory | None = field(repr=False)
+    #: The integrals at which this was computed.
+    bodies: dict[str, VolumeIntegrals] = field(repr=False)
+    #: Time spent by name of the part [s].
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
+class MechanicalProblem:
+    """An objective and constraints of a mechanism's motion, as functions of the volume integrals.
+
+    It takes bodies that are given by arrays, from a file (:meth:`VolumeIntegrals.load`), from a
+    formula (:class:`ParametricBody`) or from another code; neither a mesh nor DOLFINx is needed.
+
+    Example:
+        >>> problem = MechanicalProblem(mechanism, integrator, IntegralCompliance())
+        >>> evaluation = problem.gradient({"rod": VolumeIntegrals.load("rod.npz")})
+        >>> evaluation.psi, evaluation.gradient["rod"].K
+
+    Raises:
+        ValueError: If two constraints have the same name.
+    """
+
+    #: Joints, motions, point masses, gravity.
+    mechanism: Mechanism
+    #: Time interval and steps.
+    integrator: GeneralizedAlpha
+    #: What is minimised.
+    objective: Objective
+    #: Bounds on further objectives.
+    constraints: Sequence[Constraint] = ()
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        labels = [constraint.label for constraint in self.constraints]
+        twice = sorted({label for label in labels if labels.count(label) > 1})
+        if twice:
+            raise ValueError(f"two constraints have the name {twice[0]!r}; name them apart")
+
+    @property
+    def needs_trajectory(self) -> bool:
+        """Whether the objective or a constraint depends on the motion."""
+        objectives = [self.objective, *(c.objective for c in self.constraints)]
+        return any(objective.needs_trajectory for objective in objectives)
+
+    def value(self, bodies: Bodies) -> MechanicalEvaluation:
+        """Return objective and constraints; nothing is simulated if none depends on the motion.
+
+        Args:
+            bodies: Volume integrals of all bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist or integrals are not valid.
+            SimulationError: If the motion cannot be computed.
+        """
+        start = perf_counter()
+        trajectory = None
+        if self.needs_trajectory:
+            trajectory = simulate(self.mechanism, bodies, self.integrator)
+        else:
+            for name, integrals in bodies.items():
+                integrals.validate(name)
+        constraints = {}
+        for constraint in self.constraints:
+            psi = _value(constraint.objective, trajectory, bodies)
+            constraints[constraint.label] = ConstraintValue[VolumeIntegrals](
+                constraint.scaled(psi), psi
+            )
+        return MechanicalEvaluation(
+            psi=_value(self.objective, trajectory, bodies),
+            gradient=None,
+            constraints=constraints,
+            trajectory=trajectory,
+            bodies=dict(bodies),
+            seconds={"simulation": perf_counter() - start},
+        )
+
+    def gradient(self, bodies: Bodies) -> MechanicalEvaluation:
+        """Return objective and constraints with their exact derivatives.
+
+        Args:
+            bodies: Volume integrals of all bodies, by name.
+
+        Raises:
+            ValueError: As :meth:`value` does.
+            SimulationError: As :meth:`value` does.
+        """
+        return self.differentiate(self.value(bodies))
+
+    def differentiate(self, evaluation: MechanicalEvaluation) -> MechanicalEvaluation:
+        """Return an evaluation with the exact derivatives added.
+
+        So a design whose value is rejected need not be differentiated.
+
+        Args:
+            evaluation: What :meth:`value` returned.
+        """
+        start = perf_counter()
+        trajectory, bodies = evaluation.trajectory, evaluation.bodies
+        constraints = {}
+        for constraint in self.constraints:
+            bars = _gradient(constraint.objective, trajectory, bodies)
+            constraints[constraint.label] = replace(
+                evaluation.constraints[constraint.label],
+                gradient={name: bar.scaled(constraint.slope) for name, bar in bars.items()},
+            )
+        gradient = _gradient(self.objective, trajectory, bodies)
+        seconds = {**evaluation.seconds, "adjoint": perf_counter() - start}
+        return replace(evaluation, gradient=gradient, constraints=constraints, seconds=seconds)
+
+
+def _value(objective: Objective, trajectory: Trajectory | None, bodies: Bodies) -> float:
+    # An objective that is handed None has said that it does not look at the motion.
+    return float(objective.value(trajectory, bodies))  # type: ignore[arg-type]
+
+
+def _gradient(
+    objective: Objective, trajectory: Trajectory | None, bodies: Bodies
+) -> dict[str, VolumeIntegrals]:
+    """Derivative of an objective with respect to all integrals."""
+    bar, direct = objective.pullback(trajectory, bodies)  # type: ignore[arg-type]
+    if trajectory is not None and bar is not None and _matters(bar):
+        bars = adjoint(trajectory, bar)
+    else:
+        bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
+    return {name: own + direct[name] if name in direct else own for name, own in bars.items()}
+
+
+def _matters(bar: TrajectoryBar) -> bool:
+    """Whether an entry is not zero; NaN counts, so that it is reported."""
+    return any(np.any(part) for part in (bar.y, bar.v, bar.w, bar.multipliers))

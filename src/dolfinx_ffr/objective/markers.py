@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: MIT
+"""Objectives of the motion of a marker: distance from a path, acceleration.
+
+A marker P with the reference position X and the shape functions Phi is at r = R + A(theta) w with
+w = X + Phi q; J is the rotation by a quarter turn, omega and alpha are the angular velocity and
+acceleration. Its acceleration is
+
+    a = R'' + A b,     b = alpha J w + Phi q'' - omega^2 w + 2 omega J Phi q'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..body import BodyMarker, VolumeIntegrals
+from ..dynamics.trajectory import Trajectory, TrajectoryBar
+from ..motion import Motion
+from .base import Bodies, Objective, no_body
+from .time_average import check_window, trapezoidal_weights
+
+__all__ = ["MarkerAcceleration", "PathTracking"]
+
+Array = NDArray[np.float64]
+
+#: A coordinate over time: a motion, a function of an array of times, or a constant.
+Coordinate: TypeAlias = Motion | Callable[[Array], ArrayLike] | float
+
+
+@dataclass(frozen=True, eq=False)
+class _MarkerObjective(Objective):
+    """A marker of a body, and the part of the motion that counts."""
+
+    #: Name of the body.
+    body: str
+    #: Name of the marker.
+    marker: str
+
+    def _point(self, what: str, bodies: Bodies) -> BodyMarker:
+        if self.body not in bodies:
+            raise no_body(what, self.body, bodies)
+        markers = bodies[self.body].markers
+        if self.marker not in markers:
+            raise ValueError(
+                f"{what} of marker {self.marker!r}, but the markers of body {self.body!r} are "
+                f"{list(markers)}"
+            )
+        return markers[self.marker]
+
+    def _bars(self, bodies: Bodies, displacement: Array) -> dict[str, VolumeIntegrals]:
+        """Derivatives with respect to the integrals, of which only the shape functions matter."""
+        bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
+        markers = bars[self.body].markers
+        markers[self.marker] = replace(markers[self.marker], displacement=displacement)
+        return bars
+
+
+@dataclass(frozen=True, eq=False)
+class PathTracking(_MarkerObjective):
+    """Integral over time of the squared distance of a marker from a prescribed path [m^2 s].
+
+        psi = int weight(t) |r_P(t) - path(t)|^2 dt
+
+    by the trapezoidal rule over the time steps. With a window only a part of the motion counts,
+    for instance its end, where a robot must come to rest.
+
+    Raises:
+        ValueError: If the window is not an interval; when the value is asked for, if the path or
+            the weight has the wrong shape or holds NaN, or a name does not exist.
+    """
+
+    #: Pair (x, y) of motions, functions of an array of times or numbers; or an array of the
+    #: positions at the time steps, shape (steps + 1, 2) [m].
+    path: tuple[Coordinate, Coordinate] | Array
+    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    window: tuple[float, float] | None = None
+    #: Weight over time: function of an array of times, or array of shape (steps + 1,); None is 1.
+    weight: Callable[[Array], ArrayLike] | Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check the window."""
+        check_window("path tracking", self.window)
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        """The integral of the squared distance [m^2 s].
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist, or path or weight does not fit the time steps.
+        """
+        distance = self._distance(trajectory, bodies)[0]
+        return float(self._weights(trajectory.t) @ np.sum(distance**2, axis=1))
+
+    def pullback(
+        self, trajectory: Trajectory, bodies: Bodies
+    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
+        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist, or path or weight does not fit the time steps.
+        """
+        distance, w = self._distance(trajectory, bodies)
+        basis = bodies[self.body].markers[self.marker].displacement
+        where = trajectory.model.coordinates(self.body)
+        theta, q = trajectory.y[:, where.start + 2], trajectory.elastic(self.body)
+        bar = TrajectoryBar.zeros(trajectory)
+        r_bar = 2.0 * self._weights(trajectory.t)[:, None] * distance
+        local = _turned(r_bar, -theta)
+        bar.y[:, where.start : where.start + 2] = r_bar
+        bar.y[:, where.start + 2] = np.sum(local * _quarter(w), axis=1)
+        bar.y[:, where.start + 3 : where.stop] = local @ basis
+        return bar, self._bars(bodies, local.T @ q)
+
+    def _distance(self, trajectory: Trajectory, bodies: Bodies) -> tuple[Array, Array]:
+        """Vectors from path to marker, and the marker in the body's axes, (steps + 1, 2) [m]."""
+        point = self._point("path tracking", bodies)
+        rigid = trajectory.rigid(self.body)
+        w = point.position + trajectory.elastic(self.body) @ point.displacement.T
+        return rigid[:, :2] + _turned(w, rigid[:, 2]) - self._target(trajectory.t), w
+
+    def _target(self, t: Array) -> Array:
+        """The path at the time steps, shape (steps + 1, 2) [m]."""
+        if isinstance(self.path, tuple):
+            if len(self.path) != 2:
+                raise ValueError(f"path tracking: the path is a pair, not {len(self.path)} entries")
+            return np.column_stack(
+                [
+                    _tabulated(f"path tracking: the path along {axis}", along, t)
+                    for axis, along in zip("xy", self.path, strict=True)
+                ]
+            )
+        array = np.asarray(self.path, dtype=np.float64)
+        return _checked("path tracking: the path", array, (t.size, 2))
+
+    def _weights(self, t: Array) -> Array:
+        weights = trapezoidal_weights(t, self.window, "path tracking")
+        if self.weight is None:
+            return weights
+        return weights * _tabulated("path tracking: the weight", self.weight, t)
+
+
+@dataclass(frozen=True)
+class MarkerAcceleration(_MarkerObjective):
+    """Integral over time of the squared acceleration of a marker [m^2/s^3].
+
+        psi = int |a_P|^2 dt
+
+    by the trapezoidal rule over the time steps: how hard a payload or a passenger is shaken. Its
+    square root over the duration is the root mean square of the acceleration.
+
+    Raises:
+        ValueError: If the window is not an interval; when the value is asked for, if a name does
+            not exist.
+    """
+
+    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    window: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the window."""
+        check_window("marker acceleration", self.window)
+
+    def acceleration(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+        """Acceleration of the marker in global axes, shape (steps + 1, 2) [m/s^2].
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        point = self._point("marker acceleration", bodies)
+        where = trajectory.model.coordinates(self.body)
+        return trajectory.w[:, where][:, :2] + _turned(
+            self._relative(trajectory, point)[-1], trajectory.y[:, where.start + 2]
+        )
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        """The integral of the squared acceleration [m^2/s^3].
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        weights = trapezoidal_weights(trajectory.t, self.window, "marker acceleration")
+        return float(weights @ np.sum(self.acceleration(trajectory, bodies) ** 2, axis=1))
+
+    def pullback(
+        self, trajectory: Trajectory, bodies: Bodies
+    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
+        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        point = self._point("marker acceleration", bodies)
+        weights = trapezoidal_weights(trajectory.t, self.window, "marker acceleration")
+        where = trajectory.model.coordinates(self.body)
+        y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
+        omega, alpha = v[:, 2:3], w[:, 2:3]
+        place, drift, b = self._relative(trajectory, point)
+        a_bar = 2.0 * weights[:, None] * self.acceleration(trajectory, bodies)
+        b_bar = _turned(a_bar, -y[:, 2])
+        # J^T = -J
+        place_bar = -alpha * _quarter(b_bar) - omega**2 * b_bar
+        drift_bar = -2.0 * omega * _quarter(b_bar)
+        bar = TrajectoryBar.zeros(trajectory)
+        first, elastic = where.start, slice(where.start + 3, where.stop)
+        bar.w[:, first : first + 2] = a_bar
+        bar.w[:, first + 2] = np.sum(b_bar * _quarter(place), axis=1)
+        bar.w[:, elastic] = b_bar @ point.displacement
+        bar.v[:, first + 2] = np.sum(b_bar * 2.0 * (_quarter(drift) - omega * place), axis=1)
+        bar.v[:, elastic] = drift_bar @ point.displacement
+        bar.y[:, first + 2] = np.sum(b_bar * _quarter(b), axis=1)
+        bar.y[:, elastic] = place_bar @ point.displacement
+        shapes_bar = place_bar.T @ y[:, 3:] + drift_bar.T @ v[:, 3:] + b_bar.T @ w[:, 3:]
+        return bar, self._bars(bodies, shapes_bar)
+
+    def _relative(self, trajectory: Trajectory, point: BodyMarker) -> tuple[Array, Array, Array]:
+        """The vectors w, Phi q' and b of the module's formula, (steps + 1, 2) each."""
+        where = trajectory.model.coordinates(self.body)
+        y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
+        omega, alpha = v[:, 2:3], w[:, 2:3]
+        place = point.position + y[:, 3:] @ point.displacement.T
+        drift = v[:, 3:] @ point.displacement.T
+        b = alpha * _quarter(place) + w[:, 3:] @ point.displacement.T
+        return place, drift, b - omega**2 * place + 2.0 * omega * _quarter(drift)
+
+
+def _tabulated(what: str, function: Coordinate | Array, t: Array) -> Array:
+    """A function of time at the time steps, shape (steps + 1,)."""
+    if isinstance(function, Motion):
+        function = function.value
+    values = np.asarray(function(t) if callable(function) else function, dtype=np.float64)
+    return _checked(what, np.broadcast_to(values, t.shape) if values.ndim == 0 else values, t.shape)
+
+
+def _checked(what: str, array: Array, shape: tuple[int, ...]) -> Array:
+    if array.shape != shape:
+        raise ValueError(
+            f"{what} has shape {array.shape}, but with {shape[0]} time steps it must have {shape}"
+        )
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} holds NaN or infinity")
+    return array
+
+
+def _turned(vectors: Array, angles: Array) -> Array:
+    """Turn vectors (n, 2) by angles (n,)."""
+    return np.cos(angles)[:, None] * vectors + np.sin(angles)[:, None] * _quarter(vectors)
+
+
+def _quarter(vectors: Array) -> Array:
+    """Turn vectors (n, 2) by a quarter turn."""
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)

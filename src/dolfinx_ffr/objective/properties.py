@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: MIT
+"""Objectives of a body alone, which need no simulation: mass, natural frequency."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ..body import QUARTER_TURN, VolumeIntegrals
+from ..dynamics.trajectory import Trajectory
+from .base import Bodies, Objective, no_body
+
+__all__ = ["Frequency", "Mass"]
+
+Array = NDArray[np.float64]
+
+#: Relative distance of two eigenvalues below which they count as equal.
+_EQUAL = 1e-6
+
+
+@dataclass(frozen=True)
+class Mass(Objective):
+    """Mass of a body [kg], without the point masses of the mechanism."""
+
+    #: Name of the body.
+    body: str
+
+    @property
+    def needs_trajectory(self) -> bool:
+        """False: the motion does not matter."""
+        return False
+
+    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
+        """The mass [kg].
+
+        Args:
+            trajectory: Not used, may be None.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If the body does not exist; the message lists the bodies.
+        """
+        if self.body not in bodies:
+            raise no_body("mass", self.body, bodies)
+        return bodies[self.body].mass
+
+    def pullback(
+        self, trajectory: Trajectory | None, bodies: Bodies
+    ) -> tuple[None, dict[str, VolumeIntegrals]]:
+        """Derivatives with respect to the integrals.
+
+        Args:
+            trajectory: Not used, may be None.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If the body does not exist; the message lists the bodies.
+        """
+        if self.body not in bodies:
+            raise no_body("mass", self.body, bodies)
+        return None, {self.body: replace(bodies[self.body].zeros_like(), mass=1.0)}
+
+
+@dataclass(frozen=True)
+class Frequency(Objective):
+    """Natural frequency of one body from its reduced matrices [Hz].
+
+        K v_i = lambda_i M v_i,     psi = sqrt(lambda) / (2 pi),
+        1 / lambda = mean of 1 / lambda_i,   i = number, ..., number + cluster - 1
+
+    By default the body's frame is held, M = G without its first row and column: the support is
+    that of the reference conditions. In a tangent frame the body is clamped at one interface and
+    free otherwise; in a chord frame it is hinged at one interface while the other may slide along
+    the chord. These are not the frequencies with all interfaces held, which belong to the basis of
+    the reduction. With ``free`` nothing is held: M is the mass matrix of the body with its frame,
+    and the three rigid-body motions are left out; this one does not depend on the frame. Other
+    bodies, joints and point masses of the mechanism play no part.
+
+    A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
+    none as long as the cluster stays apart from the frequencies beside it; for two to four it is
+    close to the lowest of them.
+
+    Raises:
+        ValueError: If number or cluster is below one; when the value is asked for, if the body does
+            not exist, has too few elastic coordinates, or a frequency of the cluster is zero.
+
+    Warns:
+        UserWarning: If the derivative is asked for where the cluster touches its neighbour.
+    """
+
+    #: Name of the body.
+    body: str
+    #: Number of the first frequency that counts, from 1.
+    number: int = 1
+    #: How many frequencies count.
+    cluster: int = 1
+    #: Leave the body's frame free instead of held.
+    free: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("number", "cluster"):
+            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < 1:
+                raise ValueError(
+                    f"frequency: {name} must be a whole number from 1, not {getattr(self, name)}"
+                )
+
+    @property
+    def needs_trajectory(self) -> bool:
+        """False: the motion does not matter."""
+        return False
+
+    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
+        """The frequency [Hz].
+
+        Args:
+            trajectory: Not used, may be None.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If the body does not exist or has no such frequency.
+        """
+        eigenvalues = self._eigenpairs(bodies)[0][self._chosen]
+        return math.sqrt(1.0 / float(np.mean(1.0 / eigenvalues))) / (2.0 * math.pi)
+
+    def pullback(
+        self, trajectory: Trajectory | None, bodies: Bodies
+    ) -> tuple[None, dict[str, VolumeIntegrals]]:
+        """Derivatives with respect to the integrals.
+
+        Args:
+            trajectory: Not used, may be None.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If the body does not exist or has no such frequency.
+        """
+        eigenvalues, vectors = self._eigenpairs(bodies)
+        self._warn_of_neighbours(eigenvalues)
+        own, v = eigenvalues[self._chosen], vectors[:, self._chosen]
+        mean = 1.0 / np.mean(1.0 / own)
+        # d psi = psi / (2 lambda) d lambda, d lambda_i = v_i . (dK - lambda_i dM) v_i
+        psi = math.sqrt(mean) / (2.0 * math.pi)
+        weights = 0.5 * psi * mean / (self.cluster * own**2)
+        K = (weights * v) @ v.T
+        M = -(weights * own * v) @ v.T
+        return None, {self.body: self._bar(bodies[self.body], K, M)}
+
+    @property
+    def _chosen(self) -> slice:
+        return slice(self._rigid + self.number - 1, self._rigid + self.number - 1 + self.cluster)
+
+    @property
+    def _rigid(self) -> int:
+        """Number of rigid-body motions, which come first."""
+        return 3 if self.free else 0
+
+    def _eigenpairs(self, bodies: Bodies) -> tuple[Array, Array]:
+        """Eigenvalues and M-orthonormal eigenvectors, in ascending order."""
+        if self.body not in bodies:
+            raise no_body("frequency", self.body, bodies)
+        body = bodies[self.body]
+        if self.number - 1 + self.cluster > body.modes:
+            raise ValueError(
+                f"frequency: body {self.body!r} has {body.modes} elastic coordinates, too few for "
+                f"frequencies {self.number} to {self.number - 1 + self.cluster}"
+            )
+        n = self._rigid
+        K, M = np.zeros((n + body.modes, n + body.modes)), body.mass_matrix()[3 - n :, 3 - n :]
+        K[n:, n:] = body.K
+        eigenvalues, vectors = scipy.linalg.eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
+        if not eigenvalues[self._chosen.start] > 1e-12 * eigenvalues[-1]:
+            raise ValueError(
+                f"frequency: frequency {self.number} of body {self.body!r} is zero; its stiffness "
+                "is singular"
+            )
+        return eigenvalues, vectors
+
+    def _warn_of_neighbours(self, eigenvalues: Array) -> None:
+        first, last = self._chosen.start, self._chosen.stop
+        for inside, outside in ((first, first - 1), (last - 1, last)):
+            if not self._rigid <= outside < eigenvalues.size:
+                continue
+            if abs(eigenvalues[outside] - eigenvalues[inside]) < _EQUAL * eigenvalues[inside]:
+                warnings.warn(
+                    f"frequency: frequencies {inside + 1 - self._rigid} and "
+                    f"{outside + 1 - self._rigid} of body {self.body!r} are equal, and only one of "
+                    "them counts: there is no derivative; enlarge the cluster",
+                    stacklevel=4,
+                )
+
+    def _bar(self, body: VolumeIntegrals, K: Array, M: Array) -> VolumeIntegrals:
+        """Derivatives with respect to the integrals from those to K and M."""
+        bar = body.zeros_like()
+        n = self._rigid
+        bar.K[:] = K[n:, n:]
+        bar.G[1:, 1:] = M[n:, n:]
+        if not self.free:
+            return bar
+        bar.S[0] = 2.0 * QUARTER_TURN.T @ M[:2, 2]
+        bar.S[1:] = 2.0 * M[3:, :2]
+        bar.G[0, 0] = M[2, 2]
+        bar.N[0, 1:] = M[2, 3:]
+        bar.N[1:, 0] = -M[2, 3:]
+        return replace(bar, mass=float(np.trace(M[:2, :2])))

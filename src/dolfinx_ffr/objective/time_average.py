@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""Integrals and power means over the time steps, by the trapezoidal rule."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["check_power", "check_window", "power_mean", "trapezoidal_weights"]
+
+Array = NDArray[np.float64]
+
+
+def check_power(what: str, power: float, least: float) -> None:
+    """Refuse a power that is too small, infinite or NaN.
+
+    Args:
+        what: Name of the objective, for the message.
+        power: The power.
+        least: Smallest power that is allowed.
+    """
+    if not (math.isfinite(power) and power >= least):
+        raise ValueError(
+            f"{what}: the power must be a number of at least {least:g}, but it is {power}"
+        )
+
+
+def check_window(what: str, window: tuple[float, float] | None) -> None:
+    """Refuse a time window that is not an interval.
+
+    Args:
+        what: Name of the objective, for the message.
+        window: Begin and end [s]; None stands for the whole motion.
+    """
+    if window is not None and not window[0] < window[1]:
+        raise ValueError(
+            f"{what}: the window must be (begin, end) with begin < end, but it is {window}"
+        )
+
+
+def trapezoidal_weights(
+    t: Array, window: tuple[float, float] | None = None, what: str = "objective"
+) -> Array:
+    """Weights of the trapezoidal rule at times t, shape of t [s].
+
+    Args:
+        t: Times, shape (n,) [s].
+        window: Begin and end of the time that counts [s]: of the steps inside; None takes all.
+        what: Name of the objective, for the message.
+
+    Raises:
+        ValueError: If fewer than two times lie in the window.
+    """
+    first, last = 0, t.size
+    if window is not None:
+        # Times are sums of steps: one that round-off has put outside still counts.
+        slack = 1e-9 * (t[-1] - t[0])
+        first = int(np.searchsorted(t, window[0] - slack))
+        last = int(np.searchsorted(t, window[1] + slack, "right"))
+        if last - first < 2:
+            raise ValueError(
+                f"{what}: fewer than two time steps lie in the window {window} s; the motion goes "
+                f"from {t[0]:g} s to {t[-1]:g} s in {t.size - 1} steps"
+            )
+    weights = np.zeros_like(t)
+    steps = 0.5 * np.diff(t[first:last])
+    weights[first : last - 1] += steps
+    weights[first + 1 : last] += steps
+    return weights
+
+
+def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Array]:
+    """Power mean (sum_k weight_k c_k^p / sum_k weight_k)^(1/p) and its derivative.
+
+    It lies between mean (p = 1) and maximum (p to infinity). The largest value is divided out
+    first, so that no power overflows.
+
+    Args:
+        values: Values c_k that are not negative, shape (n,).
+        weights: Weights, shape (n,).
+        power: The power p, at least 1.
+
+    Returns:
+        The mean and its derivative with respect to each value, shape (n,); zero where all values
+        are zero, where the mean of a power has a kink.
+    """
+    share = weights / np.sum(weights)
+    largest = float(np.max(values, where=share > 0.0, initial=0.0))
+    if largest == 0.0:
+        return 0.0, np.zeros_like(values)
+    mean = largest * float(share @ (values / largest) ** power) ** (1.0 / power)
+    return mean, share * (values / mean) ** (power - 1.0)
