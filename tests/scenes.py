@@ -13,6 +13,9 @@ from beam_bodies import beam
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
 from dolfinx_ffr.dynamics import GeneralizedAlpha
 from dolfinx_ffr.mechanism import (
+    Distance,
+    Force,
+    Gear,
     Ground,
     Mechanism,
     Moving,
@@ -23,6 +26,10 @@ from dolfinx_ffr.mechanism import (
     PrescribedPosition,
     RayleighDamping,
     Revolute,
+    SpringDamper,
+    Torque,
+    TorsionalSpringDamper,
+    Translational,
     Weld,
 )
 from dolfinx_ffr.motion import Motion
@@ -149,10 +156,71 @@ def robot(end_time: float = 0.3, steps: int = 120) -> Scene:
     return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps, 0.7))
 
 
+def loader(end_time: float = 0.2, steps: int = 120) -> Scene:
+    """Boom on elastic bearings with a geared arm, a sliding carriage and a cylinder, on a shaker.
+
+    Every kind of force, and the joints that the robot lacks, on flexible bodies.
+    """
+    shaft = Moving(
+        Motion.polynomial([0.5, 0.0, 0.3]),
+        Motion.polynomial([0.3, 0.2]),
+        Motion.polynomial([0.1, 1.0, 4.0]),
+        "shaft",
+    )
+    stroke = Motion(
+        lambda t: 0.32 + 0.02 * np.sin(11.0 * t),
+        lambda t: 0.22 * np.cos(11.0 * t),
+        lambda t: -2.42 * np.sin(11.0 * t),
+        "stroke",
+    )
+    mechanism = Mechanism(
+        placements={
+            "boom": Placement((0.0, 0.0), 0.1, (0.2, 0.1), 1.0),
+            "arm": Placement((0.3, 0.13), 0.9),
+            "link": Placement((0.5, 0.15), -1.4, (0.0, 0.0), 2.0),
+            "carriage": Placement((0.0, 0.08), 0.3),
+        },
+        joints=[
+            Revolute(("arm", "left"), ("boom", "right"), name="elbow"),
+            Revolute(("link", "left"), shaft, name="shaft"),
+            Gear(("arm", "left"), ("link", "middle"), -0.6, name="gear"),
+            Translational(("carriage", "left"), ("boom", "middle"), (1.0, 0.3), name="rails"),
+            Distance(("arm", "right"), ("carriage", "right"), stroke, name="cylinder"),
+            Distance(("link", "right"), ("boom", "right"), name="strut"),
+        ],
+        forces=[
+            SpringDamper(("boom", "left"), Ground((-0.2, -0.02)), 3e3, 4.0, 0.0, "bearing"),
+            SpringDamper(("boom", "right"), Ground((0.2, 0.4)), 2e3, 5.0, 0.35, "rope"),
+            SpringDamper(
+                ("carriage", "middle"), ("boom", "left"), 1e3, 3.0, lambda t: 0.2 + 0.5 * t
+            ),
+            SpringDamper(("link", "middle"), ("boom", "middle"), 40.0, 2.0, 0.0, "bush"),
+            TorsionalSpringDamper(("boom", "middle"), Ground(angle=0.05), 30.0, 0.2, 0.0),
+            TorsionalSpringDamper(("arm", "middle"), ("boom", "right"), 5.0, 0.05),
+            TorsionalSpringDamper(("carriage", "right"), shaft, 1.0, 0.02, lambda t: np.sin(9 * t)),
+            Force(("arm", "right"), 3.0, lambda t: 20.0 * np.sin(30.0 * t), name="load"),
+            Force(("link", "right"), 4.0, Motion.polynomial([1.0, 50.0]), True, name="jet"),
+            Torque(("boom", "right"), lambda t: 0.8 * np.cos(40.0 * t), name="motor"),
+        ],
+        gravity=(0.0, lambda t: -9.81 * np.exp(-t)),
+        ground_acceleration=(lambda t: 15.0 * np.sin(25.0 * t), 1.0),
+        damping={"boom": RayleighDamping(2.0, 1e-5)},
+        point_masses=[PointMass(("arm", "right"), 0.1)],
+    )
+    bodies = {
+        "boom": beam(0.4, 0.01, 0.01, elements=8, modes=4, frame="free"),
+        "arm": beam(0.3, 0.008, 0.01, elements=6, modes=3, frame="free"),
+        "link": beam(0.3, 0.008, 0.01, elements=6, modes=2, frame="free"),
+        "carriage": beam(0.2, 0.01, 0.01, elements=6, modes=2, frame="free"),
+    }
+    return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps))
+
+
 SCENES: dict[str, Callable[..., Scene]] = {
     "slider-crank": slider_crank,
     "four-bar": four_bar,
     "robot": robot,
+    "loader": loader,
 }
 
 

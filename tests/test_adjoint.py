@@ -34,7 +34,7 @@ from dolfinx_ffr.verification import assert_taylor_order, central_difference, ta
 
 #: First step of the Taylor tests. In the four-bar's frames the mode shapes nearly contain rigid
 #: motions, so it bears smaller changes of its integrals than the others.
-STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3}
+STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3}
 
 
 def compliance(scene: Scene, bodies: Bodies) -> float:
@@ -87,13 +87,13 @@ def test_taylor_order_over_decades(case: tuple[str, Scene, Bodies]) -> None:
 
 
 def test_rotation_shape_functions() -> None:
-    # Of the three scenes only the robot has joints that feel the rotation of elastic markers.
+    # Robot and loader have joints that feel the rotation of elastic markers, the others do not.
     for name, make in SCENES.items():
         scene = make()
         gradient = compliance_gradient(scene)
         direction = random_direction(scene.bodies, 3, "P")
         slope = dot(gradient, direction)
-        if name == "robot":
+        if name in ("robot", "loader"):
             steps = [STEP[name] / 2.0**k for k in range(5)]
             assert_taylor_order(
                 taylor_test(
@@ -151,10 +151,11 @@ def test_spectral_radius(radius: float) -> None:
     assert_taylor_order(result)
 
 
+@pytest.mark.parametrize("name", ["robot", "loader"])
 @pytest.mark.parametrize("steps", [1, 2])
-def test_first_steps_alone(steps: int) -> None:
+def test_first_steps_alone(name: str, steps: int) -> None:
     """With one or two steps the initial accelerations and the method's start are all there is."""
-    scene = SCENES["robot"]()
+    scene = SCENES[name]()
     scene = replace(scene, integrator=replace(scene.integrator, steps=steps, end_time=2e-3 * steps))
     trajectory = simulate(scene.mechanism, scene.bodies, scene.integrator)
     bar = TrajectoryBar.zeros(trajectory)

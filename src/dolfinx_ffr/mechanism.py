@@ -1,13 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Description of a planar mechanism: placements, joints, point masses, gravity, damping.
+"""Description of a planar mechanism: placements, joints, forces, point masses, gravity, damping.
 
 A mechanism says how bodies are put together; the bodies themselves come as volume integrals, so
-one mechanism serves all designs. Joints connect markers. A marker is
-
-* a point of a body, written ``("rod", "left")``: name of the body, name of the marker;
-* a point of the ground, :class:`Ground`;
-* a point that moves as prescribed, :class:`Moving`: a crank of given motion is such a marker, not
-  a body.
+one mechanism serves all designs. Joints and forces act between markers (:mod:`.points`); their
+kinds are described in :mod:`.joints` and :mod:`.forces`.
 
 Example:
     >>> crank = Moving.circle((0.0, 0.0), 0.1, Motion.smooth_step(distance=62.8, duration=2.0))
@@ -18,6 +14,7 @@ Example:
     ...         PointOnLine(("rod", "right"), Ground(), name="slider"),
     ...     ],
     ...     point_masses=[PointMass(("rod", "right"), 0.5)],
+    ...     forces=[SpringDamper(("rod", "right"), Ground((0.7, 0.0)), stiffness=500.0)],
     ... )
 """
 
@@ -26,14 +23,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
-from .motion import Motion
+from .forces import AppliedForce, Force, SpringDamper, Torque, TorsionalSpringDamper
+from .joints import (
+    Distance,
+    Gear,
+    Joint,
+    PointOnLine,
+    PrescribedAngle,
+    PrescribedPosition,
+    Revolute,
+    Translational,
+    Weld,
+)
+from .motion import Motion, Signal
+from .points import BodyPoint, Ground, Marker, Moving, Pair, marker_name
 
 __all__ = [
+    "AppliedForce",
     "BodyPoint",
+    "Distance",
+    "Force",
+    "Gear",
     "Ground",
     "Joint",
     "Marker",
@@ -46,82 +59,13 @@ __all__ = [
     "PrescribedPosition",
     "RayleighDamping",
     "Revolute",
+    "SpringDamper",
+    "Torque",
+    "TorsionalSpringDamper",
+    "Translational",
     "Weld",
+    "marker_name",
 ]
-
-Pair = tuple[float, float]
-
-#: Name of a body and name of one of its markers.
-BodyPoint = tuple[str, str]
-
-
-@dataclass(frozen=True)
-class Ground:
-    """A marker fixed to the ground."""
-
-    #: Position [m].
-    position: Pair = (0.0, 0.0)
-    #: Angle of the marker's axes [rad].
-    angle: float = 0.0
-    #: Name for messages.
-    name: str = "ground"
-
-    @property
-    def motions(self) -> tuple[Motion, Motion, Motion]:
-        """Motions of x, y and angle."""
-        x, y = self.position
-        return Motion.constant(x), Motion.constant(y), Motion.constant(self.angle)
-
-
-@dataclass(frozen=True)
-class Moving:
-    """A marker that moves as prescribed."""
-
-    #: Motion of the position along x [m].
-    x: Motion
-    #: Motion of the position along y [m].
-    y: Motion
-    #: Motion of the angle of the marker's axes [rad].
-    angle: Motion = field(default_factory=lambda: Motion.constant(0.0))
-    #: Name for messages.
-    name: str = "moving marker"
-
-    @property
-    def motions(self) -> tuple[Motion, Motion, Motion]:
-        """Motions of x, y and angle."""
-        return self.x, self.y, self.angle
-
-    @staticmethod
-    def circle(center: Pair, radius: float, angle: Motion, name: str = "crank pin") -> Moving:
-        """The end of a prescribed crank: a point on a circle whose angle is given.
-
-        Args:
-            center: Centre of the circle [m].
-            radius: Radius of the circle [m].
-            angle: Motion of the angle from the x axis [rad]; the marker's axes turn with it.
-            name: Name for messages.
-        """
-
-        def along(middle: float, phase: float) -> Motion:
-            # y is x a quarter turn later; sine and cosine of (phi - phase) serve both.
-            def value(t):  # type: ignore[no-untyped-def]
-                return middle + radius * np.cos(np.asarray(angle.value(t)) - phase)
-
-            def velocity(t):  # type: ignore[no-untyped-def]
-                phi = np.asarray(angle.value(t)) - phase
-                return -radius * np.sin(phi) * angle.velocity(t)
-
-            def acceleration(t):  # type: ignore[no-untyped-def]
-                phi, rate = np.asarray(angle.value(t)) - phase, np.asarray(angle.velocity(t))
-                return -radius * (np.cos(phi) * rate**2 + np.sin(phi) * angle.acceleration(t))
-
-            return Motion(value, velocity, acceleration, angle.name)
-
-        x, y = along(center[0], 0.0), along(center[1], math.pi / 2.0)
-        return Moving(x, y, angle, name)
-
-
-Marker = BodyPoint | Ground | Moving
 
 
 @dataclass(frozen=True)
@@ -162,120 +106,6 @@ class RayleighDamping:
 
 
 @dataclass(frozen=True)
-class Joint:
-    """What all joints have in common."""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        raise NotImplementedError
-
-    @property
-    def label(self) -> str:
-        """Name given by the user, or one made from the kind and the markers."""
-        given = getattr(self, "name", "")
-        if given:
-            return str(given)
-        return f"{type(self).__name__}({', '.join(marker_name(m) for m in self.markers)})"
-
-
-@dataclass(frozen=True)
-class Revolute(Joint):
-    """Two markers coincide: r_a - r_b = 0, two rows."""
-
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-    #: Name for results and messages.
-    name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
-
-
-@dataclass(frozen=True)
-class Weld(Joint):
-    """Two markers coincide and keep their relative angle: three rows."""
-
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-    #: Angle of the first marker minus that of the second [rad]; None takes that of the placements.
-    angle: float | None = None
-    #: Name for results and messages.
-    name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
-
-
-@dataclass(frozen=True)
-class PointOnLine(Joint):
-    """A point stays on a line through another marker, a slider joint: one row.
-
-    The line is fixed to the axes of its marker and turns with them.
-    """
-
-    #: Marker of the point.
-    point: Marker
-    #: Marker through which the line passes.
-    line: Marker
-    #: Direction of the line in the axes of its marker, of any length.
-    direction: Pair = (1.0, 0.0)
-    #: Name for results and messages.
-    name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.point, self.line
-
-
-@dataclass(frozen=True)
-class PrescribedAngle(Joint):
-    """The angle of a marker, against another marker or the ground, follows a motion: one row."""
-
-    #: Marker whose angle is prescribed.
-    marker: Marker
-    #: Motion of the angle [rad].
-    motion: Motion
-    #: Marker against which the angle counts.
-    relative_to: Marker = field(default_factory=Ground)
-    #: Name for results and messages.
-    name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.marker, self.relative_to
-
-
-@dataclass(frozen=True)
-class PrescribedPosition(Joint):
-    """The position of a marker along a global axis follows a motion: one row."""
-
-    #: Marker whose position is prescribed.
-    marker: Marker
-    #: Global axis, "x" or "y".
-    axis: Literal["x", "y"]
-    #: Motion of the position [m].
-    motion: Motion
-    #: Name for results and messages.
-    name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.marker, Ground()
-
-
-@dataclass(frozen=True)
 class Mechanism:
     """A planar mechanism.
 
@@ -289,17 +119,27 @@ class Mechanism:
     joints: Sequence[Joint] = ()
     #: Point masses.
     point_masses: Sequence[PointMass] = ()
-    #: Acceleration of free fall [m/s^2], for instance (0, -9.81).
-    gravity: Pair = (0.0, 0.0)
+    #: Acceleration of free fall [m/s^2], for instance (0, -9.81); numbers or functions of time.
+    gravity: tuple[Signal, Signal] = (0.0, 0.0)
     #: Damping, by name of the body.
     damping: Mapping[str, RayleighDamping] = field(default_factory=dict)
+    #: Forces, springs and dampers.
+    forces: Sequence[AppliedForce] = ()
+    #: Acceleration of the ground [m/s^2], numbers or functions of time. All positions are then
+    #: counted from the moving ground, on which the bodies feel the opposite acceleration.
+    ground_acceleration: tuple[Signal, Signal] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not np.all(np.isfinite(np.asarray(self.gravity, dtype=float))):
-            raise ValueError(f"gravity holds NaN or infinity: {self.gravity}")
+        for what in ("gravity", "ground_acceleration"):
+            given = getattr(self, what)
+            if len(given) != 2:
+                raise ValueError(f"{what} must have two components, but it has {len(given)}")
+            numbers = [g for g in given if not (callable(g) or isinstance(g, Motion))]
+            if not np.all(np.isfinite(np.asarray(numbers, dtype=float))):
+                raise ValueError(f"{what} holds NaN or infinity: {given}")
         for name, placement in self.placements.items():
-            numbers = (*placement.position, placement.angle, *placement.velocity)
+            numbers = [*placement.position, placement.angle, *placement.velocity]
             if not np.all(np.isfinite((*numbers, placement.angular_velocity))):
                 raise ValueError(f"placement of body {name!r} holds NaN or infinity")
         for point in self.point_masses:
@@ -315,14 +155,9 @@ class Mechanism:
                     f"but they are {d.alpha} and {d.beta}"
                 )
         for joint, label in zip(self.joints, self.joint_names, strict=True):
-            if not any(isinstance(marker, tuple) for marker in joint.markers):
-                raise ValueError(f"joint {label!r} connects no body")
-            if isinstance(joint, PointOnLine) and not math.hypot(*joint.direction) > 0.0:
-                raise ValueError(f"joint {label!r}: the direction of the line must not be zero")
-            if isinstance(joint, PrescribedPosition) and joint.axis not in ("x", "y"):
-                raise ValueError(
-                    f"joint {label!r}: the axis must be 'x' or 'y', not {joint.axis!r}"
-                )
+            joint.validate(label)
+        for force, label in zip(self.forces, self.force_names, strict=True):
+            force.validate(label)
 
     @property
     def joint_names(self) -> list[str]:
@@ -331,22 +166,26 @@ class Mechanism:
         Raises:
             ValueError: If two joints have been given the same name.
         """
-        names: list[str] = []
-        for joint in self.joints:
-            label, count = joint.label, 1
-            while label in names:
-                if getattr(joint, "name", ""):
-                    raise ValueError(f"two joints have the name {label!r}")
-                count += 1
-                label = f"{joint.label} #{count}"
-            names.append(label)
-        return names
+        return _names(self.joints, "joints")
+
+    @property
+    def force_names(self) -> list[str]:
+        """Names of the forces; names made from the markers are numbered where they repeat.
+
+        Raises:
+            ValueError: If two forces have been given the same name.
+        """
+        return _names(self.forces, "forces")
 
 
-def marker_name(marker: Marker) -> str:
-    """Name of a marker for messages.
-
-    Args:
-        marker: The marker.
-    """
-    return ".".join(marker) if isinstance(marker, tuple) else marker.name
+def _names(things: Sequence[Joint] | Sequence[AppliedForce], what: str) -> list[str]:
+    names: list[str] = []
+    for thing in things:
+        label, count = thing.label, 1
+        while label in names:
+            if getattr(thing, "name", ""):
+                raise ValueError(f"two {what} have the name {label!r}")
+            count += 1
+            label = f"{thing.label} #{count}"
+        names.append(label)
+    return names

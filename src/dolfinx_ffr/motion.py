@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Prescribed functions of time with their exact first and second derivatives."""
+"""Prescribed motions with their exact first and second derivatives, and other functions of time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Motion"]
+__all__ = ["Motion", "Signal", "sample"]
 
 Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
@@ -151,3 +151,34 @@ class Motion:
                     f"t = {t[worst]:.6g} s it is {here[row + 1, worst]:.6g}, but differences give "
                     f"{difference[worst]:.6g}"
                 )
+
+
+#: A quantity over time: a number, a function of an array of times (n,) [s], or a Motion, of which
+#: only the value counts.
+Signal = Motion | TimeFunction | float
+
+
+def sample(signal: Signal, times: ArrayLike, what: str) -> Array:
+    """Values of a quantity at given times.
+
+    Args:
+        signal: The quantity.
+        times: Times, shape (n,) [s].
+        what: Name of the quantity, for the message.
+
+    Returns:
+        Array of shape (n,).
+
+    Raises:
+        ValueError: If the quantity has another shape, is NaN or infinite.
+    """
+    t = np.asarray(times, dtype=np.float64)
+    function = signal.value if isinstance(signal, Motion) else signal
+    result = np.asarray(function(t) if callable(function) else function, dtype=np.float64)
+    if result.shape not in ((), t.shape):
+        raise ValueError(f"{what} at {t.size} times has shape {result.shape}")
+    values = np.array(np.broadcast_to(result, t.shape))
+    if not np.all(np.isfinite(values)):
+        first = t[np.argmin(np.isfinite(values))]
+        raise ValueError(f"{what} is NaN or infinite at t = {first:g} s")
+    return values

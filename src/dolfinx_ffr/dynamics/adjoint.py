@@ -78,9 +78,13 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
                 (trajectory.y, trajectory.v, trajectory.w), trajectory.beginning, strict=False
             )
         ]
+        # The trajectory may end before the tables do; their last row is that of the beginning.
+        gravity = np.vstack(
+            [model.arrays.gravity[: trajectory.steps + 1], model.arrays.gravity[-1]]
+        )
         h = float(model.times[1] - model.times[0])
         bars = {
-            name: _integral_bars(model, name, states, x)
+            name: _integral_bars(model, name, states, gravity, x)
             + _metric_bars(model, name, h * shifts[0], shifts[1])
             for name in model.bodies
         }
@@ -98,7 +102,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
 
 
 def _integral_bars(
-    model: FlatModel, body: str, states: list[Array], adjoint_forces: Array
+    model: FlatModel, body: str, states: list[Array], gravity: Array, adjoint_forces: Array
 ) -> VolumeIntegrals:
     """Minus the sum over time of x . dr, r being linear in each integral.
 
@@ -132,7 +136,7 @@ def _integral_bars(
     def turned_back(vector: Array) -> Array:
         return np.hstack([vector[:, 1:], -vector[:, :1]])
 
-    a_r, x_r = in_body_axes(w[:, :2] - model.arrays.gravity), in_body_axes(x[:, :2])
+    a_r, x_r = in_body_axes(w[:, :2] - gravity), in_body_axes(x[:, :2])
     S = qh.T @ (alpha * turned_back(x_r) - omega**2 * x_r + xi * turned_back(a_r))
     S += ah.T @ x_r + vh.T @ (2.0 * omega * turned_back(x_r)) + xh.T @ a_r
     G = qh.T @ (xi * (alpha * qh + 2.0 * omega * vh) - omega**2 * xh)

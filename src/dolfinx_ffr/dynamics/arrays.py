@@ -13,14 +13,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Kinds of rows. The first three are differences of one coordinate of the two markers, numbered
-#: as the coordinate; LINE is the distance of the first marker from a line fixed to the second.
-X, Y, ANGLE, LINE = 0, 1, 2, 3
+#: Kinds of rows. The first three are one coordinate of the first marker minus `ratio` times that of
+#: the second, numbered as the coordinate; LINE is the distance of the first marker from a line
+#: fixed to the second, DISTANCE that of the two markers.
+X, Y, ANGLE, LINE, DISTANCE = 0, 1, 2, 3, 4
+
+#: Kinds of forces: force and moment in the global axes, force in the axes of the marker, spring and
+#: damper along the line between two markers, in the plane, and between two angles.
+GLOBAL, FOLLOWER, SPRING, PLANE_SPRING, TORSION = 0, 1, 2, 3, 4
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function as a part of the compiled functions that call it."""
-    return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    """Compile a function as a part of the compiled functions that call it.
+
+    It is inlined: a call would hand over some hundred numbers, those of ModelArrays and Work.
+    """
+    return njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True
+    )(function)
 
 
 class ModelArrays(NamedTuple):
@@ -36,7 +46,7 @@ class ModelArrays(NamedTuple):
     alpha: Array  # (bodies,) mass-proportional damping [1/s]
     beta: Array  # (bodies,) stiffness-proportional damping [s]
     inverse: Array  # (bodies, modes + 3, modes + 3) D of the position corrections, see steps.py
-    gravity: Array  # (2,) [m/s^2]
+    gravity: Array  # (instants, 2) less the acceleration of the ground [m/s^2]
     marker_body: Integers  # (markers,) body, or -1 for a marker that moves as prescribed
     marker_slot: Integers  # (markers,) place in `prescribed` for the latter
     W: Array  # (markers, 2, modes + 1) reference position and shape functions
@@ -45,7 +55,12 @@ class ModelArrays(NamedTuple):
     kind: Integers  # (rows,)
     side: Integers  # (rows, 2) the two markers
     normal: Array  # (rows, 2) normal of the line in the frame of the second marker
+    ratio: Array  # (rows,)
     drive: Array  # (instants, rows, 3) c(t) and its two derivatives
+    force_kind: Integers  # (forces,)
+    force_side: Integers  # (forces, 2) the two markers
+    force_constants: Array  # (forces, 2) stiffness and damping
+    force_table: Array  # (instants, forces, 3) force and moment, or length or angle without force
 
 
 class Work(NamedTuple):
@@ -63,6 +78,9 @@ class Work(NamedTuple):
     out: Array  # (6,)
     value: Array  # (rows,) position constraints
     rate: Array  # (rows,) velocity constraints
+    load: Array  # (6,) force on two markers
+    load_z: Array  # (6, 6) its derivative with respect to their coordinates
+    load_v: Array  # (6, 6) and velocities
     C: Array  # (rows, n) constraint Jacobian
     D: Array  # (rows, n) derivative of the velocity constraints with respect to the coordinates
     correction: Array  # (rows, n) D C_y^T at the beginning of the step, transposed
@@ -98,6 +116,9 @@ def make_work(model: ModelArrays) -> Work:
         np.zeros(6),
         np.zeros(rows),
         np.zeros(rows),
+        np.zeros(6),
+        np.zeros((6, 6)),
+        np.zeros((6, 6)),
         np.zeros((rows, n)),
         np.zeros((rows, n)),
         np.zeros((rows, n)),

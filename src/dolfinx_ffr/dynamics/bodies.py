@@ -48,7 +48,14 @@ def body_products(model: ModelArrays, b: int, y: Array, v: Array, w: Array, work
 
 @kernel
 def body_equations(
-    model: ModelArrays, b: int, y: Array, v: Array, w: Array, cv: float, work: Work
+    model: ModelArrays,
+    instant: int,
+    b: int,
+    y: Array,
+    v: Array,
+    w: Array,
+    cv: float,
+    work: Work,
 ) -> None:
     """Forces r of one body, its block of r_w + cv r_v (work.M) and of r_y (work.Ky)."""
     o, n = model.first[b], model.modes[b]
@@ -69,7 +76,7 @@ def body_equations(
         qgv += t[0, j] * t[4, j]
         qna += t[0, j] * t[8, j]
     omega, eps = v[o + 2], w[o + 2]
-    gx, gy = w[o] - model.gravity[0], w[o + 1] - model.gravity[1]
+    gx, gy = w[o] - model.gravity[instant, 0], w[o + 1] - model.gravity[instant, 1]
     fx, fy = c * gx + s * gy, c * gy - s * gx  # in the body's axes
     bx = ax - eps * qy - omega * omega * qx - 2.0 * omega * vy
     by = ay + eps * qx - omega * omega * qy + 2.0 * omega * vx
@@ -118,6 +125,7 @@ def body_equations(
 @kernel
 def body_pullback(
     model: ModelArrays,
+    instant: int,
     b: int,
     y: Array,
     v: Array,
@@ -135,7 +143,7 @@ def body_pullback(
     c, s = work.rotation[b, 0], work.rotation[b, 1]
     da, db = model.alpha[b], model.beta[b]
     omega, eps, spin = v[o + 2], w[o + 2], x[o + 2]
-    gx, gy = w[o] - model.gravity[0], w[o + 1] - model.gravity[1]
+    gx, gy = w[o] - model.gravity[instant, 0], w[o + 1] - model.gravity[instant, 1]
     fx, fy = c * gx + s * gy, c * gy - s * gx
     mx, my = c * x[o] + s * x[o + 1], c * x[o + 1] - s * x[o]
     qx = qy = vx = vy = ax = ay = lx = ly = qgv = qgx = vnx = 0.0

@@ -66,7 +66,7 @@ def _call_on_nothing() -> None:
         alpha=z(0),
         beta=z(0),
         inverse=z((0, 3, 3)),
-        gravity=z(2),
+        gravity=z((2, 2)),
         marker_body=none,
         marker_slot=none,
         W=z((0, 2, 1)),
@@ -75,7 +75,12 @@ def _call_on_nothing() -> None:
         kind=none,
         side=z((0, 2), dtype=np.int64),
         normal=z((0, 2)),
+        ratio=z(0),
         drive=z((2, 0, 3)),
+        force_kind=none,
+        force_side=z((0, 2), dtype=np.int64),
+        force_constants=z((0, 2)),
+        force_table=z((2, 0, 3)),
     )
     state, table, method = z(0), [z((1, 0)) for _ in range(6)], (0.0, 0.0, 0.5, 0.25)
     kernels.evaluate(model, 0, state, state, state, state)

@@ -13,6 +13,7 @@ from numba import njit
 
 from .arrays import Array, Integers, ModelArrays, make_work
 from .bodies import body_pullback
+from .forces import forces_pullback
 from .linear import lu_factor, lu_solve, lu_solve_transposed
 from .rows import evaluate_rows, rows_pullback
 from .steps import (
@@ -27,7 +28,7 @@ from .steps import (
 CONVERGED, SINGULAR, DIVERGED = 0, 1, 2
 
 #: Modules whose code is compiled.
-SOURCES = ("arrays", "linear", "rows", "bodies", "steps", "loops")
+SOURCES = ("arrays", "linear", "rows", "forces", "bodies", "steps", "loops")
 
 #: Most Newton iterations of one step.
 MAX_ITERATIONS = 25
@@ -257,7 +258,8 @@ def _make_kernels(digest: str) -> Kernels:
                 m3[c] = rhs[n + rows + c] / cv
                 held[c] = h * eta[k, c]
             for b in range(model.first.size):
-                body_pullback(model, b, y[k], v[k], w[k], x[k], work, yb, vb)
+                body_pullback(model, k, b, y[k], v[k], w[k], x[k], work, yb, vb)
+            forces_pullback(model, k, y[k], v[k], w[k], x[k], work, yb, vb, markers)
             rows_pullback(
                 model,
                 y[k],

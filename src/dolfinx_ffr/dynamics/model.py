@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,20 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import (
-    Ground,
-    Joint,
-    Marker,
-    Mechanism,
-    PointOnLine,
-    PrescribedAngle,
-    PrescribedPosition,
-    Revolute,
-    Weld,
-    marker_name,
+from ..mechanism import Mechanism
+from ..motion import Motion, sample
+from ..points import Ground, Marker, marker_name
+from .arrays import ModelArrays
+from .layout import (
+    Element,
+    Row,
+    Undeformed,
+    element_of_force,
+    rows_of_joint,
+    table_of_element,
 )
-from ..motion import Motion
-from .arrays import ANGLE, LINE, ModelArrays, X, Y
 
 __all__ = ["FlatModel", "assemble_model"]
 
@@ -107,44 +104,6 @@ class FlatModel:
         return list(self.bodies)[int(np.searchsorted(self.arrays.first, index, "right")) - 1]
 
 
-@dataclass(frozen=True)
-class _Row:
-    """One scalar constraint g(z_a, z_b) = constant + motion(t)."""
-
-    kind: int
-    a: Marker
-    b: Marker
-    normal: tuple[float, float] = (0.0, 0.0)
-    constant: float = 0.0
-    motion: Motion | None = None
-
-
-def _rows_of_joint(joint: Joint, angles: Mapping[str, float], start: Array) -> list[_Row]:
-    """Scalar rows of a joint; the angles of the placements settle a weld without an angle."""
-    if isinstance(joint, Revolute):
-        return [_Row(kind, joint.a, joint.b) for kind in (X, Y)]
-    if isinstance(joint, Weld):
-
-        def angle(marker: Marker) -> float:
-            if isinstance(marker, tuple):
-                return angles[marker[0]]
-            return float(marker.motions[2].tabulate(start)[0, 0])
-
-        relative = angle(joint.a) - angle(joint.b) if joint.angle is None else joint.angle
-        weld = _Row(ANGLE, joint.a, joint.b, constant=relative)
-        return [_Row(X, joint.a, joint.b), _Row(Y, joint.a, joint.b), weld]
-    if isinstance(joint, PointOnLine):
-        length = math.hypot(*joint.direction)
-        normal = (-joint.direction[1] / length, joint.direction[0] / length)
-        return [_Row(LINE, joint.point, joint.line, normal)]
-    if isinstance(joint, PrescribedAngle):
-        return [_Row(ANGLE, joint.marker, joint.relative_to, motion=joint.motion)]
-    if isinstance(joint, PrescribedPosition):
-        kind = X if joint.axis == "x" else Y
-        return [_Row(kind, joint.marker, Ground(), motion=joint.motion)]
-    raise ValueError(f"a joint of unknown kind: {type(joint).__name__}")
-
-
 def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> None:
     """Refuse names that do not exist, listing those that do."""
     names = list(bodies)
@@ -162,6 +121,12 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         (f"joint {label!r}", marker)
         for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
         for marker in joint.markers
+        if isinstance(marker, tuple)
+    ]
+    uses += [
+        (f"force {label!r}", marker)
+        for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
+        for marker in force.markers
         if isinstance(marker, tuple)
     ]
     uses += [("point mass", point.marker) for point in mechanism.point_masses]
@@ -215,7 +180,7 @@ def assemble_model(
     table: list[Marker] = []
     prescribed: list[Array] = []
 
-    def place(marker: Marker, joint: str) -> int:
+    def place(marker: Marker, user: str) -> int:
         """Number of a marker, entered in the table at its first use."""
         if isinstance(marker, tuple):
             if marker not in index:
@@ -225,19 +190,19 @@ def assemble_model(
         for number, known in enumerate(table):
             if known is marker or (isinstance(marker, Ground) and known == marker):
                 return number
-        where = f"joint {joint!r}, marker {marker_name(marker)!r}"
+        where = f"{user}, marker {marker_name(marker)!r}"
         columns = [_tabulate(m, instants, float(times[-1]), where) for m in marker.motions]
         prescribed.append(np.stack(columns, axis=-1))
         table.append(marker)
         return len(table) - 1
 
-    angles = {name: placement.angle for name, placement in mechanism.placements.items()}
-    rows: list[_Row] = []
+    undeformed = Undeformed(mechanism.placements, bodies, instants[:1])
+    rows: list[Row] = []
     drives: list[Array] = []
     joints: dict[str, slice] = {}
     sides: list[tuple[int, int]] = []
     for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
-        own = _rows_of_joint(joint, angles, instants[:1])
+        own = rows_of_joint(joint, label, undeformed)
         joints[label] = slice(len(rows), len(rows) + len(own))
         for row in own:
             drive = np.zeros((instants.size, 3))
@@ -245,8 +210,16 @@ def assemble_model(
                 drive += _tabulate(row.motion, instants, float(times[-1]), f"joint {label!r}")
             drive[:, 0] += row.constant
             drives.append(drive)
-            sides.append((place(row.a, label), place(row.b, label)))
+            sides.append((place(row.a, f"joint {label!r}"), place(row.b, f"joint {label!r}")))
         rows += own
+    elements: list[Element] = []
+    pulls: list[Array] = []
+    ends: list[tuple[int, int]] = []
+    for label, force in zip(mechanism.force_names, mechanism.forces, strict=True):
+        element = element_of_force(force, label, undeformed)
+        elements.append(element)
+        pulls.append(table_of_element(element, label, instants))
+        ends.append((place(element.a, f"force {label!r}"), place(element.b, f"force {label!r}")))
 
     arrays = _body_arrays(mechanism, effective)
     modes = int(arrays["modes"].max())
@@ -266,7 +239,7 @@ def assemble_model(
             slots += 1
     flat = ModelArrays(
         **arrays,
-        gravity=np.array(mechanism.gravity, dtype=np.float64),
+        gravity=_free_fall(mechanism, instants),
         marker_body=body_of.astype(np.int64),
         marker_slot=slot_of,
         W=W,
@@ -274,10 +247,30 @@ def assemble_model(
         prescribed=_stack(prescribed, (instants.size, 3, 3)),
         kind=np.array([row.kind for row in rows], dtype=np.int64),
         side=np.array(sides, dtype=np.int64).reshape(-1, 2),
-        normal=np.array([row.normal for row in rows], dtype=np.float64).reshape(-1, 2),
+        normal=_pairs([row.normal for row in rows]),
+        ratio=np.array([row.ratio for row in rows], dtype=np.float64),
         drive=_stack(drives, (instants.size, 3)),
+        force_kind=np.array([element.kind for element in elements], dtype=np.int64),
+        force_side=np.array(ends, dtype=np.int64).reshape(-1, 2),
+        force_constants=_pairs([element.constants for element in elements]),
+        force_table=_stack(pulls, (instants.size, 3)),
     )
     return FlatModel(flat, times, offset, mechanism, dict(bodies), index, joints)
+
+
+def _free_fall(mechanism: Mechanism, instants: Array) -> Array:
+    """Gravity less the acceleration of the ground, shape (instants, 2) [m/s^2]."""
+    fall = np.empty((instants.size, 2))
+    for axis, name in enumerate("xy"):
+        fall[:, axis] = sample(mechanism.gravity[axis], instants, f"gravity along {name}")
+        fall[:, axis] -= sample(
+            mechanism.ground_acceleration[axis], instants, f"ground_acceleration along {name}"
+        )
+    return fall
+
+
+def _pairs(pairs: Sequence[tuple[float, float]]) -> Array:
+    return np.array(pairs, dtype=np.float64).reshape(-1, 2)
 
 
 def _stack(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:

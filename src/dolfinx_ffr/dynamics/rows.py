@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .arrays import LINE, Array, ModelArrays, Work, kernel
+from .arrays import DISTANCE, LINE, Array, ModelArrays, Work, kernel
 
 
 @kernel
@@ -95,6 +95,38 @@ def marker_pull(
 
 
 @kernel
+def marker_velocity_push(
+    model: ModelArrays, m: int, x: Array, v: Array, work: Work, out: Array, at: int
+) -> None:
+    """out[at:at+3] = z'_y x, the change of a marker's velocity under a shift x."""
+    b = model.marker_body[m]
+    out[at] = out[at + 1] = out[at + 2] = 0.0
+    if b >= 0:
+        o = model.first[b]
+        omega, turn = v[o + 2], x[o + 2]
+        out[at] = -turn * (omega * work.arm[m, 0] + work.swing[m, 1])
+        out[at + 1] = turn * (work.swing[m, 0] - omega * work.arm[m, 1])
+        for j in range(model.modes[b]):
+            out[at] -= omega * work.P[m, 1, j] * x[o + 3 + j]
+            out[at + 1] += omega * work.P[m, 0, j] * x[o + 3 + j]
+
+
+@kernel
+def add_arm_stiffness(
+    model: ModelArrays, m: int, fx: float, fy: float, factor: float, work: Work
+) -> None:
+    """Add factor times the derivative of z_y^T f, at a fixed force f on a marker, to work.Ky."""
+    b = model.marker_body[m]
+    if b >= 0:
+        o = model.first[b]
+        work.Ky[o + 2, o + 2] -= factor * (fx * work.arm[m, 0] + fy * work.arm[m, 1])
+        for j in range(model.modes[b]):
+            turned = factor * (fy * work.P[m, 0, j] - fx * work.P[m, 1, j])
+            work.Ky[o + 2, o + 3 + j] += turned
+            work.Ky[o + 3 + j, o + 2] += turned
+
+
+@kernel
 def line_of_row(model: ModelArrays, i: int, z: Array) -> tuple[float, float, float, float]:
     """Normal of the line in global axes, and the first marker as seen from the second."""
     a, b = model.side[i, 0], model.side[i, 1]
@@ -102,6 +134,17 @@ def line_of_row(model: ModelArrays, i: int, z: Array) -> tuple[float, float, flo
     nx = c * model.normal[i, 0] - s * model.normal[i, 1]
     ny = s * model.normal[i, 0] + c * model.normal[i, 1]
     return nx, ny, z[a, 0] - z[b, 0], z[a, 1] - z[b, 1]
+
+
+@kernel
+def distance_of_row(model: ModelArrays, i: int, z: Array) -> tuple[float, float, float]:
+    """Unit vector from the second to the first marker, and their distance."""
+    a, b = model.side[i, 0], model.side[i, 1]
+    dx, dy = z[a, 0] - z[b, 0], z[a, 1] - z[b, 1]
+    length = np.hypot(dx, dy)
+    if not length > 0.0:
+        return 1.0, 0.0, 0.0
+    return dx / length, dy / length, length
 
 
 @kernel
@@ -115,8 +158,12 @@ def row_gradient(model: ModelArrays, i: int, z: Array, g: Array) -> float:
         g[0], g[1], g[3], g[4] = nx, ny, -nx, -ny
         g[5] = nx * dy - ny * dx
         return nx * dx + ny * dy
-    g[kind], g[3 + kind] = 1.0, -1.0
-    return z[model.side[i, 0], kind] - z[model.side[i, 1], kind]
+    if kind == DISTANCE:
+        ex, ey, length = distance_of_row(model, i, z)
+        g[0], g[1], g[3], g[4] = ex, ey, -ex, -ey
+        return length
+    g[kind], g[3 + kind] = 1.0, -model.ratio[i]
+    return z[model.side[i, 0], kind] - model.ratio[i] * z[model.side[i, 1], kind]
 
 
 @kernel
@@ -128,6 +175,10 @@ def row_hessian(model: ModelArrays, i: int, z: Array, u: Array, out: Array) -> N
         nx, ny, dx, dy = line_of_row(model, i, z)
         out[0], out[1], out[3], out[4] = -ny * u[5], nx * u[5], ny * u[5], -nx * u[5]
         out[5] = nx * (u[1] - u[4]) - ny * (u[0] - u[3]) - (nx * dx + ny * dy) * u[5]
+    elif model.kind[i] == DISTANCE:
+        ex, ey, length = distance_of_row(model, i, z)
+        across = (ex * (u[1] - u[4]) - ey * (u[0] - u[3])) / length
+        out[0], out[1], out[3], out[4] = -ey * across, ex * across, ey * across, -ex * across
 
 
 @kernel
@@ -141,6 +192,14 @@ def row_third(model: ModelArrays, i: int, z: Array, u: Array, out: Array) -> Non
         out[0], out[1], out[3], out[4] = -nx * q, -ny * q, nx * q, ny * q
         out[5] = -2.0 * (nx * (u[0] - u[3]) + ny * (u[1] - u[4])) * u[5]
         out[5] -= (nx * dy - ny * dx) * q
+    elif model.kind[i] == DISTANCE:
+        # u . Hessian u = c^2 / length, c the part of the difference across e; de = J e c / length.
+        ex, ey, length = distance_of_row(model, i, z)
+        along = ex * (u[0] - u[3]) + ey * (u[1] - u[4])
+        across = (ex * (u[1] - u[4]) - ey * (u[0] - u[3])) / length
+        px = across * (2.0 * along * ey / length - across * ex)
+        py = -across * (2.0 * along * ex / length + across * ey)
+        out[0], out[1], out[3], out[4] = px, py, -px, -py
 
 
 @kernel
@@ -189,22 +248,18 @@ def row_curvatures(model: ModelArrays, v: Array, lam: Array, work: Work) -> None
             o = model.first[b]
             omega = v[o + 2]
             gx, gy = work.g[i, 3 * side], work.g[i, 3 * side + 1]
-            ax, ay = work.arm[m, 0], work.arm[m, 1]
             if curved:
                 h = work.hz[i]
                 marker_pull(
                     model, m, h[3 * side], h[3 * side + 1], h[3 * side + 2], work, work.D[i]
                 )
             work.D[i, o + 2] += gy * work.swing[m, 0] - gx * work.swing[m, 1]
-            work.D[i, o + 2] -= omega * (gx * ax + gy * ay)
-            work.Ky[o + 2, o + 2] -= lam[i] * (gx * ax + gy * ay)
+            work.D[i, o + 2] -= omega * (gx * work.arm[m, 0] + gy * work.arm[m, 1])
             for j in range(model.modes[b]):
-                turned = gy * work.P[m, 0, j] - gx * work.P[m, 1, j]
-                work.D[i, o + 3 + j] += omega * turned
-                work.Ky[o + 2, o + 3 + j] += lam[i] * turned
-                work.Ky[o + 3 + j, o + 2] += lam[i] * turned
+                work.D[i, o + 3 + j] += omega * (gy * work.P[m, 0, j] - gx * work.P[m, 1, j])
+            add_arm_stiffness(model, m, gx, gy, lam[i], work)
         # The Hessian of a line fixed to the ground or to a prescribed marker does not reach y.
-        if curved and model.marker_body[model.side[i, 1]] >= 0:
+        if curved and (model.kind[i] == DISTANCE or model.marker_body[model.side[i, 1]] >= 0):
             add_row_hessian(model, i, lam[i], work)
 
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from .arrays import Array, ModelArrays, Work, kernel
 from .bodies import body_equations, body_pullback
+from .forces import add_forces, forces_pullback
 from .linear import lu_factor, lu_solve
 from .rows import (
     evaluate_rows,
@@ -73,7 +74,8 @@ def solve_accelerations(
         for j in range(n):
             work.M[i, j] = 0.0
     for b in range(model.first.size):
-        body_equations(model, b, y, v, w, 0.0, work)
+        body_equations(model, k, b, y, v, w, 0.0, work)
+    add_forces(model, k, v, 0.0, work)
     zdd = np.empty((model.marker_body.size, 3))
     marker_accelerations(model, k, w, v, work, zdd)
     for i in range(n):
@@ -133,7 +135,8 @@ def accelerations_pullback(
         last[i] = work.rhs[n + i]
     none = np.zeros(rows)
     for b in range(model.first.size):
-        body_pullback(model, b, y, v, w, x, work, y_bar, v_bar)
+        body_pullback(model, k, b, y, v, w, x, work, y_bar, v_bar)
+    forces_pullback(model, k, y, v, w, x, work, y_bar, v_bar, markers)
     zdd = np.empty((model.marker_body.size, 3))
     marker_accelerations(model, k, w, v, work, zdd)
     rows_pullback(model, y, v, w, zdd, lam, x, none, none, last, -1.0, work, y_bar, v_bar, markers)
@@ -164,7 +167,8 @@ def step_system(
         for j in range(n):
             work.M[i, j] = work.Ky[i, j] = 0.0
     for b in range(model.first.size):
-        body_equations(model, b, y, v, w, cv, work)
+        body_equations(model, k, b, y, v, w, cv, work)
+    add_forces(model, k, v, cv, work)
     row_curvatures(model, v, lam, work)
     for i in range(n):
         for j in range(n):

@@ -103,8 +103,11 @@ class Trajectory:
         """Force of a joint on its first marker over time, shape (steps + 1, rows) [N, N m].
 
         A revolute joint gives (F_x, F_y) in global axes, a weld (F_x, F_y, M), a point on a line
-        the force along the normal of the line, a prescribed angle or position the driving moment
-        or force. On the second marker acts the opposite.
+        the force along the normal of the line, a translational joint that force and the moment, a
+        distance the force along the line from the second to the first marker, a gear the moment on
+        its first marker, a prescribed angle or position the driving moment or force. On the second
+        marker acts the opposite; of a gear, minus ratio times the moment; of a line, also the
+        moment of the force about the marker through which the line passes.
 
         Args:
             name: Name of the joint.
@@ -141,12 +144,15 @@ class Trajectory:
     def potential_energy(self, body: str) -> Array:
         """Energy of a body and its point masses in the field of gravity, (steps + 1,) [J].
 
+        An acceleration of the ground counts as gravity of the opposite sign; where either changes
+        over time, the energy is that in the field of the moment.
+
         Args:
             body: Name of the body.
         """
         m, S, _, _, position, angle, _, _, qh, _ = self._products(body)
         moment = m * position + _rotated(qh @ S, angle)
-        return -moment @ self.model.arrays.gravity
+        return -np.sum(moment * self.model.arrays.gravity[: self.steps + 1], axis=1)
 
     def linear_momentum(self, body: str) -> Array:
         """Linear momentum of a body and its point masses, shape (steps + 1, 2) [kg m/s].
