@@ -21,6 +21,7 @@ SOURCES = sorted(ROOT.rglob("*.py"))
 #: Modules that know nothing of finite elements and of other ranks.
 MECHANICAL = [
     "body",
+    "body_file",
     "dynamics",
     "forces",
     "joints",

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,6 +129,113 @@ class VolumeIntegrals:
                 for name, position in (markers or {}).items()
             },
         )
+
+    @staticmethod
+    def from_arrays(
+        mass: float,
+        S: ArrayLike,
+        *,
+        P: ArrayLike | None = None,
+        G: ArrayLike | None = None,
+        N: ArrayLike | None = None,
+        K: ArrayLike | None = None,
+        markers: Mapping[str, BodyMarker | ArrayLike] | None = None,
+        name: str = "given body",
+    ) -> VolumeIntegrals:
+        """Integrals of a body given by arrays, checked.
+
+        The second moments come as P, or as the two views of it that matter in the plane,
+        G_ab = tr P_ab and N_ab = (P_ab)_xy - (P_ab)_yx. Derivatives go back the same way:
+        the derivative with respect to P_ab is G_bar_ab I + N_bar_ab (e_x e_y^T - e_y e_x^T).
+
+        Args:
+            mass: Mass [kg].
+            S: int rho w_a, shape (modes + 1, 2) [kg m].
+            P: int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2) [kg m^2].
+            G: int rho w_a . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
+            N: int rho (J w_a) . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
+            K: Reduced stiffness, shape (modes, modes) [N/m]; None for a rigid body.
+            markers: Markers by name; for a rigid body the position alone is enough,
+                shape (2,) [m].
+            name: Name of the body for messages.
+
+        Raises:
+            ValueError: If neither P nor G and N are given, or both; if an array has the wrong
+                shape, holds NaN, or is not that of a body (see :meth:`validate`).
+        """
+        moments = {"P": P, "G": G, "N": N}
+        given = [key for key, array in moments.items() if array is not None]
+        if given not in (["P"], ["G", "N"]):
+            raise ValueError(f"body {name!r}: give either P or both G and N, not {given}")
+        if P is not None:
+            second = _as_array(P)
+            n = _as_array(S).shape[0] if np.ndim(S) else 0
+            _check_array(f"body {name!r}: integral P", second, (n, n, 2, 2))
+            skew = np.abs(second - second.transpose(1, 0, 3, 2))
+            if skew.max(initial=0.0) > 1e-9 * np.abs(second).max(initial=0.0):
+                raise ValueError(
+                    f"body {name!r}: integral P must satisfy P_ab = P_ba^T, but entries differ by "
+                    f"{skew.max():.1e} kg m^2"
+                )
+            G = second[..., 0, 0] + second[..., 1, 1]
+            N = second[..., 0, 1] - second[..., 1, 0]
+        stiffness = np.zeros((0, 0)) if K is None else _as_array(K)
+        if stiffness.ndim != 2:
+            raise ValueError(f"body {name!r}: K must be a matrix, not of shape {stiffness.shape}")
+        r = stiffness.shape[0]
+        if K is None and np.shape(S)[:1] != (1,):
+            raise ValueError(
+                f"body {name!r}: S has shape {np.shape(S)}, that of an elastic body; give its "
+                "stiffness K"
+            )
+        assert G is not None
+        assert N is not None
+        points = {}
+        for key, marker in (markers or {}).items():
+            if not isinstance(marker, BodyMarker):
+                if r:
+                    raise ValueError(
+                        f"body {name!r}, marker {key!r}: give a BodyMarker with its shape functions"
+                    )
+                marker = BodyMarker(_as_array(marker), np.zeros((2, 0)), np.zeros(0))
+            points[key] = marker
+        body = VolumeIntegrals(mass, _as_array(S), _as_array(G), _as_array(N), stiffness, points)
+        body.validate(name)
+        return body
+
+    def save(self, path: str | Path) -> None:
+        """Write to a NumPy file, which `load` reads; :mod:`dolfinx_ffr.body_file` lists its keys.
+
+        Under MPI call it on one rank; the integrals are the same on all.
+
+        Args:
+            path: File that ends in ``.npz``; an older one is replaced when all is written.
+
+        Raises:
+            ValueError: If the integrals are not valid, or the path has another ending.
+            OSError: If the file cannot be written.
+        """
+        from .body_file import save_body
+
+        save_body(path, self)
+
+    @staticmethod
+    def load(path: str | Path) -> VolumeIntegrals:
+        """Read from a NumPy file that `save` or another code has written.
+
+        :mod:`dolfinx_ffr.body_file` lists the keys. The numbers are exactly those in the file.
+
+        Args:
+            path: File that ends in ``.npz``.
+
+        Raises:
+            ValueError: If the file is damaged, a key is missing or unknown, an array has the wrong
+                shape or holds NaN, or the integrals are not those of a body.
+            OSError: If the file cannot be read.
+        """
+        from .body_file import load_body
+
+        return load_body(path)
 
     def mass_matrix(self) -> Array:
         """Mass matrix of the undeformed body at zero angle, shape (3 + modes, 3 + modes).
