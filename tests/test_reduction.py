@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import scipy.linalg
+from meshes import prongs
 
 from dolfinx_ffr import (
     SIMP,
@@ -21,7 +22,6 @@ from dolfinx_ffr import (
     LinearMass,
     PlaneStress,
     TangentFrame,
-    _compat,
 )
 from dolfinx_ffr.verification import assert_taylor_order, convergence_order, taylor_test
 
@@ -233,20 +233,6 @@ def test_density_gradient_of_the_forms(comm: MPI.Intracomm) -> None:
         steps=[0.1, 0.05, 0.025, 0.0125],
     )
     assert_taylor_order(result)
-
-
-def prongs(comm: MPI.Intracomm) -> Domain:
-    """A fork of two identical prongs on a rigid root: each frequency comes twice."""
-    nx, ny = 20, 4
-    i, j, prong = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), [0, 1], indexing="ij")
-    points = np.column_stack([i.ravel() / nx, 0.2 * j.ravel() / ny + prong.ravel()])
-    number = np.arange(i.size).reshape(i.shape)
-    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
-    cells = np.column_stack([corner.ravel() for corner in corners])
-    if comm.rank > 0:
-        cells, points = cells[:0], points[:0]
-    mesh = _compat.create_mesh(comm, cells, points, "quadrilateral", 1)
-    return Domain(mesh, {"root": lambda x: x[0] < 1e-9})
 
 
 @pytest.mark.mpi

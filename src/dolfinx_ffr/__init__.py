@@ -24,9 +24,16 @@ _ROOMS = {
         "simulate",
     ],
     "elasticity": ["Elasticity"],
+    "elementwise": [
+        "ElementGradient",
+        "IntegralDerivatives",
+        "elementwise_gradient",
+        "integral_derivatives",
+    ],
     "evolution": ["Evolution", "VelocityExtension", "VolumeBisection"],
     "flexible_body": ["FlexibleBody", "ReducedBody"],
     "forces": ["Force", "SpringDamper", "Torque", "TorsionalSpringDamper"],
+    "gradient_elements": ["GradientElements"],
     "io": ["CheckpointError", "read_history", "write_density", "write_summary"],
     "joints": [
         "Distance",
@@ -74,7 +81,9 @@ _ROOMS = {
         "Wendland",
     ],
     "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
+    "scattered": ["IllConditionedWarning", "ScatteredInterpolation", "best_length"],
     "sensitivity": ["Evaluation", "Problem"],
+    "shape_derivatives": ["ShapeDerivative", "Solver", "shape_derivatives"],
 }
 
 __all__ = sorted(name for names in _ROOMS.values() for name in names)

@@ -42,6 +42,8 @@ def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int
         element = (family, degree, shape) if shape else (family, degree)
         return fem.functionspace(domain, element)
     name = {"Lagrange": "CG"}.get(family, family)
+    if name == "DG" and degree > 0 and domain.ufl_cell().cellname() == "quadrilateral":
+        name = "DQ"
     if not shape:
         return fem.FunctionSpace(domain, (name, degree))
     return fem.VectorFunctionSpace(domain, (name, degree), dim=shape[0])

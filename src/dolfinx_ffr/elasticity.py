@@ -12,6 +12,7 @@ field a column.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -28,6 +29,8 @@ from .material import ElasticMaterial, Interpolation
 __all__ = ["Elasticity"]
 
 Block = NDArray[np.float64]
+#: values on the nodes of each cell, shape (cells, nodes, 2, columns)
+CellFields = NDArray[np.float64]
 
 
 class Elasticity:
@@ -60,6 +63,7 @@ class Elasticity:
         degree = 2 * domain.order + 2 * (_compat.coordinate_element(domain.mesh).degree - 1)
         dx = ufl.Measure("dx", domain=domain.mesh, metadata={"quadrature_degree": degree})
         self._material, self._interpolation, self._dx = material, interpolation, dx
+        self._stiffness_density, self._mass_density = stiffness_density, mass_density
         self._stiffness_form = fem.form(stiffness_density(u, v) * dx)
         self._mass_form = fem.form(mass_density(u, v) * dx)
         self.stiffness: PETSc.Mat = fem.petsc.create_matrix(self._stiffness_form)
@@ -122,6 +126,82 @@ class Elasticity:
             total += fem.assemble_vector(self._gradient_form).array[: self.domain.n_cells]
         return total
 
+    def cell_derivatives(self, w: Block, phi: Block) -> tuple[CellFields, CellFields]:
+        """Return what one element's density changes in M w and K phi, for every element.
+
+        Args:
+            w: fields of the mass term, shape (dofs, a).
+            phi: fields of the stiffness term, shape (dofs, i).
+
+        Returns:
+            (dM/dx_e) w_a and (dK/dx_e) phi_i on the dofs of element e alone, for the cells owned by
+            this rank: shapes (cells, nodes, 2, a) and (cells, nodes, 2, i), nodes as in the
+            space's dofmap.
+        """
+        space, mass_form, stiffness_form = self._cell_forms
+        nodes = _compat.dofmap_array(space)[: self.domain.n_cells]
+        result = []
+        for form, number, block in ((mass_form, 0, w), (stiffness_form, 2, phi)):
+            part = np.empty((*nodes.shape, 2, block.shape[1]))
+            for i, column in enumerate(block.T):
+                self._set(self._fields[number], column)
+                part[..., i] = fem.assemble_vector(form).array.reshape(-1, 2)[nodes]
+            result.append(part)
+        return result[0], result[1]
+
+    @cached_property
+    def _cell_forms(self) -> tuple[Any, fem.Form, fem.Form]:
+        """Return a space whose cells share no dofs, and each form's derivative tested with it."""
+        domain = self.domain
+        space = _compat.function_space(domain.mesh, "DG", domain.order, (2,))
+        test, unit = ufl.TestFunction(space), fem.Function(domain.density_space)
+        unit.x.array[:] = 1.0
+        forms = [
+            fem.form(ufl.derivative(density(field, test) * self._dx, self.density, unit))
+            for density, field in (
+                (self._mass_density, self._fields[0]),
+                (self._stiffness_density, self._fields[2]),
+            )
+        ]
+        return space, *forms
+
+    def at_cells(self, block: Block) -> CellFields:
+        """Return fields on the nodes of each cell of this rank, shape (cells, nodes, 2, columns).
+
+        Args:
+            block: fields, shape (dofs, columns).
+        """
+        nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
+        result = np.empty((*nodes.shape, 2, block.shape[1]))
+        for i, column in enumerate(block.T):
+            self._set(self._fields[0], column)
+            result[..., i] = self._fields[0].x.array.reshape(-1, 2)[nodes]
+        return result
+
+    def from_cells(self, cells: NDArray[np.int64], fields: CellFields, columns: int) -> Block:
+        """Return a block of fields summed from the nodes of cells, the transpose of `at_cells`.
+
+        Collective: parts on nodes of other ranks are sent there.
+
+        Args:
+            cells: a cell of this rank and a column for each field, shape (fields, 2).
+            fields: on the nodes of these cells, shape (fields, nodes, 2).
+            columns: number of columns of the block.
+        """
+        nodes = _compat.dofmap_array(self.domain.space)[cells[:, 0]]
+        column = np.broadcast_to(cells[:, 1:], nodes.shape)
+        block = np.zeros((self.n_dofs // 2, 2, columns))
+        ours = nodes < len(block)
+        np.add.at(block, (nodes[ours], slice(None), column[ours]), fields[ours])
+        if self.comm.size > 1:
+            index_map = self.domain.space.dofmap.index_map
+            theirs = np.asarray(index_map.local_to_global(nodes[~ours].astype(np.int32)))
+            first, last = index_map.local_range
+            for node, where, value in self.comm.allgather((theirs, column[~ours], fields[~ours])):
+                mine = (node >= first) & (node < last)
+                np.add.at(block, (node[mine] - first, slice(None), where[mine]), value[mine])
+        return block.reshape(self.n_dofs, columns)
+
     def strain_energy(self, x: ArrayLike, field: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the elastic energy of each cell; what is assembled stays as it is.
 
@@ -176,13 +256,20 @@ class Elasticity:
 
     def inner(self, a: Block, b: Block) -> NDArray[np.float64]:
         """Return a^T b, shape (columns of a, columns of b), bit-identical on every rank."""
-        local = np.ascontiguousarray(a.T @ b)
+        return self.sum(np.ascontiguousarray(a.T @ b))
+
+    def sum(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sum of an array over the ranks, bit-identical on every rank."""
         if self.comm.size == 1:
             return local
         total = np.empty_like(local)
         self.comm.Reduce(local, total, root=0)
         self.comm.Bcast(total, root=0)
         return total
+
+    def largest(self, local: NDArray[np.float64]) -> float:
+        """Return the largest entry of an array over all ranks; zero if there is none."""
+        return float(self.comm.allreduce(float(np.max(local, initial=0.0)), MPI.MAX))
 
     def coordinates(self) -> NDArray[np.float64]:
         """Return the position of each node owned by this rank, shape (dofs / 2, 2) [m]."""

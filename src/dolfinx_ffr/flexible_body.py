@@ -139,12 +139,7 @@ class FlexibleBody:
             Derivative for each cell owned by this rank, shape (cells,), and what was learnt:
             ``iterations`` of the adjoint systems and seconds spent.
         """
-        if not np.array_equal(
-            reduced.density, self.elasticity.density.x.array[: self.domain.n_cells]
-        ):
-            raise RuntimeError(
-                "pullback: the body has been reduced at another density since; call reduce again"
-            )
+        self.require_current(reduced)
         start = perf_counter()
         pull = volume_integrals_pullback(
             self.elasticity, self.reduction, reduced.basis, self.points, bar
@@ -161,3 +156,19 @@ class FlexibleBody:
             "reduction pullback": solved - before,
             "integrals pullback": perf_counter() - solved + before - start,
         }
+
+    def require_current(self, reduced: ReducedBody) -> None:
+        """Refuse a reduction whose matrices and factor are gone.
+
+        Args:
+            reduced: what `reduce` returned.
+
+        Raises:
+            RuntimeError: on every rank, if the body has been reduced at another density since.
+        """
+        now = self.elasticity.density.x.array[: self.domain.n_cells]
+        same = np.array_equal(reduced.density, now)
+        if not all(self.domain.comm.allgather(same)):
+            raise RuntimeError(
+                "pullback: the body has been reduced at another density since; call reduce again"
+            )

@@ -184,8 +184,9 @@ class CraigBampton:
         self._start = _smooth_field(coordinates, domain.bounding_box)
         self._start[self.held] = 0.0
         self._held_rows = np.flatnonzero(self.held).astype(np.int32)
-        self._stiffness = elasticity.stiffness.duplicate()
-        self._mass = elasticity.mass.duplicate()
+        #: the matrices with all interfaces held: one and zero on the diagonal of held rows
+        self.held_stiffness: PETSc.Mat = elasticity.stiffness.duplicate()
+        self.held_mass: PETSc.Mat = elasticity.mass.duplicate()
         self._ksp = PETSc.KSP().create(elasticity.comm)
         self._ksp.setType("preonly")
         pc = self._ksp.getPC()
@@ -237,8 +238,8 @@ class CraigBampton:
             RuntimeError: on every rank, if the held stiffness is singular.
         """
         for source, target, diagonal in (
-            (self.elasticity.stiffness, self._stiffness, 1.0),
-            (self.elasticity.mass, self._mass, 0.0),
+            (self.elasticity.stiffness, self.held_stiffness, 1.0),
+            (self.elasticity.mass, self.held_mass, 0.0),
         ):
             source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             target.zeroRowsColumnsLocal(self._held_rows, diagonal)
@@ -246,7 +247,7 @@ class CraigBampton:
             # it shares the factor with us, and takes it along when it goes
             self._eps.destroy()
             self._eps = None
-        self._ksp.setOperators(self._stiffness)
+        self._ksp.setOperators(self.held_stiffness)
         try:
             self._ksp.setUp()
         except PETSc.Error as error:
@@ -290,7 +291,7 @@ class CraigBampton:
             n_constraint=self.n_constraint,
             eigenvalues=kept,
             outer_eigenvalue=outer,
-            mass_times_normal=self.elasticity.apply(self._mass, normal)
+            mass_times_normal=self.elasticity.apply(self.held_mass, normal)
             if self.modes
             else np.zeros((len(normal), 0)),
         )
@@ -301,7 +302,7 @@ class CraigBampton:
             return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
         eps = SLEPc.EPS().create(self.elasticity.comm)
         self._eps = eps
-        eps.setOperators(self._stiffness, self._mass)
+        eps.setOperators(self.held_stiffness, self.held_mass)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         eps.setTarget(0.0)
@@ -311,7 +312,7 @@ class CraigBampton:
         transform.setType(SLEPc.ST.Type.SINVERT)
         transform.setShift(0.0)
         transform.setKSP(self._ksp)
-        start = self._stiffness.createVecRight()
+        start = self.held_stiffness.createVecRight()
         start.setArray(self._start)
         eps.setInitialSpace([start])
         eps.solve()
@@ -322,7 +323,7 @@ class CraigBampton:
                 f"{eps.getIterationNumber()} iterations; the mesh may be too coarse for so "
                 "many modes, or the design may have fallen apart"
             )
-        vector = self._stiffness.createVecRight()
+        vector = self.held_stiffness.createVecRight()
         eigenvalues = np.empty(converged)
         vectors = np.empty((self.elasticity.n_dofs, converged))
         for i in range(converged):
@@ -380,19 +381,33 @@ class CraigBampton:
         fields = np.zeros_like(right)
         k = basis.n_constraint
         fields[:, :k] = self.solve(right[:, :k])
-        fields[:, k:], iterations = self._solve_shifted(basis, right[:, k:])
+        fields[:, k:], iterations = self.solve_shifted(basis, right[:, k:], basis.eigenvalues)
         return Pullback(fields, iterations)
 
-    def _solve_shifted(self, basis: ReducedBasis, right: Block) -> tuple[Block, int]:
-        """Solve (K - lambda_i M) z_i = right_i on the complement of the retained modes.
+    def solve_shifted(
+        self, basis: ReducedBasis, right: Block, shifts: NDArray[np.float64]
+    ) -> tuple[Block, int]:
+        """Solve (K - shift_j M) z_j = right_j on the complement of the retained modes.
 
         All columns go through the conjugate gradients side by side, so that the factor serves
         several right-hand sides at once; a column that has converged stays as it is.
+
+        Args:
+            basis: the shape functions, from `basis` at the density that is still assembled.
+            right: right-hand sides, zero where the body is held, shape (dofs, columns); their part
+                along the retained modes is projected off.
+            shifts: retained eigenvalues, one a column, shape (columns,) [rad^2/s^2].
+
+        Returns:
+            Solutions M-orthogonal to the retained modes, shape (dofs, columns), and the number of
+            iterations.
+
+        Raises:
+            RuntimeError: on every rank, if the iteration does not converge.
         """
         inner = self.elasticity.inner
         normal = basis.shapes[:, basis.n_constraint :]
         mass_normal = basis.mass_times_normal
-        shifts = basis.eigenvalues
         solution = np.zeros_like(right)
         if right.shape[1] == 0:
             return solution, 0
@@ -417,8 +432,8 @@ class CraigBampton:
             if len(active) == 0:
                 return solution, iteration
             d = direction[:, active]
-            image = self.elasticity.apply(self._stiffness, d)
-            image -= shifts[active] * self.elasticity.apply(self._mass, d)
+            image = self.elasticity.apply(self.held_stiffness, d)
+            image -= shifts[active] * self.elasticity.apply(self.held_mass, d)
             # the images lie off the modes' range only up to round-off, which would grow
             image -= mass_normal @ inner(normal, image)
             curvature = self._column_products(d, image)
@@ -434,13 +449,7 @@ class CraigBampton:
         )
 
     def _column_products(self, a: Block, b: Block) -> NDArray[np.float64]:
-        local = np.einsum("ij,ij->j", a, b)
-        if self.elasticity.comm.size == 1:
-            return local
-        total = np.empty_like(local)
-        self.elasticity.comm.Reduce(local, total, root=0)
-        self.elasticity.comm.Bcast(total, root=0)
-        return total
+        return self.elasticity.sum(np.einsum("ij,ij->j", a, b))
 
 
 #: conjugate gradient iterations after which the pullback gives up

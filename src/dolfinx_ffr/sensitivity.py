@@ -150,11 +150,9 @@ class Problem:
             RuntimeError: on every rank, if another density has been evaluated since, or an adjoint
                 system cannot be solved.
         """
-        integrals = self._integrals(evaluation.bodies)
         seconds = dict(evaluation.seconds)
         start = perf_counter()
-        trajectory_bar, direct = self.objective.pullback(evaluation.trajectory, integrals)
-        bars = adjoint(evaluation.trajectory, trajectory_bar)
+        direct, bars = self.integral_gradients(evaluation)
         seconds["adjoint"] = perf_counter() - start
         iterations: dict[str, int] = {}
         gradient: dict[str, NDArray[np.float64]] = {}
@@ -164,6 +162,22 @@ class Problem:
             iterations[name] = int(learnt.pop("iterations"))
             _add(seconds, learnt)
         return replace(evaluation, gradient=gradient, solver_iterations=iterations, seconds=seconds)
+
+    def integral_gradients(
+        self, evaluation: Evaluation
+    ) -> tuple[dict[str, VolumeIntegrals], dict[str, VolumeIntegrals]]:
+        """Return the derivatives of psi with respect to the volume integrals of all bodies.
+
+        Args:
+            evaluation: what `value` returned.
+
+        Returns:
+            By name of the body, at fixed motion (only bodies on which the objective depends
+            directly), and through the motion. The same on every rank.
+        """
+        integrals = self._integrals(evaluation.bodies)
+        trajectory_bar, direct = self.objective.pullback(evaluation.trajectory, integrals)
+        return direct, adjoint(evaluation.trajectory, trajectory_bar)
 
     def _integrals(self, reduced: Mapping[str, ReducedBody]) -> dict[str, VolumeIntegrals]:
         """Return what the mechanism sees of all bodies, in the order in which they were given."""
