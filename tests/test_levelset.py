@@ -225,6 +225,47 @@ def test_signed_distance_without_a_zero_line_is_phi_itself() -> None:
     assert np.array_equal(levelset.signed_distance(phi), phi)
 
 
+@pytest.mark.mpi
+def test_boundary_distance_of_a_circle(comm: MPI.Intracomm) -> None:
+    """At the centroids and at given points: exact up to the square of the spacing."""
+
+    def exact(x: np.ndarray) -> np.ndarray:
+        return np.hypot(x[:, 0] - 0.19, x[:, 1] - 0.003) - 0.025
+
+    errors, spacings = [], []
+    for n in (8, 16, 32):
+        levelset = ffr.LevelSet(rod(comm, elements=(5 * n, n)))
+        alpha = levelset.interpolate(distorted)
+        at_cells = levelset.boundary_distance(alpha) - exact(levelset.domain.centroids)
+        errors.append(comm.allreduce(float(np.max(np.abs(at_cells), initial=0.0)), MPI.MAX))
+        spacings.append(levelset.spacing)
+    assert errors[-1] < 0.1 * spacings[-1]
+    assert convergence_order(spacings, errors) > 1.8
+    points = np.array([[0.19, 0.003], [0.24, 0.003], [0.0, 0.0]])
+    found = levelset.boundary_distance(alpha, points)
+    assert found == pytest.approx(exact(points), abs=0.1 * spacings[-1])
+    assert found[:2] == pytest.approx([-0.025, 0.025], abs=0.1 * spacings[-1])
+    assert levelset.boundary_distance(alpha, np.zeros((0, 2))).shape == (0,)
+
+
+def test_boundary_distance_is_that_of_re_initialisation() -> None:
+    levelset = ffr.LevelSet(rod(MPI.COMM_SELF))
+    alpha = levelset.interpolate(wavy)
+    expected = levelset.signed_distance(levelset.at_knots(alpha))
+    found = levelset.boundary_distance(alpha, levelset.knots)
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+def test_boundary_distance_without_a_boundary_is_infinite() -> None:
+    levelset = ffr.LevelSet(rod(MPI.COMM_SELF))
+    for sign in (1.0, -1.0):
+        alpha = levelset.interpolate(np.full(len(levelset.knots), 0.01 * sign))
+        assert np.all(levelset.boundary_distance(alpha) == sign * math.inf)
+    for points in ([0.0, 0.0], [[0.0, math.nan]]):
+        with pytest.raises(ValueError, match="points in an array"):
+            levelset.boundary_distance(alpha, points)
+
+
 # ---------------------------------------------------------------------- bad input
 
 

@@ -264,14 +264,45 @@ class LevelSet:
             Values at the knots, shape (knots,) [m]; ``phi`` itself where it has no zero line.
         """
         values = np.asarray(phi, dtype=np.float64)
-        on_grid = self.on_grid(self.basis.interpolate(values))
-        generator = contourpy.contour_generator(*self.grid, on_grid.T)
+        line = self._zero_line(self.basis.interpolate(values))
+        if line is None:
+            return values.copy()
+        return np.where(values >= 0.0, 1.0, -1.0) * _distance(self.knots, *line)
+
+    def boundary_distance(self, coefficients: ArrayLike, points: ArrayLike | None = None) -> Array:
+        """Return the signed distance from the active boundary, the zero line of phi.
+
+        The zero line is that of `signed_distance`. The distance is positive in the material. Not
+        collective: each rank may ask for its own points.
+
+        Args:
+            coefficients: alpha, shape (knots,).
+            points: positions, shape (n, 2) [m]; by default the centroids of this rank's cells.
+
+        Returns:
+            Shape (n,) [m]; infinite, with the sign of phi, where phi has no zero line.
+
+        Raises:
+            ValueError: if there is not one finite coefficient a knot, or a point is not finite.
+        """
+        alpha = self._check(coefficients)
+        x = np.asarray(self.domain.centroids if points is None else points, dtype=np.float64)
+        if x.ndim != 2 or x.shape[1] != 2 or not np.all(np.isfinite(x)):
+            raise ValueError(
+                f"level set: points in an array of shape {x.shape} must be finite coordinates of "
+                "shape (n, 2)"
+            )
+        sign = np.where(np.asarray(self.basis.matrix(x) @ alpha) >= 0.0, 1.0, -1.0)
+        line = self._zero_line(alpha)
+        return sign * (math.inf if line is None or len(x) == 0 else _distance(x, *line))
+
+    def _zero_line(self, coefficients: Array) -> tuple[Array, Array] | None:
+        """Return start and end of the segments along which phi, bilinear on `grid`, is zero."""
+        generator = contourpy.contour_generator(*self.grid, self.on_grid(coefficients).T)
         lines = [line for line in generator.lines(0.0) if len(line) > 1]
         if not lines:
-            return values.copy()
-        start = np.vstack([line[:-1] for line in lines])
-        end = np.vstack([line[1:] for line in lines])
-        return np.where(values >= 0.0, 1.0, -1.0) * _distance(self.knots, start, end)
+            return None
+        return np.vstack([line[:-1] for line in lines]), np.vstack([line[1:] for line in lines])
 
 
 def _check_knots(knots: ArrayLike) -> Array:
