@@ -192,14 +192,14 @@ class Elasticity:
         column = np.broadcast_to(cells[:, 1:], nodes.shape)
         block = np.zeros((self.n_dofs // 2, 2, columns))
         ours = nodes < len(block)
-        np.add.at(block, (nodes[ours], slice(None), column[ours]), fields[ours])
+        _add_at(block, nodes[ours], column[ours], fields[ours])
         if self.comm.size > 1:
             index_map = self.domain.space.dofmap.index_map
             theirs = np.asarray(index_map.local_to_global(nodes[~ours].astype(np.int32)))
             first, last = index_map.local_range
             for node, where, value in self.comm.allgather((theirs, column[~ours], fields[~ours])):
                 mine = (node >= first) & (node < last)
-                np.add.at(block, (node[mine] - first, slice(None), where[mine]), value[mine])
+                _add_at(block, node[mine] - first, where[mine], value[mine])
         return block.reshape(self.n_dofs, columns)
 
     def strain_energy(self, x: ArrayLike, field: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -259,7 +259,7 @@ class Elasticity:
         return self.sum(np.ascontiguousarray(a.T @ b))
 
     def sum(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sum of an array over the ranks, bit-identical on every rank."""
+        """Return the sum over the ranks of the array ``local``, bit-identical on every rank."""
         if self.comm.size == 1:
             return local
         total = np.empty_like(local)
@@ -268,12 +268,23 @@ class Elasticity:
         return total
 
     def largest(self, local: NDArray[np.float64]) -> float:
-        """Return the largest entry of an array over all ranks; zero if there is none."""
+        """Return the largest entry of ``local`` over all ranks; zero if there is none."""
         return float(self.comm.allreduce(float(np.max(local, initial=0.0)), MPI.MAX))
 
     def coordinates(self) -> NDArray[np.float64]:
         """Return the position of each node owned by this rank, shape (dofs / 2, 2) [m]."""
         return self.domain.space.tabulate_dof_coordinates()[: self.n_dofs // 2, :2]
+
+
+def _add_at(
+    block: NDArray[np.float64],
+    nodes: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    values: NDArray[np.float64],
+) -> None:
+    """Add values (n, 2) to the nodes and columns of a block (nodes, 2, columns)."""
+    for component in range(2):
+        np.add.at(block[:, component], (nodes, columns), values[:, component])
 
 
 def rotated(block: Block) -> Block:
