@@ -99,7 +99,7 @@ def test_taylor_order_through_the_mechanical_chain(name: str, scenes: dict[str, 
     which, objective = OBJECTIVES[name]
     scene = scenes[which]
     problem = MechanicalProblem(scene.mechanism, scene.integrator, objective)
-    gradient = problem.gradient(scene.bodies).gradient
+    gradient = problem.gradient(scene.bodies).integrals_gradient
     assert gradient is not None
     assert list(gradient) == list(scene.bodies)
     direction = random_direction(scene.bodies, 3)

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .body import VolumeIntegrals
 from .dynamics import GeneralizedAlpha, Trajectory, TrajectoryBar, adjoint, simulate
@@ -25,19 +25,23 @@ from .objective import Constraint, Objective
 __all__ = ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"]
 
 Bodies = Mapping[str, VolumeIntegrals]
-Derivative = TypeVar("Derivative")
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ConstraintValue(Generic[Derivative]):
+class ConstraintValue:
     """A constraint at one design: it holds where ``value`` is not positive."""
 
     #: g, the distance from the bound relative to the bound; at most zero where the bound holds.
     value: float
     #: The objective that is bounded, in its own unit.
     psi: float
-    #: Derivative of g by name of the body; None where only values were asked for.
-    gradient: dict[str, Derivative] | None = field(default=None, repr=False)
+    #: Derivative of g with respect to the integrals, by name of the body; None where only values
+    #: were asked for, or where g is no function of the integrals.
+    integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
+    #: Derivative of g with respect to the densities of this rank's cells, shape (cells,), by name
+    #: of the body; None where only values were asked for, or where no body has a density.
+    gradient: dict[str, Array] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -48,9 +52,9 @@ class MechanicalEvaluation:
     psi: float
     #: Derivative of psi with respect to the integrals, by name of the body, markers included; None
     #: where only values were asked for.
-    gradient: dict[str, VolumeIntegrals] | None = field(repr=False)
+    integrals_gradient: dict[str, VolumeIntegrals] | None = field(repr=False)
     #: Constraints by name.
-    constraints: dict[str, ConstraintValue[VolumeIntegrals]]
+    constraints: dict[str, ConstraintValue]
     #: The motion; None if neither objective nor constraints depend on it.
     trajectory: Trajectory | None = field(repr=False)
     #: The integrals at which this was computed.
@@ -69,7 +73,7 @@ class MechanicalProblem:
     Example:
         >>> problem = MechanicalProblem(mechanism, integrator, IntegralCompliance())
         >>> evaluation = problem.gradient({"rod": VolumeIntegrals.load("rod.npz")})
-        >>> evaluation.psi, evaluation.gradient["rod"].K
+        >>> evaluation.psi, evaluation.integrals_gradient["rod"].K
 
     Raises:
         ValueError: If two constraints have the same name.
@@ -117,12 +121,10 @@ class MechanicalProblem:
         constraints = {}
         for constraint in self.constraints:
             psi = _value(constraint.objective, trajectory, bodies)
-            constraints[constraint.label] = ConstraintValue[VolumeIntegrals](
-                constraint.scaled(psi), psi
-            )
+            constraints[constraint.label] = ConstraintValue(constraint.scaled(psi), psi)
         return MechanicalEvaluation(
             psi=_value(self.objective, trajectory, bodies),
-            gradient=None,
+            integrals_gradient=None,
             constraints=constraints,
             trajectory=trajectory,
             bodies=dict(bodies),
@@ -156,11 +158,14 @@ class MechanicalProblem:
             bars = _gradient(constraint.objective, trajectory, bodies)
             constraints[constraint.label] = replace(
                 evaluation.constraints[constraint.label],
-                gradient={name: bar.scaled(constraint.slope) for name, bar in bars.items()},
+                integrals_gradient={k: bar.scaled(constraint.slope) for k, bar in bars.items()},
             )
-        gradient = _gradient(self.objective, trajectory, bodies)
-        seconds = {**evaluation.seconds, "adjoint": perf_counter() - start}
-        return replace(evaluation, gradient=gradient, constraints=constraints, seconds=seconds)
+        return replace(
+            evaluation,
+            integrals_gradient=_gradient(self.objective, trajectory, bodies),
+            constraints=constraints,
+            seconds={**evaluation.seconds, "adjoint": perf_counter() - start},
+        )
 
 
 def _value(objective: Objective, trajectory: Trajectory | None, bodies: Bodies) -> float:

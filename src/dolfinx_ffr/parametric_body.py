@@ -23,7 +23,7 @@ class ParametricBody:
 
         >>> rod = ParametricBody(lambda p: VolumeIntegrals.rigid(p[0], inertia=p[1]), jacobian)
         >>> evaluation = problem.gradient({"rod": rod(p)})
-        >>> slope = rod.pullback(p, evaluation.gradient["rod"])
+        >>> slope = rod.pullback(p, evaluation.integrals_gradient["rod"])
 
     Args:
         function: from parameters, shape (n,), to the integrals.
