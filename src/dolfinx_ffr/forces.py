@@ -97,8 +97,8 @@ class SpringDamper(AppliedForce):
 
     They pull with stiffness (l - length) + damping l', l being the distance of the markers. With
     ``length=0`` they have no direction of their own and act as -stiffness d - damping d' on the
-    first marker, d = r_a - r_b: an elastic bearing. The markers of any other spring must not
-    coincide.
+    first marker, d = r_a - r_b: an elastic bearing, whose markers ought to stay close, since such
+    a damper also resists the turning of d. The markers of any other spring must not coincide.
     """
 
     #: First marker.

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import ANGLE
+from .arrays import ANGLE, SPRING
 from .loops import kernels
 from .model import FlatModel
 
@@ -48,6 +48,7 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
         y[first : first + 3] = *placement.position, placement.angle
         v[first : first + 3] = *placement.velocity, placement.angular_velocity
     if model.rows == 0:
+        _refuse_without_direction(model, y)
         return y, v
     length = _length(model)
     # Angles count as the arc they sweep at the mechanism's size.
@@ -90,6 +91,7 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
     speed = max(speed, float(np.max(row * (np.abs(full) @ np.abs(v)))))
     _refuse_open(model, rate, row * np.abs(rate), _OPEN * speed, ("m/s", "rad/s"), "set in motion")
     _refuse_redundant(model, full)
+    _refuse_without_direction(model, y)
     return y, v
 
 
@@ -133,6 +135,23 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
         f"joints involved: {involved}. Remove what another joint already holds, or start from a "
         "position that is not singular"
     )
+
+
+def _refuse_without_direction(model: FlatModel, y: Array) -> None:
+    """Raise where the markers of a spring coincide, so that it does not know where to pull."""
+    arrays = model.arrays
+    if not np.any(arrays.force_kind == SPRING):
+        return
+    positions = kernels.place(arrays, 0, y)
+    for kind, (a, b), label in zip(
+        arrays.force_kind, arrays.force_side, model.mechanism.force_names, strict=True
+    ):
+        gap = float(np.hypot(*(positions[a, :2] - positions[b, :2])))
+        if kind == SPRING and gap <= _OPEN * _length(model):
+            raise ValueError(
+                f"force {label!r}: the markers coincide at the start, so that the spring has no "
+                "direction; length=0 makes it an elastic bearing"
+            )
 
 
 def _diagonal_of_mass(model: FlatModel) -> Array:

@@ -145,8 +145,6 @@ def rows_of_joint(joint: Joint, label: str, undeformed: Undeformed) -> list[Row]
         return [angle(None, joint.a, joint.b, joint.ratio)]
     if isinstance(joint, Distance):
         if isinstance(joint.length, Motion):
-            if not joint.length.tabulate(undeformed.start)[0, 0] > 0.0:
-                raise ValueError(f"joint {label!r}: the length at the start must be positive")
             return [Row(DISTANCE, joint.a, joint.b, motion=joint.length)]
         length = joint.length
         if length is None:

@@ -15,7 +15,7 @@ from .arrays import Array, Integers, ModelArrays, make_work
 from .bodies import body_pullback
 from .forces import forces_pullback
 from .linear import lu_factor, lu_solve, lu_solve_transposed
-from .rows import evaluate_rows, rows_pullback
+from .rows import evaluate_rows, place_markers, rows_pullback
 from .steps import (
     accelerations_pullback,
     apply_inverse,
@@ -39,6 +39,8 @@ class Kernels(NamedTuple):
 
     #: (model, k, y, v, w, lam) -> residuals (forces, positions, velocities), constraint Jacobian.
     evaluate: Callable[..., Any]
+    #: (model, k, y) -> positions and angles of all markers.
+    place: Callable[..., Any]
     #: Accelerations at the start.
     start: Callable[..., Any]
     #: All time steps.
@@ -69,6 +71,14 @@ def _make_kernels(digest: str) -> Kernels:
         work = make_work(model)
         step_system(model, k, y, v, w, lam, 1.0, 1.0, work)
         return work.rhs, work.C
+
+    @_entry
+    def place(model: ModelArrays, k: int, y: Array) -> Array:
+        """Positions and angles of all markers, shape (markers, 3)."""
+        _ = digest
+        work = make_work(model)
+        place_markers(model, k, y, y, work)
+        return work.z
 
     @_entry
     def start(
@@ -325,7 +335,7 @@ def _make_kernels(digest: str) -> Kernels:
             return SINGULAR, 0
         return CONVERGED, 0
 
-    return Kernels(evaluate, start, march, backward)
+    return Kernels(evaluate, place, start, march, backward)
 
 
 def _digest_of_sources() -> str:

@@ -13,7 +13,7 @@ from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from ..motion import Motion, sample
 from ..points import Ground, Marker, marker_name
-from .arrays import ModelArrays
+from .arrays import DISTANCE, ModelArrays
 from .layout import (
     Element,
     Row,
@@ -209,6 +209,12 @@ def assemble_model(
             if row.motion is not None:
                 drive += _tabulate(row.motion, instants, float(times[-1]), f"joint {label!r}")
             drive[:, 0] += row.constant
+            if row.kind == DISTANCE and not np.min(drive[:, 0]) > 0.0:
+                k = int(np.argmax(~(drive[:, 0] > 0.0)))
+                raise ValueError(
+                    f"joint {label!r}: the length must be positive at all times, but it is "
+                    f"{drive[k, 0]:.6g} m at t = {instants[k]:.6g} s"
+                )
             drives.append(drive)
             sides.append((place(row.a, f"joint {label!r}"), place(row.b, f"joint {label!r}")))
         rows += own
