@@ -235,10 +235,13 @@ class ScatteredInterpolation:
     def _report(self, condition: float) -> None:
         self.condition = condition
         if not condition <= LARGEST_CONDITION:
+            remedy = "shorten the kernel's length, or take ExponentialSpline or Wendland"
+            if self.neighbors is not None:
+                remedy += "; if some neighbors lie on a line, take more of them or a lower degree"
             warnings.warn(
                 f"interpolation of {len(self.points)} points with {self.kernel!r} is "
                 f"ill-conditioned (condition number {condition:.1e}), and a stabilised system is "
-                "solved; shorten the kernel's length, or take ExponentialSpline or Wendland",
+                f"solved; {remedy}",
                 IllConditionedWarning,
                 stacklevel=3,
             )
