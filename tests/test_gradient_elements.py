@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import mesh
 from scipy.spatial import cKDTree
 
 from dolfinx_ffr import Domain, GradientElements
@@ -211,6 +212,15 @@ def test_mesh_does_not_matter(comm: MPI.Intracomm, kind: str) -> None:
         for d in (coarse, fine)
     ]
     assert share[0] == pytest.approx(share[1], rel=0.15)
+
+
+def test_a_rank_may_have_no_cells(comm: MPI.Intracomm) -> None:
+    corners = [np.zeros(2), np.array([2.0, 1.0])]
+    two = mesh.create_rectangle(comm, corners, [2, 1], mesh.CellType.quadrilateral)
+    domain = Domain(two, {"left": lambda x: x[0] < 1e-9})
+    assert len(gathered(domain, GradientElements(grid=1.0).select(domain))) == 2
+    selected = GradientElements(share=0.5).select(domain, domain.centroids[:, 0])
+    np.testing.assert_allclose(gathered(domain, selected), [[0.5, 0.5]], atol=1e-12)
 
 
 @pytest.mark.parametrize(

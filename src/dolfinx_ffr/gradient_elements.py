@@ -179,7 +179,8 @@ def _nearest_cells(domain: Domain, spacing: float, eps: float) -> NDArray[np.int
     points = np.column_stack([x.ravel() for x in np.meshgrid(*axes, indexing="ij")])
     comm: MPI.Comm = domain.comm
     # for each point: the cells of this rank that may be the nearest of all ranks
-    tree = cKDTree(domain.centroids) if domain.n_cells else None
+    x = domain.centroids  # collective when first used
+    tree = cKDTree(x) if domain.n_cells else None
     distance = np.full(len(points), np.inf) if tree is None else tree.query(points)[0]
     nearest = _smallest(comm, distance)
     found = [[]] * len(points) if tree is None else tree.query_ball_point(points, nearest + eps)
@@ -187,7 +188,6 @@ def _nearest_cells(domain: Domain, spacing: float, eps: float) -> NDArray[np.int
     cell = np.concatenate(list(found)).astype(np.int64)
     close = nearest[point] <= NEAR * np.sqrt(domain.cell_volumes[cell]) + eps
     point, cell = point[close], cell[close]
-    x = domain.centroids
     for key in (np.linalg.norm(x - 0.5 * (low + high), axis=1), x[:, 0], x[:, 1]):
         value = np.full(len(points), np.inf)
         np.minimum.at(value, point, key[cell])
