@@ -194,6 +194,17 @@ def test_peak_does_not_overflow(motion: tuple[Trajectory, Bodies], size: float) 
     )
 
 
+def test_forces_outside_the_window_do_not_matter(motion: tuple[Trajectory, Bodies]) -> None:
+    trajectory, bodies = motion
+    objective = JointForce("motor", power=100.0, window=(0.1, 0.2))
+    knocked = replace(trajectory, multipliers=trajectory.multipliers.copy())
+    knocked.multipliers[-1] = 1e100
+    assert objective.value(knocked, bodies) == objective.value(trajectory, bodies)
+    bar, _ = objective.pullback(knocked, bodies)
+    expected, _ = objective.pullback(trajectory, bodies)
+    np.testing.assert_array_equal(bar.multipliers, expected.multipliers)
+
+
 def test_body_at_rest_has_no_peak(motion: tuple[Trajectory, Bodies]) -> None:
     trajectory, bodies = motion
     at_rest = replace(trajectory, y=np.zeros_like(trajectory.y))
@@ -362,6 +373,7 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
             PathTracking("rocker", "left", np.zeros((60, 2))),
             r"the path has shape \(60, 2\), but with 61 time steps it must have \(61, 2\)",
         ),
+        (PathTracking("rocker", "left", (np.sin, 0.0, 0.0)), "a pair .* not of 3 entries"),
         (PathTracking("rocker", "left", np.full((61, 2), np.nan)), "the path holds NaN"),
         (PathTracking("rocker", "left", (0.0, lambda t: t[:-1])), r"path along y has shape \(60,"),
         (PathTracking("rocker", "left", (0.0, 0.0), weight=np.ones(3)), "weight has shape"),

@@ -131,9 +131,12 @@ class PathTracking(_MarkerObjective):
 
     def _target(self, t: Array) -> Array:
         """The path at the time steps, shape (steps + 1, 2) [m]."""
-        if isinstance(self.path, tuple):
-            if len(self.path) != 2:
-                raise ValueError(f"path tracking: the path is a pair, not {len(self.path)} entries")
+        functions = [isinstance(part, Motion) or callable(part) for part in self.path]
+        if any(functions) or np.shape(self.path) == (2,):
+            if len(functions) != 2:
+                raise ValueError(
+                    f"path tracking: the path is a pair (x, y), not of {len(functions)} entries"
+                )
             return np.column_stack(
                 [
                     _tabulated(f"path tracking: the path along {axis}", along, t)

@@ -87,7 +87,9 @@ def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Arra
         are zero, where the mean of a power has a kink.
     """
     share = weights / np.sum(weights)
-    largest = float(np.max(values, where=share > 0.0, initial=0.0))
+    # What does not count may be so large that its power overflows.
+    values = np.where(share > 0.0, values, 0.0)
+    largest = float(np.max(values))
     if largest == 0.0:
         return 0.0, np.zeros_like(values)
     mean = largest * float(share @ (values / largest) ** power) ** (1.0 / power)
