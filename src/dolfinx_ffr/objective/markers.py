@@ -131,11 +131,10 @@ class PathTracking(_MarkerObjective):
 
     def _target(self, t: Array) -> Array:
         """The path at the time steps, shape (steps + 1, 2) [m]."""
-        functions = [isinstance(part, Motion) or callable(part) for part in self.path]
-        if any(functions) or np.shape(self.path) == (2,):
-            if len(functions) != 2:
+        if any(isinstance(part, Motion | float | int) or callable(part) for part in self.path):
+            if len(self.path) != 2:
                 raise ValueError(
-                    f"path tracking: the path is a pair (x, y), not of {len(functions)} entries"
+                    f"path tracking: the path is a pair (x, y), not of {len(self.path)} entries"
                 )
             return np.column_stack(
                 [
