@@ -204,7 +204,7 @@ def test_history_is_on_the_disk_after_each_iteration(
     found = ffr.read_history(shared_tmp_path / "history.csv")
     assert list(found) == COLUMNS
     for name in COLUMNS:
-        assert np.array_equal(found[name], result.history[name]), name
+        np.testing.assert_array_equal(found[name], result.history[name], name)
     assert sorted(p.name for p in shared_tmp_path.iterdir()) == ["checkpoint", "history.csv"]
 
 

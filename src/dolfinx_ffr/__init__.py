@@ -14,6 +14,7 @@ __version__ = "0.1.0"
 
 #: where each public name lives
 _ROOMS = {
+    "approximate_gradient": ["ApproximateGradient"],
     "body": ["BodyMarker", "VolumeIntegrals"],
     "domain": ["Domain", "Interface"],
     "dynamics": [
@@ -34,6 +35,14 @@ _ROOMS = {
     "flexible_body": ["FlexibleBody", "ReducedBody"],
     "forces": ["Force", "SpringDamper", "Torque", "TorsionalSpringDamper"],
     "gradient_elements": ["GradientElements"],
+    "gradient_method": [
+        "ElementByElement",
+        "ExactAdjoint",
+        "GradientErrors",
+        "GradientMethod",
+        "GradientReport",
+        "gradient_errors",
+    ],
     "io": ["CheckpointError", "read_history", "write_density", "write_summary"],
     "joints": [
         "Distance",
@@ -84,6 +93,7 @@ _ROOMS = {
     "scattered": ["IllConditionedWarning", "ScatteredInterpolation", "best_length"],
     "sensitivity": ["Evaluation", "Problem"],
     "shape_derivatives": ["ShapeDerivative", "Solver", "shape_derivatives"],
+    "start": ["Assembled", "StaticEquilibrium"],
 }
 
 __all__ = sorted(name for names in _ROOMS.values() for name in names)

@@ -248,6 +248,37 @@ class Domain:
         """Return the sum of ``values`` over all ranks, bit-identical on every rank."""
         return float(self.comm.bcast(self.comm.reduce(float(np.sum(values)), root=0), root=0))
 
+    def everywhere(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return values of all cells on every rank, in the order in which the mesh was made.
+
+        Args:
+            values: of the cells owned by this rank, shape (cells, ...).
+
+        Returns:
+            Shape (cells of all ranks, ...), whatever the number of ranks.
+        """
+        parts = self.comm.allgather(np.asarray(values))
+        return np.asarray(np.concatenate(parts)[self._order[0]])
+
+    def owned(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the part that this rank owns of values of all cells, the inverse of `everywhere`.
+
+        Args:
+            values: of all cells, shape (cells of all ranks, ...).
+        """
+        return np.asarray(values[self._order[1]])
+
+    @cached_property
+    def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where each cell stands among those sent by the ranks; where this rank's cells stand."""
+        number = np.asarray(self.mesh.topology.original_cell_index)[: self.n_cells]
+        parts = self.comm.allgather(number)
+        order = np.argsort(np.concatenate(parts), kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        first = sum(len(part) for part in parts[: self.comm.rank])
+        return order, place[first : first + self.n_cells]
+
     def quadrature_points(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return points in each cell of this rank with weights that average over the cell.
 

@@ -30,6 +30,7 @@ from tqdm import tqdm
 from .domain import Domain
 from .dynamics import SimulationError
 from .evolution import Evolution
+from .gradient_method import ExactAdjoint, GradientErrors, GradientMethod, GradientReport
 from .io import CheckpointError, HistoryFile, load_checkpoint, save_checkpoint
 from .levelset import LevelSet
 from .sensitivity import Evaluation, Problem
@@ -51,6 +52,14 @@ COLUMNS = [
     "width",  # of the smoothed Heaviside function [m]
     "outer_gap",  # relative gap of eigenvalues beyond the last mode
     "solver_iterations",  # of the last pullback
+    "gradient_elements",  # elements with exact derivatives
+    "gradient_estimate",  # estimated relative error of the gradient
+    "gradient_error",  # true relative error of the gradient, where it was measured
+    "gradient_cosine",  # of the angle to the exact gradient
+    "gradient_worst",  # largest error of an element relative to the largest derivative
+    "band_error",  # the same three near the active boundary
+    "band_cosine",
+    "band_worst",
     "seconds",  # since the start
 ]
 
@@ -79,6 +88,9 @@ def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9)
     """
     gray = (x > low) & (x < high)
     return domain.sum(domain.cell_volumes * gray) / domain.area
+
+
+_UNKNOWN = GradientErrors(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True)
@@ -124,6 +136,7 @@ def optimize(
     *,
     volume: float = 0.5,
     evolution: Evolution | None = None,
+    gradient: GradientMethod | None = None,
     iterations: int = 100,
     widths: Sequence[float] = (1.0, 0.6, 0.35, 0.2),
     step: float = 1.0,
@@ -134,7 +147,7 @@ def optimize(
     progress: bool = True,
     callback: Callable[[int, Array, Evaluation], None] | None = None,
 ) -> Result:
-    """Design one body by a level set and the exact gradient.
+    """Design one body by a level set and the gradient of all its elements.
 
     Ctrl-C (or SIGTERM) ends the loop after the iteration at hand and returns the design so far; a
     second one interrupts at once. The history and the checkpoint are on the disk after every
@@ -150,6 +163,8 @@ def optimize(
         volume: upper bound of the filled share of the body, in (0, 1].
         evolution: how the level set moves; by default an `Evolution` of ``levelset`` with that
             bound. One that is given brings its own bound.
+        gradient: how derivatives are found; by default `ExactAdjoint`. The report of each goes
+            into the history.
         iterations: steps at most.
         widths: half-widths of the smoothed Heaviside function in units of a mean element, one a
             stage. The next stage begins where one has converged, or has had its share of the
@@ -185,6 +200,7 @@ def optimize(
         step,
         tolerance,
         reinitialize_every,
+        gradient or ExactAdjoint(),
     )
     comm = levelset.domain.comm
     files = None if output is None else Path(output)
@@ -230,6 +246,11 @@ def optimize(
             bar.set_postfix_str(
                 f"psi {row['psi']:.4g}, volume {row['volume']:.3f}, "
                 f"first frequency {row['frequency']:.4g} Hz"
+                + (
+                    f", gradient to {row['gradient_estimate']:.1%}"
+                    if row["gradient_estimate"]
+                    else ""
+                )
             )
             if callback is not None:
                 callback(state.iteration, loop.density(state), evaluation)
@@ -256,6 +277,7 @@ class _Loop:
         step: float,
         tolerance: float,
         reinitialize_every: int,
+        gradient: GradientMethod,
     ) -> None:
         if len(problem.flexible) != 1:
             raise ValueError(
@@ -280,6 +302,9 @@ class _Loop:
         self.iterations, self.step, self.tolerance = iterations, step, tolerance
         self.widths = [levelset.element * w for w in widths]
         self.reinitialize_every = reinitialize_every
+        self.gradient = gradient
+        #: of the gradient that was computed last
+        self.report: GradientReport | None = None
 
     # ------------------------------------------------------------------ evaluations
 
@@ -288,9 +313,19 @@ class _Loop:
         return self.levelset.fill_fraction(self.levelset.interpolate(state.phi))
 
     def evaluate(self, state: _State) -> Evaluation:
-        """Return value and gradient of a state."""
+        """Return the value of a state."""
         self.levelset.width = self.widths[state.stage]
-        return self.problem.gradient(self.density(state))
+        return self.problem.value(self.density(state))
+
+    def differentiate(self, evaluation: Evaluation, state: _State) -> Evaluation:
+        """Return the evaluation of a state with its gradient."""
+
+        def distance(name: str) -> Array:
+            return self.levelset.boundary_distance(self.levelset.interpolate(state.phi))
+
+        found, reports = self.gradient(self.problem, evaluation, distance, state.iteration)
+        self.report = reports[self.name]
+        return found
 
     def begin(self, start: Array) -> tuple[_State, Evaluation]:
         """Return the first state with its evaluation."""
@@ -301,7 +336,7 @@ class _Loop:
         try:
             evaluation = self.evaluate(given)
             if evaluation.psi <= limit:
-                return given, evaluation
+                return given, self.differentiate(evaluation, given)
         except SimulationError:  # so soft that it cannot move
             pass
         warnings.warn(
@@ -310,7 +345,7 @@ class _Loop:
             "design is shrunk",
             stacklevel=3,
         )
-        return even, self.evaluate(even)
+        return even, self.differentiate(self.evaluate(even), even)
 
     def resume(self, state: _State, rows: list[dict[str, float]], path: Path) -> Evaluation:
         """Return value and gradient of a state that was loaded from ``path``."""
@@ -322,7 +357,7 @@ class _Loop:
                 f"is {evaluation.psi:.8g} here. Delete it to start anew, or write into another "
                 "folder"
             )
-        return evaluation
+        return self.differentiate(evaluation, state)
 
     def iterate(
         self, state: _State, evaluation: Evaluation
@@ -342,7 +377,7 @@ class _Loop:
         if found is not None and found.psi < evaluation.psi:
             trial.size = min(GROW * state.size, self.step)
             trial.accepted = 0 if due else state.accepted + 1
-            return trial, self.problem.differentiate(found), True, multiplier
+            return trial, self.differentiate(found, trial), True, multiplier
         kept = replace(state, iteration=state.iteration + 1, size=SHRINK * state.size)
         if due:
             kept.accepted = 0  # the next trial does without
@@ -370,7 +405,7 @@ class _Loop:
         try:
             found = self.evaluate(narrowed)
             if found.psi <= APART * evaluation.psi:
-                return narrowed, found
+                return narrowed, self.differentiate(found, narrowed)
         except SimulationError:  # so soft that it cannot move
             pass
         self.levelset.width = self.widths[state.stage]
@@ -400,6 +435,10 @@ class _Loop:
         """Return the history's row of a state."""
         x = self.density(state)
         frequencies = evaluation.frequencies[self.name]
+        report = self.report
+        if report is None:
+            raise AssertionError("the design that is kept has its gradient")
+        true, band = report.errors or _UNKNOWN, report.band_errors or _UNKNOWN
         return {
             "iteration": state.iteration,
             "psi": evaluation.psi,
@@ -412,6 +451,14 @@ class _Loop:
             "width": self.levelset.width,
             "outer_gap": evaluation.outer_gap[self.name],
             "solver_iterations": evaluation.solver_iterations.get(self.name, 0),
+            "gradient_elements": report.elements,
+            "gradient_estimate": report.estimate,
+            "gradient_error": true.l2,
+            "gradient_cosine": true.cosine,
+            "gradient_worst": true.worst,
+            "band_error": band.l2,
+            "band_cosine": band.cosine,
+            "band_worst": band.worst,
             "seconds": state.seconds,
         }
 
@@ -430,6 +477,7 @@ class _Loop:
             "cells": self.levelset.domain.n_cells_global,
             "widths": self.widths,
             "volume": self.evolution.bisection.bound,
+            "columns": len(COLUMNS),
         }
 
     def load(self, path: Path) -> tuple[_State, list[dict[str, float]]]:
