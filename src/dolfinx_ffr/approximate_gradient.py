@@ -130,65 +130,47 @@ class ApproximateGradient:
     ) -> tuple[Array, GradientReport]:
         """Return the gradient of one body and how it came about."""
         design = domain.everywhere(domain.design_cells)
-        centroids = domain.everywhere(domain.centroids)
-        areas = domain.everywhere(domain.cell_volumes)
         selected = domain.everywhere(self.elements.select(domain, distance))
         known = np.zeros(len(selected), dtype=bool)
-        values = np.zeros(len(selected))
-        kernel: Kernel | None = None
+        values = np.zeros(domain.n_cells)
+        method = self
         while True:
-            fresh = domain.owned(selected & ~known)
             found = elementwise_gradient(
                 problem,
                 evaluation,
-                {name: fresh},
+                {name: domain.owned(selected & ~known)},
                 solver=self.solver,
                 batch=self.batch,
                 progress=self.progress,
             )[name]
-            local = np.zeros(domain.n_cells)
-            local[found.cells] = found.values
-            values += domain.everywhere(local) / areas
+            values[found.cells] = found.values
             known |= selected
-            if kernel is None:
-                kernel = self._kernel(centroids[known], values[known])
-            through = ScatteredInterpolation(
-                centroids[known], kernel, degree=self.degree, neighbors=self.neighbors
-            )
-            rest = design & ~known
-            gradient = np.where(known, values, 0.0)
-            gradient[rest] = through(values[known], centroids[rest])
-            gradient *= areas
-            left_out = np.abs(through.leave_one_out(values[known]))
-            away, nearest = cKDTree(centroids[known]).query(centroids[rest])
-            expected = left_out[nearest] * areas[rest]
-            size = float(np.linalg.norm(gradient))
-            estimate = float(np.linalg.norm(expected)) / size if size > 0.0 else 0.0
-            count = int(np.count_nonzero(known))
-            free = int(self.largest_share * np.count_nonzero(design)) - count
-            if self.tolerance is None or estimate <= self.tolerance or free <= 0:
-                break
+            through = _Interpolated(method, domain, known, domain.everywhere(values))
+            method = replace(self, kernel=through.kernel)  # its length is chosen once
+            free = int(self.largest_share * np.count_nonzero(design)) - through.report.elements
+            if self.tolerance is None or through.report.estimate <= self.tolerance or free <= 0:
+                return domain.owned(through.gradient), through.report
             selected = known.copy()
-            selected[np.flatnonzero(rest)[_worst(away, nearest, expected, count, free)]] = True
-        report = GradientReport(
-            elements=count,
-            share=count / int(np.count_nonzero(design)),
-            selected=domain.owned(known),
-            estimate=estimate,
-            length=float(getattr(kernel, "length", getattr(kernel, "radius", math.nan))),
-            condition=through.condition,
-        )
-        return domain.owned(gradient), report
+            selected[through.worst(free)] = True
 
-    def _kernel(self, points: Array, values: Array) -> Kernel:
-        if not isinstance(self.kernel, type):
-            return cast(Kernel, self.kernel)
-        if self.kernel is ThinPlate:
-            return ThinPlate()
-        length = best_length(
-            self.kernel, points, values, degree=self.degree, neighbors=self.neighbors
+    def interpolate(
+        self, domain: Domain, selected: Mask, values: Array
+    ) -> tuple[Array, GradientReport]:
+        """Return the gradient of all elements from exact derivatives at some.
+
+        Args:
+            domain: the body.
+            selected: elements of this rank whose derivatives are known, shape (cells,).
+            values: derivatives, shape (cells,); those of other elements do not count.
+
+        Returns:
+            Shape (cells,), for the cells owned by this rank, zero at elements that are not
+            designed; and a report, the same on every rank.
+        """
+        through = _Interpolated(
+            self, domain, domain.everywhere(selected), domain.everywhere(values)
         )
-        return cast(Kernel, self.kernel(length))
+        return domain.owned(through.gradient), through.report
 
     def _compared(
         self,
@@ -210,24 +192,63 @@ class ApproximateGradient:
         )
 
 
-def _worst(
-    away: Array, nearest: NDArray[np.int64], expected: Array, count: int, free: int
-) -> NDArray[np.int64]:
-    """Return which elements refine the selection where the expected error is largest.
+class _Interpolated:
+    """The gradient of one body from exact derivatives at some elements; alike on every rank.
 
     Args:
-        away: distance of each candidate from the selected element next to it, shape (n,).
-        nearest: number of that element, shape (n,).
-        expected: estimated error of each candidate, shape (n,).
-        count: number of selected elements.
-        free: how many more may be selected.
+        method: kernel, degree, neighbors.
+        domain: the body.
+        known: elements of all ranks whose derivatives are known, shape (cells of all ranks,).
+        values: derivatives, shape (cells of all ranks,).
     """
-    total = np.bincount(nearest, expected**2, minlength=count)
-    wanted = min(max(int(REFINED * count), 1), free, int(np.count_nonzero(total)))
-    # equal ones, as in a symmetric body, in the order of the mesh in spite of round-off
-    places = np.argsort(-np.round(total / np.max(total, initial=1e-300), 9), kind="stable")
-    places = places[:wanted]
-    # in the neighborhood of each of them, the element that is farthest away
-    order = np.lexsort((-away, nearest))
-    first = order[np.searchsorted(nearest[order], places)]
-    return np.asarray(first, dtype=np.int64)
+
+    def __init__(
+        self, method: ApproximateGradient, domain: Domain, known: Mask, values: Array
+    ) -> None:
+        design = domain.everywhere(domain.design_cells)
+        points, areas = domain.everywhere(domain.centroids), domain.everywhere(domain.cell_volumes)
+        density = values[known] / areas[known]
+        self.kernel = _chosen(method, points[known], density)
+        through = ScatteredInterpolation(
+            points[known], self.kernel, degree=method.degree, neighbors=method.neighbors
+        )
+        rest = design & ~known
+        self.gradient = np.where(known, values, 0.0)
+        self.gradient[rest] = areas[rest] * through(density, points[rest])
+        self._rest = np.flatnonzero(rest)
+        self._away, self._nearest = cKDTree(points[known]).query(points[rest])
+        self._expected = np.abs(through.leave_one_out(density))[self._nearest] * areas[rest]
+        size = float(np.linalg.norm(self.gradient))
+        count = int(np.count_nonzero(known))
+        self.report = GradientReport(
+            elements=count,
+            share=count / int(np.count_nonzero(design)),
+            selected=domain.owned(known),
+            estimate=float(np.linalg.norm(self._expected)) / size if size > 0.0 else 0.0,
+            length=float(getattr(self.kernel, "length", getattr(self.kernel, "radius", math.nan))),
+            condition=through.condition,
+        )
+
+    def worst(self, free: int) -> NDArray[np.int64]:
+        """Return which elements to add where the expected error is largest, ``free`` at most."""
+        count = self.report.elements
+        total = np.bincount(self._nearest, self._expected**2, minlength=count)
+        wanted = min(max(int(REFINED * count), 1), free, int(np.count_nonzero(total)))
+        # equal ones, as in a symmetric body, in the order of the mesh in spite of round-off
+        places = np.argsort(-np.round(total / np.max(total, initial=1e-300), 9), kind="stable")
+        # in the neighborhood of each of them, the element that is farthest away
+        order = np.lexsort((-self._away, self._nearest))
+        first = order[np.searchsorted(self._nearest[order], places[:wanted])]
+        return np.asarray(self._rest[first], dtype=np.int64)
+
+
+def _chosen(method: ApproximateGradient, points: Array, values: Array) -> Kernel:
+    """Return the kernel, its length chosen by leaving out where only its class is given."""
+    if not isinstance(method.kernel, type):
+        return cast(Kernel, method.kernel)
+    if method.kernel is ThinPlate:
+        return ThinPlate()
+    length = best_length(
+        method.kernel, points, values, degree=method.degree, neighbors=method.neighbors
+    )
+    return cast(Kernel, method.kernel(length))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from .design import plot_design
 from .diagrams import plot_crank_motion, plot_history
+from .gradients import plot_gradient_elements, plot_gradient_histories, plot_kernel
 from .modes import plot_modes
 from .motion_pictures import animate_motion, plot_scene
 
@@ -16,7 +17,10 @@ __all__ = [
     "animate_motion",
     "plot_crank_motion",
     "plot_design",
+    "plot_gradient_elements",
+    "plot_gradient_histories",
     "plot_history",
+    "plot_kernel",
     "plot_modes",
     "plot_scene",
 ]
