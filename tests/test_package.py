@@ -31,6 +31,7 @@ MECHANICAL = [
     "objective",
     "parametric_body",
     "points",
+    "start",
 ]
 FINITE_ELEMENTS = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 MAX_LINES = 650

@@ -40,9 +40,11 @@ from .joints import (
 )
 from .motion import Motion, Signal
 from .points import BodyPoint, Ground, Marker, Moving, Pair, marker_name
+from .start import Assembled, Start, StaticEquilibrium
 
 __all__ = [
     "AppliedForce",
+    "Assembled",
     "BodyPoint",
     "Distance",
     "Force",
@@ -60,6 +62,8 @@ __all__ = [
     "RayleighDamping",
     "Revolute",
     "SpringDamper",
+    "Start",
+    "StaticEquilibrium",
     "Torque",
     "TorsionalSpringDamper",
     "Translational",
@@ -128,6 +132,8 @@ class Mechanism:
     #: Acceleration of the ground [m/s^2], numbers or functions of time. All positions are then
     #: counted from the moving ground, on which the bodies feel the opposite acceleration.
     ground_acceleration: tuple[Signal, Signal] = (0.0, 0.0)
+    #: How the motion begins: assembled from the placements, or from the static equilibrium.
+    start: Start = field(default_factory=Assembled)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -154,6 +160,10 @@ class Mechanism:
                     f"damping of body {name!r}: the coefficients must not be negative, "
                     f"but they are {d.alpha} and {d.beta}"
                 )
+        if not isinstance(self.start, Assembled | StaticEquilibrium):
+            raise ValueError(
+                f"start must be Assembled(...) or StaticEquilibrium(), not {self.start!r}"
+            )
         for joint, label in zip(self.joints, self.joint_names, strict=True):
             joint.validate(label)
         for force, label in zip(self.forces, self.force_names, strict=True):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..body import BodyMarker, VolumeIntegrals
 from .generalized_alpha import one_thread
+from .initial import start_pullback
 from .loops import CONVERGED, kernels
 from .model import FlatModel
 from .trajectory import Trajectory, TrajectoryBar
@@ -22,8 +23,8 @@ Array = NDArray[np.float64]
 def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeIntegrals]:
     """Derivatives of a number with respect to the volume integrals of all bodies.
 
-    The transpose of the computed time steps, of the initial accelerations and of the method's
-    first acceleration, solved backward once. It is the exact derivative of what was computed, for
+    The transpose of the computed time steps, of the method's first acceleration and of the start,
+    solved backward once. It is the exact derivative of what was computed, for
     any step, and tends to the adjoint system of the continuous problem as the step tends to zero
     (A. Held, S. Knüfer, R. Seifried, Structural sensitivity analysis of flexible multibody systems
     modeled with the floating frame of reference approach using the adjoint variable method,
@@ -52,7 +53,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             raise ValueError(f"bar.{name} holds NaN or infinity")
     x = np.zeros((trajectory.steps + 2, model.size))
     markers = np.zeros((model.arrays.marker_body.size, 3, model.arrays.psi.shape[1] + 1))
-    shifts = np.zeros((2, *size))
+    shifts, first = np.zeros((2, *size)), np.zeros((2, model.size))
     with one_thread():
         status, step = kernels.backward(
             model.arrays,
@@ -67,6 +68,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             x,
             shifts,
             markers,
+            first,
         )
         if status != CONVERGED:
             raise RuntimeError(
@@ -82,6 +84,15 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
         gravity = np.vstack(
             [model.arrays.gravity[: trajectory.steps + 1], model.arrays.gravity[-1]]
         )
+        settled = start_pullback(
+            model, trajectory.y[0], trajectory.v[0], first[0], first[1], markers
+        )
+        if settled is not None:
+            rest = np.zeros((1, model.size))
+            states = [
+                np.vstack(p) for p in zip(states, (trajectory.y[:1], rest, rest), strict=True)
+            ]
+            gravity, x = np.vstack([gravity, model.arrays.gravity[:1]]), np.vstack([x, settled])
         h = float(model.times[1] - model.times[0])
         bars = {
             name: _integral_bars(model, name, states, gravity, x)

@@ -90,5 +90,6 @@ def _call_on_nothing() -> None:
     states, bars, multipliers = z((4, 1, 0)), z((3, 1, 0)), z((2, 1, 0))
     kernels.backward(
         model, 1.0, method, 1.0, states, multipliers, z((4, 0)), bars, table[0], z((2, 0)),
-        z((2, 1, 0)), z((0, 3, 1)),
+        z((2, 1, 0)), z((0, 3, 1)), z((2, 0)),
     )  # fmt: skip
+    kernels.transpose(model, 0, state, state, state, state, state, state, True, state, z((0, 3, 1)))

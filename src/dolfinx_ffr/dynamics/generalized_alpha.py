@@ -180,7 +180,7 @@ def _diagnosis(trajectory: Trajectory, k: int, status: int) -> str:
     """Say what failed in step k, from the residual of the last iterate."""
     model, n = trajectory.model, trajectory.model.size
     rows = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w, trajectory.multipliers))
-    residual, _ = kernels.evaluate(model.arrays, k, *rows)
+    residual, *_ = kernels.evaluate(model.arrays, k, *rows)
     size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
     worst = int(np.argmax(size[:n]))
     turning = worst in set(model.arrays.first + 2)

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Consistent start: rough placements corrected until all joints close."""
+"""Consistent start: placements corrected until all joints close, and its transpose."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..start import Assembled, StaticEquilibrium
 from .arrays import ANGLE, SPRING
+from .equilibrium import equilibrium_pullback, static_equilibrium
 from .loops import kernels
 from .model import FlatModel
 
-__all__ = ["initial_state"]
+__all__ = ["initial_state", "start_pullback"]
 
 Array = NDArray[np.float64]
 
@@ -19,15 +23,18 @@ _MAX_ITERATIONS = 100
 _OPEN = 1e-10
 #: Singular values below this share of the largest mean redundant joints.
 _RANK = 1e-9
+#: Singular values below this share of the largest take no part in corrections.
+_RCOND = 1e-10
 
 
 def initial_state(model: FlatModel) -> tuple[Array, Array]:
     """Coordinates and velocities at the start, such that all joints close.
 
     The placements are corrected by the Gauss-Newton method over positions and angles of the
-    bodies, then the velocities by one least-squares solve; both corrections are the smallest ones
-    that do. Elastic coordinates and their velocities start from zero, so the start depends on the
-    positions of the markers but not on the integrals of the bodies.
+    undeformed bodies. A given deformation shifts them once more, along the directions in which the
+    joints of the undeformed bodies pull; a static equilibrium is sought from there instead. The
+    velocities are corrected by one least-squares solve. All corrections are the smallest ones that
+    do, angles counted as the arc that they sweep at the mechanism's size.
 
     Args:
         model: The compiled mechanism.
@@ -37,62 +44,222 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
 
     Raises:
         ValueError: If the joints contradict each other or do not reach, naming the joint that is
-            open the most, or if joints are redundant, naming them.
+            open the most; if joints are redundant, naming them; or if there is no equilibrium.
     """
-    arrays = model.arrays
-    y, v = np.zeros(model.size), np.zeros(model.size)
-    rigid = np.concatenate([first + np.arange(3) for first in arrays.first])
-    for name in model.bodies:
-        first = model.coordinates(name).start
-        placement = model.mechanism.placements[name]
-        y[first : first + 3] = *placement.position, placement.angle
-        v[first : first + 3] = *placement.velocity, placement.angular_velocity
-    if model.rows == 0:
+    closure = _Closure(model)
+    y, v = closure.placed()
+    start = model.mechanism.start
+    if isinstance(start, StaticEquilibrium):
+        y = closure.assembled(y, refuse=False)
+        if model.rows:
+            _refuse_redundant(model, closure.constraints(y, v)[2])
         _refuse_without_direction(model, y)
-        return y, v
-    length = _length(model)
-    # Angles count as the arc they sweep at the mechanism's size.
-    column = np.tile([1.0, 1.0, 1.0 / length], arrays.first.size)
-    row = np.where(arrays.kind == ANGLE, length, 1.0)
-
-    def constraints(position: Array, velocity: Array) -> tuple[Array, Array, Array]:
-        zero = np.zeros(model.size), np.zeros(model.rows)
-        values, jacobian = kernels.evaluate(arrays, 0, position, velocity, *zero)
-        gaps = values[model.size :].reshape(2, -1)
-        return gaps[0], gaps[1], jacobian
-
-    def residual(position: Array) -> tuple[Array, Array]:
-        value, _, jacobian = constraints(position, v)
-        return row * value, row[:, None] * jacobian[:, rigid] * column
-
-    value, jacobian = residual(y)
-    for _ in range(_MAX_ITERATIONS):
-        if np.max(np.abs(value)) < 1e-15 * length:
-            break
-        step = column * np.linalg.lstsq(jacobian, -value, rcond=1e-10)[0]
-        share = 1.0
-        while True:
-            trial = y.copy()
-            trial[rigid] += share * step
-            new_value, new_jacobian = residual(trial)
-            if np.linalg.norm(new_value) < np.linalg.norm(value) or share < 1e-4:
-                break
-            share *= 0.5
-        if not np.linalg.norm(new_value) < np.linalg.norm(value):
-            break
-        y, value, jacobian = trial, new_value, new_jacobian
-    _refuse_open(model, value / row, np.abs(value), _OPEN * length, ("m", "rad"), "assembled")
-
-    _, drift, full = constraints(y, 0.0 * v)
-    _, rate, _ = constraints(y, v)
-    speed = float(np.max(row * (np.abs(full) @ np.abs(v) + np.abs(drift))))
-    v[rigid] += column * np.linalg.lstsq(jacobian, -row * rate, rcond=1e-10)[0]
-    _, rate, _ = constraints(y, v)
-    speed = max(speed, float(np.max(row * (np.abs(full) @ np.abs(v)))))
-    _refuse_open(model, rate, row * np.abs(rate), _OPEN * speed, ("m/s", "rad/s"), "set in motion")
-    _refuse_redundant(model, full)
+        y = static_equilibrium(model, y, closure.length)
+        closure.refuse_open(y, "in the equilibrium")
+    else:
+        y = closure.assembled(y)
+        if start.elastic:
+            y = closure.deformed(y, _elastic(model, start.elastic))
+        if start.elastic_velocity:
+            v += _elastic(model, start.elastic_velocity)
+    if model.rows:
+        v = closure.moving(y, v)
+        _refuse_redundant(model, closure.constraints(y, v)[2])
     _refuse_without_direction(model, y)
     return y, v
+
+
+def start_pullback(
+    model: FlatModel, y: Array, v: Array, y_bar: Array, v_bar: Array, markers: Array
+) -> Array | None:
+    """Transpose of :func:`initial_state` with respect to the integrals of the bodies.
+
+    Args:
+        model: The compiled mechanism.
+        y: Coordinates at the start, shape (size,).
+        v: Velocities at the start, shape (size,).
+        y_bar: Derivative with respect to the coordinates, shape (size,).
+        v_bar: Derivative with respect to the velocities, shape (size,).
+        markers: Derivatives with respect to the markers' shape functions, to which to add.
+
+    Returns:
+        Adjoint x of the forces in the static equilibrium, shape (size,), or None for an assembled
+        start, which depends on nothing but the markers.
+    """
+    start, closure = model.mechanism.start, _Closure(model)
+    y_bar = y_bar.copy()
+    placed, before = closure.placed()
+    if isinstance(start, Assembled):
+        if not start.elastic and not start.elastic_velocity:
+            return None  # positions of markers alone, which are data
+        before += _elastic(model, start.elastic_velocity)
+    if model.rows:
+        closure.moving_pullback(y, before, v, v_bar, y_bar, markers)
+    if isinstance(start, StaticEquilibrium):
+        return equilibrium_pullback(model, y, y_bar, markers)
+    if model.rows and start.elastic:
+        closure.deformed_pullback(closure.assembled(placed), y, y_bar, markers)
+    return None
+
+
+def _elastic(model: FlatModel, values: Mapping[str, ArrayLike]) -> Array:
+    """Vector of all coordinates with the given elastic ones and zeros elsewhere."""
+    out = np.zeros(model.size)
+    for name, part in values.items():
+        where = model.coordinates(name)
+        out[where.start + 3 : where.stop] = part
+    return out
+
+
+class _Closure:
+    """Corrections of positions and velocities over the rigid coordinates that close the joints."""
+
+    def __init__(self, model: FlatModel) -> None:
+        arrays = model.arrays
+        self.model = model
+        self.length = _length(model)
+        self.rigid = np.concatenate([first + np.arange(3) for first in arrays.first])
+        # Angles count as the arc they sweep at the mechanism's size.
+        self.column = np.tile([1.0, 1.0, 1.0 / self.length], arrays.first.size)
+        self.row = np.where(arrays.kind == ANGLE, self.length, 1.0)
+
+    def placed(self) -> tuple[Array, Array]:
+        """Coordinates and velocities of the placements."""
+        y, v = np.zeros(self.model.size), np.zeros(self.model.size)
+        for name in self.model.bodies:
+            first = self.model.coordinates(name).start
+            placement = self.model.mechanism.placements[name]
+            y[first : first + 3] = *placement.position, placement.angle
+            v[first : first + 3] = *placement.velocity, placement.angular_velocity
+        return y, v
+
+    def constraints(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Gaps of positions and velocities, and the constraint Jacobian."""
+        zero = np.zeros(self.model.size), np.zeros(self.model.rows)
+        values, jacobian, *_ = kernels.evaluate(self.model.arrays, 0, y, v, *zero)
+        gaps = values[self.model.size :].reshape(2, -1)
+        return gaps[0], gaps[1], jacobian
+
+    def residual(self, y: Array) -> tuple[Array, Array]:
+        """Gaps and their Jacobian over the rigid coordinates, scaled to lengths."""
+        value, _, jacobian = self.constraints(y, np.zeros_like(y))
+        return self.row * value, self.row[:, None] * jacobian[:, self.rigid] * self.column
+
+    def assembled(self, y: Array, *, refuse: bool = True) -> Array:
+        """Positions that close the joints of the undeformed bodies."""
+        if self.model.rows == 0:
+            return y
+        value, jacobian = self.residual(y)
+        for _ in range(_MAX_ITERATIONS):
+            if np.max(np.abs(value)) < 1e-15 * self.length:
+                break
+            step = self.column * np.linalg.lstsq(jacobian, -value, rcond=_RCOND)[0]
+            share = 1.0
+            while True:
+                trial = y.copy()
+                trial[self.rigid] += share * step
+                new_value, new_jacobian = self.residual(trial)
+                if np.linalg.norm(new_value) < np.linalg.norm(value) or share < 1e-4:
+                    break
+                share *= 0.5
+            if not np.linalg.norm(new_value) < np.linalg.norm(value):
+                break
+            y, value, jacobian = trial, new_value, new_jacobian
+        if refuse:
+            self.refuse_open(y, "")
+        return y
+
+    def refuse_open(self, y: Array, how: str) -> None:
+        """Raise where the joints do not close."""
+        if self.model.rows:
+            value, _ = self.residual(y)
+            limit, units = _OPEN * self.length, ("m", "rad")
+            what = f"assembled {how}".rstrip()
+            _refuse_open(self.model, value / self.row, np.abs(value), limit, units, what)
+
+    def deformed(self, undeformed: Array, elastic: Array) -> Array:
+        """Positions that close the joints of the deformed bodies.
+
+        The shift keeps to the directions in which the joints pull before the deformation.
+        """
+        y = undeformed + elastic
+        if self.model.rows == 0:
+            return y
+        left, right = self._directions(undeformed)
+        for _ in range(_MAX_ITERATIONS):
+            value, jacobian = self.residual(y)
+            step = np.linalg.lstsq(left.T @ jacobian @ right, -left.T @ value, rcond=None)[0]
+            y[self.rigid] += self.column * (right @ step)
+            if not np.max(np.abs(step)) > 1e-15 * self.length:
+                break
+        self.refuse_open(y, "with the given elastic coordinates")
+        return y
+
+    def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array, markers: Array) -> None:
+        """Transpose of :meth:`deformed` with respect to the markers' shape functions."""
+        left, right = self._directions(undeformed)
+        _, jacobian = self.residual(y)
+        pulled = right.T @ (self.column * y_bar[self.rigid])
+        m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
+        none, zero = np.zeros(self.model.rows), np.zeros_like(y)
+        self._transpose(y, zero, none, zero, m2, none, zero.copy(), markers)
+
+    def _directions(self, y: Array) -> tuple[Array, Array]:
+        """Combinations of rows that joints can close, and the motions that close them."""
+        _, jacobian = self.residual(y)
+        u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+        rank = int(np.sum(s > _RCOND * s[0]))
+        return u[:, :rank], vt[:rank].T
+
+    def moving(self, y: Array, v: Array) -> Array:
+        """Velocities that close the joints."""
+        v, model = v.copy(), self.model
+        _, drift, full = self.constraints(y, 0.0 * v)
+        _, rate, _ = self.constraints(y, v)
+        _, jacobian = self.residual(y)
+        speed = float(np.max(self.row * (np.abs(full) @ np.abs(v) + np.abs(drift))))
+        step = np.linalg.lstsq(jacobian, -self.row * rate, rcond=_RCOND)[0]
+        v[self.rigid] += self.column * step
+        _, rate, _ = self.constraints(y, v)
+        speed = max(speed, float(np.max(self.row * (np.abs(full) @ np.abs(v)))))
+        start = model.mechanism.start
+        given = isinstance(start, Assembled) and start.elastic_velocity
+        what = "set in motion with the " + (
+            "given elastic velocities" if given else "elastic coordinates at rest"
+        )
+        size, units = self.row * np.abs(rate), ("m/s", "rad/s")
+        _refuse_open(model, rate, size, _OPEN * speed, units, what)
+        return v
+
+    def moving_pullback(
+        self, y: Array, before: Array, v: Array, v_bar: Array, y_bar: Array, markers: Array
+    ) -> None:
+        """Transpose of :meth:`moving`, v = before - D C_y^T mu with C_y v + C_t = 0.
+
+        With t = -(C_y D C_y^T)^-1 C_y D v_bar and x = -D (v_bar + C_y^T t), the derivative is that
+        of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v.
+        """
+        _, rate, full = self.constraints(y, before)
+        _, jacobian = self.residual(y)
+        inverse = np.linalg.pinv(jacobian, rcond=_RCOND)
+        mu = self.row * (inverse.T @ (inverse @ (self.row * rate)))
+        t = -self.row * (inverse.T @ (self.column * v_bar[self.rigid]))
+        x = np.zeros_like(y)
+        x[self.rigid] = -(self.column**2) * (v_bar + full.T @ t)[self.rigid]
+        self._transpose(y, v, -mu, x, np.zeros(self.model.rows), -t, y_bar, markers)
+
+    def _transpose(
+        self,
+        y: Array,
+        v: Array,
+        lam: Array,
+        x: Array,
+        m2: Array,
+        m3: Array,
+        y_bar: Array,
+        markers: Array,
+    ) -> None:
+        kernels.transpose(self.model.arrays, 0, y, v, lam, x, m2, m3, False, y_bar, markers)
 
 
 def _length(model: FlatModel) -> float:
@@ -112,9 +279,8 @@ def _refuse_open(
     unit = units[int(model.arrays.kind[worst] == ANGLE)]
     involved = _joints_of(model, size)
     others = f" (joints involved: {involved})" if len(involved) > 1 else ""
-    start = "" if what == "assembled" else " with the elastic coordinates at rest"
     raise ValueError(
-        f"the mechanism cannot be {what}{start}: joint {model.joint_of_row(worst)!r} stays open by "
+        f"the mechanism cannot be {what}: joint {model.joint_of_row(worst)!r} stays open by "
         f"{abs(residual[worst]):.3g} {unit}{others}; the joints contradict each other, or the "
         "placements are too far from a position in which they close"
     )

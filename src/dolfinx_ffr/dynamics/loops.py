@@ -37,7 +37,8 @@ MAX_ITERATIONS = 25
 class Kernels(NamedTuple):
     """The compiled functions that Python calls."""
 
-    #: (model, k, y, v, w, lam) -> residuals (forces, positions, velocities), constraint Jacobian.
+    #: (model, k, y, v, w, lam) -> residuals (forces, positions, velocities), constraint Jacobian,
+    #: r_w + r_v, derivative of the forces with respect to y.
     evaluate: Callable[..., Any]
     #: (model, k, y) -> positions and angles of all markers.
     place: Callable[..., Any]
@@ -47,6 +48,8 @@ class Kernels(NamedTuple):
     march: Callable[..., Any]
     #: Transpose of start and march.
     backward: Callable[..., Any]
+    #: Transpose of forces and constraints at one instant.
+    transpose: Callable[..., Any]
 
 
 def _entry(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,12 +68,12 @@ def _make_kernels(digest: str) -> Kernels:
     @_entry
     def evaluate(
         model: ModelArrays, k: int, y: Array, v: Array, w: Array, lam: Array
-    ) -> tuple[Array, Array]:
-        """Residuals of the equations of motion and of the constraints, and their Jacobian."""
+    ) -> tuple[Array, Array, Array, Array]:
+        """Residuals of the equations of motion and of the constraints, and their Jacobians."""
         _ = digest
         work = make_work(model)
         step_system(model, k, y, v, w, lam, 1.0, 1.0, work)
-        return work.rhs, work.C
+        return work.rhs, work.C, work.M, work.Ky
 
     @_entry
     def place(model: ModelArrays, k: int, y: Array) -> Array:
@@ -124,8 +127,9 @@ def _make_kernels(digest: str) -> Kernels:
     ) -> tuple[int, int]:
         """All time steps from row 0 of the arrays; returns the outcome and the last good step.
 
-        Newton's method ends when the correction is negligible, or when quadratic convergence, as
-        seen in the last two corrections, has taken the next one below round-off.
+        Newton's method ends when the correction is negligible, or when the next one, at the rate
+        of the last two, would be below round-off. Less would do for the motion, but the adjoint is
+        that of steps solved exactly.
         """
         _ = digest
         alpha_m, alpha_f, gamma, beta = method
@@ -180,7 +184,7 @@ def _make_kernels(digest: str) -> Kernels:
                 if change <= 1e-10 * largest + 2e-15 * floor:
                     status = CONVERGED
                 elif iteration > 0 and change <= 1e-2 * previous:
-                    if change * (change / previous) ** 2 <= 1e-14 * largest:
+                    if change * (change / previous) <= 1e-14 * largest:
                         status = CONVERGED
                 elif iteration > 1 and change <= 1e-8 * largest + 1e-10 * floor:
                     status = CONVERGED  # round-off, which a nearly singular position magnifies
@@ -211,6 +215,7 @@ def _make_kernels(digest: str) -> Kernels:
         x: Array,
         shifts: Array,
         markers: Array,
+        first: Array,
     ) -> tuple[int, int]:
         """Transpose of start and march.
 
@@ -228,6 +233,7 @@ def _make_kernels(digest: str) -> Kernels:
                 `extra`; the derivative with respect to an integral is minus the sum of x . dr.
             shifts: Filled with D y_bar and D C_y^T eta, shape (2, steps + 1, n).
             markers: Filled with the derivatives with respect to the markers' shape functions.
+            first: Filled with the derivatives with respect to the start, y and v, shape (2, n).
         """
         _ = digest
         alpha_m, alpha_f, gamma, beta = method
@@ -306,17 +312,21 @@ def _make_kernels(digest: str) -> Kernels:
             )  # fmt: skip
         # a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, w_1 the accelerations of `extra`.
         f = (alpha_m - alpha_f) * h / offset
+        ye, ve = np.zeros(n), np.zeros(n)
         for i in range(n):
-            yb[i] = vb[i] = 0.0
+            yb[i] += bars[0, 0, i]
+            vb[i] += bars[1, 0, i]
             wb[i] += (1.0 - f) * ab[i] + bars[2, 0, i]
             ab[i] *= f
         if not accelerations_pullback(
             model, model.drive.shape[0] - 1, extra[0], extra[1], extra[2], extra[3, :rows],
-            ab, none, work, x[steps + 1], yb, vb, markers,
+            ab, none, work, x[steps + 1], ye, ve, markers,
         ):  # fmt: skip
             return SINGULAR, 0
         for i in range(n):
-            wb[i] += 0.5 * offset * offset * yb[i] + offset * vb[i]
+            wb[i] += 0.5 * offset * offset * ye[i] + offset * ve[i]
+            yb[i] += ye[i]
+            vb[i] += offset * ye[i] + ve[i]
         if not accelerations_pullback(
             model,
             np.int64(0),
@@ -333,9 +343,42 @@ def _make_kernels(digest: str) -> Kernels:
             markers,
         ):
             return SINGULAR, 0
+        for i in range(n):
+            first[0, i], first[1, i] = yb[i], vb[i]
         return CONVERGED, 0
 
-    return Kernels(evaluate, place, start, march, backward)
+    @_entry
+    def transpose(
+        model: ModelArrays,
+        k: int,
+        y: Array,
+        v: Array,
+        lam: Array,
+        x: Array,
+        m2: Array,
+        m3: Array,
+        forces: bool,
+        y_bar: Array,
+        markers: Array,
+    ) -> None:
+        """Subtract the derivative of Q from y_bar and from the markers' bars.
+
+            Q = x . (C_y^T lam - z_y^T F) + m2 . C + m3 . dC/dt
+
+        at fixed v, lam, x, m2, m3; the forces F count only if asked for.
+        """
+        _ = digest
+        work = make_work(model)
+        rest, unused, none = np.zeros(y.size), np.zeros(y.size), np.zeros(model.kind.size)
+        zdd = np.zeros((model.marker_body.size, 3))
+        evaluate_rows(model, k, y, v, work)
+        if forces:
+            forces_pullback(model, k, y, v, rest, x, work, y_bar, unused, markers)
+        rows_pullback(
+            model, y, v, rest, zdd, lam, x, m2, m3, none, -1.0, work, y_bar, unused, markers
+        )
+
+    return Kernels(evaluate, place, start, march, backward, transpose)
 
 
 def _digest_of_sources() -> str:

@@ -13,6 +13,7 @@ from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from ..motion import Motion, sample
 from ..points import Ground, Marker, marker_name
+from ..start import Assembled
 from .arrays import DISTANCE, ModelArrays
 from .layout import (
     Element,
@@ -117,6 +118,17 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
                 f"body {name!r} has no placement; placements are given for "
                 f"{list(mechanism.placements)}"
             )
+    if isinstance(mechanism.start, Assembled):
+        for what in ("elastic", "elastic_velocity"):
+            for name, values in getattr(mechanism.start, what).items():
+                if name not in bodies:
+                    raise ValueError(f"start: {what} of {name!r}, but the bodies are {names}")
+                shape, modes = np.shape(values), bodies[name].modes
+                if shape != (modes,):
+                    raise ValueError(
+                        f"start: {what} of body {name!r} must have shape {(modes,)}, but it has "
+                        f"shape {shape}"
+                    )
     uses = [
         (f"joint {label!r}", marker)
         for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)

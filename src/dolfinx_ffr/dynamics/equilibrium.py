@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: MIT
+"""Static equilibrium of a mechanism under gravity and the forces at the start, and its transpose.
+
+Sought are coordinates and multipliers with
+
+    f(y, lam) = r(y, 0, 0) + C_y(y)^T lam = 0,      C(y, 0) = 0.
+
+Newton's method on this system, with the mass matrix M times a shift mu added to f_y: mu is the
+least that makes the reduced stiffness positive and the step bounded, and zero in the end. The way
+leads downhill, and close to the equilibrium the convergence is quadratic (J. Nocedal, S. J. Wright,
+Numerical Optimization, 2nd ed., Springer 2006, section 4.3, doi:10.1007/978-0-387-40065-5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from .arrays import ModelArrays
+from .loops import kernels
+from .model import FlatModel
+
+__all__ = ["equilibrium_pullback", "static_equilibrium"]
+
+Array = NDArray[np.float64]
+
+_MAX_ITERATIONS = 300
+#: Longest step, in parts of the mechanism's size and in radians.
+_LONGEST = 0.3
+#: A step of this share of the mechanism's size is the last.
+_LAST = 1e-12
+#: Squared frequencies below this share of the largest stiffness over mass mean that nothing
+#: resists a motion.
+_NEUTRAL = 1e-13
+
+
+def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
+    """Coordinates in equilibrium, shape (size,).
+
+    Args:
+        model: The compiled mechanism.
+        y: Coordinates from which to seek, shape (size,).
+        length: Size of the bodies [m].
+
+    Raises:
+        ValueError: If there is no equilibrium, or one in which the mechanism still moves freely.
+    """
+    arrays, n = _static_arrays(model), model.size
+    y, lam = y.copy(), np.zeros(model.rows)
+    size = np.ones(n)  # one for lengths, and for angles the arc at the mechanism's size
+    size[arrays.first + 2] = length
+    rigid = np.concatenate([first + np.arange(3) for first in arrays.first])
+    residual, C, M, K = _evaluate(arrays, y, lam)
+    lam = _multipliers(C, residual[:n])
+    step, converged = np.zeros(n), False
+    for _ in range(_MAX_ITERATIONS):
+        residual, C, M, K = _evaluate(arrays, y, lam)
+        frequencies, shapes = _frequencies(C, M, K)
+        neutral = _neutral(M, K)
+        shift = 0.0
+        if frequencies.size and frequencies[0] <= neutral:
+            shift = max(-1.2 * frequencies[0], neutral, 1e-9)
+        while True:
+            matrix = np.block([[K + shift * M, C.T], [C, np.zeros((model.rows, model.rows))]])
+            force = residual[:n] - C.T @ lam
+            rhs = -np.concatenate([force, residual[n : n + model.rows]])
+            solution = _solve(matrix, rhs)
+            step = solution[:n]
+            longest = float(np.max(np.abs(size * step)[rigid])) / length
+            if longest <= _LONGEST or not np.isfinite(longest):
+                break
+            shift = max(4.0 * shift, neutral, 1e-9)
+        y, lam = y + step, solution[n:]
+        small = _LAST * length * np.sqrt(np.sum(arrays.mass))
+        if abs(float(step @ M @ step)) < small**2:
+            converged = shift == 0.0
+            break
+    residual, C, M, K = _evaluate(arrays, y, lam)
+    frequencies, shapes = _frequencies(C, M, K)
+    if frequencies.size and abs(frequencies[0]) <= _neutral(M, K):
+        name = _moving_body(model, M, shapes[:, 0])
+        raise ValueError(
+            f"the mechanism has no static equilibrium of its own: body {name!r} can move without "
+            "resistance; hold it by a joint, a drive or a spring, or start with Assembled()"
+        )
+    if not converged:
+        name = _moving_body(model, M, step)
+        raise ValueError(
+            f"no static equilibrium under gravity and the forces at t = 0 found: body {name!r} "
+            f"still moves after {_MAX_ITERATIONS} iterations; hold the mechanism by a joint, a "
+            "drive or a spring, or start with Assembled()"
+        )
+    return y
+
+
+def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Array) -> Array:
+    """Transpose of :func:`static_equilibrium`.
+
+    Args:
+        model: The compiled mechanism.
+        y: The equilibrium, shape (size,).
+        y_bar: Derivative with respect to it, shape (size,).
+        markers: Derivatives with respect to the markers' shape functions, to which to add.
+
+    Returns:
+        Adjoint x of the forces, shape (size,): the derivative with respect to an integral is minus
+        x . dr at this position.
+    """
+    arrays, n = _static_arrays(model), model.size
+    residual, C, _, _ = _evaluate(arrays, y, np.zeros(model.rows))
+    lam = _multipliers(C, residual[:n])
+    _, C, _, K = _evaluate(arrays, y, lam)
+    matrix = np.block([[K.T, C.T], [C, np.zeros((model.rows, model.rows))]])
+    solution = _solve(matrix, np.concatenate([y_bar, np.zeros(model.rows)]))
+    x, m2 = solution[:n].copy(), solution[n:].copy()
+    none, unused = np.zeros(model.rows), np.zeros(n)
+    kernels.transpose(arrays, 0, y, np.zeros(n), lam, x, m2, none, True, unused, markers)
+    return x
+
+
+def _static_arrays(model: FlatModel) -> ModelArrays:
+    """The mechanism without its dampers."""
+    arrays = model.arrays
+    constants = arrays.force_constants.copy()
+    constants[:, 1] = 0.0
+    return arrays._replace(
+        alpha=0.0 * arrays.alpha, beta=0.0 * arrays.beta, force_constants=constants
+    )
+
+
+def _evaluate(arrays: ModelArrays, y: Array, lam: Array) -> tuple[Array, Array, Array, Array]:
+    """Residuals at rest, constraint Jacobian, mass matrix, derivative of the forces."""
+    rest = np.zeros(y.size)
+    residual, C, M, K = kernels.evaluate(arrays, 0, y, rest, rest, lam)
+    return residual, C, M, K
+
+
+def _multipliers(C: Array, force: Array) -> Array:
+    """Multipliers that hold a force best."""
+    return np.linalg.lstsq(C.T, -force, rcond=None)[0] if C.size else np.zeros(0)
+
+
+def _solve(matrix: Array, rhs: Array) -> Array:
+    """Solution of a symmetrically scaled system; of a singular one, the shortest."""
+    scale = 1.0 / np.sqrt(np.maximum(np.max(np.abs(matrix), axis=1), np.finfo(float).tiny))
+    scaled = scale[:, None] * matrix * scale
+    try:
+        solution = np.linalg.solve(scaled, scale * rhs)
+    except np.linalg.LinAlgError:
+        solution = np.linalg.lstsq(scaled, scale * rhs, rcond=1e-14)[0]
+    return scale * solution
+
+
+def _frequencies(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
+    """Squared frequencies of the motions that the joints leave, and these motions."""
+    scale = 1.0 / np.sqrt(np.diag(M))
+    free = np.diag(scale)
+    if C.shape[0]:
+        free = scale[:, None] * scipy.linalg.null_space(C * scale, rcond=1e-10)
+    if free.shape[1] == 0:
+        return np.zeros(0), free
+    stiffness, mass = free.T @ K @ free, free.T @ M @ free
+    values, vectors = scipy.linalg.eigh(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
+    return values, free @ vectors
+
+
+def _neutral(M: Array, K: Array) -> float:
+    """Squared frequency below which a motion counts as free of resistance [1/s^2]."""
+    scale = 1.0 / np.sqrt(np.diag(M))
+    return _NEUTRAL * float(np.max(np.abs(scale[:, None] * K * scale)))
+
+
+def _moving_body(model: FlatModel, M: Array, step: Array) -> str:
+    """Name of the body that moves the most."""
+    where = [model.coordinates(name) for name in model.bodies]
+    return list(model.bodies)[int(np.argmax([step[w] @ M[w, w] @ step[w] for w in where]))]
