@@ -23,6 +23,9 @@ from dolfinx_ffr.dynamics import GeneralizedAlpha
 from dolfinx_ffr.flexible_body import FlexibleBody
 from dolfinx_ffr.material import PlaneStress
 from dolfinx_ffr.mechanism import (
+    Distance,
+    Force,
+    Gear,
     Ground,
     Mechanism,
     Moving,
@@ -31,6 +34,9 @@ from dolfinx_ffr.mechanism import (
     PointOnLine,
     PrescribedAngle,
     Revolute,
+    SpringDamper,
+    TorsionalSpringDamper,
+    Translational,
     Weld,
 )
 from dolfinx_ffr.motion import Motion
@@ -127,6 +133,36 @@ def piece_areas(drawn: DrawnMesh) -> NDArray[np.float64]:
     x, y = np.moveaxis(drawn.points[drawn.pieces], 2, 0)
     x2, y2 = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
     return 0.5 * np.sum(x * y2 - x2 * y, axis=1)
+
+
+def press() -> Solved:
+    """The rod on a spring, with a carriage, a wheel and a strut: joints and forces of all kinds."""
+    body = FlexibleBody(rod(MPI.COMM_SELF), STEEL, frame=ChordFrame("left", "right"), modes=4)
+    ends = {"left": (-0.05, 0.0), "right": (0.05, 0.0)}
+    mechanism = Mechanism(
+        placements={
+            "rod": Placement(),
+            "carriage": Placement((0.45, 0.0)),
+            "wheel": Placement((0.1, -0.2)),
+        },
+        joints=[
+            Revolute(("rod", "right"), ("carriage", "left"), name="pin"),
+            Translational(("carriage", "right"), Ground(angle=0.1), (1.0, -0.1), name="rails"),
+            Revolute(("wheel", "left"), Ground((0.05, -0.2)), name="axle"),
+            Gear(("wheel", "left"), ("rod", "left"), -2.0, name="gear"),
+            Distance(("rod", "left"), Ground((-0.2, -0.1)), name="strut"),
+        ],
+        forces=[
+            SpringDamper(("rod", "left"), Ground((0.0, 0.2)), 1e3, name="spring"),
+            TorsionalSpringDamper(("rod", "left"), Ground((9.0, 9.0)), 10.0),
+            Force(("rod", "right"), lambda t: 50.0 * np.sin(40.0 * t)),
+        ],
+        gravity=(0.0, -9.81),
+    )
+    rigid = {name: VolumeIntegrals.rigid(0.5, (0, 0), 1e-3, ends) for name in ("carriage", "wheel")}
+    return solve(
+        Problem({"rod": body, **rigid}, mechanism, GeneralizedAlpha(0.2, 100), IntegralCompliance())
+    )
 
 
 # ---------------------------------------------------------------------- gathered meshes
@@ -473,6 +509,17 @@ def test_crank_is_found_from_its_motion(solved: Solved) -> None:
     assert arm.center == pytest.approx([0.0, 0.0], abs=1e-12)
     assert arm.radius == pytest.approx(0.1, rel=1e-12)
     assert arm.name == "crank pin"
+
+
+def test_scene_shows_joints_and_springs_of_every_kind(tmp_path: Path) -> None:
+    press_ = press()
+    scene = gathered(press_, [0, 100])
+    low, high = scene.box(1.0)
+    assert low == pytest.approx([-0.2, -0.2], abs=0.06)  # foot of the strut, axle of the wheel
+    assert high == pytest.approx([0.5, 0.2], abs=0.06)  # carriage, top of the spring
+    picture = pixels(plot_scene(press_.problem, press_.evaluation, tmp_path / "x.png", time=0.1))
+    assert near(picture, "#b6bec8", 8.0).sum() > 300  # the block of the carriage
+    animate_motion(press_.problem, press_.evaluation, tmp_path / "x.gif", frames=2)
 
 
 def test_scene_shows_crank_design_and_names(solved: Solved, tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from ..mechanism import Ground, PointOnLine, PrescribedAngle, Weld
+from ..forces import SpringDamper
+from ..joints import Distance, Gear, Joint, PointOnLine, PrescribedAngle, Translational, Weld
+from ..points import Ground, Marker
 from .scene import Arm, DrawnBody, Scene
 from .style import DARK, GRAY, LIGHT
 
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 #: cells of less density are not drawn
 VOID = 0.3
 _STEEL, _PALE = "#57606a", "#eef1f4"
+#: joints drawn as a block on a guide, and those that are not drawn
+_SLIDERS, _UNSEEN = (PointOnLine, Translational), (PrescribedAngle, Gear)
 
 
 class MechanismView:
@@ -58,14 +62,19 @@ class MechanismView:
         self.unit = 0.018 * float(np.max(high - low))  #: size of a pin [m]
         self._set_limits(low, high)
         for i, joint in enumerate(scene.mechanism.joints):
-            if isinstance(joint, PointOnLine):
+            if isinstance(joint, _SLIDERS):
                 self._add_slider(joint)
-            elif not isinstance(joint, PrescribedAngle):
+            elif not isinstance(joint, _UNSEEN):
                 for marker in joint.markers:
                     if isinstance(marker, Ground):
                         self._add_support(scene.position(marker, 0))
+            if isinstance(joint, Distance):
+                self._add_link(joint.a, joint.b, waves=0)
             if i in scene.arms:
                 self._add_arm(i, scene.arms[i])
+        for force in scene.mechanism.forces:
+            if isinstance(force, SpringDamper):
+                self._add_link(force.a, force.b, waves=6)
         for body in scene.bodies.values():
             if body.drawn is None:
                 self._add_bar(body)
@@ -185,8 +194,25 @@ class MechanismView:
         self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=1.5))
         self._add(Line2D(*np.array([a, b]).T, color=DARK, linewidth=1.2, zorder=2))
 
-    def _add_slider(self, joint: PointOnLine) -> None:
+    def _add_link(self, a: Marker, b: Marker, waves: int) -> None:
+        """Draw a line between two markers, with waves if it is a spring."""
+        scene, count = self.scene, 2 * waves
+        way = np.r_[0.0, np.linspace(0.2, 0.8, count), 1.0]
+        side = np.r_[0.0, 0.6 * self.unit * (-1.0) ** np.arange(count), 0.0]
+        line = Line2D([], [], color=DARK, linewidth=1.2 if waves else 2.4, zorder=5)
+
+        def update(instant: int) -> None:
+            start = scene.position(a, instant, self.magnification)
+            along = scene.position(b, instant, self.magnification) - start
+            across = _unit(np.array([-along[1], along[0]]))
+            line.set_data(*(start[:, None] + np.outer(along, way) + np.outer(across, side)))
+
+        self._add(line, update)
+
+    def _add_slider(self, joint: Joint) -> None:
         """Draw the block and, where the line stands still, the guide under it."""
+        assert isinstance(joint, _SLIDERS)
+        point, line = joint.markers
         u, scene = self.unit, self.scene
         half = np.array([2.6, 1.25]) * u
         corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -194,19 +220,19 @@ class MechanismView:
         block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=2.5)
 
         def update(instant: int) -> None:
-            turn = scene.angle(joint.line, instant) + own
+            turn = scene.angle(line, instant) + own
             along = np.array([np.cos(turn), np.sin(turn)])
             axes = np.array([along, [-along[1], along[0]]])
-            at = scene.position(joint.point, instant, self.magnification)
+            at = scene.position(point, instant, self.magnification)
             block.set_xy(at + corners @ axes)
 
-        if isinstance(joint.line, Ground):
-            turn = joint.line.angle + own
+        if isinstance(line, Ground):
+            turn = line.angle + own
             along = np.array([np.cos(turn), np.sin(turn)])
             if along[0] < -1e-9:
                 along = -along  # keeps the ground below
-            origin = np.array(joint.line.position)
-            path = [scene.position(joint.point, i) for i in range(len(scene.steps))]
+            origin = np.array(line.position)
+            path = [scene.position(point, i) for i in range(len(scene.steps))]
             way = (np.array(path) - origin) @ along
             below = origin + half[1] * np.array([along[1], -along[0]])
             reach = 1.15 * half[0]
@@ -218,8 +244,8 @@ class MechanismView:
     def _add_pins(self) -> None:
         """Draw joints as pins (welds as squares) and point masses as discs."""
         scene, mechanism = self.scene, self.scene.mechanism
-        joints = [j for j in mechanism.joints if not isinstance(j, PrescribedAngle)]
-        sliders = [j.point for j in joints if isinstance(j, PointOnLine)]
+        joints = [j for j in mechanism.joints if not isinstance(j, _UNSEEN)]
+        sliders = [j.markers[0] for j in joints if isinstance(j, _SLIDERS)]
         masses = [p.marker for p in mechanism.point_masses if p.marker not in sliders]
 
         def markers(style: str, size: float, face: str) -> Line2D:
@@ -292,11 +318,11 @@ class MechanismView:
             side = "center" if abs(across[0]) < 0.5 else "left" if across[0] > 0.0 else "right"
             write(middle + (top + 1.6 * u) * across, name, side)
         for i, joint in enumerate(scene.mechanism.joints):
-            if isinstance(joint, PrescribedAngle):
+            if isinstance(joint, _UNSEEN):
                 continue
             at = scene.joint_position(joint, 0, self.magnification)
             name = getattr(joint, "name", "")
-            if isinstance(joint, PointOnLine) or any(isinstance(m, Ground) for m in joint.markers):
+            if isinstance(joint, _SLIDERS) or any(isinstance(m, Ground) for m in joint.markers):
                 write(at - [0.0, 3.3 * u], name)  # below the block or the support
                 continue
             away = sum(

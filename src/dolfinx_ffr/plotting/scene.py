@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from ..body import BodyMarker
 from ..dynamics import Trajectory
-from ..mechanism import BodyPoint, Joint, Marker, Mechanism, Moving, Weld
+from ..forces import TorsionalSpringDamper
+from ..joints import Gear, Joint, PrescribedAngle, Weld
+from ..mechanism import Mechanism
+from ..points import BodyPoint, Marker, Moving
 from ..sensitivity import Evaluation, Problem
 from .drawn_mesh import DrawnMesh
 
@@ -207,10 +210,13 @@ class Scene:
                 corners += [points.min(axis=0), points.max(axis=0)]
         for arm in self.arms.values():
             corners += [arm.center - arm.radius, arm.center + arm.radius]
+        # The place on the ground of what acts on angles alone means nothing.
+        places: list[Marker] = []
         for joint in self.mechanism.joints:
-            corners += [
-                self.position(m, 0) for m in joint.markers if not isinstance(m, tuple | Moving)
-            ]
+            places += [] if isinstance(joint, PrescribedAngle | Gear) else joint.markers
+        for force in self.mechanism.forces:
+            places += [] if isinstance(force, TorsionalSpringDamper) else force.markers
+        corners += [self.position(m, 0) for m in places if not isinstance(m, tuple | Moving)]
         return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 
 
