@@ -23,9 +23,10 @@ from dolfinx import fem, mesh
 from numpy.typing import ArrayLike, NDArray
 
 from . import _compat
+from .circles import fit_circle
 from .form_cache import claim_form_cache
-from .mesh_checks import check_cells, check_hanging_nodes, check_held
-from .mesh_file import read_gmsh
+from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
+from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
 
 __all__ = ["Domain", "Interface"]
 
@@ -55,8 +56,9 @@ class Domain:
         solid: cells that are not designed and stay solid: a predicate on coordinates (cells all of
             whose vertices fulfil it), an array of local cells, or None.
         order: polynomial order of the displacements.
-        centers: reference points of interfaces [m]; by default the centroid of each interface's
-            facets.
+        centers: reference points of interfaces [m]; by default the centre of the circle on which
+            an interface's nodes lie (a bore, or an arc of at least a sixth of one), or else the
+            centroid of its facets.
 
     Raises:
         ValueError: on every rank, if an interface is missing, empty, a single point, or shares
@@ -188,32 +190,65 @@ class Domain:
             solid: names of physical surfaces that are not designed; names that the file does not
                 have are passed over unless no surface would be left to design.
             order: polynomial order of the displacements.
-            centers: reference points of interfaces [m]; by default the centroid of each
-                interface's facets.
+            centers: reference points of interfaces [m]; by default as described for `Domain`.
 
         Raises:
             FileNotFoundError: if there is no such file.
             ValueError: if the file lacks a named interface (the message lists the groups that are
                 there).
         """
-        domain, cell_tags, facet_tags, groups = read_gmsh(comm, Path(path))
-        curves = {name: tag for (dim, name), tag in groups.items() if dim == 1}
-        surfaces = {name: tag for (dim, name), tag in groups.items() if dim == 2}
+        return cls._from_tags(read_gmsh(comm, Path(path)), interfaces, solid, order, centers)
+
+    @classmethod
+    def from_gmsh_model(
+        cls,
+        comm: MPI.Comm,
+        model: Any,
+        *,
+        interfaces: Sequence[str] = ("left", "right"),
+        solid: Sequence[str] = ("solid",),
+        order: int = 1,
+        centers: Mapping[str, Sequence[float]] | None = None,
+    ) -> Domain:
+        """Take a body from gmsh's current model, as `from_gmsh` does from a file.
+
+        Args:
+            comm: communicator over which the mesh is distributed.
+            model: ``gmsh.model`` with a mesh on rank 0; not used on the others.
+            interfaces: names of the physical curves that are rigid interfaces.
+            solid: names of physical surfaces that are not designed.
+            order: polynomial order of the displacements.
+            centers: reference points of interfaces [m]; by default as described for `Domain`.
+
+        Raises:
+            ValueError: on every rank, if the model lacks a named interface, has no mesh, or has a
+                surface in several physical groups.
+        """
+        return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, order, centers)
+
+    @classmethod
+    def _from_tags(
+        cls,
+        read: TaggedMesh,
+        interfaces: Sequence[str],
+        solid: Sequence[str],
+        order: int,
+        centers: Mapping[str, Sequence[float]] | None,
+    ) -> Domain:
+        curves, surfaces = read.groups(1), read.groups(2)
         missing = [name for name in interfaces if name not in curves]
         if missing:
             raise ValueError(
-                f"{path}: no physical curve named {', '.join(map(repr, missing))}; the file has "
-                f"the physical curves "
-                f"{sorted(curves) or 'none'} and the physical surfaces "
+                f"{read.source}: no physical curve named {', '.join(map(repr, missing))}; it has "
+                f"the physical curves {sorted(curves) or 'none'} and the physical surfaces "
                 f"{sorted(surfaces) or 'none'}. "
                 "Name the groups in gmsh, or pass interfaces=[...]"
             )
-        facets = {
-            name: facet_tags.indices[facet_tags.values == curves[name]] for name in interfaces
-        }
+        tags = read.facet_tags
+        facets = {name: tags.indices[tags.values == curves[name]] for name in interfaces}
         solid_tags = [surfaces[name] for name in solid if name in surfaces]
-        cells = cell_tags.indices[np.isin(cell_tags.values, solid_tags)]
-        return cls(domain, facets, cells, order=order, centers=centers)
+        cells = read.cell_tags.indices[np.isin(read.cell_tags.values, solid_tags)]
+        return cls(read.mesh, facets, cells, order=order, centers=centers)
 
     # ------------------------------------------------------------------ geometry
 
@@ -391,7 +426,9 @@ class Domain:
                     f"interface {name!r} is a single point: it cannot hold the body against "
                     f"rotation"
                 )
-            center = np.asarray(centers.get(name, self._facet_centroid(facets)), dtype=np.float64)
+            center = np.asarray(
+                centers[name] if name in centers else self._center(facets), dtype=np.float64
+            )
             if center.shape != (2,) or not np.all(np.isfinite(center)):
                 raise ValueError(
                     f"interface {name!r}: center {center} must be two finite coordinates [m]"
@@ -399,6 +436,10 @@ class Domain:
             owner[name] = dofs
             found[name] = Interface(name, facets, dofs, center)
         return found
+
+    def _center(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+        circle = fit_circle(facet_points(self.mesh, facets))
+        return self._facet_centroid(facets) if circle is None else circle
 
     def _facet_centroid(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
         tags = mesh.meshtags(self.mesh, 1, np.sort(facets), np.full(len(facets), 1, dtype=np.int32))

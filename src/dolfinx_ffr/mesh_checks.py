@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from . import _compat
 
-__all__ = ["check_cells", "check_hanging_nodes", "check_held"]
+__all__ = ["check_cells", "check_hanging_nodes", "check_held", "facet_points"]
 
 
 def check_cells(domain: mesh.Mesh) -> None:
@@ -120,12 +120,31 @@ def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
     domain.topology.create_connectivity(1, 2)
     boundary = mesh.locate_entities_boundary(domain, 1, lambda x: np.full(x.shape[1], True))
     owned = boundary[boundary < domain.topology.index_map(1).size_local]
+    ends = _facet_nodes(domain, owned)
+    return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :2]))
+
+
+def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the vertices of facets, the same on every rank; some stand several times.
+
+    Args:
+        domain: the mesh.
+        facets: local facets on this rank, ghosts included.
+
+    Returns:
+        Shape (points, 2) [m].
+    """
+    points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, :2]
+    return np.vstack(domain.comm.allgather(points))
+
+
+def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the geometry nodes at both ends of facets, shape (facets, 2)."""
     cell_vertices = _compat.entity_vertices(domain, 2)
     node = np.zeros(cell_vertices.max(initial=-1) + 1, dtype=np.int32)
     # vertices come first among a cell's geometry nodes, in the same order
     node[cell_vertices] = _compat.cell_geometry(domain)[:, : cell_vertices.shape[1]]
-    ends = node[_compat.entity_vertices(domain, 1)[owned].reshape(-1, 2)]
-    return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :2]))
+    return node[_compat.entity_vertices(domain, 1)[facets].reshape(-1, 2)]
 
 
 def _point(point: NDArray[np.float64]) -> str:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Meshes from gmsh files, with the names of their physical groups."""
+"""Meshes from gmsh, with the names of their physical groups."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,45 +14,82 @@ from dolfinx import mesh
 
 from . import _compat
 
-__all__ = ["read_gmsh"]
+__all__ = ["TaggedMesh", "read_gmsh", "read_gmsh_model"]
+
+Groups = dict[tuple[int, str], int]
 
 
-def read_gmsh(comm: MPI.Comm, path: Path) -> tuple[mesh.Mesh, Any, Any, dict[tuple[int, str], int]]:
-    """Read a planar mesh with its tags and physical groups.
+@dataclass(frozen=True)
+class TaggedMesh:
+    """A planar mesh with its physical groups."""
+
+    source: str  #: what error messages call it
+    mesh: mesh.Mesh  #: distributed over its communicator
+    cell_tags: Any  #: number of the physical surface of each cell
+    facet_tags: Any  #: number of the physical curve of each facet
+    numbers: Groups  #: number of each physical group by dimension and name
+
+    def groups(self, dim: int) -> dict[str, int]:
+        """Return the numbers of the physical curves (``dim`` 1) or surfaces (2) by name."""
+        return {name: tag for (d, name), tag in self.numbers.items() if d == dim}
+
+
+def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
+    """Read a planar mesh from a file.
 
     Args:
         comm: communicator over which the mesh is distributed; rank 0 reads the file.
         path: the ``.msh`` file.
 
-    Returns:
-        Mesh, cell tags, facet tags, and the tag of each physical group by dimension and name.
-
     Raises:
         FileNotFoundError: on every rank, if there is no such file.
-        ValueError: on every rank, if gmsh cannot read it or it has no named physical groups.
+        ValueError: on every rank, if gmsh cannot read it, it has no named physical groups, or a
+            surface belongs to several of them.
     """
-    error: Exception | None = None
-    groups: dict[tuple[int, str], int] = {}
     gmsh = None
-    if comm.rank == 0:
-        try:
-            groups, gmsh = _open_gmsh(path)
-        except (OSError, ValueError, ImportError) as exc:
-            error = exc
-    error = comm.bcast(error, root=0)
-    if error is not None:
-        raise error
-    groups = comm.bcast(groups, root=0)
+
+    def open_() -> Any:
+        nonlocal gmsh
+        gmsh = _open_gmsh(path)
+        return gmsh.model
+
     try:
-        model = gmsh.model if gmsh is not None else None
-        domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0)
+        return _distribute(comm, open_, str(path))
     finally:
         if gmsh is not None:
             gmsh.finalize()
-    return domain, cell_tags, facet_tags, groups
 
 
-def _open_gmsh(path: Path) -> tuple[dict[tuple[int, str], int], Any]:
+def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
+    """Take a planar mesh from gmsh's current model.
+
+    Args:
+        comm: communicator over which the mesh is distributed.
+        model: ``gmsh.model`` on rank 0; not used on the others.
+
+    Raises:
+        ValueError: on every rank, if the model has no mesh or no named physical groups, or a
+            surface belongs to several of them.
+    """
+    return _distribute(comm, lambda: model, "gmsh model")
+
+
+def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
+    model, groups, error = None, {}, None
+    if comm.rank == 0:
+        try:
+            model = get()
+            groups = _groups(model, source)
+        except (OSError, ValueError, ImportError) as exc:
+            error = exc
+    groups, error = comm.bcast((groups, error), root=0)
+    if error is not None:
+        raise error
+    domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0)
+    return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
+
+
+def _open_gmsh(path: Path) -> Any:
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
     try:
@@ -66,16 +105,28 @@ def _open_gmsh(path: Path) -> tuple[dict[tuple[int, str], int], Any]:
     except Exception as exc:
         gmsh.finalize()
         raise ValueError(f"{path} is not a mesh that gmsh can read: {exc}") from exc
-    groups = {
-        (dim, gmsh.model.getPhysicalName(dim, tag)): tag
-        for dim, tag in gmsh.model.getPhysicalGroups()
-    }
+    return gmsh
+
+
+def _groups(model: Any, source: str) -> Groups:
+    """Return the numbers of a model's physical groups, or refuse the model."""
+    groups = {(dim, model.getPhysicalName(dim, tag)): tag for dim, tag in model.getPhysicalGroups()}
     names = {dim: [name for d, name in groups if d == dim] for dim in (1, 2)}
     if not names[1] or not names[2]:
-        gmsh.finalize()
         raise ValueError(
-            f"{path}: needs physical groups of curves (interfaces) and of surfaces (material); "
+            f"{source}: needs physical groups of curves (interfaces) and of surfaces (material); "
             f"it has the curves "
             f"{sorted(names[1]) or 'none'} and the surfaces {sorted(names[2]) or 'none'}"
         )
-    return groups, gmsh
+    for _, surface in model.getEntities(2):
+        of = [model.getPhysicalName(2, tag) for tag in model.getPhysicalGroupsForEntity(2, surface)]
+        if len(of) > 1:
+            raise ValueError(
+                f"{source}: surface {surface} belongs to the physical surfaces {sorted(of)}, and "
+                "its cells would count more than once; leave it in one of them"
+            )
+        if of and not len(model.mesh.getElementTypes(2, surface)):
+            raise ValueError(
+                f"{source}: surface {surface} has no mesh; call gmsh.model.mesh.generate(2) first"
+            )
+    return groups
