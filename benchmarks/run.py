@@ -2,10 +2,10 @@
 """Speed beside error: tables (CSV, Markdown) and pictures.
 
     make benchmark [ARGS="--quick"]
-    python benchmarks/run.py [--quick] [--only growth accuracy differences] [--output DIR]
+    python benchmarks/run.py [--quick] [--only STUDY ...] [--output DIR]
 
-Everything in them is measured in this run. All of it takes less than ten minutes on two free cores,
-with ``--quick`` about one minute, on small meshes and with few repetitions: a smoke test.
+Everything in them is measured in this run. All of it takes about a quarter of an hour on two free
+cores, with ``--quick`` about one minute, on small meshes and with few repetitions: a smoke test.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from mpi4py import MPI
 
 from accuracy import accuracy_jobs, report_accuracy
 from differences import report_differences
+from gradient import gradient_jobs, report_gradient
 from growth import growth_jobs, report_growth
 from jobs import Job, run_jobs
 
-STUDIES = ("growth", "accuracy", "differences")
+STUDIES = ("growth", "accuracy", "differences", "gradient")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -37,6 +38,8 @@ def main(arguments: list[str] | None = None) -> None:
         jobs += growth_jobs(quick=options.quick)
     if "accuracy" in options.only:
         jobs += accuracy_jobs(quick=options.quick)
+    if "gradient" in options.only:
+        jobs += gradient_jobs(quick=options.quick)
     try:
         results = list(run_jobs(jobs))
     except RuntimeError as error:
@@ -44,10 +47,12 @@ def main(arguments: list[str] | None = None) -> None:
 
     growth = [(job, result) for job, result in results if job.study == "growth"]
     accuracy = [(job, result) for job, result in results if job.study == "accuracy"]
+    gradient = [(job, result) for job, result in results if job.study == "gradient"]
     reports = {
         "growth": lambda: report_growth(growth, directory),
         "accuracy": lambda: report_accuracy(accuracy, directory),
         "differences": lambda: report_differences(growth, directory),
+        "gradient": lambda: report_gradient(gradient, directory),
     }
     for study in STUDIES:
         if study in options.only:

@@ -17,10 +17,25 @@ from matplotlib.image import imread
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-PAGES = ("growth", "accuracy", "differences")
+PAGES = ("growth", "accuracy", "differences", "gradient")
 #: Entries that may be nothing: memory that was there before, time lost between rooms, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
-MAY_BE_ZERO = {"memory_value", "memory_gradient", "rest", "error_psi", "iterations"}
+#: Errors of exact gradients, and the fixed part of a measurement that is too short for it.
+MAY_BE_ZERO = {
+    "memory_value",
+    "memory_gradient",
+    "rest",
+    "error_psi",
+    "iterations",
+    "error",
+    "band_error",
+    "estimate",
+    "fixed",
+}
+#: columns that hold words
+WORDS = {"mesh", "design", "kernel"}
+#: cosines may have any sign
+SIGNED = {"cosine", "levelset_cosine"}
 TABLES = {
     "growth": 4,
     "growth_rooms": 4,
@@ -31,6 +46,9 @@ TABLES = {
     "accuracy_mesh": 6,
     "accuracy_differences": 3,
     "differences": 2,
+    "gradient": 36,
+    "gradient_designs": 3,
+    "gradient_growth": 1,
 }
 Column = Callable[[str, str], np.ndarray]
 
@@ -67,12 +85,13 @@ def test_tables_hold_finite_positive_numbers(output: Path, table: str) -> None:
     assert len(rows) == TABLES[table]
     for row in rows:
         for name, text in row.items():
-            if name == "mesh" or name.endswith("_text"):
+            if name in WORDS or name.endswith("_text"):
                 assert text
             else:
                 value = float(text)
                 assert np.isfinite(value), name
-                assert value > 0.0 or (name in MAY_BE_ZERO and value == 0.0), name
+                zero = name in MAY_BE_ZERO and value == 0.0
+                assert value > 0.0 or zero or (name in SIGNED and abs(value) <= 1.0 + 1e-9), name
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -130,3 +149,23 @@ def test_cost_of_differences_is_that_of_their_values(column: Column) -> None:
     elements, value = column("differences", "elements"), column("differences", "value")
     assert np.allclose(column("differences", "one_sided"), (elements + 1) * value, rtol=1e-12)
     assert np.allclose(column("differences", "central"), 2 * elements * value, rtol=1e-12)
+
+
+def test_element_by_element_is_exact_and_the_approximation_is_not(output: Path) -> None:
+    with (output / "gradient.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["design"] for row in rows} == {"start", "middle", "final"}
+    for row in rows:
+        error = float(row["error"])
+        if row["kernel"] in ("exact adjoint", "element by element"):
+            assert error < 1e-7 and float(row["cosine"]) > 1.0 - 1e-9
+        else:
+            assert error > 1e-6 and float(row["estimate"]) > 0.0
+    # in each design the approximations at more elements are nearer to the exact gradient
+    for design in ("start", "middle", "final"):
+        own = [row for row in rows if row["design"] == design]
+        few, many = (
+            np.mean([float(r["levelset_cosine"]) for r in own if float(r["percent"]) == percent])
+            for percent in (20.0, 40.0)
+        )
+        assert many > few

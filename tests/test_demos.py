@@ -101,6 +101,35 @@ def test_resumed_demo_continues(tmp_path: Path) -> None:
     np.testing.assert_array_equal(second["psi"][:7], first["psi"])
 
 
+def test_approximate_gradient_serial_and_parallel(tmp_path: Path) -> None:
+    """Three gradients, all pictures, and the same designs with two ranks as with one."""
+    program = TOP / "demos" / "approximate_gradient.py"
+    small = ["--elements", "40", "8", "--iterations", "3", "--output", "out"]
+    numbers = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        folder.mkdir()
+        said = run(*small, ranks=ranks, cwd=folder, program=program)
+        assert "times the exact adjoint's" in said
+        numbers.append(json.loads((folder / "out" / "summary.json").read_text()))
+        for name in (
+            "1_basis_function",
+            "2_scene",
+            "3_crank_motion",
+            "4_and_6_histories",
+            "5_designs",
+            "5_gradient_elements",
+        ):
+            assert (folder / "out" / f"{name}.png").stat().st_size > 5000, name
+    one, two = numbers
+    assert list(one) == ["exact adjoint", "element by element", "approximate, 35 %"]
+    for name, found in one.items():
+        expected = two[name]["compliance_relative"]
+        assert found["compliance_relative"] == pytest.approx(expected, rel=1e-6), name
+    element = one["element by element"]["compliance_relative"]
+    assert element == pytest.approx(one["exact adjoint"]["compliance_relative"], rel=1e-6)
+
+
 def test_readme_shows_the_short_program() -> None:
     """README's program is the one that is run here."""
     blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)
