@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -11,6 +13,8 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr import mechanical_problem
+from dolfinx_ffr.plotting.scene import motion_of
 from dolfinx_ffr.verification import assert_taylor_order, central_difference, taylor_test
 
 CRANK, COUPLER, ROCKER, GROUND = 0.1, 0.4, 0.3, 0.4
@@ -78,11 +82,17 @@ def slope(comm: MPI.Comm, gradient: dict[str, np.ndarray], direction: dict[str, 
 
 
 @pytest.mark.mpi
-def test_gradients_of_both_bodies(comm: MPI.Intracomm) -> None:
+def test_gradients_of_both_bodies_from_one_adjoint_pass(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     weights = {"coupler": 1.0, "rocker": 3.0}
     problem = four_bar(comm, ffr.IntegralCompliance(["coupler", "rocker"], weights))
     x, directions = designs(problem)
+    calls = []
+    adjoint = mechanical_problem.adjoint
+    monkeypatch.setattr(mechanical_problem, "adjoint", lambda *a: calls.append(1) or adjoint(*a))
     evaluation = problem.gradient(x)
+    assert len(calls) == 1
     assert evaluation.gradient is not None
     assert list(evaluation.gradient) == ["coupler", "rocker"]
     for moving in (["coupler"], ["rocker"], ["coupler", "rocker"]):
@@ -118,3 +128,161 @@ def test_weights_of_bodies_add_up(comm: MPI.Intracomm) -> None:
     np.testing.assert_allclose(results["both"], expected, rtol=1e-9)
     # Each matters: the rocker bends under the coupler's inertia.
     assert min(results["coupler"][0], results["rocker"][0]) > 0.01 * results["both"][0]
+
+
+#: One of every kind; the first four need no motion.
+CONSTRAINTS = [
+    ffr.Constraint(ffr.Volume("coupler"), upper=0.5),
+    ffr.Constraint(ffr.Mass("rocker"), upper=0.05),
+    ffr.Constraint(ffr.Frequency("coupler"), lower=30.0, name="bending"),
+    ffr.Constraint(ffr.Frequency("rocker", cluster=2, free=True), lower=30.0, name="free"),
+    ffr.Constraint(ffr.PeakCompliance(power=6.0), upper=1e-3),
+    ffr.Constraint(ffr.JointForce("coupler pin", power=6.0), upper=5.0),
+    ffr.Constraint(ffr.MarkerAcceleration("rocker", "left"), upper=100.0),
+    ffr.Constraint(
+        ffr.PathTracking("coupler", "right", (lambda t: 0.2 + t, 0.3), (0.2, 0.25)), upper=1e-3
+    ),
+]
+
+
+@pytest.mark.mpi
+def test_constraints_from_the_same_simulation(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gradient of every objective with respect to the densities of both bodies."""
+    calls = {"simulate": 0, "adjoint": 0}
+    originals = {name: getattr(mechanical_problem, name) for name in calls}
+    for name in calls:
+
+        def counted(*args, name=name):  # type: ignore[no-untyped-def]
+            calls[name] += 1
+            return originals[name](*args)
+
+        monkeypatch.setattr(mechanical_problem, name, counted)
+    problem = four_bar(comm, ffr.IntegralCompliance(), constraints=CONSTRAINTS)
+    x, direction = designs(problem)
+    result = problem.gradient(x)
+    assert calls == {"simulate": 1, "adjoint": 5}
+    assert list(result.constraints) == [constraint.label for constraint in CONSTRAINTS]
+
+    def values(step: float) -> np.ndarray:
+        moved = {name: x[name] + step * d for name, d in direction.items()}
+        return np.array([g.value for g in problem.value(moved).constraints.values()])
+
+    h = 5e-4
+    coarse, fine = ((values(s) - values(-s)) / (2.0 * s) for s in (h, 0.5 * h))
+    slopes = []
+    for constraint in result.constraints.values():
+        assert constraint.gradient is not None
+        slopes.append(slope(comm, constraint.gradient, direction))
+    np.testing.assert_allclose(slopes, (4.0 * fine - coarse) / 3.0, rtol=1e-6)
+    volume = result.constraints["Volume"]
+    assert volume.psi == result.volume["coupler"]
+    assert volume.value == pytest.approx(volume.psi / 0.5 - 1.0, rel=1e-14)
+    assert volume.gradient is not None
+    assert not volume.gradient["rocker"].any()
+
+
+@pytest.mark.mpi
+def test_nothing_is_simulated_for_mass_and_frequency(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: object) -> None:
+        raise AssertionError("a simulation")
+
+    monkeypatch.setattr(mechanical_problem, "simulate", refuse)
+    monkeypatch.setattr(mechanical_problem, "adjoint", refuse)
+    problem = four_bar(comm, ffr.Mass("coupler") + ffr.Mass("rocker"), constraints=CONSTRAINTS[:4])
+    x, direction = designs(problem)
+    result = problem.gradient(x)
+    assert result.trajectory is None
+    assert result.gradient is not None
+    # With a linear mass law the derivative of the mass is the mass of the direction.
+    areal = 1200.0 * 0.01
+    expected = sum(
+        body.domain.sum(body.domain.cell_volumes * direction[name]) * areal
+        for name, body in problem.flexible.items()
+    )
+    assert slope(comm, result.gradient, direction) == pytest.approx(expected, rel=1e-10)
+    with pytest.raises(ValueError, match="there is no motion to draw"):
+        motion_of(result)
+
+
+def test_refused(comm: MPI.Intracomm) -> None:
+    twice = [ffr.Constraint(ffr.Mass("coupler"), 1.0), ffr.Constraint(ffr.Mass("rocker"), 1.0)]
+    with pytest.raises(ValueError, match="two constraints have the name 'Mass'"):
+        four_bar(comm, ffr.IntegralCompliance(), constraints=twice)
+    with pytest.raises(
+        ValueError, match=r"volume of body 'crank', but the .*\['coupler', 'rocker'"
+    ):
+        four_bar(
+            comm,
+            ffr.IntegralCompliance(),
+            constraints=[ffr.Constraint(ffr.Volume("crank"), upper=0.5)],
+        )
+    problem = four_bar(comm, ffr.Volume("coupler"))
+    with pytest.raises(ValueError, match=r"volume of body 'coupler': .* take Mass instead"):
+        problem.value(designs(problem)[0])
+
+
+@pytest.mark.mpi
+def test_mechanism_from_files_is_the_same(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """Arrays saved from the reduced bodies give the same numbers without any mesh."""
+    objective = ffr.IntegralCompliance() + 1e-4 * ffr.JointForce("coupler pin")
+    constraints = [CONSTRAINTS[3], CONSTRAINTS[6]]
+    problem = four_bar(comm, objective, constraints=constraints)
+    result = problem.gradient(designs(problem)[0])
+    assert result.integrals_gradient is not None
+    if comm.rank == 0:
+        for name, body in result.bodies.items():
+            body.integrals.save(shared_tmp_path / f"{name}.npz")
+    comm.Barrier()
+    bodies = {
+        name: ffr.VolumeIntegrals.load(shared_tmp_path / f"{name}.npz")
+        if name in result.bodies
+        else problem.bodies[name]
+        for name in problem.bodies
+    }
+    given = ffr.MechanicalProblem(
+        problem.mechanism, problem.integrator, objective, constraints
+    ).gradient(bodies)
+    assert given.psi == result.psi
+    assert given.integrals_gradient is not None
+    pairs = [(given.integrals_gradient, result.integrals_gradient)]
+    for name, own in given.constraints.items():
+        other = result.constraints[name]
+        assert own.value == other.value
+        assert own.integrals_gradient is not None
+        assert other.integrals_gradient is not None
+        pairs.append((own.integrals_gradient, other.integrals_gradient))
+    for a, b in pairs:
+        assert list(a) == list(b) == ["crank", "coupler", "rocker"]
+        for name in a:
+            difference = a[name] + b[name].scaled(-1.0)
+            assert difference.dot(difference) == 0.0
+
+
+def test_parameters_of_a_given_body_beside_a_mesh(comm: MPI.Intracomm) -> None:
+    """The chain goes on from the integrals' derivative: the mass of the rigid crank."""
+
+    def crank(p: np.ndarray) -> ffr.VolumeIntegrals:
+        return ffr.VolumeIntegrals.rigid(
+            p[0], (0.05, 0.0), 3e-4, {"hub": (0.0, 0.0), "pin": (CRANK, 0.0)}
+        )
+
+    zero = crank(np.ones(1)).zeros_like()
+    by_mass = replace(zero, mass=1.0, S=np.array([[0.05, 0.0]]), G=np.array([[0.05**2]]))
+    body = ffr.ParametricBody(crank, lambda p: [by_mass])
+    problem = four_bar(comm, ffr.JointForce("motor bearing"))
+    x = designs(problem)[0]
+
+    def value(p: np.ndarray) -> float:
+        problem.bodies["crank"] = body(p)
+        return problem.value(x).psi
+
+    p, direction = np.array([0.2]), np.array([0.05])
+    difference = central_difference(value, p, direction, 0.1)
+    problem.bodies["crank"] = body(p)
+    gradient = problem.gradient(x).integrals_gradient
+    assert gradient is not None
+    assert body.pullback(p, gradient["crank"]) @ direction == pytest.approx(difference, rel=1e-6)

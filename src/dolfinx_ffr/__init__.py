@@ -77,6 +77,7 @@ _ROOMS = {
         "PathTracking",
         "PeakCompliance",
         "Sum",
+        "Volume",
     ],
     "optimization": ["Result", "gray_fraction", "optimize"],
     "parametric_body": ["ParametricBody"],

@@ -22,7 +22,12 @@ from .dynamics import GeneralizedAlpha, Trajectory, TrajectoryBar, adjoint, simu
 from .mechanism import Mechanism
 from .objective import Constraint, Objective
 
-__all__ = ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"]
+__all__ = [
+    "ConstraintValue",
+    "MechanicalEvaluation",
+    "MechanicalProblem",
+    "parts_of_gradient",
+]
 
 Bodies = Mapping[str, VolumeIntegrals]
 Array = NDArray[np.float64]
@@ -177,12 +182,28 @@ def _gradient(
     objective: Objective, trajectory: Trajectory | None, bodies: Bodies
 ) -> dict[str, VolumeIntegrals]:
     """Derivative of an objective with respect to all integrals."""
+    direct, motion = parts_of_gradient(objective, trajectory, bodies)
+    return {name: own + direct[name] if name in direct else own for name, own in motion.items()}
+
+
+def parts_of_gradient(
+    objective: Objective, trajectory: Trajectory | None, bodies: Bodies
+) -> tuple[dict[str, VolumeIntegrals], dict[str, VolumeIntegrals]]:
+    """Return the derivatives of an objective with respect to the integrals, in two parts.
+
+    Args:
+        objective: The objective.
+        trajectory: The motion; None if the objective does not depend on it.
+        bodies: Volume integrals of all bodies, by name.
+
+    Returns:
+        By name of the body, at fixed motion (bodies on which the objective does not depend directly
+        may be missing), and through the motion (all bodies).
+    """
     bar, direct = objective.pullback(trajectory, bodies)  # type: ignore[arg-type]
     if trajectory is not None and bar is not None and _matters(bar):
-        bars = adjoint(trajectory, bar)
-    else:
-        bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
-    return {name: own + direct[name] if name in direct else own for name, own in bars.items()}
+        return direct, adjoint(trajectory, bar)
+    return direct, {name: integrals.zeros_like() for name, integrals in bodies.items()}
 
 
 def _matters(bar: TrajectoryBar) -> bool:

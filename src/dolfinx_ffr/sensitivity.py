@@ -11,18 +11,23 @@ densities.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .body import VolumeIntegrals
-from .dynamics import GeneralizedAlpha, Trajectory, adjoint, compile_kernels, simulate
+from .dynamics import GeneralizedAlpha, Trajectory, compile_kernels
 from .flexible_body import FlexibleBody, ReducedBody
+from .mechanical_problem import (
+    ConstraintValue,
+    MechanicalEvaluation,
+    MechanicalProblem,
+    parts_of_gradient,
+)
 from .mechanism import Mechanism
-from .objective import Objective
+from .objective import Constraint, Objective, Volume
 
 __all__ = ["Evaluation", "Problem"]
 
@@ -37,13 +42,19 @@ class Evaluation:
     #: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where only the value
     #: was asked for
     gradient: dict[str, NDArray[np.float64]] | None
-    trajectory: Trajectory = field(repr=False)  #: the motion, replicated on every rank
+    #: the motion, replicated on every rank; None if neither objective nor constraints depend on it
+    trajectory: Trajectory | None = field(repr=False)
     bodies: dict[str, ReducedBody] = field(repr=False)  #: shape functions and integrals
     volume: dict[str, float]  #: share of each body's area that is filled, in [0, 1]
     frequencies: dict[str, NDArray[np.float64]]  #: fixed-interface frequencies [Hz]
     outer_gap: dict[str, float]  #: relative gap between the last mode kept and the next one
-    solver_iterations: dict[str, int]  #: conjugate gradient iterations of the pullback
+    solver_iterations: dict[str, int]  #: conjugate gradient iterations of all pullbacks
     seconds: dict[str, float]  #: time spent in each room [s]
+    #: constraints by name, with their gradients where the gradient was asked for
+    constraints: dict[str, ConstraintValue] = field(default_factory=dict)
+    #: derivative of psi with respect to the integrals of every body, those of given bodies too, the
+    #: same on every rank; None where only the value was asked for
+    integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
 
 
 class Problem:
@@ -52,15 +63,21 @@ class Problem:
         psi(x) = objective(trajectory),   the trajectory solves the equations of motion
                                           of the mechanism with bodies(x)
 
+    Constraints g_k(x) <= 0 come from the same simulation, each with an adjoint pass of its own;
+    those of mass, volume or a frequency need none. Without any flexible body use
+    `MechanicalProblem`, on which this class is built.
+
     Args:
         bodies: by the names that the mechanism uses; `FlexibleBody` for bodies with a density,
             `VolumeIntegrals` for given ones (rigid bodies, standard input data).
         mechanism: joints, motions, point masses, gravity.
         integrator: time interval and steps.
         objective: what is minimised.
+        constraints: bounds on further objectives, for optimisers that take several.
 
     Raises:
-        ValueError: if no body has a density.
+        ValueError: if no body has a density, two constraints have the same name, or one bounds the
+            volume of a body without density.
     """
 
     def __init__(
@@ -69,19 +86,28 @@ class Problem:
         mechanism: Mechanism,
         integrator: GeneralizedAlpha,
         objective: Objective,
+        constraints: Sequence[Constraint] = (),
     ) -> None:
         self.bodies = dict(bodies)
         self.mechanism = mechanism
         self.integrator = integrator
         self.objective = objective
+        self.constraints = list(constraints)
         #: the bodies with a density
         self.flexible = {k: b for k, b in self.bodies.items() if isinstance(b, FlexibleBody)}
         if not self.flexible:
             raise ValueError(
                 f"problem: none of the bodies {sorted(self.bodies)} has a density to design; give "
-                "at least one FlexibleBody, or call simulate directly"
+                "at least one FlexibleBody, or use MechanicalProblem, which needs none"
             )
-
+        MechanicalProblem(mechanism, integrator, objective, self.constraints)  # checks the names
+        for constraint in self.constraints:
+            bounded = constraint.objective
+            if isinstance(bounded, Volume) and bounded.body not in self.flexible:
+                raise ValueError(
+                    f"problem: constraint {constraint.label!r} bounds the volume of body "
+                    f"{bounded.body!r}, but the bodies with a density are {sorted(self.flexible)}"
+                )
         self._compile()
 
     def _compile(self) -> None:
@@ -93,7 +119,7 @@ class Problem:
         compile_kernels(announce=lambda line: None)
 
     def value(self, x: Densities) -> Evaluation:
-        """Return the objective at densities.
+        """Return the objective and the constraints at densities.
 
         Args:
             x: densities of the cells owned by this rank, shape (cells,), in [0, 1]; with more than
@@ -108,25 +134,31 @@ class Problem:
         seconds: dict[str, float] = {}
         for part in reduced.values():
             _add(seconds, part.seconds)
-        integrals = self._integrals(reduced)
-        start = perf_counter()
-        trajectory = simulate(self.mechanism, integrals, self.integrator)
-        psi = self.objective.value(trajectory, integrals)
-        seconds["simulation"] = perf_counter() - start
+        found = self._mechanical().value(self._integrals(reduced))
+        _add(seconds, found.seconds)
+        volume = {name: b.volume(densities[name])[0] for name, b in self.flexible.items()}
+        constraints = {}
+        for bound in self.constraints:
+            if isinstance(bound.objective, Volume):
+                share = volume[bound.objective.body]
+                constraints[bound.label] = ConstraintValue(bound.scaled(share), share)
+            else:
+                constraints[bound.label] = found.constraints[bound.label]
         return Evaluation(
-            psi=float(psi),
+            psi=found.psi,
             gradient=None,
-            trajectory=trajectory,
+            trajectory=found.trajectory,
             bodies=reduced,
-            volume={name: b.volume(densities[name])[0] for name, b in self.flexible.items()},
+            volume=volume,
             frequencies={name: part.basis.frequencies for name, part in reduced.items()},
             outer_gap={name: part.basis.outer_gap for name, part in reduced.items()},
             solver_iterations={},
             seconds=seconds,
+            constraints=constraints,
         )
 
     def gradient(self, x: Densities) -> Evaluation:
-        """Return the objective and its exact gradient at densities.
+        """Return objective and constraints with their exact gradients at densities.
 
         Args:
             x: as for `value`.
@@ -139,7 +171,7 @@ class Problem:
         return self.differentiate(self.value(x))
 
     def differentiate(self, evaluation: Evaluation) -> Evaluation:
-        """Return an evaluation with the exact gradient added.
+        """Return an evaluation with the exact gradients added.
 
         So a design whose value is rejected need not be differentiated.
 
@@ -150,18 +182,60 @@ class Problem:
             RuntimeError: on every rank, if another density has been evaluated since, or an adjoint
                 system cannot be solved.
         """
-        seconds = dict(evaluation.seconds)
-        start = perf_counter()
-        direct, bars = self.integral_gradients(evaluation)
-        seconds["adjoint"] = perf_counter() - start
-        iterations: dict[str, int] = {}
+        found = self._mechanical().differentiate(
+            MechanicalEvaluation(
+                psi=evaluation.psi,
+                integrals_gradient=None,
+                constraints=evaluation.constraints,
+                trajectory=evaluation.trajectory,
+                bodies=self._integrals(evaluation.bodies),
+                seconds=evaluation.seconds,
+            )
+        )
+        assert found.integrals_gradient is not None
+        seconds = dict(found.seconds)
+        iterations = dict.fromkeys(self.flexible, 0)
+        constraints = {}
+        for bound in self.constraints:
+            value = found.constraints.get(bound.label, evaluation.constraints[bound.label])
+            if isinstance(bound.objective, Volume):
+                gradient = {k: np.zeros(b.domain.n_cells) for k, b in self.flexible.items()}
+                body = bound.objective.body
+                share = self.flexible[body].volume(evaluation.bodies[body].density)[1]
+                gradient[body] = bound.slope * share
+            else:
+                assert value.integrals_gradient is not None
+                gradient = self._to_densities(
+                    evaluation, value.integrals_gradient, iterations, seconds
+                )
+            constraints[bound.label] = replace(value, gradient=gradient)
+        return replace(
+            evaluation,
+            gradient=self._to_densities(evaluation, found.integrals_gradient, iterations, seconds),
+            integrals_gradient=found.integrals_gradient,
+            constraints=constraints,
+            solver_iterations=iterations,
+            seconds=seconds,
+        )
+
+    def _to_densities(
+        self,
+        evaluation: Evaluation,
+        bars: Mapping[str, VolumeIntegrals],
+        iterations: dict[str, int],
+        seconds: dict[str, float],
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return derivatives with respect to the densities from those to the integrals."""
         gradient: dict[str, NDArray[np.float64]] = {}
         for name, body in self.flexible.items():
-            bar = bars[name] + direct[name] if name in direct else bars[name]
-            gradient[name], learnt = body.pullback(evaluation.bodies[name], bar)
-            iterations[name] = int(learnt.pop("iterations"))
+            # the same on every rank, so all skip a body that does not matter, or none
+            if bars[name].dot(bars[name]) == 0.0:
+                gradient[name] = np.zeros(body.domain.n_cells)
+                continue
+            gradient[name], learnt = body.pullback(evaluation.bodies[name], bars[name])
+            iterations[name] += int(learnt.pop("iterations"))
             _add(seconds, learnt)
-        return replace(evaluation, gradient=gradient, solver_iterations=iterations, seconds=seconds)
+        return gradient
 
     def integral_gradients(
         self, evaluation: Evaluation
@@ -176,8 +250,12 @@ class Problem:
             directly), and through the motion. The same on every rank.
         """
         integrals = self._integrals(evaluation.bodies)
-        trajectory_bar, direct = self.objective.pullback(evaluation.trajectory, integrals)
-        return direct, adjoint(evaluation.trajectory, trajectory_bar)
+        return parts_of_gradient(self.objective, evaluation.trajectory, integrals)
+
+    def _mechanical(self) -> MechanicalProblem:
+        """Return the part of the problem that sees only integrals."""
+        bounds = [b for b in self.constraints if not isinstance(b.objective, Volume)]
+        return MechanicalProblem(self.mechanism, self.integrator, self.objective, bounds)
 
     def _integrals(self, reduced: Mapping[str, ReducedBody]) -> dict[str, VolumeIntegrals]:
         """Return what the mechanism sees of all bodies, in the order in which they were given."""

@@ -10,7 +10,7 @@ from .base import Constraint, Objective, Sum
 from .compliance import IntegralCompliance, PeakCompliance
 from .joints import JointForce
 from .markers import MarkerAcceleration, PathTracking
-from .properties import Frequency, Mass
+from .properties import Frequency, Mass, Volume
 
 __all__ = [
     "Constraint",
@@ -23,4 +23,5 @@ __all__ = [
     "PathTracking",
     "PeakCompliance",
     "Sum",
+    "Volume",
 ]

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ..body import VolumeIntegrals
 from ..dynamics.trajectory import Trajectory, TrajectoryBar
@@ -16,7 +15,7 @@ __all__ = ["Constraint", "Objective", "Sum"]
 Bodies = Mapping[str, VolumeIntegrals]
 #: Derivatives with respect to the trajectory (None: it does not matter), and to the integrals of
 #: the bodies at fixed trajectory (a body that is missing does not matter).
-Bars = tuple[Any, dict[str, VolumeIntegrals]]
+Bars = tuple[TrajectoryBar | None, dict[str, VolumeIntegrals]]
 
 
 class Objective:

@@ -159,7 +159,8 @@ class MarkerAcceleration(_MarkerObjective):
         psi = int |a_P|^2 dt
 
     by the trapezoidal rule over the time steps: how hard a payload or a passenger is shaken. Its
-    square root over the duration is the root mean square of the acceleration.
+    square root over the duration is the root mean square of the acceleration. Where the mechanism
+    gives the ground an acceleration, that of the marker counts relative to the ground.
 
     Raises:
         ValueError: If the window is not an interval; when the value is asked for, if a name does

@@ -15,7 +15,7 @@ from ..body import QUARTER_TURN, VolumeIntegrals
 from ..dynamics.trajectory import Trajectory
 from .base import Bodies, Objective, no_body
 
-__all__ = ["Frequency", "Mass"]
+__all__ = ["Frequency", "Mass", "Volume"]
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,56 @@ class Mass(Objective):
         if self.body not in bodies:
             raise no_body("mass", self.body, bodies)
         return None, {self.body: replace(bodies[self.body].zeros_like(), mass=1.0)}
+
+
+@dataclass(frozen=True)
+class Volume(Objective):
+    """Filled share of a body's area, between 0 and 1; only as the objective of a constraint.
+
+    It is a number of the densities themselves: the bodies' integrals, all that objectives see, do
+    not hold it. A :class:`Problem` computes it as a constraint, without reduction or simulation.
+    :class:`Mass` is similar and may be used anywhere.
+    """
+
+    #: Name of the body.
+    body: str
+
+    @property
+    def needs_trajectory(self) -> bool:
+        """False: the motion does not matter."""
+        return False
+
+    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
+        """Refused: the integrals do not hold the volume.
+
+        Args:
+            trajectory: Not used.
+            bodies: Not used.
+
+        Raises:
+            ValueError: Always.
+        """
+        raise self._refusal()
+
+    def pullback(
+        self, trajectory: Trajectory | None, bodies: Bodies
+    ) -> tuple[None, dict[str, VolumeIntegrals]]:
+        """Refused: the integrals do not hold the volume.
+
+        Args:
+            trajectory: Not used.
+            bodies: Not used.
+
+        Raises:
+            ValueError: Always.
+        """
+        raise self._refusal()
+
+    def _refusal(self) -> ValueError:
+        return ValueError(
+            f"volume of body {self.body!r}: it is known only to the constraints of a Problem with "
+            "densities; take Mass instead"
+        )
 
 
 @dataclass(frozen=True)

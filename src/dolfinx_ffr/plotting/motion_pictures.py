@@ -19,7 +19,7 @@ from PIL import Image
 
 from ..sensitivity import Evaluation, Problem
 from .mechanism_view import VOID, MechanismView
-from .scene import DrawnBody, Scene
+from .scene import DrawnBody, Scene, motion_of
 from .style import (
     BLUE,
     DARK,
@@ -83,7 +83,7 @@ def plot_scene(
     path = writable(path, (".png", ".pdf", ".svg"))
     if color not in ("density", "energy"):
         raise ValueError(f"plot_scene: color = {color!r} must be 'density' or 'energy'")
-    trajectory = evaluation.trajectory
+    trajectory = motion_of(evaluation)
     energy = sum(trajectory.strain_energy(name) for name in problem.flexible)
     if time is None:
         step = int(np.argmax(energy))
@@ -166,7 +166,7 @@ def animate_motion(
         raise ValueError(
             f"animate_motion: frames_per_second = {frames_per_second} must be positive"
         )
-    trajectory = evaluation.trajectory
+    trajectory = motion_of(evaluation)
     steps = np.unique(np.round(np.linspace(0, trajectory.steps, int(frames))).astype(np.int64))
     scene = Scene.gather(problem, evaluation, steps, energy=True)
 
