@@ -16,6 +16,7 @@ __version__ = "0.1.0"
 _ROOMS = {
     "approximate_gradient": ["ApproximateGradient"],
     "body": ["BodyMarker", "VolumeIntegrals"],
+    "density_filter": ["DensityFilter", "HeavisideProjection"],
     "domain": ["Domain", "Interface"],
     "dynamics": [
         "GeneralizedAlpha",
