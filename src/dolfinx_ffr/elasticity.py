@@ -62,6 +62,7 @@ class Elasticity:
         # exact on affine cells; UFL's estimate would count powers of the cellwise constant density
         degree = 2 * domain.order + 2 * (_compat.coordinate_element(domain.mesh).degree - 1)
         dx = ufl.Measure("dx", domain=domain.mesh, metadata={"quadrature_degree": degree})
+        self._stiffness_factor, self._bound = stiffness_factor, bound
         self._material, self._interpolation, self._dx = material, interpolation, dx
         self._stiffness_density, self._mass_density = stiffness_density, mass_density
         self._stiffness_form = fem.form(stiffness_density(u, v) * dx)
@@ -116,11 +117,11 @@ class Elasticity:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         total = np.zeros(self.domain.n_cells)
         for a in range(w.shape[1]):
-            self._set(self._fields[0], w[:, a])
-            self._set(self._fields[1], y[:, a])
+            self.set(self._fields[0], w[:, a])
+            self.set(self._fields[1], y[:, a])
             if a < phi.shape[1]:
-                self._set(self._fields[2], phi[:, a])
-                self._set(self._fields[3], kappa[:, a])
+                self.set(self._fields[2], phi[:, a])
+                self.set(self._fields[3], kappa[:, a])
             elif a == phi.shape[1]:
                 self._fields[3].x.array[:] = 0.0
             total += fem.assemble_vector(self._gradient_form).array[: self.domain.n_cells]
@@ -144,7 +145,7 @@ class Elasticity:
         for form, number, block in ((mass_form, 0, w), (stiffness_form, 2, phi)):
             part = np.empty((*nodes.shape, 2, block.shape[1]))
             for i, column in enumerate(block.T):
-                self._set(self._fields[number], column)
+                self.set(self._fields[number], column)
                 part[..., i] = fem.assemble_vector(form).array.reshape(-1, 2)[nodes]
             result.append(part)
         return result[0], result[1]
@@ -174,7 +175,7 @@ class Elasticity:
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
         result = np.empty((*nodes.shape, 2, block.shape[1]))
         for i, column in enumerate(block.T):
-            self._set(self._fields[0], column)
+            self.set(self._fields[0], column)
             result[..., i] = self._fields[0].x.array.reshape(-1, 2)[nodes]
         return result
 
@@ -215,7 +216,7 @@ class Elasticity:
         form, density, displacement = self._energy
         density.x.array[: self.domain.n_cells] = self.domain.check_density(x)
         density.x.scatter_forward()
-        self._set(displacement, field)
+        self.set(displacement, field)
         return np.array(fem.assemble_vector(form).array[: self.domain.n_cells])
 
     @cached_property
@@ -229,7 +230,12 @@ class Elasticity:
         test = ufl.TestFunction(domain.density_space)
         return fem.form(energy * test * self._dx), density, displacement
 
-    def _set(self, function: fem.Function, column: NDArray[np.float64]) -> None:
+    def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """Return the stress resultant of a ``displacement`` at the density field, as UFL [N/m]."""
+        return self._stiffness_factor * self._bound.stress(displacement)
+
+    def set(self, function: fem.Function, column: NDArray[np.float64]) -> None:
+        """Give a ``function`` the values of one ``column`` of a block, ghosts included."""
         function.x.array[: self.n_dofs] = column
         function.x.scatter_forward()
 

@@ -133,9 +133,15 @@ def integral_derivatives(
         Derivatives for the elements that this rank has asked for.
 
     Raises:
-        ValueError: on every rank, if an element does not exist, or the solver is not known.
+        ValueError: on every rank, if an element does not exist, the solver is not known, or the
+            body has geometric stiffness.
         RuntimeError: on every rank, if a solver fails.
     """
+    if body.stiffening is not None:
+        raise ValueError(
+            "element by element: derivatives of geometric stiffness are not offered; use "
+            "Problem.gradient, which has them"
+        )
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
     chosen = _cell_numbers(body, cells)
     n, r = len(chosen), basis.shapes.shape[1]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -17,6 +17,7 @@ from .integrals import volume_integrals, volume_integrals_pullback
 from .markers import PointMarker
 from .material import SIMP, ElasticMaterial, Interpolation
 from .reduction import CraigBampton, Frame, ReducedBasis
+from .stiffening import GeometricStiffening
 
 __all__ = ["FlexibleBody", "ReducedBody"]
 
@@ -47,6 +48,8 @@ class FlexibleBody:
         points: markers besides the interfaces: name and position in the coordinates of the mesh,
             shape (2,) [m].
         tolerance: relative residual of the eigenvalue problem and of the adjoint systems.
+        stiffening: loads of the body's inertia whose geometric stiffness is modelled, some of
+            ``"omega2"``, ``"alpha"``, ``"acceleration"`` (`GeometricStiffening`); none by default.
 
     Raises:
         ValueError: on every rank, if frame, modes or points do not fit the domain.
@@ -62,6 +65,7 @@ class FlexibleBody:
         interpolation: Interpolation | None = None,
         points: Mapping[str, Sequence[float]] | None = None,
         tolerance: float = 1e-11,
+        stiffening: Sequence[str] = (),
     ) -> None:
         self.domain = domain
         self.material = material
@@ -75,6 +79,9 @@ class FlexibleBody:
         }
         self.elasticity = Elasticity(domain, material, self.interpolation)
         self.reduction = CraigBampton(self.elasticity, frame, modes, tolerance=tolerance)
+        self.stiffening = (
+            GeometricStiffening(self.elasticity, self.reduction, stiffening) if stiffening else None
+        )
 
     @property
     def modes(self) -> int:
@@ -114,6 +121,8 @@ class FlexibleBody:
         basis = self.reduction.basis()
         reduced = perf_counter()
         integrals = volume_integrals(self.elasticity, self.reduction, basis, self.points)
+        if self.stiffening is not None:
+            integrals = replace(integrals, stiffening=self.stiffening.matrices(basis))
         return ReducedBody(
             integrals,
             basis,
@@ -144,13 +153,23 @@ class FlexibleBody:
         pull = volume_integrals_pullback(
             self.elasticity, self.reduction, reduced.basis, self.points, bar
         )
+        shapes_bar, stiff = pull.shapes, None
+        if self.stiffening is not None and bar.stiffening:
+            stiff = self.stiffening.pullback(reduced.basis, bar.stiffening)
+            shapes_bar = shapes_bar + stiff.shapes
         before = perf_counter()
-        adjoint = self.reduction.pullback(reduced.basis, pull.shapes)
+        adjoint = self.reduction.pullback(reduced.basis, shapes_bar)
         solved = perf_counter()
         shapes, k = reduced.basis.shapes, reduced.basis.n_constraint
-        y = pull.y
+        w, y, kappa = pull.w, pull.y, pull.kappa + adjoint.fields
         y[:, 1 + k : -1] -= reduced.basis.eigenvalues * adjoint.fields[:, k:]
-        gradient = self.elasticity.density_gradient(pull.w, y, shapes, pull.kappa + adjoint.fields)
+        if stiff is not None:
+            w, y = np.hstack([w, stiff.loads]), np.hstack([y, stiff.adjoints])
+            shapes = np.hstack([shapes, stiff.displacements])
+            kappa = np.hstack([kappa, -stiff.adjoints])
+        gradient = self.elasticity.density_gradient(w, y, shapes, kappa)
+        if stiff is not None:
+            gradient += stiff.direct
         return gradient, {
             "iterations": adjoint.iterations,
             "reduction pullback": solved - before,

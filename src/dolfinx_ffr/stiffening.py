@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""Geometric stiffness of a body by the loads of its own inertia, and its pullback.
+
+A body under stress is stiffer, or softer, against bending: a spinning blade, a strut. Linear shape
+functions miss that. For each unit load b of the body's inertia, with body force rho F_b,
+
+    F = w_0 by omega^2,     F = -J w_0 by alpha,     F = -e_x, -e_y by the frame's acceleration,
+
+the stress of the undeformed body is that of the static displacement u_b, held by the conditions of
+the frame of reference, and the geometric stiffness is the share of the quadratic part of Green's
+strain,
+
+    K_b,ij = int sigma_x(u_b) : (grad phi_i^T grad phi_j) dX.
+
+The dynamics multiplies it with the present load. Forces that joints and point masses exert on the
+body are not among the loads.
+
+References:
+    J. Wallrapp, R. Schwertassek, Representation of geometric stiffening in multibody system
+    simulation, International Journal for Numerical Methods in Engineering 32 (1991),
+    doi:10.1002/nme.1620320818.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from .elasticity import Block, Elasticity, rotated
+from .reduction import CraigBampton, ReducedBasis
+
+__all__ = ["GeometricStiffening", "StiffeningPullback"]
+
+Array = NDArray[np.float64]
+
+#: loads, and the number of fields of each
+LOADS = {"omega2": 1, "alpha": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class StiffeningPullback:
+    """Derivative of a number psi through the geometric stiffness.
+
+    At fixed shape functions psi changes by  ``direct``  for each cell's density, and by
+    sum_b m_dx(F_b, z_b) - k_dx(u_b, z_b).
+    """
+
+    direct: Array  #: (cells of this rank,)
+    loads: Block  #: (dofs, b) the fields F_b
+    displacements: Block  #: (dofs, b) static displacements u_b
+    adjoints: Block  #: (dofs, b) the fields z_b
+    shapes: Block  #: (dofs, r) derivative with respect to the shape functions at fixed density
+
+
+class GeometricStiffening:
+    """Geometric stiffness of one body.
+
+    Args:
+        elasticity: stiffness and mass of the body.
+        reduction: frame of reference, and the factor of the stiffness.
+        loads: which of ``"omega2"``, ``"alpha"``, ``"acceleration"`` are modelled.
+
+    Raises:
+        ValueError: if a load is not known or none is given.
+    """
+
+    def __init__(
+        self, elasticity: Elasticity, reduction: CraigBampton, loads: Sequence[str] = tuple(LOADS)
+    ) -> None:
+        unknown = [load for load in loads if load not in LOADS]
+        if unknown or not loads:
+            raise ValueError(
+                f"geometric stiffening: loads {list(loads)} must be some of {list(LOADS)}"
+            )
+        self.elasticity, self.reduction = elasticity, reduction
+        self.loads = tuple(load for load in LOADS if load in loads)
+        space = elasticity.domain.space
+        self._fields = [fem.Function(space) for _ in range(3)]
+        displacement, phi, kappa = self._fields
+        u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+        degree = {"quadrature_degree": 3 * elasticity.domain.order}
+        dx = ufl.Measure("dx", domain=elasticity.domain.mesh, metadata=degree)
+
+        def energy(load: object, a: object, b: object) -> ufl.Form:
+            strain = ufl.dot(ufl.transpose(ufl.grad(a)), ufl.grad(b))
+            return ufl.inner(elasticity.stress(load), strain) * dx
+
+        self._matrix_form = fem.form(energy(displacement, u, v))
+        self._matrix: PETSc.Mat = fem.petsc.create_matrix(self._matrix_form)
+        # symmetric in phi and kappa, as sigma is
+        self._load_form = fem.form(energy(v, phi, kappa))
+        test = ufl.TestFunction(elasticity.domain.density_space)
+        self._density_form = fem.form(
+            ufl.derivative(energy(displacement, phi, kappa), elasticity.density, test)
+        )
+
+    def matrices(self, basis: ReducedBasis) -> dict[str, Array]:
+        """Return the geometric stiffness at the density that is assembled.
+
+        Args:
+            basis: shape functions, from the same density.
+
+        Returns:
+            By load, shape (r, r), or (2, r, r) for ``"acceleration"``; the same on every rank.
+        """
+        shapes = basis.shapes
+        found = []
+        for displacement in self._displacements(basis).T:
+            matrix = self._assembled(displacement)
+            part = self.elasticity.inner(shapes, self.elasticity.apply(matrix, shapes))
+            found.append(0.5 * (part + part.T))
+        result, first = {}, 0
+        for load in self.loads:
+            count = LOADS[load]
+            result[load] = found[first] if count == 1 else np.stack(found[first : first + count])
+            first += count
+        return result
+
+    def pullback(self, basis: ReducedBasis, bar: dict[str, Array]) -> StiffeningPullback:
+        """Return the transpose of the derivative of `matrices`.
+
+        Args:
+            basis: as in the forward map, at the density that is still assembled.
+            bar: derivative of psi with respect to each geometric stiffness, by load.
+        """
+        elasticity, shapes = self.elasticity, basis.shapes
+        r = shapes.shape[1]
+        bars = np.concatenate([np.reshape(bar[load], (-1, r, r)) for load in self.loads])
+        displacements = self._displacements(basis)
+        direct = np.zeros(elasticity.domain.n_cells)
+        shapes_bar = np.zeros_like(shapes)
+        forces = np.zeros_like(displacements)
+        for b, displacement in enumerate(displacements.T):
+            partner = shapes @ (0.5 * (bars[b] + bars[b].T))
+            shapes_bar += 2.0 * elasticity.apply(self._assembled(displacement), partner)
+            for phi, kappa in zip(shapes.T, partner.T, strict=True):
+                elasticity.set(self._fields[1], phi)
+                elasticity.set(self._fields[2], kappa)
+                direct += fem.assemble_vector(self._density_form).array[: len(direct)]
+                vector = fem.petsc.assemble_vector(self._load_form)
+                vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+                forces[:, b] += vector.array[: len(forces)]
+                vector.destroy()
+        return StiffeningPullback(
+            direct=direct,
+            loads=self._load_fields(),
+            displacements=displacements,
+            adjoints=self._static(basis, forces),
+            shapes=shapes_bar,
+        )
+
+    def _load_fields(self) -> Block:
+        """Return the fields F_b of the loads that are modelled."""
+        reference = self.reduction.reference[:, None]
+        unit = np.zeros((len(reference), 2))
+        unit[0::2, 0] = unit[1::2, 1] = 1.0
+        fields = {"omega2": reference, "alpha": -rotated(reference), "acceleration": -unit}
+        return np.hstack([fields[load] for load in self.loads])
+
+    def _displacements(self, basis: ReducedBasis) -> Block:
+        """Return the static displacements u_b."""
+        elasticity = self.elasticity
+        return self._static(basis, elasticity.apply(elasticity.mass, self._load_fields()))
+
+    def _static(self, basis: ReducedBasis, forces: Block) -> Block:
+        """Return the static displacements under forces, the body held by its frame alone.
+
+        Constraint modes have no strain energy together with displacements that vanish at the
+        interfaces, so both parts are found apart.
+        """
+        interior = forces.copy()
+        interior[self.reduction.held] = 0.0
+        found = self.reduction.solve(interior)
+        modes = basis.shapes[:, : basis.n_constraint]
+        if modes.shape[1]:
+            stiffness = self.elasticity.inner(
+                modes, self.elasticity.apply(self.elasticity.stiffness, modes)
+            )
+            found += modes @ np.linalg.solve(stiffness, self.elasticity.inner(modes, forces))
+        return found
+
+    def _assembled(self, displacement: Array) -> PETSc.Mat:
+        """Return the geometric stiffness matrix of one static displacement."""
+        self.elasticity.set(self._fields[0], displacement)
+        self._matrix.zeroEntries()
+        fem.petsc.assemble_matrix(self._matrix, self._matrix_form)
+        self._matrix.assemble()
+        return self._matrix
