@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from beam_bodies import beam
@@ -216,19 +216,39 @@ def loader(end_time: float = 0.2, steps: int = 120) -> Scene:
     return Scene(mechanism, bodies, GeneralizedAlpha(end_time, steps))
 
 
+def stiffened(end_time: float = 0.3, steps: int = 120) -> Scene:
+    """The robot with geometric stiffness of every kind, large enough to matter at its speed."""
+    scene, rng = robot(end_time, steps), np.random.default_rng(7)
+    # About the largest angular velocity squared, angular acceleration and acceleration.
+    loads = {"omega2": ((), 100.0), "alpha": ((), 1000.0), "acceleration": ((2,), 200.0)}
+    bodies = dict(scene.bodies)
+    for name in ("arm", "link"):
+        body = bodies[name]
+        size = np.sqrt(np.outer(np.diag(body.K), np.diag(body.K)))
+        arrays = {}
+        for load, (shape, value) in loads.items():
+            array = rng.uniform(-1.0, 1.0, (*shape, *size.shape)) * size
+            arrays[load] = 0.1 / value * (array + np.swapaxes(array, -1, -2))
+        if name == "link":
+            del arrays["alpha"]
+        bodies[name] = replace(body, stiffening=arrays)
+    return replace(scene, bodies=bodies)
+
+
 SCENES: dict[str, Callable[..., Scene]] = {
     "slider-crank": slider_crank,
     "four-bar": four_bar,
     "robot": robot,
     "loader": loader,
+    "stiffened": stiffened,
 }
 
 
-def random_direction(bodies: Bodies, seed: int, fields: str = "mSGNKWP") -> Bodies:
+def random_direction(bodies: Bodies, seed: int, fields: str = "mSGNKWPT") -> Bodies:
     """A random change of the integrals, in proportion to their size and with their symmetry.
 
     The letters choose what changes: mass m, the arrays S, G, N, K, and of the markers the
-    displacement shape functions W and the rotation shape functions P.
+    displacement shape functions W and the rotation shape functions P; T is geometric stiffness.
     """
     rng = np.random.default_rng(seed)
     out = {}
@@ -255,8 +275,13 @@ def random_direction(bodies: Bodies, seed: int, fields: str = "mSGNKWP") -> Bodi
             )
             for m, point in body.markers.items()
         }
+        stiffening = {}
+        for load, array in body.stiffening.items():
+            change = rng.uniform(-1.0, 1.0, array.shape) * ("T" in fields)
+            change *= 0.1 * np.max(np.abs(array))
+            stiffening[load] = 0.5 * (change + np.swapaxes(change, -1, -2))
         mass = body.mass * rng.uniform(-1.0, 1.0) * ("m" in fields)
-        out[name] = VolumeIntegrals(mass, **arrays, markers=markers)
+        out[name] = VolumeIntegrals(mass, **arrays, markers=markers, stiffening=stiffening)
     return out
 
 

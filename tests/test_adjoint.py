@@ -34,7 +34,7 @@ from dolfinx_ffr.verification import assert_taylor_order, central_difference, ta
 
 #: First step of the Taylor tests. In the four-bar's frames the mode shapes nearly contain rigid
 #: motions, so it bears smaller changes of its integrals than the others.
-STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3}
+STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3, "stiffened": 4e-3}
 
 
 def compliance(scene: Scene, bodies: Bodies) -> float:
@@ -93,7 +93,7 @@ def test_rotation_shape_functions() -> None:
         gradient = compliance_gradient(scene)
         direction = random_direction(scene.bodies, 3, "P")
         slope = dot(gradient, direction)
-        if name in ("robot", "loader"):
+        if name in ("robot", "loader", "stiffened"):
             steps = [STEP[name] / 2.0**k for k in range(5)]
             assert_taylor_order(
                 taylor_test(
@@ -113,6 +113,20 @@ def test_central_differences(case: tuple[str, Scene, Bodies], fields: str) -> No
     step = 0.3 * STEP[name]
     difference = central_difference(along(scene, direction), 0.0, 1.0, step)
     assert dot(gradient, direction) == pytest.approx(difference, rel=1e-6)
+
+
+def test_geometric_stiffness() -> None:
+    scene = SCENES["stiffened"]()
+    gradient = compliance_gradient(scene)
+    direction = random_direction(scene.bodies, 3, "T")
+    slope = dot(gradient, direction)
+    steps = [4e-2 / 2.0**k for k in range(5)]
+    result = taylor_test(
+        along(scene, direction), lambda step: float(step) * slope, 0.0, 1.0, steps=steps
+    )
+    assert_taylor_order(result, points=4)
+    difference = central_difference(along(scene, direction), 0.0, 1.0, 5e-3)
+    assert slope == pytest.approx(difference, rel=1e-7)
 
 
 @pytest.mark.parametrize("part", ["y", "v", "w", "multipliers"])
@@ -151,7 +165,7 @@ def test_spectral_radius(radius: float) -> None:
     assert_taylor_order(result)
 
 
-@pytest.mark.parametrize("name", ["robot", "loader"])
+@pytest.mark.parametrize("name", ["robot", "loader", "stiffened"])
 @pytest.mark.parametrize("steps", [1, 2])
 def test_first_steps_alone(name: str, steps: int) -> None:
     """With one or two steps the initial accelerations and the method's start are all there is."""

@@ -71,6 +71,7 @@ def change_basis(body: VolumeIntegrals, T: Array) -> VolumeIntegrals:
             name: BodyMarker(m.position, m.displacement @ T, m.rotation @ T)
             for name, m in body.markers.items()
         },
+        {load: T.T @ array @ T for load, array in body.stiffening.items()},
     )
 
 

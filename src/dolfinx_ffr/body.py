@@ -88,6 +88,13 @@ class VolumeIntegrals:
     K: Array
     #: Named points of the body.
     markers: dict[str, BodyMarker] = field(default_factory=dict)
+    #: Geometric stiffness by unit loads of the body's own inertia, each symmetric; none by default.
+    #: "omega2" by the centrifugal load of the angular velocity about the origin of the frame, shape
+    #: (modes, modes) [kg]; "alpha" by the load of the angular acceleration, likewise [kg];
+    #: "acceleration" by the load of the frame's acceleration less gravity along the body's axes x
+    #: and y, shape (2, modes, modes) [kg/m]. The elastic forces gain omega^2 K_w q + alpha K_al q +
+    #: a_x K_x q + a_y K_y q. The inertia of point masses adds nothing to them.
+    stiffening: dict[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
@@ -95,11 +102,21 @@ class VolumeIntegrals:
         for name in ("S", "G", "N", "K"):
             object.__setattr__(self, name, _as_array(getattr(self, name)))
         object.__setattr__(self, "markers", dict(self.markers))
+        stiffening = {load: _as_array(array) for load, array in self.stiffening.items()}
+        object.__setattr__(self, "stiffening", stiffening)
 
     @property
     def modes(self) -> int:
         """Number of elastic coordinates."""
         return int(self.K.shape[0])
+
+    @property
+    def stacked_stiffening(self) -> Array:
+        """Geometric stiffness by omega^2, alpha and acceleration, shape (4, modes, modes)."""
+        r = self.modes
+        none = {"omega2": np.zeros((r, r)), "alpha": np.zeros((r, r))}
+        parts = none | {"acceleration": np.zeros((2, r, r))} | self.stiffening
+        return np.stack([parts["omega2"], parts["alpha"], *parts["acceleration"]])
 
     @staticmethod
     def rigid(
@@ -282,6 +299,7 @@ class VolumeIntegrals:
                     f"body {name!r}: integral {key} must be {kind}, but entries differ by "
                     f"{defect.max():.1e} relative to the diagonal"
                 )
+        self._validate_stiffening(name)
         for marker, point in self.markers.items():
             where = f"body {name!r}, marker {marker!r}"
             _check_array(f"{where}: position", point.position, (2,))
@@ -300,6 +318,22 @@ class VolumeIntegrals:
                 f"body {name!r}: the stiffness K has a negative eigenvalue "
                 f"({smallest:.1e} after scaling to unit diagonal)"
             )
+
+    def _validate_stiffening(self, name: str) -> None:
+        r = self.modes
+        shapes = {"omega2": (r, r), "alpha": (r, r), "acceleration": (2, r, r)}
+        for load, array in self.stiffening.items():
+            if load not in shapes:
+                raise ValueError(
+                    f"body {name!r}: stiffening by {load!r}, but the loads are {list(shapes)}"
+                )
+            _check_array(f"body {name!r}: stiffening by {load!r}", array, shapes[load])
+            defect = np.max(np.abs(array - np.swapaxes(array, -1, -2)), initial=0.0)
+            if defect > 1e-9 * np.max(np.abs(array), initial=0.0):
+                raise ValueError(
+                    f"body {name!r}: stiffening by {load!r} must be symmetric, but entries differ "
+                    f"by {defect:.1e}"
+                )
 
     def zeros_like(self) -> VolumeIntegrals:
         """Integrals of the same shape with all entries zero, the start of a sum of derivatives."""
@@ -321,10 +355,11 @@ class VolumeIntegrals:
                 name: BodyMarker(factor * m.position, factor * m.displacement, factor * m.rotation)
                 for name, m in self.markers.items()
             },
+            {load: factor * array for load, array in self.stiffening.items()},
         )
 
     def __add__(self, other: VolumeIntegrals) -> VolumeIntegrals:
-        """Sum entry by entry."""
+        """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero."""
         self._require_same_markers(other)
         return VolumeIntegrals(
             self.mass + other.mass,
@@ -339,6 +374,10 @@ class VolumeIntegrals:
                     m.rotation + other.markers[name].rotation,
                 )
                 for name, m in self.markers.items()
+            },
+            {
+                load: np.sum([b.stiffening[load] for b in (self, other) if load in b.stiffening], 0)
+                for load in self.stiffening | other.stiffening
             },
         )
 
@@ -359,6 +398,8 @@ class VolumeIntegrals:
             n = other.markers[name]
             total += float(m.position @ n.position + np.sum(m.displacement * n.displacement))
             total += float(m.rotation @ n.rotation)
+        for load in self.stiffening.keys() & other.stiffening.keys():
+            total += float(np.sum(self.stiffening[load] * other.stiffening[load]))
         return total
 
     def with_point_mass(self, marker: str, mass: float) -> VolumeIntegrals:

@@ -125,7 +125,8 @@ def _integral_bars(
                  + 2 omega vh_a J^T x_R + xh_a a_R]
         + G_ab [xi qh_a (alpha qh_b + 2 omega vh_b) - omega^2 qh_a xh_b + xh_a (ah_b + d_M vh_b)]
         + N_ab [qh_a (xi ah_b + alpha xh_b) + 2 omega vh_a xh_b]
-        + K_jk x_j (q_k + d_K v_k).
+        + K_jk x_j (q_k + d_K v_k)
+        + [omega^2 (K_w)_jk + alpha (K_al)_jk + a_Rx (K_x)_jk + a_Ry (K_y)_jk] x_j q_k.
     """
     b, where = model.body_index(body), model.coordinates(body)
     integrals = model.bodies[body]
@@ -154,6 +155,14 @@ def _integral_bars(
     G += xh.T @ (ah + damping_m * vh)
     N = qh.T @ (xi * ah + alpha * xh) + vh.T @ (2.0 * omega * xh)
     K = x[:, 3:].T @ (y[:, 3:] + damping_k * v[:, 3:])
+    stiffening = {}
+    if integrals.stiffening:
+        loads = (("omega2", omega**2), ("alpha", alpha), ("x", a_r[:, :1]), ("y", a_r[:, 1:]))
+        products = {load: x[:, 3:].T @ (weight * y[:, 3:]) for load, weight in loads}
+        parts = {load: -0.5 * (product + product.T) for load, product in products.items()}
+        acceleration = np.stack([parts.pop("x"), parts.pop("y")])
+        stiffening = {**parts, "acceleration": acceleration}
+        stiffening = {load: stiffening[load] for load in integrals.stiffening}
     return VolumeIntegrals(
         mass=-float(np.sum(a_r * x_r)),
         S=-S,
@@ -164,6 +173,7 @@ def _integral_bars(
             name: BodyMarker(0.0 * m.position, 0.0 * m.displacement, 0.0 * m.rotation)
             for name, m in integrals.markers.items()
         },
+        stiffening=stiffening,
     )
 
 

@@ -45,6 +45,8 @@ class ModelArrays(NamedTuple):
     K: Array  # (bodies, modes, modes)
     alpha: Array  # (bodies,) mass-proportional damping [1/s]
     beta: Array  # (bodies,) stiffness-proportional damping [s]
+    stiffened: Integers  # (bodies,) whether a body has geometric stiffness
+    stiffening: Array  # (bodies or none, 4, modes, modes) by omega^2, alpha, acceleration x and y
     inverse: Array  # (bodies, modes + 3, modes + 3) D of the position corrections, see steps.py
     gravity: Array  # (instants, 2) less the acceleration of the ground [m/s^2]
     marker_body: Integers  # (markers,) body, or -1 for a marker that moves as prescribed

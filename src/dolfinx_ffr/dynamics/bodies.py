@@ -13,7 +13,10 @@ the inertia, elastic and damping forces are
     r_qj    = (A S_j) . a_R + alpha (qh N)_j + (G a)_j - omega^2 (G qh)_j + 2 omega (v N)_j
               + (K q)_j + d_M (G v)_j + d_K (K v)_j
 
-with d_M and d_K the coefficients of Rayleigh damping (R. Seifried, Dynamics of Underactuated
+    b_j     = omega^2 (K_w q)_j + alpha (K_al q)_j + f_x (K_x q)_j + f_y (K_y q)_j
+
+where b_j is added to r_qj of a body with geometric stiffness, f = A^T a_R,
+and with d_M and d_K the coefficients of Rayleigh damping (R. Seifried, Dynamics of Underactuated
 Multibody Systems, Springer 2014, doi:10.1007/978-3-319-01228-5).
 """
 
@@ -120,6 +123,43 @@ def body_equations(
                 (1.0 + cv * da) * G[j + 1, k + 1] + cv * db * K[j, k] - turn * N[j + 1, k + 1]
             )
             Ky[i, o + 3 + k] = K[j, k] - omega * omega * G[j + 1, k + 1] - eps * N[j + 1, k + 1]
+    if model.stiffened[b]:
+        add_stiffening(model, b, y, omega, eps, fx, fy, cv, work)
+
+
+@kernel
+def add_stiffening(
+    model: ModelArrays,
+    b: int,
+    y: Array,
+    omega: float,
+    eps: float,
+    fx: float,
+    fy: float,
+    cv: float,
+    work: Work,
+) -> None:
+    """Add the share of geometric stiffness; (fx, fy) is the acceleration in the body's axes."""
+    o, n, T = model.first[b], model.modes[b], model.stiffening[b]
+    c, s = work.rotation[b, 0], work.rotation[b, 1]
+    M, Ky, r = work.M, work.Ky, work.r
+    for j in range(n):
+        i = o + 3 + j
+        spun = swung = pulled = lifted = 0.0
+        for k in range(n):
+            q = y[o + 3 + k]
+            spun += T[0, j, k] * q
+            swung += T[1, j, k] * q
+            pulled += T[2, j, k] * q
+            lifted += T[3, j, k] * q
+            Ky[i, o + 3 + k] += (
+                omega * omega * T[0, j, k] + eps * T[1, j, k] + fx * T[2, j, k] + fy * T[3, j, k]
+            )
+        r[i] += omega * omega * spun + eps * swung + fx * pulled + fy * lifted
+        M[i, o] += c * pulled - s * lifted
+        M[i, o + 1] += s * pulled + c * lifted
+        M[i, o + 2] += swung + 2.0 * cv * omega * spun
+        Ky[i, o + 2] += fy * pulled - fx * lifted
 
 
 @kernel
@@ -195,3 +235,34 @@ def body_pullback(
         dv += 2.0 * omega * (spin * t[3, j + 1] + nx_) + da * gx_ + db * kx_
         y_bar[i] -= dy
         v_bar[i] -= dv
+    if model.stiffened[b]:
+        stiffening_pullback(model, b, y, omega, eps, fx, fy, x, y_bar, v_bar)
+
+
+@kernel
+def stiffening_pullback(
+    model: ModelArrays,
+    b: int,
+    y: Array,
+    omega: float,
+    eps: float,
+    fx: float,
+    fy: float,
+    x: Array,
+    y_bar: Array,
+    v_bar: Array,
+) -> None:
+    """Share of geometric stiffness in body_pullback."""
+    o, n, T = model.first[b], model.modes[b], model.stiffening[b]
+    for j in range(n):
+        spun = swung = pulled = lifted = 0.0
+        for k in range(n):
+            xk = x[o + 3 + k]
+            spun += T[0, j, k] * xk
+            swung += T[1, j, k] * xk
+            pulled += T[2, j, k] * xk
+            lifted += T[3, j, k] * xk
+        q = y[o + 3 + j]
+        y_bar[o + 3 + j] -= omega * omega * spun + eps * swung + fx * pulled + fy * lifted
+        y_bar[o + 2] -= q * (fy * pulled - fx * lifted)
+        v_bar[o + 2] -= 2.0 * omega * q * spun

@@ -65,6 +65,8 @@ def _call_on_nothing() -> None:
         K=z((0, 0, 0)),
         alpha=z(0),
         beta=z(0),
+        stiffened=none,
+        stiffening=z((0, 4, 0, 0)),
         inverse=z((0, 3, 3)),
         gravity=z((2, 2)),
         marker_body=none,

@@ -310,10 +310,17 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         "K": np.zeros((count, modes, modes)),
         "alpha": np.zeros(count),
         "beta": np.zeros(count),
+        "stiffened": np.array([bool(b.stiffening) for b in bodies.values()], dtype=np.int64),
+        "stiffening": np.zeros((0, 4, modes, modes)),
         "inverse": np.zeros((count, modes + 3, modes + 3)),
     }
+    if np.any(out["stiffened"]):
+        out["stiffening"] = np.zeros((count, 4, modes, modes))
     for b, (name, integrals) in enumerate(bodies.items()):
         r = integrals.modes
+        if integrals.stiffening:
+            stacked = integrals.stacked_stiffening
+            out["stiffening"][b, :, :r, :r] = 0.5 * (stacked + stacked.transpose(0, 2, 1))
         out["S"][b, : r + 1] = integrals.S
         # The kernels use rows as columns: remove what round-off has left of the other part.
         out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)

@@ -26,7 +26,7 @@ import numpy as np
 from .arrays import Array, ModelArrays, Work, kernel
 from .bodies import body_equations, body_pullback
 from .forces import add_forces, forces_pullback
-from .linear import lu_factor, lu_solve
+from .linear import lu_factor, lu_solve, lu_solve_transposed
 from .rows import (
     evaluate_rows,
     marker_push,
@@ -127,7 +127,7 @@ def accelerations_pullback(
         work.rhs[i] = w_bar[i]
     for i in range(rows):
         work.rhs[n + i] = lam_bar[i]
-    lu_solve(work.A, n + rows, work.pivot, work.rhs)  # the matrix is symmetric
+    lu_solve_transposed(work.A, n + rows, work.pivot, work.rhs)
     last = np.empty(rows)
     for i in range(n):
         x[i] = work.rhs[i]
