@@ -8,7 +8,7 @@ gathered and writes the file, and all return its path.
 from __future__ import annotations
 
 from .design import plot_design
-from .diagrams import plot_crank_motion, plot_history
+from .diagrams import plot_crank_motion, plot_curves, plot_history
 from .gradients import plot_gradient_elements, plot_gradient_histories, plot_kernel
 from .modes import plot_modes
 from .motion_pictures import animate_motion, plot_scene
@@ -16,6 +16,7 @@ from .motion_pictures import animate_motion, plot_scene
 __all__ = [
     "animate_motion",
     "plot_crank_motion",
+    "plot_curves",
     "plot_design",
     "plot_gradient_elements",
     "plot_gradient_histories",

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 
 from mpi4py import MPI
@@ -17,9 +18,9 @@ from ..dynamics import Trajectory
 from ..io import read_history
 from ..mechanism import Moving
 from ..motion import Motion
-from .style import BLUE, GRAY, RED, prefixed, save, styled_figure, tidy, writable, written
+from .style import ACCENTS, BLUE, GRAY, RED, prefixed, save, styled_figure, tidy, writable, written
 
-__all__ = ["plot_crank_motion", "plot_history"]
+__all__ = ["plot_crank_motion", "plot_curves", "plot_history"]
 
 Array = NDArray[np.float64]
 
@@ -200,6 +201,59 @@ def plot_crank_motion(
             turns.spines["right"].set_visible(False)
             turns.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             panels[-1].set_xlabel("time [s]")
+            if title:
+                figure.suptitle(title, fontsize=13)
+            figure.tight_layout(h_pad=1.2)
+            save(figure, file)
+
+    return written(comm, path, draw)
+
+
+def plot_curves(
+    panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]],
+    path: str | Path,
+    *,
+    xlabel: str = "",
+    logarithmic: bool = False,
+    title: str = "",
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path:
+    """Draw curves in panels under each other.
+
+    Args:
+        panels: by heading with unit, curves by name, each an abscissa and values of the same size.
+        path: file to write, .png, .pdf or .svg.
+        xlabel: what the abscissa is, with unit.
+        logarithmic: both axes logarithmic, with a mark at each point.
+        title: heading of the picture.
+        comm: ranks that call this together; rank 0 writes.
+
+    Returns:
+        The path, on every rank.
+
+    Raises:
+        ValueError: on every rank, if there is no panel, an abscissa does not fit its values, or the
+            kind of file is not known.
+    """
+    path = writable(path, _KINDS)
+    if not panels:
+        raise ValueError("plot_curves: no panels to draw")
+
+    def draw(file: Path) -> None:
+        with styled_figure(7.2, 2.5 * len(panels) + 0.8) as figure:
+            rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+            for axes, (heading, curves) in zip(rows, panels.items(), strict=True):
+                for (name, (x, y)), color in zip(curves.items(), cycle(ACCENTS), strict=False):
+                    marker = "o" if logarithmic else ""
+                    axes.plot(x, y, color=color, label=name, marker=marker, markersize=4.0)
+                if logarithmic:
+                    axes.set_xscale("log")
+                    axes.set_yscale("log")
+                axes.set_title(heading, loc="left")
+                tidy(axes)
+                if len(curves) > 1:
+                    axes.legend(loc="best")
+            rows[-1].set_xlabel(xlabel)
             if title:
                 figure.suptitle(title, fontsize=13)
             figure.tight_layout(h_pad=1.2)
