@@ -56,6 +56,20 @@ class Evaluation:
     #: same on every rank; None where only the value was asked for
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
 
+    @property
+    def motion(self) -> Trajectory:
+        """The trajectory, where there must be one.
+
+        Raises:
+            ValueError: on every rank, if nothing was simulated.
+        """
+        if self.trajectory is None:
+            raise ValueError(
+                "there is no motion: nothing was simulated, because neither the objective nor the "
+                "constraints of this problem depend on it"
+            )
+        return self.trajectory
+
 
 class Problem:
     """Minimise psi(x): an objective of a mechanism's motion as a function of its bodies' densities.

@@ -19,7 +19,7 @@ from PIL import Image
 
 from ..sensitivity import Evaluation, Problem
 from .mechanism_view import VOID, MechanismView
-from .scene import DrawnBody, Scene, motion_of
+from .scene import DrawnBody, Scene
 from .style import (
     BLUE,
     DARK,
@@ -83,7 +83,7 @@ def plot_scene(
     path = writable(path, (".png", ".pdf", ".svg"))
     if color not in ("density", "energy"):
         raise ValueError(f"plot_scene: color = {color!r} must be 'density' or 'energy'")
-    trajectory = motion_of(evaluation)
+    trajectory = evaluation.motion
     energy = sum(trajectory.strain_energy(name) for name in problem.flexible)
     if time is None:
         step = int(np.argmax(energy))
@@ -166,7 +166,7 @@ def animate_motion(
         raise ValueError(
             f"animate_motion: frames_per_second = {frames_per_second} must be positive"
         )
-    trajectory = motion_of(evaluation)
+    trajectory = evaluation.motion
     steps = np.unique(np.round(np.linspace(0, trajectory.steps, int(frames))).astype(np.int64))
     scene = Scene.gather(problem, evaluation, steps, energy=True)
 

@@ -92,23 +92,6 @@ class DrawnBody:
         return np.array([x, y]) + local @ _rotation(angle).T
 
 
-def motion_of(evaluation: Evaluation) -> Trajectory:
-    """Return the motion of an evaluation.
-
-    Args:
-        evaluation: the evaluation.
-
-    Raises:
-        ValueError: on every rank, if the problem does not depend on the motion.
-    """
-    if evaluation.trajectory is None:
-        raise ValueError(
-            "there is no motion to draw: nothing was simulated, because neither the objective nor "
-            "the constraints of this problem depend on the motion"
-        )
-    return evaluation.trajectory
-
-
 @dataclass(frozen=True, eq=False)
 class Arm:
     """A prescribed crank: a marker that moves on a circle."""
@@ -141,7 +124,7 @@ class Scene:
             steps: time steps to be drawn.
             energy: whether to compute the strain energy density of the cells.
         """
-        mechanism, trajectory = problem.mechanism, motion_of(evaluation)
+        mechanism, trajectory = problem.mechanism, evaluation.motion
         bodies = {}
         for name, integrals in trajectory.model.bodies.items():
             own = [joint for joint in mechanism.joints if name in _bodies_of(joint)]
