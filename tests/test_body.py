@@ -168,6 +168,9 @@ def assert_same(a: VolumeIntegrals, b: VolumeIntegrals) -> None:
     assert a.mass == b.mass
     for key in "SGNK":
         np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
+    assert a.stiffening.keys() == b.stiffening.keys()
+    for load, array in a.stiffening.items():
+        np.testing.assert_array_equal(array, b.stiffening[load])
     assert list(a.markers) == list(b.markers)
     for name, marker in a.markers.items():
         for key in ("position", "displacement", "rotation"):
@@ -180,8 +183,12 @@ def assert_same(a: VolumeIntegrals, b: VolumeIntegrals) -> None:
         beam(modes=3, elements=4),
         replace(beam(modes=1, elements=4), markers={}),
         VolumeIntegrals.rigid(2.0, (0.1, 0.2), 0.3, {"Zapfen ä": (1.0, 0.0)}),
+        replace(
+            beam(modes=2, elements=4),
+            stiffening={"omega2": np.eye(2), "acceleration": np.ones((2, 2, 2)) / 3.0},
+        ),
     ],
-    ids=["elastic", "no markers", "rigid"],
+    ids=["elastic", "no markers", "rigid", "stiffening"],
 )
 def test_file_keeps_every_bit(body: VolumeIntegrals, tmp_path: Path) -> None:
     body.save(tmp_path / "body.npz")
@@ -230,6 +237,7 @@ def test_invalid_body_is_not_saved(tmp_path: Path) -> None:
         ({"marker_positions": np.zeros((3, 3))}, r"marker 'left': position must have shape \(2,\)"),
         ({"markers": np.array(["a", "a", "b"])}, "have the same name"),
         ({"markers": np.zeros(3)}, "markers must hold text"),
+        ({"stiffening_alpha": np.eye(2)}, r"stiffening by 'alpha' must have shape \(3, 3\)"),
     ],
 )
 def test_file_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:

@@ -157,6 +157,7 @@ class VolumeIntegrals:
         N: ArrayLike | None = None,
         K: ArrayLike | None = None,
         markers: Mapping[str, BodyMarker | ArrayLike] | None = None,
+        stiffening: Mapping[str, ArrayLike] | None = None,
         name: str = "given body",
     ) -> VolumeIntegrals:
         """Integrals of a body given by arrays, checked.
@@ -174,6 +175,7 @@ class VolumeIntegrals:
             K: Reduced stiffness, shape (modes, modes) [N/m]; None for a rigid body.
             markers: Markers by name; for a rigid body the position alone is enough,
                 shape (2,) [m].
+            stiffening: Geometric stiffness by load, "omega2", "alpha" and "acceleration".
             name: Name of the body for messages.
 
         Raises:
@@ -216,7 +218,15 @@ class VolumeIntegrals:
                     )
                 marker = BodyMarker(_as_array(marker), np.zeros((2, 0)), np.zeros(0))
             points[key] = marker
-        body = VolumeIntegrals(mass, _as_array(S), _as_array(G), _as_array(N), stiffness, points)
+        body = VolumeIntegrals(
+            mass,
+            _as_array(S),
+            _as_array(G),
+            _as_array(N),
+            stiffness,
+            points,
+            {load: _as_array(array) for load, array in (stiffening or {}).items()},
+        )
         body.validate(name)
         return body
 

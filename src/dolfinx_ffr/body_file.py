@@ -11,6 +11,9 @@ of :class:`VolumeIntegrals`:
 | ``G``, ``N`` | (r + 1, r + 1) each | int rho w_a . w_b and int rho (J w_a) . w_b |
 | ``P`` | (r + 1, r + 1, 2, 2) | int rho w_a w_b^T, instead of G and N |
 | ``K`` | (r, r) | reduced stiffness; may be missing for a rigid body |
+| ``stiffening_omega2`` | (r, r) | geometric stiffness by omega^2; these three may be missing |
+| ``stiffening_alpha`` | (r, r) | geometric stiffness by the angular acceleration |
+| ``stiffening_acceleration`` | (2, r, r) | by the acceleration of the frame along its axes |
 | ``markers`` | (n,) | names; these four may be missing for a body without markers |
 | ``marker_positions`` | (n, 2) | undeformed positions in the body's frame |
 | ``marker_displacements`` | (n, 2, r) | shape functions of the displacement at the markers |
@@ -35,7 +38,8 @@ from .body import BodyMarker, VolumeIntegrals
 __all__ = ["load_body", "save_body"]
 
 _MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
-_KEYS = ["mass", "S", "G", "N", "P", "K", *_MARKERS]
+_STIFFENING = {f"stiffening_{load}": load for load in ("omega2", "alpha", "acceleration")}
+_KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS]
 
 
 def save_body(path: str | Path, integrals: VolumeIntegrals) -> None:
@@ -58,6 +62,7 @@ def save_body(path: str | Path, integrals: VolumeIntegrals) -> None:
         "G": integrals.G,
         "N": integrals.N,
         "K": integrals.K,
+        **{f"stiffening_{load}": array for load, array in integrals.stiffening.items()},
         "markers": np.array(list(integrals.markers), dtype=np.str_),
         "marker_positions": np.array([p.position for p in points]).reshape(n, 2),
         "marker_displacements": np.array([p.displacement for p in points]).reshape(n, 2, r),
@@ -133,6 +138,7 @@ def load_body(path: str | Path) -> VolumeIntegrals:
                 name: BodyMarker(*(arrays[key][number] for key in _MARKERS[1:]))
                 for number, name in enumerate(names)
             },
+            stiffening={load: arrays[key] for key, load in _STIFFENING.items() if key in arrays},
             name=path.stem,
         )
     except ValueError as error:
