@@ -62,7 +62,9 @@ def four_bar(comm: MPI.Comm, objective: ffr.Objective, steps: int = 150, **optio
         "crank": ffr.VolumeIntegrals.rigid(
             0.2, (0.05, 0.0), 3e-4, {"hub": (0.0, 0.0), "pin": (CRANK, 0.0)}
         ),
-        "coupler": link(comm, COUPLER, (20, 4), ffr.ChordFrame("left", "right")),
+        "coupler": link(
+            comm, COUPLER, (20, 4), ffr.ChordFrame("left", "right"), stiffening=("omega2",)
+        ),
         "rocker": link(comm, ROCKER, (15, 3), ffr.TangentFrame("right")),
     }
     return ffr.Problem(bodies, mechanism, ffr.GeneralizedAlpha(0.25, steps), objective, **options)
