@@ -96,6 +96,7 @@ _ROOMS = {
     "sensitivity": ["Evaluation", "Problem"],
     "shape_derivatives": ["ShapeDerivative", "Solver", "shape_derivatives"],
     "start": ["Assembled", "StaticEquilibrium"],
+    "stress": ["StressEnvelope", "StressModes", "von_mises", "worst_stress"],
 }
 
 __all__ = sorted(name for names in _ROOMS.values() for name in names)

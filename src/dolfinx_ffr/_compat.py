@@ -9,6 +9,7 @@ DOLFINx is installed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "cell_geometry",
+    "compiled_expression",
     "coordinate_element",
     "create_mesh",
     "dofmap_array",
@@ -102,13 +104,27 @@ def evaluate_expression(
     Returns:
         Array of shape (cells, points, components).
     """
+    return compiled_expression(expression, points, domain)(cells)
+
+
+def compiled_expression(
+    expression: ufl.core.expr.Expr, points: NDArray[np.float64], domain: mesh.Mesh
+) -> Callable[[NDArray[np.int32]], NDArray[np.float64]]:
+    """Return a function that evaluates a UFL expression as `evaluate_expression` does.
+
+    It takes the values that the expression's functions have when it is called.
+    """
     compiled = fem.Expression(expression, points)
-    try:
-        values = compiled.eval(domain, cells)
-    except TypeError:  # before 0.7 the mesh was not an argument
-        values = compiled.eval(cells)
-    components = int(np.prod(expression.ufl_shape))  # a rank may own no cells
-    return np.asarray(values).reshape(len(cells), len(points), components)
+    components = int(np.prod(expression.ufl_shape))
+
+    def evaluate(cells: NDArray[np.int32]) -> NDArray[np.float64]:
+        try:
+            values = compiled.eval(domain, cells)
+        except TypeError:  # before 0.7 the mesh was not an argument
+            values = compiled.eval(cells)
+        return np.asarray(values).reshape(len(cells), len(points), components)
+
+    return evaluate
 
 
 def entity_vertices(domain: mesh.Mesh, dim: int) -> NDArray[np.int32]:

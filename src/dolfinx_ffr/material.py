@@ -73,6 +73,11 @@ class ElasticMaterial:
         """Lame's constants of the plane problem (lambda, mu) [Pa]."""
         raise NotImplementedError("use PlaneStress or PlaneStrain")
 
+    @property
+    def out_of_plane(self) -> float:
+        """Stress perpendicular to the plane over the sum of the normal stresses in it [-]."""
+        raise NotImplementedError("use PlaneStress or PlaneStrain")
+
     def on(self, domain: mesh.Mesh) -> BoundMaterial:
         """Return this material as UFL on the mesh ``domain``."""
         lame_lambda, lame_mu = self.lame
@@ -93,6 +98,11 @@ class PlaneStress(ElasticMaterial):
         mu = self.young / (2.0 * (1.0 + self.poisson))
         return self.young * self.poisson / (1.0 - self.poisson**2), mu
 
+    @property
+    def out_of_plane(self) -> float:
+        """Stress perpendicular to the plane over the sum of the normal stresses in it [-]."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class PlaneStrain(ElasticMaterial):
@@ -103,6 +113,11 @@ class PlaneStrain(ElasticMaterial):
         """Lame's constants of the plane problem (lambda, mu) [Pa]."""
         mu = self.young / (2.0 * (1.0 + self.poisson))
         return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson)), mu
+
+    @property
+    def out_of_plane(self) -> float:
+        """Stress perpendicular to the plane over the sum of the normal stresses in it [-]."""
+        return self.poisson
 
 
 @dataclass(frozen=True)
