@@ -21,18 +21,21 @@ def beam(
     elements: int = 12,
     modes: int = 6,
     frame: str = "chord",
+    stiffening: bool = False,
 ) -> VolumeIntegrals:
     """Euler-Bernoulli beam along x, from -length/2 to length/2, with its lowest modes.
 
     Hermite elements; each cross-section has mass but no rotary inertia. Markers "left", "middle"
     and "right". The frame is the "chord" between the ends (the right end may slide along it), the
-    "tangent" at the left end, or "free": free-free modes about the centre of mass.
+    "tangent" at the left end, or "free": free-free modes about the centre of mass. Geometric
+    stiffness is that of the axial force in a beam whose right end is free.
     """
     area, inertia = height * width, width * height**3 / 12.0
     h = length / elements
     n = 3 * (elements + 1)  # per node: u, v, angle
     points, weights = np.polynomial.legendre.leggauss(5)
     M, K = np.zeros((n, n)), np.zeros((n, n))
+    spun, pulled = np.zeros((n, n)), np.zeros((n, n))
     fields, rhos = [], []
     for e in range(elements):
         dofs = np.arange(3 * e, 3 * e + 6)
@@ -47,6 +50,11 @@ def beam(
             K += weight * youngs_modulus * area * np.outer(stretch, stretch)
             K += weight * youngs_modulus * inertia * np.outer(bend, bend)
             position = np.array([-0.5 * length + (e + xi) * h, 0.0])
+            slope = np.zeros(n)
+            slope[dofs[[1, 2, 4, 5]]] = hermite_slope(xi, h)
+            turned, beyond = weight * np.outer(slope, slope), 0.5 * length - position[0]
+            spun += density * area * 0.5 * (0.25 * length**2 - position[0] ** 2) * turned
+            pulled -= density * area * beyond * turned
             fields.append((position, shape))
             rhos.append(density * area * weight)
     last = n - 3
@@ -81,6 +89,12 @@ def beam(
         N=np.einsum("p,pia,pib->ab", rho, turned, W),
         K=basis.T @ K @ basis,
         markers=markers,
+        stiffening={
+            "omega2": basis.T @ spun @ basis,
+            "acceleration": np.stack([basis.T @ pulled @ basis, np.zeros((modes, modes))]),
+        }
+        if stiffening
+        else {},
     )
 
 
@@ -92,6 +106,18 @@ def hermite(xi: float, h: float) -> Array:
             h * (xi - 2.0 * xi**2 + xi**3),
             3.0 * xi**2 - 2.0 * xi**3,
             h * (xi**3 - xi**2),
+        ]
+    )
+
+
+def hermite_slope(xi: float, h: float) -> Array:
+    """First derivatives of the Hermite polynomials along the element."""
+    return np.array(
+        [
+            (6.0 * xi**2 - 6.0 * xi) / h,
+            1.0 - 4.0 * xi + 3.0 * xi**2,
+            (6.0 * xi - 6.0 * xi**2) / h,
+            3.0 * xi**2 - 2.0 * xi,
         ]
     )
 

@@ -27,6 +27,10 @@ __all__ = ["GeneralizedAlpha", "SimulationError", "SofteningWarning", "simulate"
 Array = NDArray[np.float64]
 
 
+#: Steps whose stiffness is looked at together.
+_CHUNK = 2000
+
+
 class SimulationError(RuntimeError):
     """The time integration came to an end before its time."""
 
@@ -202,15 +206,26 @@ def _diagnosis(trajectory: Trajectory, k: int, status: int) -> str:
 
 
 def _warn_of_softening(trajectory: Trajectory) -> None:
-    """Warn once of each body whose K - omega^2 G loses definiteness."""
+    """Warn once of each body whose stiffness less omega^2 G loses definiteness."""
     model = trajectory.model
     for b, name in enumerate(model.bodies):
         n = int(model.arrays.modes[b])
         if n == 0:
             continue
         G, K = model.arrays.G[b, 1 : n + 1, 1 : n + 1], model.arrays.K[b, :n, :n]
-        lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
         speed = np.abs(trajectory.v[:, model.coordinates(name).start + 2])
+        if model.arrays.stiffened[b]:
+            k = _first_softening(trajectory, b)
+            if k >= 0:
+                warnings.warn(
+                    f"body {name!r} loses its stiffness at t = {trajectory.t[k]:.4g} s, where it "
+                    f"turns with {speed[k]:.4g} rad/s, in spite of geometric stiffening: while "
+                    "that lasts, its deformation grows without bound",
+                    SofteningWarning,
+                    stacklevel=3,
+                )
+            continue
+        lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
         fast = speed**2 > lowest
         if lowest > 0.0 and np.any(fast):
             k = int(np.argmax(fast))
@@ -221,6 +236,28 @@ def _warn_of_softening(trajectory: Trajectory) -> None:
                 SofteningWarning,
                 stacklevel=3,
             )
+
+
+def _first_softening(trajectory: Trajectory, b: int) -> int:
+    """First step at which K + B - omega^2 G is indefinite, B the geometric stiffness; or -1."""
+    arrays = trajectory.model.arrays
+    o, n = int(arrays.first[b]), int(arrays.modes[b])
+    G, T = arrays.G[b, 1 : n + 1, 1 : n + 1], arrays.stiffening[b, :, :n, :n]
+    # In the basis of the modes at rest, so that no unit hides a slip.
+    frequencies, modes = scipy.linalg.eigh(arrays.K[b, :n, :n], G)
+    parts = np.concatenate([T, -np.eye(n)[None]])
+    parts[:4] = modes.T @ T @ modes
+    fall = arrays.gravity[: trajectory.steps + 1]
+    c, s = np.cos(trajectory.y[:, o + 2]), np.sin(trajectory.y[:, o + 2])
+    ax, ay = (trajectory.w[:, o : o + 2] - fall).T
+    spin = trajectory.v[:, o + 2] ** 2
+    loads = np.stack([spin, trajectory.w[:, o + 2], c * ax + s * ay, c * ay - s * ax, spin], 1)
+    for start in range(0, len(loads), _CHUNK):
+        stiffness = np.diag(frequencies) + np.tensordot(loads[start : start + _CHUNK], parts, 1)
+        soft = np.linalg.eigvalsh(stiffness)[:, 0] < min(0.0, -1e-12 * frequencies[-1])
+        if np.any(soft):
+            return start + int(np.argmax(soft))
+    return -1
 
 
 _controller: ThreadpoolController | None = None
