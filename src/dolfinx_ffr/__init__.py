@@ -17,6 +17,8 @@ _ROOMS = {
     "approximate_gradient": ["ApproximateGradient"],
     "body": ["BodyMarker", "VolumeIntegrals"],
     "density_filter": ["DensityFilter", "HeavisideProjection"],
+    "design": ["DensityDesign", "Design", "LevelSetDesign"],
+    "design_loop": ["DesignLoop"],
     "domain": ["Domain", "Interface"],
     "dynamics": [
         "GeneralizedAlpha",
@@ -44,7 +46,7 @@ _ROOMS = {
         "GradientReport",
         "gradient_errors",
     ],
-    "io": ["CheckpointError", "read_history", "write_density", "write_summary"],
+    "io": ["CheckpointError", "read_history", "write_density", "write_fields", "write_summary"],
     "joints": [
         "Distance",
         "Gear",
@@ -55,6 +57,7 @@ _ROOMS = {
         "Translational",
         "Weld",
     ],
+    "level_set_evolution": ["LevelSetEvolution"],
     "levelset": ["LevelSet"],
     "material": [
         "RAMP",
@@ -66,6 +69,7 @@ _ROOMS = {
     ],
     "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
     "mechanism": ["Mechanism", "Placement", "PointMass", "RayleighDamping"],
+    "mma": ["MMA"],
     "motion": ["Motion"],
     "objective": [
         "Constraint",
@@ -80,7 +84,7 @@ _ROOMS = {
         "Sum",
         "Volume",
     ],
-    "optimization": ["Result", "gray_fraction", "optimize"],
+    "optimization": ["Optimizer", "Result", "gray_fraction", "optimize"],
     "parametric_body": ["ParametricBody"],
     "points": ["Ground", "Moving"],
     "rbf": [
