@@ -188,6 +188,8 @@ def _make_kernels(digest: str) -> Kernels:
                         status = CONVERGED
                 elif iteration > 1 and change <= 1e-8 * largest + 1e-10 * floor:
                     status = CONVERGED  # round-off, which a nearly singular position magnifies
+                elif iteration > 7 and change <= 1e-8 * (largest + floor):
+                    status = CONVERGED  # likewise, and no iteration makes it any better
                 if status == CONVERGED:
                     break
                 previous = change
