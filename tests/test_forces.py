@@ -217,6 +217,34 @@ def test_gravity_may_be_given_over_time() -> None:
     np.testing.assert_allclose(energy, 0.0, atol=1e-12)
 
 
+def test_applied_forces_by_name() -> None:
+    forces = [
+        SpringDamper(("block", "rim"), Ground((1.0, 1.0)), 50.0, 2.0, 0.5, name="spring"),
+        Force(("block", "rim"), 2.0, lambda t: 3.0 * t, follower=True, name="jet"),
+        TorsionalSpringDamper(("block", "rim"), Ground(), 5.0, 0.3, 0.1),
+        Torque(("block", "rim"), 7.0, name="motor"),
+    ]
+    t = motion_of_block(forces, 50, Placement((0.1, 0.2), 0.4, (0.3, -0.2), 2.0))
+    angle, spin = t.rigid("block")[:, 2], t.v[:, 2]
+    c, s, push = np.cos(angle), np.sin(angle), 3.0 * t.t
+    arm = np.stack([0.3 * c - 0.1 * s, 0.3 * s + 0.1 * c], axis=1)
+    away = t.rigid("block")[:, :2] + arm - 1.0
+    rate = t.v[:, :2] + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    length = np.linalg.norm(away, axis=1)
+    along = away / length[:, None]
+    tension = 50.0 * (length - 0.5) + 2.0 * np.sum(along * rate, axis=1)
+    spring = t.applied_force("spring")
+    np.testing.assert_allclose(spring[:, :2], -tension[:, None] * along, atol=1e-12)
+    np.testing.assert_array_equal(spring[:, 2], 0.0)
+    jet = np.stack([2.0 * c - push * s, 2.0 * s + push * c, 0.0 * c], axis=1)
+    np.testing.assert_allclose(t.applied_force("jet"), jet, atol=1e-13)
+    moment = t.applied_force("TorsionalSpringDamper(block.rim, ground)")[:, 2]
+    np.testing.assert_allclose(moment, -5.0 * (angle - 0.1) - 0.3 * spin, atol=1e-13)
+    np.testing.assert_array_equal(t.applied_force("motor"), np.tile([0.0, 0.0, 7.0], (51, 1)))
+    with pytest.raises(ValueError, match=r"no force 'rope'; the forces are \['spring', 'jet'"):
+        t.applied_force("rope")
+
+
 # --- Balances on flexible bodies -----------------------------------------------------------------
 
 

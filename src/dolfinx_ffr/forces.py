@@ -65,7 +65,7 @@ class Force(AppliedForce):
     y: Signal = 0.0
     #: Whether x and y are the marker's own axes, which turn with it, and not the global ones.
     follower: bool = False
-    #: Name for messages.
+    #: Name for results and messages.
     name: str = ""
 
     @property
@@ -82,7 +82,7 @@ class Torque(AppliedForce):
     marker: BodyPoint
     #: Moment [N m]: a number, a function of time, or a Motion whose value it is.
     moment: Signal = 0.0
-    #: Name for messages.
+    #: Name for results and messages.
     name: str = ""
 
     @property
@@ -112,7 +112,7 @@ class SpringDamper(AppliedForce):
     #: Length without force [m], also over time, as of an actuator; None takes the distance in the
     #: placements.
     length: Signal | None = None
-    #: Name for messages.
+    #: Name for results and messages.
     name: str = ""
 
     @property
@@ -155,7 +155,7 @@ class TorsionalSpringDamper(AppliedForce):
     damping: float = 0.0
     #: Relative angle without moment [rad], also over time; None takes that of the placements.
     angle: Signal | None = None
-    #: Name for messages.
+    #: Name for results and messages.
     name: str = ""
 
     @property

@@ -87,6 +87,7 @@ def _call_on_nothing() -> None:
     state, table, method = z(0), [z((1, 0)) for _ in range(6)], (0.0, 0.0, 0.5, 0.25)
     kernels.evaluate(model, 0, state, state, state, state)
     kernels.place(model, 0, state)
+    kernels.loads(model, table[0], table[0], z((1, 0, 3)))
     kernels.start(model, state, state, state, state, 1, 1.0, z((4, 0)))
     kernels.march(model, 1.0, method, *table, none)
     states, bars, multipliers = z((4, 1, 0)), z((3, 1, 0)), z((2, 1, 0))

@@ -13,7 +13,7 @@ from numba import njit
 
 from .arrays import Array, Integers, ModelArrays, make_work
 from .bodies import body_pullback
-from .forces import forces_pullback
+from .forces import force_law, forces_pullback
 from .linear import lu_factor, lu_solve, lu_solve_transposed
 from .rows import evaluate_rows, place_markers, rows_pullback
 from .steps import (
@@ -42,6 +42,8 @@ class Kernels(NamedTuple):
     evaluate: Callable[..., Any]
     #: (model, k, y) -> positions and angles of all markers.
     place: Callable[..., Any]
+    #: (model, y, v, out) with the forces on the first markers over time in out.
+    loads: Callable[..., Any]
     #: Accelerations at the start.
     start: Callable[..., Any]
     #: All time steps.
@@ -82,6 +84,18 @@ def _make_kernels(digest: str) -> Kernels:
         work = make_work(model)
         place_markers(model, k, y, y, work)
         return work.z
+
+    @_entry
+    def loads(model: ModelArrays, y: Array, v: Array, out: Array) -> None:
+        """Fill out (instants, forces, 3) with the forces and moments on their first markers."""
+        _ = digest
+        work = make_work(model)
+        for k in range(y.shape[0]):
+            place_markers(model, k, y[k], v[k], work)
+            for i in range(model.force_kind.size):
+                force_law(model, i, k, work)
+                for p in range(3):
+                    out[k, i, p] = work.load[p]
 
     @_entry
     def start(
@@ -380,7 +394,7 @@ def _make_kernels(digest: str) -> Kernels:
             model, y, v, rest, zdd, lam, x, m2, m3, none, -1.0, work, y_bar, unused, markers
         )
 
-    return Kernels(evaluate, place, start, march, backward, transpose)
+    return Kernels(evaluate, place, loads, start, march, backward, transpose)
 
 
 def _digest_of_sources() -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .loops import kernels
 from .model import FlatModel
 
 __all__ = ["Trajectory", "TrajectoryBar"]
@@ -118,6 +119,25 @@ class Trajectory:
         if name not in self.model.joints:
             raise ValueError(f"no joint {name!r}; the joints are {list(self.model.joints)}")
         return -self.multipliers[:, self.model.joints[name]]
+
+    def applied_force(self, name: str) -> Array:
+        """Force of a force, spring or damper over time, shape (steps + 1, 3) [N, N, N m].
+
+        Args:
+            name: Name of the force.
+
+        Returns:
+            (F_x, F_y, M) on its first marker in global axes; on the second acts the opposite.
+
+        Raises:
+            ValueError: If there is no such force; the message lists the forces.
+        """
+        names = self.model.mechanism.force_names
+        if name not in names:
+            raise ValueError(f"no force {name!r}; the forces are {names}")
+        forces = np.zeros((self.steps + 1, len(names), 3))
+        kernels.loads(self.model.arrays, self.y, self.v, forces)
+        return forces[:, names.index(name)]
 
     def kinetic_energy(self, body: str) -> Array:
         """Kinetic energy of a body and its point masses over time, shape (steps + 1,) [J].
