@@ -10,7 +10,7 @@ The inertia of the displacement itself, which the floating frame of reference ca
 ((K - omega^2 M) u = load), makes this tan(a L) / a - L with a^2 = rho omega^2 / E.
 
 References:
-    Code_Aster, Manuel de validation, V3.04.104 (SSLV104) and V3.04.105 (SSLV105).
+    Code_Aster, validation manual, tests SSLV104 and SSLV105 (code-aster.org).
 """
 
 from __future__ import annotations

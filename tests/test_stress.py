@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import pyvista
 import scipy.sparse
 import scipy.sparse.linalg
+from PIL import Image
 
 from dolfinx_ffr import (
     Assembled,
@@ -30,9 +33,12 @@ from dolfinx_ffr import (
     StressModes,
     TangentFrame,
     Weld,
+    _compat,
     von_mises,
     worst_stress,
+    write_fields,
 )
+from dolfinx_ffr.plotting import plot_stress
 from dolfinx_ffr.verification import convergence_order
 
 pytestmark = pytest.mark.mpi
@@ -267,3 +273,93 @@ def test_the_same_stress_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
         fields.append((body.domain.everywhere(worst.stress), worst.largest, worst.largest_time))
     np.testing.assert_allclose(fields[0][0], fields[1][0], rtol=1e-6)
     assert fields[0][1:] == pytest.approx(fields[1][1:], rel=1e-7)
+
+
+# ---------------------------------------------------------------------- pictures and files
+
+
+def test_picture_shows_the_stress_and_the_worst_place(
+    comm: MPI.Intracomm, shared_tmp_path: Path
+) -> None:
+    """A linear stress runs through the colours; void is left white; the largest is circled."""
+    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(40, 8))
+    x, y = domain.centroids.T
+    solid = (np.abs(y) > 0.05) | (np.abs(x - 0.5) > 0.3)
+    stress = np.where(solid, 1e6 * x, 0.0)
+    path = plot_stress(domain, stress, shared_tmp_path / "new" / "stress.png", solid=solid)
+    everything = plot_stress(domain, stress, shared_tmp_path / "all.png")
+    if comm.rank == 0:
+        with Image.open(path) as picture, Image.open(everything) as filled:
+            pixels, whole = (np.asarray(p.convert("RGB"), float) for p in (picture, filled))
+        # the body's place: the darkest outline pixels below the heading
+        rows = slice(round(0.85 * 150), None)
+        gray = np.abs(pixels[rows] - 255.0).sum(axis=2) > 20.0
+        columns = np.flatnonzero(gray.mean(axis=0) > 0.3)
+        middle = (columns[0] + columns[-1]) // 2
+        white = np.mean(np.all(pixels[rows, middle] > 250.0, axis=1))
+        inside = np.mean(np.all(whole[rows, middle] > 250.0, axis=1))
+        assert white > inside + 0.3  # the hole
+        left, right = pixels[rows, columns[0] + 40], pixels[rows, columns[-1] - 40]
+        blue, red = [p[np.ptp(p, axis=1) > 40.0].mean(axis=0) for p in (left, right)]
+        assert blue[2] > blue[0] + 40.0 and red[0] > red[2] + 40.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"stress": [1.0]}, "stress must have one finite value"),
+        ({"solid": [True]}, "solid must have one finite value"),
+        ({"solid": 0.0}, "no cell is solid"),
+        ({"path": "stress.gif"}, "'.gif' is not known"),
+    ],
+)
+def test_picture_of_nothing(
+    comm: MPI.Intracomm, shared_tmp_path: Path, arguments: dict[str, object], message: str
+) -> None:
+    """What cannot be drawn is refused on every rank."""
+    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2))
+    given: dict[str, object] = {"stress": np.ones(domain.n_cells), "path": "stress.png"}
+    given.update(arguments)
+    if given.get("solid") == 0.0:
+        given["solid"] = np.zeros(domain.n_cells, dtype=bool)
+    path = shared_tmp_path / str(given.pop("path"))
+    with pytest.raises(ValueError, match=message):
+        plot_stress(domain, given.pop("stress"), path, **given)
+
+
+@pytest.mark.parametrize("geometry", [1, 2])
+def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, geometry: int) -> None:
+    """VTK reads names, cells and values, from meshes of both orders."""
+    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2), cell="triangle")
+    if geometry == 2:
+        domain = curved(domain)
+    x, y = domain.centroids.T
+    path = shared_tmp_path / "out" / "fields.xdmf"
+    write_fields(domain, {"von_mises": 1e6 * x, "time": y}, path)
+    with pytest.raises(ValueError, match="'a' must have one value"):
+        write_fields(domain, {"a": np.ones(domain.n_cells + 1)}, path)
+    if comm.rank == 0:
+        blocks = [block for block in pyvista.get_reader(path).read() if block is not None]
+        read = {name: b.cell_data[name] for b in blocks for name in b.cell_data}
+        assert sorted(read) == ["time", "von_mises"]
+        for block in blocks:
+            assert block.n_cells == domain.n_cells_global
+            for name in block.cell_data:
+                centers = block.cell_centers().points
+                exact = 1e6 * centers[:, 0] if name == "von_mises" else centers[:, 1]
+                np.testing.assert_allclose(block.cell_data[name], exact, rtol=1e-5, atol=1e-6)
+
+
+def curved(domain: Domain) -> Domain:
+    """The same triangles with middle nodes on their straight edges."""
+    nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
+    corners = domain.mesh.geometry.x[nodes][:, :, :2]
+    x = np.vstack(domain.comm.allgather(corners))
+    middle = 0.5 * (x[:, [1, 0, 0]] + x[:, [2, 2, 1]])
+    every = np.concatenate([x, middle], axis=1)
+    points, number = np.unique(np.round(every.reshape(-1, 2), 9), axis=0, return_inverse=True)
+    cells = number.reshape(len(every), 6)
+    if domain.comm.rank > 0:
+        cells, points = cells[:0], points[:0]
+    mesh = _compat.create_mesh(domain.comm, cells, points, "triangle", 2)
+    return Domain(mesh, {"left": lambda x: x[0] < 1e-9})

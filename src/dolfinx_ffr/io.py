@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files: histories, summaries, checkpoints, and densities for ParaView.
+"""Files: histories, summaries, checkpoints, and fields for ParaView.
 
 Files that a later run reads are written beside their place and then moved there in one stroke, so
 that a run that is killed leaves the old file or the new one, never half of one. On several ranks
@@ -22,7 +22,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 from dolfinx.io import XDMFFile
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .domain import Domain
 
@@ -33,6 +33,7 @@ __all__ = [
     "read_history",
     "save_checkpoint",
     "write_density",
+    "write_fields",
     "write_summary",
 ]
 
@@ -207,10 +208,35 @@ def write_density(domain: Domain, x: NDArray[np.float64], path: str | Path) -> N
     Raises:
         OSError: on every rank, if the folder cannot be made.
     """
-    function = fem.Function(domain.density_space, name="density")
-    function.x.array[: domain.n_cells] = domain.check_density(x)
-    function.x.scatter_forward()
+    write_fields(domain, {"density": domain.check_density(x)}, path)
+
+
+def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Path) -> None:
+    """Write a mesh and values on its cells as XDMF, which ParaView opens.
+
+    Args:
+        domain: the body.
+        fields: by name, values of this rank's cells, shape (cells,).
+        path: file that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
+
+    Raises:
+        ValueError: on every rank, if a field does not have one value a cell.
+        OSError: on every rank, if the folder cannot be made.
+    """
+    functions = []
+    for name, values in fields.items():
+        given = np.asarray(values, dtype=np.float64)
+        if not all(domain.comm.allgather(given.shape == (domain.n_cells,))):
+            raise ValueError(
+                f"write_fields: {name!r} must have one value for each cell owned by the rank; on "
+                f"rank {domain.comm.rank} it has the shape {given.shape} for {domain.n_cells} cells"
+            )
+        function = fem.Function(domain.density_space, name=name)
+        function.x.array[: domain.n_cells] = given
+        function.x.scatter_forward()
+        functions.append(function)
     on_rank_0(domain.comm, lambda: Path(path).parent.mkdir(parents=True, exist_ok=True))
     with XDMFFile(domain.comm, str(path), "w") as file:
         file.write_mesh(domain.mesh)
-        file.write_function(function)
+        for function in functions:
+            file.write_function(function)

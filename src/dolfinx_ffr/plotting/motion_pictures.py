@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize, PowerNorm
+from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -23,6 +23,7 @@ from .scene import DrawnBody, Scene
 from .style import (
     BLUE,
     DARK,
+    GLOW,
     GRAY,
     RED,
     nice_number,
@@ -38,10 +39,6 @@ __all__ = ["animate_motion", "plot_scene"]
 
 Array = NDArray[np.float64]
 
-#: from cool steel to glowing: legible on white, its lightness falls and its warmth grows
-_GLOW = LinearSegmentedColormap.from_list(
-    "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
-)
 #: shown deflection relative to the body, at the instant of the largest one
 _SHOWN_DEFLECTION = 0.1
 
@@ -109,7 +106,7 @@ def plot_scene(
             if color == "energy":
                 norm, top = _energy_norm(scene)
                 _add_color_bar(figure, norm, top)
-                view = MechanismView(axes, scene, scale, _energy, _GLOW, norm, labels=True)
+                view = MechanismView(axes, scene, scale, _energy, GLOW, norm, labels=True)
             else:
                 view = MechanismView(
                     axes, scene, scale, _density, "gray_r", Normalize(-0.15, 1.15), labels=True
@@ -194,7 +191,7 @@ def _film(
     with styled_figure(width, height, dpi=100.0) as figure:
         axes = figure.add_axes((0.1 / width, foot / height, 8.8 / width, tall / height))
         norm, top = _energy_norm(scene)
-        view = MechanismView(axes, scene, scale, _energy, _GLOW, norm)
+        view = MechanismView(axes, scene, scale, _energy, GLOW, norm)
         stamp = _write(figure, _heading(title, scale), "")
         _add_color_bar(figure, norm, top)
         below = figure.add_axes((0.6 / width, 0.5 / height, 8.15 / width, 0.75 / height))
@@ -284,7 +281,7 @@ def _add_color_bar(figure: Figure, norm: Normalize, top: float) -> None:
     bar = figure.add_axes((1.0 - 3.2 / width, 1.0 - 0.46 / height, 2.9 / width, 0.13 / height))
     relative = PowerNorm(0.5, 0.0, 1.0)
     figure.colorbar(
-        ScalarMappable(relative, _GLOW),
+        ScalarMappable(relative, GLOW),
         cax=bar,
         orientation="horizontal",
         ticks=[0.0, 0.05, 0.2, 0.5, 1.0],
@@ -304,7 +301,7 @@ def _write_gif(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> No
     """Write an animated GIF with one palette, so that what stands still does not flicker."""
     chosen = Image.fromarray(np.vstack(pictures[:: max(1, len(pictures) // 8)]))
     common = chosen.quantize(96, method=Image.Quantize.MEDIANCUT).getpalette() or []
-    glow = np.round(255.0 * _GLOW(np.linspace(0.0, 1.0, 120))[:, :3]).astype(int)
+    glow = np.round(255.0 * GLOW(np.linspace(0.0, 1.0, 120))[:, :3]).astype(int)
     grays = np.repeat(np.round(np.linspace(0, 255, 40)).astype(int), 3)
     nearly_white = np.min(np.reshape(common, (-1, 3)), axis=1) > 240
     common = np.where(nearly_white[:, None], 255, np.reshape(common, (-1, 3)))[:96]

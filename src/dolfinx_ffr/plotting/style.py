@@ -14,6 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from ..io import on_rank_0
@@ -22,6 +23,7 @@ __all__ = [
     "ACCENTS",
     "BLUE",
     "DARK",
+    "GLOW",
     "GRAY",
     "LIGHT",
     "RED",
@@ -38,6 +40,10 @@ DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
 BLUE, RED, GREEN, ORANGE = "#0b62a4", "#c8352b", "#2b8a4b", "#d9822b"
 #: told apart by readers with any colour vision, in this order (interfaces, bodies)
 ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
+#: from cool steel to glowing: legible on white, its lightness falls and its warmth grows
+GLOW = LinearSegmentedColormap.from_list(
+    "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
+)
 
 _STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
