@@ -146,6 +146,8 @@ def main(arguments: list[str] | None = None) -> None:
         except ffr.SimulationError:  # on a mesh of another shape a strip may hold nothing
             compliance[name] = float("inf")
     solid = compliance["solid"]
+    full = problem.value(simple_designs(domain)["solid"])
+    say(f"full rod: {ffr.model_report(problem, full)}")
 
     # %% The design: holes in three rows, which merge, move and vanish
     levelset = ffr.LevelSet(domain)

@@ -70,6 +70,14 @@ _ROOMS = {
     "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
     "mechanism": ["Mechanism", "Placement", "PointMass", "RayleighDamping"],
     "mma": ["MMA"],
+    "model_report": [
+        "BodyReport",
+        "ModeSelection",
+        "ModelReport",
+        "model_report",
+        "modes_below",
+        "select_modes",
+    ],
     "motion": ["Motion"],
     "objective": [
         "Constraint",

@@ -345,6 +345,31 @@ class VolumeIntegrals:
                     f"by {defect:.1e}"
                 )
 
+    def leading(self, modes: int) -> VolumeIntegrals:
+        """Integrals of the same body with its first shape functions alone.
+
+        Args:
+            modes: Number of shape functions that are kept.
+
+        Raises:
+            ValueError: If the body has fewer.
+        """
+        if not 0 <= modes <= self.modes:
+            raise ValueError(f"the body has {self.modes} shape functions, and not {modes}")
+        n = modes + 1
+        return VolumeIntegrals(
+            self.mass,
+            self.S[:n],
+            self.G[:n, :n],
+            self.N[:n, :n],
+            self.K[:modes, :modes],
+            {
+                name: BodyMarker(m.position, m.displacement[:, :modes], m.rotation[:modes])
+                for name, m in self.markers.items()
+            },
+            {load: array[..., :modes, :modes] for load, array in self.stiffening.items()},
+        )
+
     def zeros_like(self) -> VolumeIntegrals:
         """Integrals of the same shape with all entries zero, the start of a sum of derivatives."""
         return self.scaled(0.0)

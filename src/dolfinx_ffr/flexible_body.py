@@ -83,6 +83,23 @@ class FlexibleBody:
             GeometricStiffening(self.elasticity, self.reduction, stiffening) if stiffening else None
         )
 
+    def with_modes(self, modes: int) -> FlexibleBody:
+        """Return the same body with another number of normal modes.
+
+        Args:
+            modes: number of fixed-interface normal modes.
+        """
+        return FlexibleBody(
+            self.domain,
+            self.material,
+            frame=self.reduction.frame,
+            modes=modes,
+            interpolation=self.interpolation,
+            points={name: point.position.tolist() for name, point in self.points.items()},
+            tolerance=self.reduction.tolerance,
+            stiffening=() if self.stiffening is None else self.stiffening.loads,
+        )
+
     @property
     def modes(self) -> int:
         """Number of elastic coordinates: constraint modes and normal modes."""

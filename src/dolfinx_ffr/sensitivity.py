@@ -124,6 +124,36 @@ class Problem:
                 )
         self._compile()
 
+    def with_modes(self, modes: Mapping[str, int]) -> Problem:
+        """Return the same problem with other numbers of normal modes.
+
+        Args:
+            modes: number of normal modes by name of the body; other bodies stay as they are.
+
+        Raises:
+            ValueError: if a name is not that of a flexible body, or a number is out of range.
+        """
+        unknown = sorted(set(modes) - set(self.flexible))
+        if unknown:
+            raise ValueError(
+                f"problem: no flexible body {unknown[0]!r}; there are {sorted(self.flexible)}"
+            )
+        bodies = {
+            name: body.with_modes(modes[name])
+            if isinstance(body, FlexibleBody) and name in modes
+            else body
+            for name, body in self.bodies.items()
+        }
+        return Problem(bodies, self.mechanism, self.integrator, self.objective, self.constraints)
+
+    def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
+        """Return what the mechanism sees of all bodies, in the order in which they were given.
+
+        Args:
+            evaluation: what `value` returned.
+        """
+        return self._integrals(evaluation.bodies)
+
     def _compile(self) -> None:
         """Compile the time integration on one rank, for the others to find in the cache."""
         comm = next(iter(self.flexible.values())).domain.comm

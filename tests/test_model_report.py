@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: MIT
+"""What a scene models, and how many modes it needs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_ffr as ffr
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+from slider_crank import reference_problem
+
+
+@pytest.mark.mpi
+def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
+    """Counts are right, and estimated errors are near those against a finer model."""
+    problem = reference_problem(comm, (60, 6), modes=6, steps=800)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    evaluation = problem.value(x)
+    report = ffr.model_report(problem, evaluation)
+    rod = report.bodies["rod"]
+    assert (rod.kind, rod.constraint_modes, rod.normal_modes) == ("flexible", 3, 6)
+    assert (report.coordinates, report.rows) == (12, 3)
+    assert rod.elements == 360
+    assert 0.0 < rod.softening < 0.01
+    assert rod.highest_frequency < rod.next_frequency
+    assert report.left_out == ["gravity", "damping", "forces", "geometric stiffening"]
+    fine = reference_problem(comm, (60, 6), modes=6, steps=8000).value(x).psi
+    assert report.step_error == pytest.approx(abs(evaluation.psi / fine - 1.0), rel=0.3)
+    many = reference_problem(comm, (60, 6), modes=16, steps=800).value(x).psi
+    missing = abs(evaluation.psi / many - 1.0)
+    assert missing / 3.0 < report.modes_error < 30.0 * missing
+    text = str(report)
+    assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
+
+
+@pytest.mark.mpi
+def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
+    """The chosen number keeps the accuracy; one chosen for less accuracy is smaller."""
+    problem = reference_problem(comm, (60, 6), modes=14, steps=400)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    psi = problem.value(x).psi
+    rough, fine = (ffr.select_modes(problem, tolerance=t) for t in (1e-2, 1e-4))
+    assert 0 < rough.modes["rod"] < fine.modes["rod"] < 13
+    for selection, tolerance in ((rough, 1e-2), (fine, 1e-4)):
+        smaller = problem.with_modes(selection.modes)
+        assert smaller.flexible["rod"].reduction.modes == selection.modes["rod"]
+        error = abs(smaller.value(x).psi / psi - 1.0)
+        assert error <= tolerance
+        assert error == pytest.approx(selection.error, rel=1e-3)
+        # one mode less would not do
+        assert selection.errors["rod"][selection.modes["rod"] - 1] > tolerance
+    with pytest.raises(ValueError, match="give the problem more modes"):
+        ffr.select_modes(problem.with_modes({"rod": 3}), tolerance=1e-6)
+    with pytest.raises(ValueError, match="no flexible body 'crank'"):
+        problem.with_modes({"crank": 3})
+
+
+@pytest.mark.mpi
+def test_modes_below_a_frequency(comm: MPI.Intracomm) -> None:
+    problem = reference_problem(comm, (40, 4), modes=6, steps=100)
+    body = problem.flexible["rod"]
+    frequencies = body.reduce(np.ones(body.domain.n_cells)).basis.frequencies
+    assert ffr.modes_below(body, 1.001 * frequencies[3]) == 4
+    assert ffr.modes_below(body, 0.999 * frequencies[0]) == 0
+    with pytest.raises(ValueError, match="give the body more modes"):
+        ffr.modes_below(body, 1e9)
