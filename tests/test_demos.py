@@ -130,6 +130,27 @@ def test_approximate_gradient_serial_and_parallel(tmp_path: Path) -> None:
     assert element == pytest.approx(one["exact adjoint"]["compliance_relative"], rel=1e-6)
 
 
+def test_density_design_serial_and_parallel(tmp_path: Path) -> None:
+    """Densities and level sets, and the same designs with two ranks as with one."""
+    program = TOP / "demos" / "density_design.py"
+    small = ["--elements", "40", "8", "--iterations", "5", "--output", "out"]
+    numbers = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        folder.mkdir()
+        run(*small, ranks=ranks, cwd=folder, program=program)
+        numbers.append(json.loads((folder / "out" / "summary.json").read_text()))
+        for name in ("designs", "histories"):
+            assert (folder / "out" / f"{name}.png").stat().st_size > 5000, name
+        history = folder / "out" / "densities_moving_asymptotes" / "history.csv"
+        assert len(read_history(history)["psi"]) == 6
+    one, two = numbers
+    assert len(one) == 3
+    for name, found in one.items():
+        expected = two[name]["compliance_relative"]
+        assert found["compliance_relative"] == pytest.approx(expected, rel=1e-6), name
+
+
 def test_readme_shows_the_short_program() -> None:
     """README's program is the one that is run here."""
     blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)

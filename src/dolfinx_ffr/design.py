@@ -97,7 +97,7 @@ class DensityDesign:
         domain: Domain,
         *,
         radius: float | None = None,
-        betas: Sequence[float] = (2.0, 6.0, 16.0),
+        betas: Sequence[float] = (2.0, 6.0, 16.0, 32.0),
         eta: float = 0.5,
     ) -> None:
         if len(betas) == 0:
