@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Bodies that strain the elements: slender, distorted, incompressible, very stiff or soft."""
+
+from __future__ import annotations
+
+import math
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import mesh
+
+import dolfinx_ffr as ffr
+
+BETA = 1.87510406871196  # clamped-free beam
+
+
+def first_frequency(body: ffr.FlexibleBody) -> float:
+    """Return the first fixed-interface frequency of the full body [Hz]."""
+    return float(body.reduce(np.ones(body.domain.n_cells)).basis.frequencies[0])
+
+
+def cantilever(
+    comm: MPI.Intracomm,
+    length: float,
+    height: float,
+    elements: tuple[int, int],
+    material: ffr.material.ElasticMaterial,
+    **options: object,
+) -> ffr.FlexibleBody:
+    """A bar held at its left end alone."""
+    corners = [np.array([0.0, -height / 2]), np.array([length, height / 2])]
+    kind = mesh.CellType.quadrilateral
+    grid = mesh.create_rectangle(comm, corners, list(elements), kind)
+    domain = ffr.Domain(grid, {"root": lambda x: x[0] < 1e-9 * length}, order=2)
+    return ffr.FlexibleBody(
+        domain,
+        material,
+        frame=ffr.TangentFrame("root"),
+        modes=2,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def beam_frequency(length: float, height: float, material: ffr.material.ElasticMaterial) -> float:
+    """Return the first frequency of a clamped-free Euler-Bernoulli beam [Hz]."""
+    young = material.young
+    if isinstance(material, ffr.PlaneStrain):
+        young /= 1.0 - material.poisson**2
+    stiffness = young * height**2 / 12.0
+    return (BETA / length) ** 2 * math.sqrt(stiffness / material.density) / (2.0 * math.pi)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("aspect", [100.0, 1000.0])
+def test_slender_rods(comm: MPI.Intracomm, aspect: float) -> None:
+    """Elements as long as 25 times their height do not lock."""
+    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+    body = cantilever(comm, 1.0, 1.0 / aspect, (40, 1), material)
+    expected = beam_frequency(1.0, 1.0 / aspect, material)
+    # the clamped end's hindered contraction adds about a height times nu to the stiffness
+    assert first_frequency(body) == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("poisson", [0.49, 0.4999, 0.499999])
+def test_nearly_incompressible_plane_strain(comm: MPI.Intracomm, poisson: float) -> None:
+    """Biquadratic elements bend as they should, however little the volume may change."""
+    material = ffr.PlaneStrain(1e6, poisson, 1000.0, 1.0)
+    body = cantilever(comm, 1.0, 0.05, (80, 4), material)
+    assert first_frequency(body) == pytest.approx(beam_frequency(1.0, 0.05, material), rel=2e-2)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_very_soft_and_very_stiff(comm: MPI.Intracomm, factor: float) -> None:
+    """Frequencies scale with the root of Young's modulus, to round-off of the solver."""
+    plain, scaled = (
+        cantilever(comm, 1.0, 0.05, (20, 2), ffr.PlaneStress(f * 1e9, 0.3, 1000.0, 0.01))
+        for f in (1.0, factor)
+    )
+    ratio = first_frequency(scaled) / first_frequency(plain)
+    assert ratio == pytest.approx(math.sqrt(factor), rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_badly_shaped_triangles(comm: MPI.Intracomm) -> None:
+    """Needles with angles of half a degree: frequencies from above, and within a few percent."""
+    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+    nx, ny = 8, 24  # elements 0.125 x 0.0042, cut along their diagonal
+    corners = [np.array([0.0, -0.05]), np.array([1.0, 0.05])]
+    grid = mesh.create_rectangle(comm, corners, [nx, ny], mesh.CellType.triangle)
+    domain = ffr.Domain(grid, {"root": lambda x: x[0] < 1e-9}, order=2)
+    body = ffr.FlexibleBody(domain, material, frame=ffr.TangentFrame("root"), modes=2)
+    found = first_frequency(body)
+    fine = first_frequency(cantilever(comm, 1.0, 0.1, (40, 4), material))
+    # conforming elements are too stiff, never too soft
+    assert fine < found < 1.03 * fine
+
+
+@pytest.mark.mpi
+def test_contrast_of_materials(comm: MPI.Intracomm) -> None:
+    """Stiffness that jumps by 1e9 from element to element: a sandwich like its solid layers."""
+    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+    body = cantilever(comm, 1.0, 0.1, (40, 4), material, interpolation=ffr.SIMP(floor=1e-9))
+    domain = body.domain
+    outer = np.abs(domain.centroids[:, 1]) > 0.025
+    layers = body.reduce(np.where(outer, 1.0, 0.0))
+    # next to nothing holds the layers together: each bends by itself
+    alone = first_frequency(cantilever(comm, 1.0, 0.025, (40, 1), material))
+    assert layers.basis.frequencies[0] == pytest.approx(alone, rel=2e-3)
+    assert layers.basis.frequencies[1] == pytest.approx(alone, rel=2e-3)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: MIT
+"""Designs that strain the reduction: void, islands, checkerboards, necks, modes that swap."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+from meshes import prongs
+from slider_crank import reference_problem
+
+STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+
+
+def scene(
+    comm: MPI.Intracomm,
+    interpolation: ffr.material.Interpolation | None = None,
+    elements: tuple[int, int] = (40, 8),
+) -> ffr.Problem:
+    """The slider-crank at a coarse mesh, with any interpolation."""
+    problem = reference_problem(comm, elements, modes=5, steps=300)
+    if interpolation is None:
+        return problem
+    rod = problem.flexible["rod"]
+    body = ffr.FlexibleBody(
+        rod.domain, rod.material, frame=rod.reduction.frame, modes=5, interpolation=interpolation
+    )
+    return ffr.Problem({"rod": body}, problem.mechanism, problem.integrator, problem.objective)
+
+
+def check_gradient(problem: ffr.Problem, x: np.ndarray, comm: MPI.Intracomm) -> float:
+    """Demand a gradient of Taylor order 2 that leads inwards, and return psi."""
+    domain = problem.flexible["rod"].domain
+    c = domain.centroids
+    direction = np.abs(np.cos(300 * c[:, 0] + 900 * c[:, 1] + 1.0))
+    direction *= np.where(x > 0.5, -1.0, 1.0) * domain.design_cells
+    evaluation = problem.gradient(x)
+    assert evaluation.gradient is not None
+    gradient = evaluation.gradient["rod"]
+    assert np.isfinite(evaluation.psi) and np.all(np.isfinite(gradient))
+    result = taylor_test(
+        lambda d: problem.value(d).psi,
+        lambda d: comm.allreduce(float(gradient @ d)),
+        x,
+        direction,
+        steps=[4e-4 / 2**k for k in range(4)],
+        roundoff=1e-11,
+    )
+    assert_taylor_order(result)
+    return evaluation.psi
+
+
+def solid_ends(domain: ffr.Domain, x: np.ndarray) -> np.ndarray:
+    """Return a design whose cells outside the design region are solid."""
+    return np.where(domain.design_cells, x, 1.0)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("floor", [1e-6, 1e-9])
+def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
+    """A strip in a void of next to no stiffness: psi of the strip alone, and an exact gradient."""
+    problem = scene(comm, ffr.SIMP(floor=floor))
+    domain = problem.flexible["rod"].domain
+    strip = solid_ends(domain, np.where(np.abs(domain.centroids[:, 1]) < 0.01, 1.0, 0.0))
+    psi = check_gradient(problem, strip, comm)
+    # what void there is carries nothing: a thousand times more of it changes psi little
+    other = scene(comm, ffr.SIMP(floor=1e3 * floor)).value(strip).psi
+    assert psi == pytest.approx(other, rel=1e5 * floor if floor > 1e-8 else 1e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("floor", [1e-6, 1e-9])
+def test_checkerboard(comm: MPI.Intracomm, floor: float) -> None:
+    """Bilinear elements take it for stiffer than it is; value and gradient are sound."""
+    problem = scene(comm, ffr.SIMP(floor=floor))
+    domain = problem.flexible["rod"].domain
+    low = domain.bounding_box[0]
+    i, j = np.floor((domain.centroids - low) / [0.01, 0.005]).astype(int).T
+    board = solid_ends(domain, np.where((i + j) % 2 == 0, 1.0, 0.0))
+    check_gradient(problem, board, comm)
+
+
+@pytest.mark.mpi
+def test_necks_of_one_element(comm: MPI.Intracomm) -> None:
+    """Blocks hang together by single elements."""
+    problem = scene(comm)
+    domain = problem.flexible["rod"].domain
+    low = domain.bounding_box[0]
+    i, j = np.floor((domain.centroids - low) / [0.01, 0.005]).astype(int).T
+    necks = solid_ends(domain, np.where((i % 8 == 4) & (j != 3), 0.0, 1.0))
+    assert check_gradient(problem, necks, comm) > problem.value(np.ones(domain.n_cells)).psi
+
+
+@pytest.mark.mpi
+def test_islands(comm: MPI.Intracomm) -> None:
+    """A design that has fallen apart: refused by name and time, or reported as far too soft."""
+    problem = scene(comm)
+    domain = problem.flexible["rod"].domain
+    gap = np.abs(domain.centroids[:, 0] - 0.205) < 0.016
+    islands = solid_ends(domain, np.where(gap, 0.0, 1.0))
+    full = problem.value(np.ones(domain.n_cells)).psi
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            psi = problem.value(islands).psi
+        except ffr.SimulationError as error:
+            assert "body 'rod'" in str(error) and "t = " in str(error)
+            assert np.all(np.isfinite(error.trajectory.y))
+            return
+    softened = any(issubclass(w.category, ffr.SofteningWarning) for w in caught)
+    assert np.isfinite(psi) and (softened or psi > 100.0 * full)
+
+
+def compliance(body: ffr.FlexibleBody, x: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the compliance under a load by acceleration, with its gradient."""
+    load = np.array([0.3, 1.0])
+    reduced = body.reduce(x)
+    integrals = reduced.integrals
+    q = np.linalg.solve(integrals.K, integrals.S[1:] @ load)
+    bar = integrals.zeros_like()
+    bar.S[1:] = 2.0 * np.outer(q, load)
+    bar.K[:] = -np.outer(q, q)
+    return float(q @ integrals.K @ q), body.pullback(reduced, bar)[0]
+
+
+@pytest.mark.mpi
+def test_modes_that_swap(comm: MPI.Intracomm) -> None:
+    """Two prongs, one of which becomes the softer one: value and gradient pass on continuously."""
+    domain = prongs(comm)
+    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=2)
+    upper = np.where(domain.centroids[:, 1] > 0.5, 1.0, -1.0)
+    step = 1e-4
+    line = [compliance(body, 0.8 + step * k * upper) for k in (-2, -1, 0, 1, 2)]
+    slopes = [comm.allreduce(float(gradient @ upper)) for _, gradient in line]
+    for (before, _), (after, _), s, t in zip(line, line[1:], slopes, slopes[1:], strict=False):
+        # the trapezoidal rule for the gradient gives the difference, to third order
+        assert after - before == pytest.approx(0.5 * step * (s + t), abs=1e-9 * before)
+    # even in the swap, by symmetry
+    assert line[0][0] == pytest.approx(line[4][0], rel=1e-9)
+    assert slopes[2] == pytest.approx(
+        0.0, abs=1e-6 * abs(slopes[0] - slopes[4]) + 1e-9 * line[0][0]
+    )
+
+
+@pytest.mark.mpi
+def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm) -> None:
+    """Cutting through a pair of equal frequencies is reported, with a number that does not."""
+    domain = prongs(comm)
+    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=3)
+    with pytest.warns(UserWarning, match=r"cuts through a cluster.*take modes = [24]"):
+        body.reduce(np.ones(domain.n_cells))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("difference", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_nearly_equal_frequencies(comm: MPI.Intracomm, difference: float) -> None:
+    """The gradient is exact however close two frequencies are."""
+    domain = prongs(comm)
+    body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=2)
+    upper = domain.centroids[:, 1] > 0.5
+    x = np.where(upper, 0.8 * (1.0 + difference), 0.8)
+    direction = np.where(upper, 0.2, -0.1) * np.cos(3 * domain.centroids[:, 0])
+    gradient = compliance(body, x)[1]
+    slope = comm.allreduce(float(gradient @ direction))
+    eps = 1e-3
+    values = [compliance(body, x + k * eps * direction)[0] for k in (-2, -1, 1, 2)]
+    difference_quotient = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * eps)
+    assert slope == pytest.approx(difference_quotient, rel=1e-7)

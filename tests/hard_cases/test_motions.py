@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: MIT
+"""Motions that strain the time integration: long, fast, stiff, jerky, singular, contradictory."""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from beam_bodies import beam
+from scenes import moved, random_direction
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+G = 9.81
+
+
+def flexible_pendulum(
+    stiffness: float = 1.0,
+) -> tuple[ffr.Mechanism, dict[str, ffr.VolumeIntegrals]]:
+    """A bar that hangs from a hinge and is let go at an angle, without any damping."""
+    bar = beam(0.4, 0.01, 0.01, elements=8, modes=3, frame="chord")
+    bar = replace(bar, K=stiffness * bar.K)
+    mechanism = ffr.Mechanism(
+        placements={"bar": ffr.Placement((0.2, 0.0), 0.0)},
+        joints=[ffr.Revolute(("bar", "left"), ffr.Ground(), name="hinge")],
+        gravity=(0.0, -G),
+    )
+    return mechanism, {"bar": bar}
+
+
+def energy(trajectory: ffr.Trajectory) -> np.ndarray:
+    """Return the total energy of the bar [J]."""
+    parts = (trajectory.kinetic_energy, trajectory.strain_energy, trajectory.potential_energy)
+    return sum(part("bar") for part in parts)
+
+
+def check_gradient(
+    mechanism: ffr.Mechanism,
+    bodies: dict[str, ffr.VolumeIntegrals],
+    integrator: ffr.GeneralizedAlpha,
+) -> None:
+    """Demand Taylor order 2 of the derivative by the bodies' integrals."""
+    problem = ffr.MechanicalProblem(mechanism, integrator, ffr.IntegralCompliance())
+    evaluation = problem.gradient(bodies)
+    assert evaluation.integrals_gradient is not None
+    direction = random_direction(bodies, 3)
+    slope = sum(evaluation.integrals_gradient[name].dot(d) for name, d in direction.items())
+    result = taylor_test(
+        lambda s: problem.value(moved(bodies, direction, float(s[0]))).psi,
+        lambda s: float(s[0] * slope),
+        np.zeros(1),
+        np.ones(1),
+        steps=[1e-3 / 2**k for k in range(4)],
+        roundoff=1e-11,
+    )
+    assert_taylor_order(result)
+
+
+def test_energy_over_a_hundred_thousand_steps() -> None:
+    """Without damping, physical or numerical, the energy stays where it is."""
+    mechanism, bodies = flexible_pendulum()
+    # some twenty steps a period of the first bending mode; 250 swings
+    integrator = ffr.GeneralizedAlpha(250.0, 100_000, spectral_radius=1.0)
+    trajectory = ffr.simulate(mechanism, bodies, integrator)
+    total = energy(trajectory)
+    swing = np.ptp(trajectory.kinetic_energy("bar"))
+    assert np.abs(total - total[0]).max() < 0.02 * swing
+    late, early = total[-20_000:], total[:20_000]
+    assert abs(late.mean() - early.mean()) < 2e-3 * swing
+    hinge = trajectory.marker_path("bar", "left")
+    assert np.abs(hinge).max() < 1e-9  # no drift
+
+
+@pytest.mark.parametrize("stiffness", [1e-2, 1e6])
+def test_very_soft_and_very_stiff(stiffness: float) -> None:
+    """The soft bar bends a lot, the stiff one is rigid; both have an exact gradient."""
+    mechanism, bodies = flexible_pendulum(stiffness)
+    integrator = ffr.GeneralizedAlpha(0.5, 1000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ffr.SofteningWarning)
+        trajectory = ffr.simulate(mechanism, bodies, integrator)
+        assert np.all(np.isfinite(trajectory.y))
+        check_gradient(mechanism, bodies, integrator)
+    if stiffness > 1.0:
+        rigid = {"bar": bodies["bar"].leading(0)}
+        expected = ffr.simulate(mechanism, rigid, integrator).rigid("bar")
+        # the chord frame of a bar that does not bend is the rigid bar's
+        assert np.abs(trajectory.rigid("bar") - expected).max() < 1e-5
+
+
+def test_steps_far_too_large() -> None:
+    """The result is finite or the error is clear; no NaN is handed on."""
+    mechanism, bodies = flexible_pendulum()
+    for steps in (1, 2, 3, 5, 8):
+        try:
+            trajectory = ffr.simulate(mechanism, bodies, ffr.GeneralizedAlpha(20.0, steps))
+        except ffr.SimulationError as error:
+            assert "take smaller steps" in str(error) and "t = " in str(error)
+            trajectory = error.trajectory
+        assert np.all(np.isfinite(trajectory.y)) and np.all(np.isfinite(trajectory.multipliers))
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.98, 1.02, 3.0])
+def test_around_the_softening_limit(ratio: float) -> None:
+    """Below the first frequency the bar is sound; from there on it is reported by name."""
+    bar = beam(1.0, 0.01, 0.01, elements=8, modes=3, frame="tangent")
+    lowest = math.sqrt(np.min(np.linalg.eigvals(np.linalg.solve(bar.G[1:, 1:], bar.K)).real))
+    speed = ratio * lowest
+    spin = ffr.Motion.polynomial([0.0, speed], "spin")
+    zero = ffr.Motion.constant(0.0)
+    mechanism = ffr.Mechanism(
+        placements={"bar": ffr.Placement((0.0, 0.0), 0.0, angular_velocity=speed)},
+        joints=[ffr.Weld(("bar", "left"), ffr.Moving(zero, zero, spin, "hub"), angle=0.0)],
+    )
+    integrator = ffr.GeneralizedAlpha(4.0 * math.pi / lowest, 400)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            trajectory = ffr.simulate(mechanism, {"bar": bar}, integrator)
+        except ffr.SimulationError as error:
+            assert ratio > 1.0
+            trajectory = error.trajectory
+    warned = [w for w in caught if issubclass(w.category, ffr.SofteningWarning)]
+    assert bool(warned) == (ratio > 1.0)
+    assert all("'bar' turns with" in str(w.message) for w in warned)
+    assert np.all(np.isfinite(trajectory.y))
+
+
+def test_jumps_in_the_prescribed_acceleration() -> None:
+    """A trapezoidal velocity profile: joints hold, and the gradient is exact."""
+    a, ramp, total = 40.0, 0.1, 0.4
+
+    def acceleration(t: np.ndarray) -> np.ndarray:
+        return np.where(t < ramp, a, np.where(t < total - ramp, 0.0, np.where(t < total, -a, 0.0)))
+
+    def velocity(t: np.ndarray) -> np.ndarray:
+        return a * np.clip(np.minimum(t, total - t), 0.0, ramp)
+
+    def angle(t: np.ndarray) -> np.ndarray:
+        t = np.clip(t, 0.0, total)
+        late = np.clip(t - (total - ramp), 0.0, None)
+        early = np.minimum(t, ramp)
+        return 0.5 * a * early**2 + a * ramp * np.clip(t - ramp, 0.0, None) - 0.5 * a * late**2
+
+    mechanism, bodies = flexible_pendulum()
+    drive = ffr.PrescribedAngle(("bar", "left"), ffr.Motion(angle, velocity, acceleration, "drive"))
+    mechanism = replace(mechanism, joints=[*mechanism.joints, drive])
+    integrator = ffr.GeneralizedAlpha(0.5, 500)
+    trajectory = ffr.simulate(mechanism, bodies, integrator)
+    assert np.abs(trajectory.marker_path("bar", "left")).max() < 1e-12
+    assert np.all(np.isfinite(trajectory.multipliers))
+    check_gradient(mechanism, bodies, integrator)
+
+
+def test_force_that_jumps() -> None:
+    """A step load: momentum balance holds over the jump, and the gradient is exact."""
+    bar = beam(0.4, 0.01, 0.01, elements=8, modes=3, frame="free")
+    push = ffr.Force(("bar", "right"), 0.0, lambda t: np.where(np.asarray(t) > 0.0503, 5.0, 0.0))
+    mechanism = ffr.Mechanism(placements={"bar": ffr.Placement()}, forces=[push])
+    integrator = ffr.GeneralizedAlpha(0.2, 2000)
+    trajectory = ffr.simulate(mechanism, {"bar": bar}, integrator)
+    gained = trajectory.linear_momentum("bar")[-1, 1]
+    assert gained == pytest.approx(5.0 * (0.2 - 0.0503), rel=2e-3)  # a step's worth
+    check_gradient(mechanism, {"bar": bar}, integrator)
+
+
+def test_start_with_inconsistent_velocities() -> None:
+    """Velocities that tear the joints are corrected to the nearest that do not."""
+    mechanism, bodies = flexible_pendulum()
+    wrong = ffr.Placement((0.2, 0.0), 0.0, velocity=(3.0, -2.0), angular_velocity=1.0)
+    mechanism = replace(mechanism, placements={"bar": wrong})
+    trajectory = ffr.simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.2, 400))
+    path = trajectory.marker_path("bar", "left")
+    assert np.abs(path).max() < 1e-12
+    assert np.abs(np.diff(path, axis=0)).max() < 1e-12
+    check_gradient(mechanism, bodies, ffr.GeneralizedAlpha(0.2, 400))
+
+
+@pytest.mark.parametrize("length", [0.1001, 0.101, 0.12])
+def test_crank_nearly_as_long_as_the_rod(length: float) -> None:
+    """The slider-crank turns through its dead centres, where the rod stands across."""
+    rod = beam(length, 0.01, 0.01, elements=8, modes=3, frame="chord")
+    crank = ffr.Moving.circle((0.0, 0.0), 0.1, ffr.Motion.polynomial([0.0, 3.0]))
+    mechanism = ffr.Mechanism(
+        placements={"rod": ffr.Placement((0.1 + 0.5 * length, 0.0))},
+        joints=[
+            ffr.Revolute(("rod", "left"), crank, name="crank pin"),
+            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
+        ],
+        point_masses=[ffr.PointMass(("rod", "right"), 0.1)],
+    )
+    integrator = ffr.GeneralizedAlpha(2.2, 4400)
+    trajectory = ffr.simulate(mechanism, {"rod": rod}, integrator)
+    slider = trajectory.marker_path("rod", "right")
+    assert np.abs(slider[:, 1]).max() < 1e-10
+    phi = 3.0 * trajectory.t
+    # the bending is far below the tolerance, so the rigid mechanism's closed form holds
+    root = np.sqrt(length**2 - (0.1 * np.sin(phi)) ** 2)
+    assert np.abs(slider[:, 0] - (0.1 * np.cos(phi) + root)).max() < 1e-3 * length
+    if length > 0.11:
+        check_gradient(mechanism, {"rod": rod}, integrator)
+
+
+def test_redundant_joints_are_named() -> None:
+    mechanism, bodies = flexible_pendulum()
+    twice = replace(
+        mechanism,
+        joints=[*mechanism.joints, ffr.Revolute(("bar", "left"), ffr.Ground(), name="again")],
+    )
+    with pytest.raises(ValueError, match=r"redundant; joints involved: \['hinge', 'again'\]"):
+        ffr.simulate(twice, bodies, ffr.GeneralizedAlpha(0.1, 10))
+
+
+def test_contradictory_joints_are_named() -> None:
+    mechanism, bodies = flexible_pendulum()
+    apart = replace(
+        mechanism,
+        joints=[
+            *mechanism.joints,
+            ffr.Revolute(("bar", "right"), ffr.Ground((5.0, 0.0)), name="far"),
+        ],
+    )
+    with pytest.raises(ValueError, match="far"):
+        ffr.simulate(apart, bodies, ffr.GeneralizedAlpha(0.1, 10))
