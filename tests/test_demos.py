@@ -167,3 +167,35 @@ def test_short_program(tmp_path: Path) -> None:
     program.write_text(coarse)
     run(cwd=tmp_path, program=program)
     assert (tmp_path / "results" / "short" / "motion.gif").stat().st_size > 10_000
+
+
+def test_connecting_rod_from_gmsh(tmp_path: Path) -> None:
+    """The rod drawn by the demo, on one and on two ranks, with pictures of its stress."""
+    rod = TOP / "demos" / "connecting_rod.py"
+    small = ["--size", "0.008", "--order", "1", "--iterations", "4", "--output", "out"]
+    found = {}
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        folder.mkdir()
+        run(*small, ranks=ranks, cwd=folder, program=rod)
+        found[ranks] = summary(folder / "out")
+        for name in (*FILES, "stress_design.png", "stress_full_rod.png", "scene.png"):
+            assert (folder / "out" / name).stat().st_size > 500, name
+    one, two = found[1], found[2]
+    assert one["compliance_final"] < one["compliance_initial"]
+    for key in ("compliance_solid", "compliance_final", "stress_solid", "stress_final", "area"):
+        assert two[key] == pytest.approx(one[key], rel=1e-6), key
+
+
+@pytest.mark.parametrize("demo", ["slider_crank", "connecting_rod"])
+def test_mesh_of_the_connecting_rod_takes_the_place_of_the_rod(tmp_path: Path, demo: str) -> None:
+    """What the mesh program writes, the demos read: curved triangles, other dimensions."""
+    program = TOP / "demos" / "meshes" / "connecting_rod.py"
+    run("--size", "0.01", "--length", "0.3", "--output", "rod.msh", cwd=tmp_path, program=program)
+    run(
+        *("--mesh", "rod.msh", "--iterations", "2", "--output", "out"),
+        cwd=tmp_path,
+        program=TOP / "demos" / f"{demo}.py",
+    )
+    numbers = summary(tmp_path / "out")
+    assert numbers["compliance_final"] < numbers["compliance_initial"]

@@ -62,7 +62,7 @@ class MMA:
             ones fit as well on both sides, and need fewer iterations.
         tolerance: a stage has converged when psi falls by less than this, relatively, over eight
             iterations. The next stage begins where one has converged, or has had its share of the
-            iterations.
+            iterations, but at least eight.
         boldness: psi is handed to NLopt in units of its value at the beginning of a stage, times
             this. Larger numbers make the first steps of a stage longer, and more of them rejected.
 
@@ -418,9 +418,12 @@ class _Run:
         last = self.number + 1 == self.stages
         share = (self.number + 1) * self.loop.iterations / self.stages
         converged = self.converged()
+        # an even density has no shape yet that could become sharper
+        shaped = len(self.told) > WINDOW
         if not self.reason and last and converged:
             self.reason = "converged"
-        self.ended = bool(self.reason) or (not last and (converged or self.iteration >= share))
+        done = converged or (shaped and self.iteration >= share)
+        self.ended = bool(self.reason) or (done and not last)
 
     def converged(self) -> bool:
         """Return whether psi hardly falls any more."""
