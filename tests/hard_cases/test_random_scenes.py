@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""Random scenes: whatever is accepted gives finite numbers and an exact gradient."""
+
+from __future__ import annotations
+
+import math
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from beam_bodies import beam
+from scenes import moved, random_direction
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import taylor_test
+
+pytestmark = pytest.mark.slow
+
+Scene = tuple[ffr.Mechanism, dict[str, ffr.VolumeIntegrals], ffr.GeneralizedAlpha]
+
+
+@st.composite
+def chains(draw: st.DrawFn) -> Scene:
+    """An open chain of up to three links, hinged, welded or sliding, with any loads."""
+    count = draw(st.integers(1, 3))
+    bodies: dict[str, ffr.VolumeIntegrals] = {}
+    placements, joints, forces, masses = {}, [], [], []
+    end = np.zeros(2)
+    previous: object = ffr.Ground()
+    for i in range(count):
+        name = f"link {i}"
+        length = draw(st.floats(0.1, 0.6))
+        modes = draw(st.integers(0, 3))
+        frame = draw(st.sampled_from(["chord", "tangent"]))
+        bodies[name] = beam(length, 0.01, 0.01, elements=6, modes=modes, frame=frame)
+        angle = draw(st.floats(-math.pi, math.pi))
+        along = np.array([math.cos(angle), math.sin(angle)])
+        # the frame's origin is where its marker says
+        left = bodies[name].markers["left"].position
+        turn = np.array([[along[0], -along[1]], [along[1], along[0]]])
+        placements[name] = ffr.Placement(
+            tuple(end - turn @ left),
+            angle,
+            angular_velocity=draw(st.floats(-5.0, 5.0)),
+        )
+        kind = draw(st.sampled_from(["revolute", "revolute", "weld", "slider"]))
+        marker = (name, "left")
+        if kind == "revolute" or (kind == "slider" and i == 0):
+            joints.append(ffr.Revolute(marker, previous, name=f"joint {i}"))
+        elif kind == "weld":
+            joints.append(ffr.Weld(marker, previous, name=f"joint {i}"))
+        else:
+            joints.append(ffr.PointOnLine(marker, previous, (1.0, 0.5), name=f"joint {i}"))
+        if draw(st.booleans()):
+            push = draw(st.floats(-20.0, 20.0))
+            rate = draw(st.floats(0.0, 30.0))
+            forces.append(
+                ffr.Force(
+                    (name, "right"),
+                    push,
+                    lambda t, push=push, rate=rate: push * np.cos(rate * np.asarray(t)),
+                    follower=draw(st.booleans()),
+                )
+            )
+        if draw(st.booleans()):
+            forces.append(
+                ffr.SpringDamper(
+                    (name, "middle"),
+                    ffr.Ground((0.3, -0.4)),
+                    stiffness=draw(st.floats(1.0, 1e3)),
+                    damping=draw(st.floats(0.0, 5.0)),
+                )
+            )
+        if draw(st.booleans()):
+            masses.append(ffr.PointMass((name, "right"), draw(st.floats(0.01, 2.0))))
+        end = end + length * along
+        previous = (name, "right")
+    mechanism = ffr.Mechanism(
+        placements=placements,
+        joints=joints,
+        forces=forces,
+        point_masses=masses,
+        gravity=(0.0, draw(st.sampled_from([0.0, -9.81]))),
+        damping={"link 0": ffr.RayleighDamping(draw(st.floats(0.0, 5.0)), 1e-5)},
+    )
+    steps = draw(st.integers(50, 150))
+    radius = draw(st.sampled_from([0.0, 0.5, 0.8, 1.0]))
+    return mechanism, bodies, ffr.GeneralizedAlpha(0.2, steps, spectral_radius=radius)
+
+
+@settings(max_examples=25)
+@given(chains(), st.integers(0, 1000))
+def test_chains(scene: Scene, seed: int) -> None:
+    """Finite, on the constraints, and with a derivative that a Taylor test confirms."""
+    mechanism, bodies, integrator = scene
+    objective = ffr.IntegralCompliance() if any(b.modes for b in bodies.values()) else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ffr.SofteningWarning)
+        try:
+            trajectory = ffr.simulate(mechanism, bodies, integrator)
+        except ffr.SimulationError as error:
+            # violent scenes may need smaller steps: then it says so, and hands on what is good
+            assert "take smaller steps" in str(error)
+            assert np.all(np.isfinite(error.trajectory.y))
+            return
+        for part in (trajectory.y, trajectory.v, trajectory.w, trajectory.multipliers):
+            assert np.all(np.isfinite(part))
+        pin = trajectory.marker_path("link 0", "left")
+        assert np.abs(pin).max() < 1e-9
+        if objective is None:
+            return
+        problem = ffr.MechanicalProblem(mechanism, integrator, objective)
+        evaluation = problem.gradient(bodies)
+        assert evaluation.integrals_gradient is not None
+        direction = random_direction(bodies, seed)
+        slope = sum(evaluation.integrals_gradient[name].dot(d) for name, d in direction.items())
+        if evaluation.psi < 1e-20:  # nothing bends but by round-off
+            return
+        result = taylor_test(
+            lambda s: problem.value(moved(bodies, direction, float(s[0]))).psi,
+            lambda s: float(s[0] * slope),
+            np.zeros(1),
+            np.ones(1),
+            steps=[2e-5 / 2**k for k in range(5)],
+            roundoff=1e-9,
+        )
+    # order 2 wherever the remainder stands above round-off
+    significant = [order for order in result.orders if np.isfinite(order)]
+    assert not significant or max(significant) > 1.9
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0), st.floats(1.0, 5.0))
+def test_densities(seed: int, filled: float, exponent: float) -> None:
+    """Any density in [0, 1] with any exponent: finite, or refused in words."""
+    from mpi4py import MPI
+
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(12, 4))
+    body = ffr.FlexibleBody(
+        domain,
+        ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01),
+        frame=ffr.ChordFrame("left", "right"),
+        modes=3,
+        interpolation=ffr.SIMP(exponent=exponent),
+    )
+    rng = np.random.default_rng(seed)
+    x = np.where(rng.uniform(size=domain.n_cells) < filled, rng.uniform(size=domain.n_cells), 0.0)
+    reduced = body.reduce(np.where(domain.design_cells, x, 1.0))
+    integrals = reduced.integrals
+    integrals.validate("rod")
+    assert np.all(np.linalg.eigvalsh(integrals.K) > 0.0)
+    assert np.all(np.diff(reduced.basis.eigenvalues) >= -1e-9 * reduced.basis.eigenvalues[:-1])
