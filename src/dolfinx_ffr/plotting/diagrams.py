@@ -215,6 +215,7 @@ def plot_curves(
     *,
     xlabel: str = "",
     logarithmic: bool = False,
+    markers: bool = False,
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
@@ -225,6 +226,7 @@ def plot_curves(
         path: file to write, .png, .pdf or .svg.
         xlabel: what the abscissa is, with unit.
         logarithmic: both axes logarithmic, with a mark at each point.
+        markers: a mark at each point of linear axes too.
         title: heading of the picture.
         comm: ranks that call this together; rank 0 writes.
 
@@ -244,7 +246,7 @@ def plot_curves(
             rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
             for axes, (heading, curves) in zip(rows, panels.items(), strict=True):
                 for (name, (x, y)), color in zip(curves.items(), cycle(ACCENTS), strict=False):
-                    marker = "o" if logarithmic else ""
+                    marker = "o" if logarithmic or markers else ""
                     axes.plot(x, y, color=color, label=name, marker=marker, markersize=4.0)
                 if logarithmic:
                     axes.set_xscale("log")
