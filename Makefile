@@ -7,6 +7,8 @@ python := "$(clone)/.venv/bin/python"
 env := clone="$(clone)" && . "$(clone)/install/environment.sh" &&
 # Arguments of the program that a target runs, for example: make demo ARGS="--elements 80 8"
 ARGS ?=
+# The demo that `make demo` runs: a file of demos/ without its ending.
+DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
@@ -18,8 +20,8 @@ help: ## list the targets
 setup: ## install Debian packages and make .venv (does nothing the second time)
 	@"$(clone)/install/setup.sh"
 
-demo: setup ## design the flexible rod of a slider-crank; pictures in results/ (ARGS="..." for options)
-	@cd "$(clone)" && $(env) $(python) demos/slider_crank.py $(ARGS)
+demo: setup ## run a demo, DEMO=slider_crank by default; pictures in results/ (ARGS="..." for options)
+	@cd "$(clone)" && $(env) $(python) "demos/$(DEMO).py" $(ARGS)
 
 test: setup ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS="..." for pytest)
 	@"$(clone)/tests/run.sh" $(ARGS)
