@@ -12,7 +12,7 @@ derivatives back by the exact transpose.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,6 @@ __all__ = ["DensityDesign", "Design", "LevelSetDesign", "shrunk"]
 Array = NDArray[np.float64]
 
 
-@runtime_checkable
 class Design(Protocol):
     """From bounded variables to the density of one body, and back."""
 
