@@ -172,7 +172,7 @@ def test_short_program(tmp_path: Path) -> None:
 def test_connecting_rod_from_gmsh(tmp_path: Path) -> None:
     """The rod drawn by the demo, on one and on two ranks, with pictures of its stress."""
     rod = TOP / "demos" / "connecting_rod.py"
-    small = ["--size", "0.008", "--order", "1", "--iterations", "4", "--output", "out"]
+    small = ["--size", "0.008", "--order", "1", "--iterations", "16", "--output", "out"]
     found = {}
     for ranks in (1, 2):
         folder = tmp_path / str(ranks)
@@ -193,7 +193,7 @@ def test_mesh_of_the_connecting_rod_takes_the_place_of_the_rod(tmp_path: Path, d
     program = TOP / "demos" / "meshes" / "connecting_rod.py"
     run("--size", "0.01", "--length", "0.3", "--output", "rod.msh", cwd=tmp_path, program=program)
     run(
-        *("--mesh", "rod.msh", "--iterations", "2", "--output", "out"),
+        *("--mesh", "rod.msh", "--order", "1", "--iterations", "16", "--output", "out"),
         cwd=tmp_path,
         program=TOP / "demos" / f"{demo}.py",
     )

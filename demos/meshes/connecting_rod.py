@@ -48,9 +48,9 @@ class ConnectingRod:
 
     length: float = 0.4
     bores: Point = (0.030, 0.016)
-    eyes: Point = (0.050, 0.032)
-    rings: Point = (0.007, 0.005)
-    shank: Point = (0.034, 0.024)
+    eyes: Point = (0.046, 0.029)
+    rings: Point = (0.010, 0.008)
+    shank: Point = (0.030, 0.021)
     fillet: float = 0.04
 
     def __post_init__(self) -> None:
