@@ -35,6 +35,10 @@ _LAST = 1e-12
 _NEUTRAL = 1e-13
 
 
+class NoEquilibriumError(ValueError):
+    """No static equilibrium was found, whether there is one or not."""
+
+
 def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
     """Coordinates in equilibrium, shape (size,).
 
@@ -44,7 +48,8 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
         length: Size of the bodies [m].
 
     Raises:
-        ValueError: If there is no equilibrium, or one in which the mechanism still moves freely.
+        ValueError: If the mechanism still moves freely in its equilibrium.
+        NoEquilibriumError: If none was found, for instance because a body is very soft.
     """
     arrays, n = _static_arrays(model), model.size
     y, lam = y.copy(), np.zeros(model.rows)
@@ -86,7 +91,7 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
         )
     if not converged:
         name = _moving_body(model, M, step)
-        raise ValueError(
+        raise NoEquilibriumError(
             f"no static equilibrium under gravity and the forces at t = 0 found: body {name!r} "
             f"still moves after {_MAX_ITERATIONS} iterations; hold the mechanism by a joint, a "
             "drive or a spring, or start with Assembled()"

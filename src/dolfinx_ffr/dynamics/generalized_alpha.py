@@ -17,6 +17,7 @@ from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from .arrays import ANGLE
 from .compiled import compile_kernels
+from .equilibrium import NoEquilibriumError
 from .initial import initial_state
 from .loops import CONVERGED, SINGULAR, kernels
 from .model import FlatModel, assemble_model
@@ -126,7 +127,8 @@ def simulate(
         ValueError: If a name does not exist, a number is not valid, or the mechanism cannot be
             assembled; see :func:`assemble_model` and :func:`initial_state`.
         SimulationError: If Newton's method does not converge or the mechanism becomes singular;
-            it names time, body and joint and keeps the trajectory so far.
+            it names time, body and joint and keeps the trajectory so far. Likewise if a static
+            equilibrium to start from is not found.
 
     Warns:
         SofteningWarning: If a body turns faster than its lowest frequency.
@@ -134,7 +136,10 @@ def simulate(
     model = assemble_model(mechanism, bodies, integrator.times)
     compile_kernels()
     with one_thread():
-        y0, v0 = initial_state(model)
+        try:
+            y0, v0 = initial_state(model)
+        except NoEquilibriumError as error:
+            raise SimulationError(str(error), _cut(_at_rest(model, integrator), 0)) from error
         try:
             trajectory = _integrate(model, integrator, y0, v0)
         except SimulationError as error:
@@ -144,16 +149,25 @@ def simulate(
     return trajectory
 
 
-def _integrate(model: FlatModel, integrator: GeneralizedAlpha, y0: Array, v0: Array) -> Trajectory:
-    steps, h, method = int(integrator.steps), integrator.step, integrator.parameters
+def _at_rest(model: FlatModel, integrator: GeneralizedAlpha) -> Trajectory:
+    """A trajectory of zeros."""
+    steps, method = int(integrator.steps), integrator.parameters
     y, v, w, a = (np.zeros((steps + 1, model.size)) for _ in range(4))
     multipliers, stabilization = (np.zeros((steps + 1, model.rows)) for _ in range(2))
     iterations = np.zeros(steps, dtype=np.int64)
     beginning = np.zeros((4, model.size))
-    y[0], v[0] = y0, v0
-    trajectory = Trajectory(
+    return Trajectory(
         model.times, y, v, w, a, multipliers, stabilization, iterations, beginning, model, method
     )
+
+
+def _integrate(model: FlatModel, integrator: GeneralizedAlpha, y0: Array, v0: Array) -> Trajectory:
+    steps, h, method = int(integrator.steps), integrator.step, integrator.parameters
+    trajectory = _at_rest(model, integrator)
+    y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
+    multipliers, stabilization = trajectory.multipliers, trajectory.stabilization
+    iterations, beginning = trajectory.iterations, trajectory.beginning
+    y[0], v[0] = y0, v0
     status = kernels.start(
         model.arrays, y[0], v[0], w[0], multipliers[0], steps + 1, model.offset, beginning
     )
