@@ -226,7 +226,7 @@ def test_a_design_for_each_body(comm: MPI.Intracomm) -> None:
     """Each on its mesh with its share; one adjoint pass serves both."""
     problem = four_bar(comm, ffr.IntegralCompliance(["coupler", "rocker"]))
     designs = {
-        name: ffr.DensityDesign(body.domain, betas=(1.0, 3.0))
+        name: ffr.DensityDesign(body.domain, radius=0.018, betas=(1.0, 3.0))
         for name, body in problem.flexible.items()
     }
     start = {name: design.even(0.5) for name, design in designs.items()}

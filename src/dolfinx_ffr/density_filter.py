@@ -48,8 +48,8 @@ class DensityFilter:
 
     Args:
         domain: the body.
-        radius: R [m]; one and a half to three elements are usual. A radius shorter than the
-            distance of neighbouring centroids filters nothing.
+        radius: R [m]; two to three elements are usual. A radius shorter than the distance of
+            neighbouring centroids filters nothing.
 
     Raises:
         ValueError: on every rank, if the radius is not a positive length.

@@ -81,7 +81,8 @@ class DensityDesign:
 
     Args:
         domain: the body.
-        radius: of the filter [m]; by default one and a half mean elements.
+        radius: of the filter [m]; by default two and a half mean elements. With shorter ones
+            struts may hang together by corners of elements, which looks stiffer than it is.
         betas: steepness of the projection, one a stage.
         eta: threshold of the projection.
 
@@ -96,14 +97,14 @@ class DensityDesign:
         domain: Domain,
         *,
         radius: float | None = None,
-        betas: Sequence[float] = (2.0, 6.0, 16.0, 32.0),
+        betas: Sequence[float] = (2.0, 4.0, 8.0, 16.0, 32.0),
         eta: float = 0.5,
     ) -> None:
         if len(betas) == 0:
             raise ValueError("density design: betas = () must have a steepness for each stage")
         self.domain = domain
         element = float(np.sqrt(domain.area / domain.n_cells_global))
-        self.filter = DensityFilter(domain, 1.5 * element if radius is None else radius)
+        self.filter = DensityFilter(domain, 2.5 * element if radius is None else radius)
         #: of the stages
         self.projections = [HeavisideProjection(float(beta), eta) for beta in betas]
         self.stages = len(self.projections)
