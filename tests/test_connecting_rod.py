@@ -268,10 +268,10 @@ def test_program_writes_a_mesh(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
     on_rank_0(
         comm,
         lambda: rod_mesh.main(
-            ["--size", "0.01", "--length", "0.3", "--eyes", "0.04", "0.03", "--output", str(path)]
+            ["--size", "0.01", "--length", "0.3", "--eyes", "0.045", "0.03", "--output", str(path)]
         ),
     )
     domain = Domain.from_gmsh(comm, path)
-    rod = rod_mesh.ConnectingRod(length=0.3, eyes=(0.04, 0.03))
+    rod = rod_mesh.ConnectingRod(length=0.3, eyes=(0.045, 0.03))
     assert domain.area == pytest.approx(rod.area, rel=1e-6)
     assert _compat.coordinate_element(domain.mesh).degree == 2
