@@ -28,8 +28,8 @@ Run it with
     python demos/four_bar.py [--elements NX NY] [--steps N] [--iterations N]
                              [--coupler-mesh FILE] [--rocker-mesh FILE] [--output DIR]
 
-also under `mpirun -n 2`; it takes about a minute. A mesh file has the physical curves `left` and `right`;
-the lengths of the links are then those between the centres of these curves.
+also under `mpirun -n 2`; it takes about a minute. A mesh file has the physical curves
+`left` and `right`; the lengths of the links are then those between the centres of these curves.
 """
 
 # %% Imports
@@ -283,7 +283,8 @@ def main(arguments: list[str] | None = None) -> None:
     for name in names:
         assert volume[name] <= VOLUME * (1.0 + 1e-6), f"{name}: volume {volume[name]}"
         assert errors[name] < 1e-5, f"{name}: the gradient is off by {errors[name]:.1e}"
-    assert psi["design"] < psi["even"], "the designs are worse than even densities"
+    if options.iterations >= 20:
+        assert psi["design"] < psi["even"], "the designs are worse than even densities"
     finished = options.iterations >= ENOUGH and result.reason != "interrupted"
     if finished and not any(settings["meshes"].values()):
         assert psi["design"] < SHARE * psi["even"], f"psi is {psi['design']:.3f}"

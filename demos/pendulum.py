@@ -22,7 +22,7 @@ stiffening.
 
 Run it with
 
-    python demos/pendulum.py [--steps N] [--output DIR]
+    python demos/pendulum.py [--elements NX NY] [--steps N] [--output DIR]
 
 also under `mpirun -n 2` (the full model then runs on every rank alike); it takes half a minute.
 """
@@ -209,8 +209,8 @@ def main(arguments: list[str] | None = None) -> None:
     output = Path(options.output)
     say = print if comm.rank == 0 else lambda *_: None
 
-    full, full_seconds = full_model(options.steps)
-    domain = pendulum(comm)
+    full, full_seconds = full_model(options.steps, tuple(options.elements))
+    domain = pendulum(comm, tuple(options.elements))
     floating_frame(domain, 1, 10, stiffening=True)  # whatever is compiled once
     differences: dict[bool, list[float]] = {False: [], True: []}
     seconds: dict[bool, list[float]] = {False: [], True: []}
@@ -298,6 +298,7 @@ def main(arguments: list[str] | None = None) -> None:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(description="Let a flexible pendulum fall in two models.")
+    parser.add_argument("--elements", nargs=2, type=int, default=[30, 2], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of both models (default 400)")
     parser.add_argument("--output", default="results/pendulum", help="folder for the results")
     return parser.parse_args(arguments)

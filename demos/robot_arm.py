@@ -20,15 +20,15 @@ Both motors follow the inverse kinematics of the rigid arm,
 the links move by M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0 with gravity, and begin in their
 static equilibrium.
 
-**Discretisation.** Bilinear quadrilaterals in plane stress, RAMP with penalty 8; tangent frames, six
-normal modes each; generalised-alpha. Densities, filtered and projected, by the method of moving
+**Discretisation.** Bilinear quadrilaterals in plane stress, RAMP with penalty 8; tangent frames,
+six normal modes each; generalised-alpha. Densities, filtered and projected, by the method of moving
 asymptotes with the mass as a constraint.
 
 Run it with
 
     python demos/robot_arm.py [--elements NX NY] [--steps N] [--iterations N] [--output DIR]
 
-also under `mpirun -n 2`; it takes about two minutes.
+also under `mpirun -n 2`; it takes about a minute and a half.
 """
 
 # %% Imports
@@ -44,6 +44,7 @@ from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
@@ -218,6 +219,17 @@ def bars(domains: dict[str, ffr.Domain], share: float) -> Densities:
     return x
 
 
+def even(design: ffr.DensityDesign, share: float) -> Array:
+    """Return equal variables with which a link has a share of its full mass."""
+    domain = design.domain
+
+    def excess(value: float) -> float:
+        x = design.density(design.even(value))
+        return domain.sum(x * domain.cell_volumes) / domain.area - share
+
+    return design.even(brentq(excess, 0.0, 1.0))
+
+
 def error(psi: float) -> float:
     """Return the root mean square distance of the tip from its path [m]."""
     return math.sqrt(psi / DURATION)
@@ -258,7 +270,7 @@ def main(arguments: list[str] | None = None) -> None:
         curves["even thickness"].append((mass(found), error(found.psi)))
     across = options.elements[1]
     for rows in range(across % 2 or 2, across + 1, 2):
-        if rows >= 0.4 * across:
+        if rows >= 0.6 * across:
             found = problem.value(bars(domains, rows / across))
             curves["narrower bars"].append((mass(found), error(found.psi)))
     say(f"full links: {heavy:.3f} kg, tip error {1e3 * error(reference.psi):.3f} mm")
@@ -271,7 +283,7 @@ def main(arguments: list[str] | None = None) -> None:
         results[share] = ffr.optimize(
             bounded,
             designs,
-            {name: design.even(share + 0.05) for name, design in designs.items()},
+            {name: even(design, share) for name, design in designs.items()},
             volume=1.0,
             iterations=options.iterations,
             output=output / f"mass_{round(100 * share)}",
@@ -348,14 +360,17 @@ def main(arguments: list[str] | None = None) -> None:
     # %% What must hold
     for share, result in results.items():
         assert mass(result.evaluation) <= share * heavy * (1.0 + 1e-6), "too heavy"
-        assert result.psi < thin[share].psi, f"{share}: the design is not better than even links"
-    if options.iterations >= ENOUGH and options.elements[1] >= FINE:
-        gain = error(best.psi) / error(thin[share].psi)
-        assert gain < 1.0, f"tip error is {gain:.3f} of that of even links"
+        if options.iterations >= SOME:
+            assert result.psi < result.history["psi"][0], f"{share}: worse than even densities"
+        if options.iterations >= ENOUGH and across >= FINE:
+            gain = error(result.psi) / error(thin[share].psi)
+            assert gain < BETTER, f"{share}: tip error is {gain:.3f} of that of even links"
 
 
-#: iterations and elements across from which on a design counts as finished
-ENOUGH, FINE = 40, 8
+#: iterations, and elements across, from which on a design counts as finished
+SOME, ENOUGH, FINE = 20, 60, 8
+#: tip error of a finished design over that of links of even thickness with the same mass
+BETTER = 0.8
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -363,7 +378,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Design the flexible links of a robot arm.")
     parser.add_argument("--elements", nargs=2, type=int, default=[100, 10], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of time (default 400)")
-    parser.add_argument("--iterations", type=int, default=60, help="each, at most (default 60)")
+    parser.add_argument("--iterations", type=int, default=80, help="each, at most (default 80)")
     parser.add_argument("--output", default="results/robot_arm", help="folder for the results")
     return parser.parse_args(arguments)
 

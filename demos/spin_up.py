@@ -19,7 +19,7 @@ r_q = ... + (K + omega^2 K_w) q.
 
 Run it with
 
-    python demos/spin_up.py [--output DIR]
+    python demos/spin_up.py [--elements NX NY] [--steps N] [--output DIR]
 
 also under `mpirun -n 2`; it takes some seconds.
 """
@@ -78,7 +78,11 @@ def acceleration(t: ArrayLike) -> NDArray[np.float64]:
 
 # %% The scene
 def spin_up(
-    comm: MPI.Comm, *, stiffening: bool, elements: tuple[int, int] = (60, 2)
+    comm: MPI.Comm,
+    *,
+    stiffening: bool,
+    elements: tuple[int, int] = (60, 2),
+    steps: int = STEPS,
 ) -> ffr.Problem:
     """Return the beam, clamped to a hub that turns as prescribed.
 
@@ -86,6 +90,7 @@ def spin_up(
         comm: communicator over which the mesh is distributed.
         stiffening: model geometric stiffening by the centrifugal load.
         elements: along and across.
+        steps: number of time steps.
     """
     domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, elements=elements, order=2, solid_columns=0)
     beam = ffr.FlexibleBody(
@@ -104,7 +109,7 @@ def spin_up(
     return ffr.Problem(
         {"beam": beam},
         mechanism,
-        ffr.GeneralizedAlpha(DURATION, STEPS),
+        ffr.GeneralizedAlpha(DURATION, steps),
         ffr.IntegralCompliance(),
     )
 
@@ -124,7 +129,8 @@ def main(arguments: list[str] | None = None) -> None:
     say = print if comm.rank == 0 else lambda *_: None
 
     # %% Without geometric stiffening: reported, by name, time and speed
-    linear = spin_up(comm, stiffening=False)
+    size = {"elements": tuple(options.elements), "steps": options.steps}
+    linear = spin_up(comm, stiffening=False, **size)
     x = np.ones(linear.flexible["beam"].domain.n_cells)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ffr.SofteningWarning)
@@ -138,7 +144,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"linear: {softening[0] if softening else 'nothing reported'}")
 
     # %% With it
-    problem = spin_up(comm, stiffening=True)
+    problem = spin_up(comm, stiffening=True, **size)
     evaluation = problem.value(x)
     t, displacement = evaluation.trajectory.t, tip(evaluation)
     lag = displacement[:, 1]
@@ -187,6 +193,8 @@ def main(arguments: list[str] | None = None) -> None:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(description="Spin a flexible beam up.")
+    parser.add_argument("--elements", nargs=2, type=int, default=[60, 2], metavar=("NX", "NY"))
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"of time (default {STEPS})")
     parser.add_argument("--output", default="results/spin_up", help="folder for the results")
     return parser.parse_args(arguments)
 

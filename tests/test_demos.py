@@ -199,3 +199,43 @@ def test_mesh_of_the_connecting_rod_takes_the_place_of_the_rod(tmp_path: Path, d
     )
     numbers = summary(tmp_path / "out")
     assert numbers["compliance_final"] < numbers["compliance_initial"]
+
+
+#: demos of single scenes with settings for which they take seconds, and pictures that they leave
+SCENES = {
+    "spin_up": (["--elements", "20", "1", "--steps", "1500"], ["tip.png", "motion.gif"]),
+    "pendulum": (["--elements", "20", "1", "--steps", "200"], ["modes.png", "motion.gif"]),
+    "four_bar": (
+        ["--elements", "24", "4", "--steps", "200", "--iterations", "5"],
+        ["coupler.png", "rocker.png", "history.png", "motion.gif"],
+    ),
+    "robot_arm": (
+        ["--elements", "30", "4", "--steps", "120", "--iterations", "4"],
+        ["trade_off.png", "tip.png", "upper_arm.png", "forearm.png", "motion.gif"],
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "ranks"),
+    [*((name, 1) for name in SCENES), ("spin_up", 2), ("four_bar", 2)],
+)
+def test_scene(name: str, ranks: int, tmp_path: Path) -> None:
+    """A demo's own assertions hold, and its files are there."""
+    options, files = SCENES[name]
+    program = TOP / "demos" / f"{name}.py"
+    run(*options, "--output", "out", ranks=ranks, cwd=tmp_path, program=program)
+    assert summary(tmp_path / "out")
+    for file in [*files, "scene.png"]:
+        assert (tmp_path / "out" / file).stat().st_size > 5000, file
+
+
+def test_four_bar_on_mesh_files(tmp_path: Path) -> None:
+    """Gmsh files take the place of both links; the linkage closes with their lengths."""
+    from test_domain import write_rod
+
+    write_rod(tmp_path / "rod.msh")
+    meshes = ["--coupler-mesh", "rod.msh", "--rocker-mesh", "rod.msh"]
+    program = TOP / "demos" / "four_bar.py"
+    run(*meshes, "--steps", "100", "--iterations", "3", cwd=tmp_path, program=program)
+    assert summary(tmp_path / "results" / "four_bar")["volume_coupler"] <= 0.5 * (1 + 1e-6)
