@@ -307,8 +307,9 @@ def test_interrupted_and_resumed_is_as_if_uninterrupted(
     # whose iterations begin where the last ones ended
     for name in ("psi", "volume", "gray", "accepted", "step", "width"):
         assert np.array_equal(rest.history[name][: at + 1], first.history[name]), name
-        assert rest.history[name] == pytest.approx(whole.history[name], rel=1e-6, abs=1e-6), name
-    assert rest.psi == pytest.approx(whole.psi, rel=1e-6)
+        # psi is small, the others are shares
+        near = 0.0 if name == "psi" else 1e-6
+        assert rest.history[name] == pytest.approx(whole.history[name], rel=1e-6, abs=near), name
     assert rest.variables["rod"] == pytest.approx(whole.variables["rod"], abs=1e-6)
     comm.Barrier()
     found = ffr.read_history(shared_tmp_path / "history.csv")
