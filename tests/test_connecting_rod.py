@@ -176,6 +176,21 @@ def test_surface_in_two_groups(comm: MPI.Intracomm) -> None:
         Domain.from_gmsh_model(comm, gmsh.model if comm.rank == 0 else None)
 
 
+def test_model_without_a_mesh(comm: MPI.Intracomm) -> None:
+    """A drawing alone is refused with the call that is missing."""
+
+    def draw() -> None:
+        ROD.build(0.01)
+        gmsh.model.mesh.clear()
+
+    with (
+        rod_mesh.session(comm.rank == 0),
+        pytest.raises(ValueError, match=r"has no mesh; call gmsh\.model\.mesh\.generate"),
+    ):
+        on_rank_0(comm, draw)
+        Domain.from_gmsh_model(comm, gmsh.model if comm.rank == 0 else None)
+
+
 def test_folded_curved_cell(comm: MPI.Intracomm) -> None:
     """A curved cell whose middle node has gone astray is refused."""
     domain = ROD.domain(comm, 0.012).mesh
