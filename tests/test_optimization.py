@@ -36,6 +36,7 @@ class Copy:
     def __init__(self, comm: MPI.Intracomm, target: Callable[[np.ndarray], np.ndarray]) -> None:
         self.domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(40, 8))
         self.flexible = {"plate": SimpleNamespace(domain=self.domain)}
+        self.constraints: list[Any] = []
         self.target = np.where(self.domain.design_cells, target(self.domain.centroids), 1.0)
         #: number of the values that fail, from 1
         self.broken: set[int] = set()

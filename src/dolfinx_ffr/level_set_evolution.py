@@ -152,7 +152,7 @@ class _Steps:
                     f"optimize: LevelSetEvolution moves level sets, and the design of body "
                     f"{name!r} is a {type(design).__name__}; give optimizer=MMA()"
                 )
-        if getattr(loop.problem, "constraints", ()):
+        if loop.problem.constraints:
             raise ValueError(
                 "optimize: LevelSetEvolution takes a volume bound and no other constraint, and the "
                 "problem has some; give optimizer=MMA()"

@@ -275,7 +275,7 @@ class _Run:
         optimizer.set_lower_bounds(lower)
         optimizer.set_upper_bounds(upper)
         optimizer.set_min_objective(objective)
-        count = len(self.designs) + len(getattr(self.loop.problem, "constraints", ()))
+        count = len(self.designs) + len(self.loop.problem.constraints)
         optimizer.add_inequality_mconstraint(bounds, np.full(count, FEASIBLE))
         # a fixed point is recognised by the rows; this only keeps NLopt from turning on the spot
         optimizer.set_maxeval(self.loop.iterations + 2)
@@ -312,7 +312,8 @@ class _Run:
             if best is None:
                 self.stall()
                 return
-            found = _Kept(variables, FAILED * abs(best.psi), best.bounds + FAILED)
+            bad = FAILED * max(abs(best.psi), abs(float(self.told[0][0])))
+            found = _Kept(variables, bad, best.bounds + FAILED)
         else:
             found = _Kept(variables, evaluation.psi, self.bounds(evaluation), evaluation)
             if best is None and self.before and found.psi > APART * abs(self.before.psi):

@@ -66,7 +66,7 @@ def optimize(
     resume: bool = False,
     progress: bool = True,
     callback: Callback | None = None,
-    evolution: Evolution | None = None,
+    evolution: Evolution | Mapping[str, Evolution] | None = None,
     widths: Sequence[float] | None = None,
     step: float | None = None,
     tolerance: float | None = None,
