@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""The programs of the documentation run as they stand, but for coarser meshes and fewer steps."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+import dolfinx_ffr as ffr
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "scenes.md"
+#: numbers that say how long a program takes, and those of a test
+SHORTER = [
+    (r"elements=\(\d+, \d+\)", "elements=(20, 4)"),
+    (r"iterations=\d+", "iterations=2"),
+    (r"GeneralizedAlpha\(([\d.]+), \d+\)", r"GeneralizedAlpha(\1, 120)"),
+    (r"steps=\d+", "steps=120"),
+    (
+        r'plotting\.animate_motion\((.*?), "motion.gif"',
+        r'plotting.animate_motion(\1, "motion.gif", frames=3',
+    ),
+]
+
+
+def programs(page: Path) -> list[tuple[str, str]]:
+    """Return the heading and the text of each program of a page."""
+    heading, found = "", []
+    for match in re.finditer(
+        r"^##+ ([^\n]+)$|^```python\n(.*?)^```", page.read_text(), re.M | re.S
+    ):
+        if match.group(1):
+            heading = match.group(1)
+        else:
+            found.append((heading, match.group(2)))
+    return found
+
+
+def shorter(program: str) -> str:
+    """Return a program with a coarser mesh, fewer steps and iterations."""
+    for pattern, text in SHORTER:
+        program = re.sub(pattern, text, program)
+    return program
+
+
+def beginning(program: str) -> str:
+    """Return what must stand before some lines that are no program: a scene of the page."""
+    if "import dolfinx_ffr" in program:
+        return ""
+    scenes = dict(programs(PAGE))
+    if "coupler" in program:
+        links = "coupler, rocker = meshes['coupler'], meshes['rocker']\n"
+        return shorter(scenes["Four-bar linkage"]) + links
+    return shorter(scenes["Slider-crank"])
+
+
+@pytest.mark.parametrize(
+    ("heading", "program"), programs(PAGE), ids=[heading for heading, _ in programs(PAGE)]
+)
+@pytest.mark.filterwarnings("ignore")
+def test_program_of_a_scene(
+    heading: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs, and its numbers are finite; lines that are no program go on from a scene."""
+    from test_domain import write_rod
+
+    monkeypatch.chdir(tmp_path)
+    if ".msh" in program:
+        write_rod(tmp_path / "rod.msh")
+    before = beginning(program)
+    if before:
+        program = program.replace("volume=", "iterations=2, volume=")
+    names: dict[str, object] = {}
+    # the documentation is ours
+    exec(compile(before + shorter(program), f"{PAGE.name}, {heading}", "exec"), names)
+    for name in ("result", "evaluation"):
+        if name in names:
+            assert 0.0 < names[name].psi < float("inf")  # type: ignore[attr-defined]
+
+
+def test_names_on_the_page_exist() -> None:
+    """Each name in code that looks like one of the package is one, and none is missing."""
+    text = PAGE.read_text()
+    called = set(re.findall(r"\bffr\.(\w+)", text))
+    assert not called - set(dir(ffr))
+    for module in ("joints", "forces", "objective", "start"):
+        kinds = importlib.import_module(f"dolfinx_ffr.{module}").__all__
+        public = [name for name in kinds if name in ffr.__all__]
+        missing = [name for name in public if f"`{name}" not in text and f"[{name}" not in text]
+        assert public and not missing, f"{missing} of {module} are not in {PAGE.name}"
+
+
+def test_links_and_pictures_exist() -> None:
+    """What the page points at is there, and pictures are small."""
+    for page in sorted(DOCS.glob("*.md")):
+        text = page.read_text()
+        for target in re.findall(r"\]\(([^)#]+)\)", text):
+            if not target.startswith("http"):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", PAGE.read_text()):
+        assert (PAGE.parent / target).stat().st_size < 150_000, target
