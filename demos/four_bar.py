@@ -292,7 +292,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 #: what a finished design must reach, as a share of psi of even densities and of the full links
-ENOUGH, SHARE, FULL = 60, 0.5, 1.0
+ENOUGH, SHARE, FULL = 60, 0.3, 0.8
 
 
 def compliances(evaluation: ffr.Evaluation) -> dict[str, float]:
