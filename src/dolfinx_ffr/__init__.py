@@ -22,6 +22,7 @@ _ROOMS = {
     "domain": ["Domain", "Interface"],
     "dynamics": [
         "GeneralizedAlpha",
+        "RadauIIA",
         "SimulationError",
         "SofteningWarning",
         "Trajectory",

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .body import VolumeIntegrals
-from .dynamics import GeneralizedAlpha, Trajectory, TrajectoryBar, adjoint, simulate
+from .dynamics import Integrator, Trajectory, TrajectoryBar, adjoint, simulate
 from .mechanism import Mechanism
 from .objective import Constraint, Objective
 
@@ -87,7 +87,7 @@ class MechanicalProblem:
     #: Joints, motions, point masses, gravity.
     mechanism: Mechanism
     #: Time interval and steps.
-    integrator: GeneralizedAlpha
+    integrator: Integrator
     #: What is minimised.
     objective: Objective
     #: Bounds on further objectives.

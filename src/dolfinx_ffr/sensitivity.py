@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .body import VolumeIntegrals
-from .dynamics import GeneralizedAlpha, Trajectory, compile_kernels
+from .dynamics import Integrator, Trajectory, compile_kernels
 from .flexible_body import FlexibleBody, ReducedBody
 from .mechanical_problem import (
     ConstraintValue,
@@ -98,7 +98,7 @@ class Problem:
         self,
         bodies: Mapping[str, FlexibleBody | VolumeIntegrals],
         mechanism: Mechanism,
-        integrator: GeneralizedAlpha,
+        integrator: Integrator,
         objective: Objective,
         constraints: Sequence[Constraint] = (),
     ) -> None:

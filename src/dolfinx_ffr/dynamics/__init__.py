@@ -5,14 +5,19 @@ from __future__ import annotations
 
 from .adjoint import adjoint
 from .compiled import compile_kernels
-from .generalized_alpha import GeneralizedAlpha, SimulationError, SofteningWarning, simulate
+from .failures import SimulationError
+from .generalized_alpha import GeneralizedAlpha
 from .initial import initial_state
 from .model import FlatModel, assemble_model
+from .radau import RadauIIA
+from .simulation import Integrator, SofteningWarning, simulate
 from .trajectory import Trajectory, TrajectoryBar
 
 __all__ = [
     "FlatModel",
     "GeneralizedAlpha",
+    "Integrator",
+    "RadauIIA",
     "SimulationError",
     "SofteningWarning",
     "Trajectory",

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import BodyMarker, VolumeIntegrals
-from .generalized_alpha import one_thread
 from .initial import start_pullback
 from .loops import CONVERGED, kernels
 from .model import FlatModel
+from .radau import compile_stage_kernels
+from .simulation import one_thread
+from .stage_loops import stage_kernels
 from .trajectory import Trajectory, TrajectoryBar
 
 __all__ = ["adjoint"]
@@ -51,39 +53,12 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             raise ValueError(f"bar.{name} must have shape {shape}, but it has shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise ValueError(f"bar.{name} holds NaN or infinity")
-    x = np.zeros((trajectory.steps + 2, model.size))
     markers = np.zeros((model.arrays.marker_body.size, 3, model.arrays.psi.shape[1] + 1))
-    shifts, first = np.zeros((2, *size)), np.zeros((2, model.size))
     with one_thread():
-        status, step = kernels.backward(
-            model.arrays,
-            float(model.times[1] - model.times[0]),
-            trajectory.method,
-            model.offset,
-            np.stack([trajectory.y, trajectory.v, trajectory.w, trajectory.a]),
-            np.stack([trajectory.multipliers, trajectory.stabilization]),
-            trajectory.beginning,
-            np.stack([bar.y, bar.v, bar.w]),
-            np.ascontiguousarray(bar.multipliers, dtype=np.float64),
-            x,
-            shifts,
-            markers,
-            first,
-        )
-        if status != CONVERGED:
-            raise RuntimeError(
-                f"the matrix of the step at t = {trajectory.t[step]:.6g} s is singular"
-            )
-        states = [
-            np.vstack([part, extra])
-            for part, extra in zip(
-                (trajectory.y, trajectory.v, trajectory.w), trajectory.beginning, strict=False
-            )
-        ]
-        # The trajectory may end before the tables do; their last row is that of the beginning.
-        gravity = np.vstack(
-            [model.arrays.gravity[: trajectory.steps + 1], model.arrays.gravity[-1]]
-        )
+        if trajectory.method:
+            x, shifts, first, states, gravity = _constant_steps(trajectory, bar, markers)
+        else:
+            x, shifts, first, states, gravity = _stages(trajectory, bar, markers)
         settled = start_pullback(
             model, trajectory.y[0], trajectory.v[0], first[0], first[1], markers
         )
@@ -93,10 +68,9 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
                 np.vstack(p) for p in zip(states, (trajectory.y[:1], rest, rest), strict=True)
             ]
             gravity, x = np.vstack([gravity, model.arrays.gravity[:1]]), np.vstack([x, settled])
-        h = float(model.times[1] - model.times[0])
         bars = {
             name: _integral_bars(model, name, states, gravity, x)
-            + _metric_bars(model, name, h * shifts[0], shifts[1])
+            + _metric_bars(model, name, shifts[0], shifts[1])
             for name in model.bodies
         }
     for (body, marker), number in model.markers.items():
@@ -110,6 +84,72 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
         body, marker = point.marker
         bars[body] = model.bodies[body].point_mass_pullback(bars[body], marker, point.mass)
     return bars
+
+
+#: Adjoint of the forces at all instants, shares of the metric, derivatives with respect to the
+#: start, and the states (y, v, w) and gravity at these instants.
+_Pulled = tuple[Array, Array, Array, list[Array], Array]
+
+
+def _constant_steps(trajectory: Trajectory, bar: TrajectoryBar, markers: Array) -> _Pulled:
+    """Transpose of the generalised-alpha method."""
+    model, size = trajectory.model, trajectory.y.shape
+    x = np.zeros((trajectory.steps + 2, model.size))
+    shifts, first = np.zeros((2, *size)), np.zeros((2, model.size))
+    h = float(model.times[1] - model.times[0])
+    status, step = kernels.backward(
+        model.arrays,
+        h,
+        trajectory.method,
+        model.offset,
+        np.stack([trajectory.y, trajectory.v, trajectory.w, trajectory.a]),
+        np.stack([trajectory.multipliers, trajectory.stabilization]),
+        trajectory.beginning,
+        np.stack([bar.y, bar.v, bar.w]),
+        np.ascontiguousarray(bar.multipliers, dtype=np.float64),
+        x,
+        shifts,
+        markers,
+        first,
+    )
+    _refuse_singular(trajectory, status, step)
+    states = [
+        np.vstack([part, extra])
+        for part, extra in zip(
+            (trajectory.y, trajectory.v, trajectory.w), trajectory.beginning, strict=False
+        )
+    ]
+    # The trajectory may end before the tables do; their last row is that of the beginning.
+    gravity = np.vstack([model.arrays.gravity[: trajectory.steps + 1], model.arrays.gravity[-1]])
+    shifts[0] *= h
+    return x, shifts, first, states, gravity
+
+
+def _stages(trajectory: Trajectory, bar: TrajectoryBar, markers: Array) -> _Pulled:
+    """Transpose of the Radau IIA method."""
+    model, size = trajectory.model, trajectory.y.shape
+    x, shifts, first = np.zeros(size), np.zeros((2, *size)), np.zeros((2, model.size))
+    compile_stage_kernels()
+    status, step = stage_kernels.backward(
+        model.arrays,
+        np.diff(trajectory.step_ends),
+        np.stack([trajectory.y, trajectory.v, trajectory.w]),
+        np.stack([trajectory.multipliers, trajectory.stabilization]),
+        np.stack([bar.y, bar.v, bar.w]),
+        np.ascontiguousarray(bar.multipliers, dtype=np.float64),
+        x,
+        shifts,
+        markers,
+        first,
+    )
+    _refuse_singular(trajectory, status, step)
+    states = [trajectory.y, trajectory.v, trajectory.w]
+    return x, shifts, first, states, model.arrays.gravity[: trajectory.t.size]
+
+
+def _refuse_singular(trajectory: Trajectory, status: int, step: int) -> None:
+    if status != CONVERGED:
+        raise RuntimeError(f"the matrix of the step at t = {trajectory.t[step]:.6g} s is singular")
 
 
 def _integral_bars(

@@ -38,6 +38,21 @@ def compile_kernels(announce: Callable[[str], None] | None = None) -> float:
     global _ready
     if _ready:
         return 0.0
+    seconds = announced(_call_on_nothing, announce)
+    _ready = True
+    return seconds
+
+
+def announced(work: Callable[[], None], announce: Callable[[str], None] | None = None) -> float:
+    """Do what may take long, and say so if it does.
+
+    Args:
+        work: What to do.
+        announce: Called with one line of text; by default it goes to the standard error.
+
+    Returns:
+        Seconds taken.
+    """
     began = time.perf_counter()
     text = "dolfinx_ffr: compiling the time integration; this happens once and takes a while ..."
     say = announce if announce is not None else lambda line: print(line, file=sys.stderr)
@@ -45,17 +60,16 @@ def compile_kernels(announce: Callable[[str], None] | None = None) -> float:
     timer.daemon = True
     timer.start()
     try:
-        _call_on_nothing()
+        work()
     finally:
         timer.cancel()
-    _ready = True
     return time.perf_counter() - began
 
 
-def _call_on_nothing() -> None:
-    """Call every kernel on a mechanism without bodies, which makes Numba compile or load it."""
+def empty_model() -> ModelArrays:
+    """A mechanism without bodies."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
-    model = ModelArrays(
+    return ModelArrays(
         first=none,
         modes=none,
         mass=z(0),
@@ -84,6 +98,11 @@ def _call_on_nothing() -> None:
         force_constants=z((0, 2)),
         force_table=z((2, 0, 3)),
     )
+
+
+def _call_on_nothing() -> None:
+    """Call every kernel on a mechanism without bodies, which makes Numba compile or load it."""
+    z, none, model = np.zeros, np.zeros(0, dtype=np.int64), empty_model()
     state, table, method = z(0), [z((1, 0)) for _ in range(6)], (0.0, 0.0, 0.5, 0.25)
     kernels.evaluate(model, 0, state, state, state, state)
     kernels.place(model, 0, state)

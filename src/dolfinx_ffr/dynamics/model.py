@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from ..motion import Motion, sample
-from ..points import Ground, Marker, marker_name
+from ..points import Ground, Marker, Moving, marker_name
 from ..start import Assembled
 from .arrays import DISTANCE, ModelArrays
 from .layout import (
@@ -33,6 +34,72 @@ START_OFFSET = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
+class TimeTables:
+    """What a mechanism prescribes over time, to be tabulated at any instants."""
+
+    mechanism: Mechanism
+    #: Markers that move as prescribed, with their first users for messages.
+    prescribed: Sequence[tuple[Ground | Moving, str]]
+    #: Rows of all joints, with the names of the joints.
+    rows: Sequence[tuple[Row, str]]
+    #: Forces, with their names.
+    elements: Sequence[tuple[Element, str]]
+
+    def check(self, start: float, end: float) -> None:
+        """Compare all derivatives with differences.
+
+        Args:
+            start: Begin of the motion [s].
+            end: End of the motion [s].
+
+        Raises:
+            ValueError: If a derivative is wrong; the message names the marker or the joint.
+        """
+        motions = [(m, where) for marker, where in self.prescribed for m in marker.motions]
+        motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
+        for motion, where in motions:
+            try:
+                motion.check(start, end)
+            except ValueError as error:
+                raise ValueError(f"{where}: {error}") from error
+
+    def tabulate(self, instants: Array) -> dict[str, Any]:
+        """Tables by name of the field of ModelArrays.
+
+        Args:
+            instants: Times, shape (instants,) [s].
+
+        Raises:
+            ValueError: If a value is NaN or infinite, or a length is not positive; the message
+                names the marker, the joint or the force.
+        """
+        prescribed = [
+            np.stack([_tabulate(motion, instants, where) for motion in marker.motions], axis=-1)
+            for marker, where in self.prescribed
+        ]
+        drives = []
+        for row, label in self.rows:
+            drive = np.zeros((instants.size, 3))
+            if row.motion is not None:
+                drive += _tabulate(row.motion, instants, f"joint {label!r}")
+            drive[:, 0] += row.constant
+            if row.kind == DISTANCE and not np.min(drive[:, 0]) > 0.0:
+                k = int(np.argmax(~(drive[:, 0] > 0.0)))
+                raise ValueError(
+                    f"joint {label!r}: the length must be positive at all times, but it is "
+                    f"{drive[k, 0]:.6g} m at t = {instants[k]:.6g} s"
+                )
+            drives.append(drive)
+        pulls = [table_of_element(element, label, instants) for element, label in self.elements]
+        return {
+            "gravity": _free_fall(self.mechanism, instants),
+            "prescribed": _stack(prescribed, (instants.size, 3, 3)),
+            "drive": _stack(drives, (instants.size, 3)),
+            "force_table": _stack(pulls, (instants.size, 3)),
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class FlatModel:
     """A mechanism compiled for the kernels, with the names of what stands where."""
 
@@ -50,6 +117,20 @@ class FlatModel:
     markers: Mapping[tuple[str, str], int]
     #: Rows of each joint in the multipliers, by name of the joint.
     joints: Mapping[str, slice]
+    #: What is prescribed over time.
+    tables: TimeTables
+
+    def at(self, times: Array) -> FlatModel:
+        """The same mechanism, tabulated at other times.
+
+        Args:
+            times: Times, shape (instants,) [s].
+
+        Raises:
+            ValueError: If a value is NaN or infinite, or a length is not positive.
+        """
+        tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
+        return replace(self, arrays=self.arrays._replace(**tables), times=times)
 
     @property
     def size(self) -> int:
@@ -152,14 +233,12 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
             )
 
 
-def _tabulate(motion: Motion, instants: Array, end: float, where: str) -> Array:
-    """Table (instants, 3) of a motion whose derivatives have been checked."""
+def _tabulate(motion: Motion, instants: Array, where: str) -> Array:
+    """Table (instants, 3) of a motion."""
     try:
-        table = motion.tabulate(instants)
-        motion.check(float(instants[0]), end)
+        return motion.tabulate(instants).T
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
-    return table.T
 
 
 def assemble_model(
@@ -170,7 +249,7 @@ def assemble_model(
     Args:
         mechanism: The mechanism.
         bodies: Volume integrals of all bodies, by name.
-        times: Equally spaced times, shape (steps + 1,) [s].
+        times: Times, shape (steps + 1,) [s].
 
     Raises:
         ValueError: If a name does not exist, integrals are not valid, a motion is NaN or its
@@ -190,7 +269,7 @@ def assemble_model(
     instants = np.append(times, times[0] + offset)
     index: dict[tuple[str, str], int] = {}
     table: list[Marker] = []
-    prescribed: list[Array] = []
+    prescribed: list[tuple[Ground | Moving, str]] = []
 
     def place(marker: Marker, user: str) -> int:
         """Number of a marker, entered in the table at its first use."""
@@ -202,42 +281,29 @@ def assemble_model(
         for number, known in enumerate(table):
             if known is marker or (isinstance(marker, Ground) and known == marker):
                 return number
-        where = f"{user}, marker {marker_name(marker)!r}"
-        columns = [_tabulate(m, instants, float(times[-1]), where) for m in marker.motions]
-        prescribed.append(np.stack(columns, axis=-1))
+        prescribed.append((marker, f"{user}, marker {marker_name(marker)!r}"))
         table.append(marker)
         return len(table) - 1
 
     undeformed = Undeformed(mechanism.placements, bodies, instants[:1])
-    rows: list[Row] = []
-    drives: list[Array] = []
+    rows: list[tuple[Row, str]] = []
     joints: dict[str, slice] = {}
     sides: list[tuple[int, int]] = []
     for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
         own = rows_of_joint(joint, label, undeformed)
         joints[label] = slice(len(rows), len(rows) + len(own))
-        for row in own:
-            drive = np.zeros((instants.size, 3))
-            if row.motion is not None:
-                drive += _tabulate(row.motion, instants, float(times[-1]), f"joint {label!r}")
-            drive[:, 0] += row.constant
-            if row.kind == DISTANCE and not np.min(drive[:, 0]) > 0.0:
-                k = int(np.argmax(~(drive[:, 0] > 0.0)))
-                raise ValueError(
-                    f"joint {label!r}: the length must be positive at all times, but it is "
-                    f"{drive[k, 0]:.6g} m at t = {instants[k]:.6g} s"
-                )
-            drives.append(drive)
-            sides.append((place(row.a, f"joint {label!r}"), place(row.b, f"joint {label!r}")))
-        rows += own
-    elements: list[Element] = []
-    pulls: list[Array] = []
+        user = f"joint {label!r}"
+        sides += [(place(row.a, user), place(row.b, user)) for row in own]
+        rows += [(row, label) for row in own]
+    elements: list[tuple[Element, str]] = []
     ends: list[tuple[int, int]] = []
     for label, force in zip(mechanism.force_names, mechanism.forces, strict=True):
         element = element_of_force(force, label, undeformed)
-        elements.append(element)
-        pulls.append(table_of_element(element, label, instants))
+        elements.append((element, label))
         ends.append((place(element.a, f"force {label!r}"), place(element.b, f"force {label!r}")))
+    tables = TimeTables(mechanism, prescribed, rows, elements)
+    over_time = tables.tabulate(instants)
+    tables.check(float(times[0]), float(times[-1]))
 
     arrays = _body_arrays(mechanism, effective)
     modes = int(arrays["modes"].max())
@@ -257,23 +323,20 @@ def assemble_model(
             slots += 1
     flat = ModelArrays(
         **arrays,
-        gravity=_free_fall(mechanism, instants),
+        **over_time,
         marker_body=body_of.astype(np.int64),
         marker_slot=slot_of,
         W=W,
         psi=psi,
-        prescribed=_stack(prescribed, (instants.size, 3, 3)),
-        kind=np.array([row.kind for row in rows], dtype=np.int64),
+        kind=np.array([row.kind for row, _ in rows], dtype=np.int64),
         side=np.array(sides, dtype=np.int64).reshape(-1, 2),
-        normal=_pairs([row.normal for row in rows]),
-        ratio=np.array([row.ratio for row in rows], dtype=np.float64),
-        drive=_stack(drives, (instants.size, 3)),
-        force_kind=np.array([element.kind for element in elements], dtype=np.int64),
+        normal=_pairs([row.normal for row, _ in rows]),
+        ratio=np.array([row.ratio for row, _ in rows], dtype=np.float64),
+        force_kind=np.array([element.kind for element, _ in elements], dtype=np.int64),
         force_side=np.array(ends, dtype=np.int64).reshape(-1, 2),
-        force_constants=_pairs([element.constants for element in elements]),
-        force_table=_stack(pulls, (instants.size, 3)),
+        force_constants=_pairs([element.constants for element, _ in elements]),
     )
-    return FlatModel(flat, times, offset, mechanism, dict(bodies), index, joints)
+    return FlatModel(flat, times, offset, mechanism, dict(bodies), index, joints, tables)
 
 
 def _free_fall(mechanism: Mechanism, instants: Array) -> Array:

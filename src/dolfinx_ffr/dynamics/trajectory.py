@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,13 +48,22 @@ class Trajectory:
     beginning: Array
     #: The compiled mechanism.
     model: FlatModel
-    #: alpha_m, alpha_f, gamma, beta of the integration method.
-    method: tuple[float, float, float, float]
+    #: alpha_m, alpha_f, gamma, beta of the generalised-alpha method; empty for Radau IIA.
+    method: tuple[float, ...]
+    #: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal rule.
+    weights: Array | None = None
+    #: Estimate of the error relative to the size of the motion; NaN where there is none.
+    error: float = math.nan
 
     @property
     def steps(self) -> int:
-        """Number of time steps."""
+        """Number of instants after the start; with Radau IIA each step counts three, its stages."""
         return self.t.size - 1
+
+    @property
+    def step_ends(self) -> Array:
+        """Times at which steps end, the start included [s]."""
+        return self.t if self.method else self.t[::3]
 
     def rigid(self, body: str) -> Array:
         """Position and angle of a body's frame over time, shape (steps + 1, 3) [m, m, rad].

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..body import VolumeIntegrals
 from ..dynamics.trajectory import Trajectory, TrajectoryBar
 from .base import Bodies, Objective, no_body
-from .time_average import check_power, power_mean, trapezoidal_weights
+from .time_average import check_power, power_mean, time_weights
 
 __all__ = ["IntegralCompliance", "PeakCompliance"]
 
@@ -103,7 +103,7 @@ class IntegralCompliance(_Compliance):
         Raises:
             ValueError: If a body does not exist; the message lists the bodies.
         """
-        return float(trapezoidal_weights(trajectory.t) @ self._compliance(trajectory, bodies))
+        return float(time_weights(trajectory) @ self._compliance(trajectory, bodies))
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
@@ -117,7 +117,7 @@ class IntegralCompliance(_Compliance):
         Raises:
             ValueError: If a body does not exist; the message lists the bodies.
         """
-        return self._pullback(trajectory, bodies, trapezoidal_weights(trajectory.t))
+        return self._pullback(trajectory, bodies, time_weights(trajectory))
 
 
 @dataclass(frozen=True)
@@ -177,4 +177,4 @@ class PeakCompliance(_Compliance):
     def _mean(self, trajectory: Trajectory, bodies: Bodies) -> tuple[float, Array]:
         # Round-off in a stiffness with a zero eigenvalue can leave a value just below zero.
         compliance = np.maximum(self._compliance(trajectory, bodies), 0.0)
-        return power_mean(compliance, trapezoidal_weights(trajectory.t), self.power)
+        return power_mean(compliance, time_weights(trajectory), self.power)

@@ -12,7 +12,7 @@ from ..body import VolumeIntegrals
 from ..dynamics.arrays import ANGLE
 from ..dynamics.trajectory import Trajectory, TrajectoryBar
 from .base import Bodies, Objective
-from .time_average import check_power, check_window, power_mean, trapezoidal_weights
+from .time_average import check_power, check_window, power_mean, time_weights
 
 __all__ = ["JointForce"]
 
@@ -91,7 +91,7 @@ class JointForce(Objective):
     def _size(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Size of the force over time, and the weights of the time steps, (steps + 1,) each."""
         size = np.linalg.norm(trajectory.multipliers[:, self._rows(trajectory)], axis=1)
-        return size, trapezoidal_weights(trajectory.t, self.window, "joint force")
+        return size, time_weights(trajectory, self.window, "joint force")
 
     def _rows(self, trajectory: Trajectory) -> NDArray[np.int64]:
         """Rows of the multipliers that count."""

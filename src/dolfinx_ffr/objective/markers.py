@@ -21,7 +21,7 @@ from ..body import BodyMarker, VolumeIntegrals
 from ..dynamics.trajectory import Trajectory, TrajectoryBar
 from ..motion import Motion
 from .base import Bodies, Objective, no_body
-from .time_average import check_window, trapezoidal_weights
+from .time_average import check_window, time_weights
 
 __all__ = ["MarkerAcceleration", "PathTracking"]
 
@@ -96,7 +96,7 @@ class PathTracking(_MarkerObjective):
             ValueError: If a name does not exist, or path or weight does not fit the time steps.
         """
         distance = self._distance(trajectory, bodies)[0]
-        return float(self._weights(trajectory.t) @ np.sum(distance**2, axis=1))
+        return float(self._weights(trajectory) @ np.sum(distance**2, axis=1))
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
@@ -115,7 +115,7 @@ class PathTracking(_MarkerObjective):
         where = trajectory.model.coordinates(self.body)
         theta, q = trajectory.y[:, where.start + 2], trajectory.elastic(self.body)
         bar = TrajectoryBar.zeros(trajectory)
-        r_bar = 2.0 * self._weights(trajectory.t)[:, None] * distance
+        r_bar = 2.0 * self._weights(trajectory)[:, None] * distance
         local = _turned(r_bar, -theta)
         bar.y[:, where.start : where.start + 2] = r_bar
         bar.y[:, where.start + 2] = np.sum(local * _quarter(w), axis=1)
@@ -145,11 +145,11 @@ class PathTracking(_MarkerObjective):
         array = np.asarray(self.path, dtype=np.float64)
         return _checked("path tracking: the path", array, (t.size, 2))
 
-    def _weights(self, t: Array) -> Array:
-        weights = trapezoidal_weights(t, self.window, "path tracking")
+    def _weights(self, trajectory: Trajectory) -> Array:
+        weights = time_weights(trajectory, self.window, "path tracking")
         if self.weight is None:
             return weights
-        return weights * _tabulated("path tracking: the weight", self.weight, t)
+        return weights * _tabulated("path tracking: the weight", self.weight, trajectory.t)
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class MarkerAcceleration(_MarkerObjective):
         Raises:
             ValueError: If a name does not exist; the message lists those that do.
         """
-        weights = trapezoidal_weights(trajectory.t, self.window, "marker acceleration")
+        weights = time_weights(trajectory, self.window, "marker acceleration")
         return float(weights @ np.sum(self.acceleration(trajectory, bodies) ** 2, axis=1))
 
     def pullback(
@@ -216,7 +216,7 @@ class MarkerAcceleration(_MarkerObjective):
             ValueError: If a name does not exist; the message lists those that do.
         """
         point = self._point("marker acceleration", bodies)
-        weights = trapezoidal_weights(trajectory.t, self.window, "marker acceleration")
+        weights = time_weights(trajectory, self.window, "marker acceleration")
         where = trajectory.model.coordinates(self.body)
         y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
         omega, alpha = v[:, 2:3], w[:, 2:3]

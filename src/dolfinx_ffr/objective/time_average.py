@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Integrals and power means over the time steps, by the trapezoidal rule."""
+"""Integrals and power means over the time steps.
+
+By the trapezoidal rule; with the Radau IIA method by the weights of its stages, which have its
+order, and where a window cuts a step, by the integral of the polynomial through the stages.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["check_power", "check_window", "power_mean", "trapezoidal_weights"]
+from ..dynamics.stages import stage_integrals
+from ..dynamics.trajectory import Trajectory
+
+__all__ = ["check_power", "check_window", "power_mean", "time_weights", "trapezoidal_weights"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +45,39 @@ def check_window(what: str, window: tuple[float, float] | None) -> None:
         raise ValueError(
             f"{what}: the window must be (begin, end) with begin < end, but it is {window}"
         )
+
+
+def time_weights(
+    trajectory: Trajectory, window: tuple[float, float] | None = None, what: str = "objective"
+) -> Array:
+    """Weights of integrals over time, one for each instant of a trajectory [s].
+
+    Args:
+        trajectory: Result of the simulation.
+        window: Begin and end of the time that counts [s]; None takes all. With constant steps it
+            is that of the steps inside.
+        what: Name of the objective, for the message.
+
+    Raises:
+        ValueError: If fewer than two times lie in the window.
+    """
+    if trajectory.weights is None:
+        return trapezoidal_weights(trajectory.t, window, what)
+    if window is None:
+        return trajectory.weights
+    ends = trajectory.step_ends
+    begin, end = max(window[0], ends[0]), min(window[1], ends[-1])
+    if not begin < end:
+        raise ValueError(
+            f"{what}: the window {window} s is outside of the motion, which goes from "
+            f"{ends[0]:g} s to {ends[-1]:g} s"
+        )
+    h = np.diff(ends)
+    low = np.clip((begin - ends[:-1]) / h, 0.0, 1.0)
+    high = np.clip((end - ends[:-1]) / h, 0.0, 1.0)
+    weights = np.zeros_like(trajectory.t)
+    weights[1:] = np.ravel(h[:, None] * (stage_integrals(high) - stage_integrals(low)))
+    return weights
 
 
 def trapezoidal_weights(

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: MIT
+"""Radau IIA method of order 5 with steps that follow from a tolerance.
+
+The stage equations are those of stages.py. The error of a step is the difference from an embedded
+formula of order 3, relative to the sizes of the motion: by mass that of velocities and of the way
+from the start, by energy that of the elastic part. The steps are chosen by a proportional-integral
+controller (K. Gustafsson, Control-theoretic techniques for stepsize selection in implicit
+Runge-Kutta methods, ACM Transactions on Mathematical Software 20 (1994),
+doi:10.1145/198429.198437), a few equal ones at a time. A run with a large tolerance comes
+first: it tells the sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compiled import announced, empty_model
+from .failures import SimulationError, diagnosis
+from .loops import CONVERGED, kernels
+from .model import FlatModel
+from .stage_loops import REJECTED, stage_kernels
+from .stages import NODES, A
+from .trajectory import Trajectory
+
+__all__ = ["RadauIIA", "compile_stage_kernels", "integrate_with_radau"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Most steps between two looks at the error.
+_BATCH = 16
+#: Bounds of the tolerance.
+_TIGHTEST, _LOOSEST = 1e-13, 0.1
+#: Tolerance of the run that tells the sizes.
+_PILOT = 0.05
+#: Steps below this share of the duration mean that the motion cannot be followed.
+_SHORTEST = 1e-11
+#: Error of the embedded formula at the tolerance t: _FACTOR t^(2/3), as its order is 4 of 6.
+_FACTOR = 1.0
+
+
+@dataclass(frozen=True)
+class RadauIIA:
+    """Radau IIA method of order 5 with adaptive steps, for the stabilised index-2 equations.
+
+    Takes the steps that a tolerance needs: long ones where the motion is smooth, short ones where
+    it is not. Fifth-order accurate in positions and velocities, third-order in accelerations and
+    multipliers, fifth-order in objectives, which are integrated with the weights of the method;
+    constraints hold to round-off in positions and in velocities, and vibrations that no step
+    resolves are damped at once. Prefer it where an accuracy is asked for, or where fast and slow
+    phases alternate; :class:`GeneralizedAlpha` where steps are to be the same for all designs.
+
+    A gradient is the exact one of the computed motion at the steps that were taken. The steps may
+    differ from one design to the next, and psi jumps by an amount within the tolerance then; with
+    ``steps`` they are the same for all designs.
+
+    References:
+        E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., Springer 1996,
+        sections IV.8 and VII.4, doi:10.1007/978-3-642-05221-7.
+
+    Example:
+        >>> trajectory = simulate(mechanism, bodies, RadauIIA(2.0, tolerance=1e-8))
+        >>> trajectory.error  # estimate of what was reached
+        >>> again = RadauIIA(2.0, steps=trajectory.step_ends)  # the same steps for other bodies
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+
+    #: Order of positions, velocities and objectives in the time step.
+    order: ClassVar[int] = 5
+
+    #: Duration of the simulation, which starts at zero [s].
+    end_time: float
+    #: Error of the motion relative to its size, elastic deformation included.
+    tolerance: float = 1e-8
+    #: First step to try [s]; None leaves it to the method.
+    first_step: float | None = None
+    #: Largest step [s]; None sets no limit.
+    largest_step: float | None = None
+    #: Fixed steps instead of the tolerance: the number of equal steps, or the times at which steps
+    #: end, from 0 to ``end_time`` [s], such as the ``step_ends`` of a trajectory.
+    steps: int | Sequence[float] | Array | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (math.isfinite(self.end_time) and self.end_time > 0.0):
+            raise ValueError(f"end_time must be positive, but it is {self.end_time} s")
+        if not _TIGHTEST <= self.tolerance <= _LOOSEST:
+            raise ValueError(
+                f"tolerance must lie between {_TIGHTEST:g} and {_LOOSEST:g}, but it is "
+                f"{self.tolerance}"
+            )
+        for name in ("first_step", "largest_step"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be positive, but it is {value} s")
+        if self.steps is None:
+            return
+        if np.ndim(self.steps) == 0:
+            if int(self.steps) != self.steps or self.steps < 1:  # type: ignore[arg-type]
+                raise ValueError(f"steps must be a positive whole number, but it is {self.steps}")
+            return
+        ends = np.asarray(self.steps, dtype=np.float64)
+        if ends.ndim != 1 or ends.size < 2 or not np.all(np.diff(ends) > 0.0):
+            raise ValueError("steps must be a number, or times that grow from 0 to end_time")
+        if ends[0] != 0.0 or not math.isclose(ends[-1], self.end_time, rel_tol=1e-12):
+            raise ValueError(
+                f"steps must go from 0 to end_time = {self.end_time} s, but they go from {ends[0]} "
+                f"to {ends[-1]} s"
+            )
+        object.__setattr__(self, "steps", tuple(float(end) for end in ends))
+
+    @property
+    def coarser(self) -> RadauIIA:
+        """The method with steps about twice as long, for an estimate of the error."""
+        if self.steps is None:
+            return replace(self, tolerance=min(2.0**self.order * self.tolerance, _LOOSEST))
+        if np.ndim(self.steps) == 0:
+            return replace(self, steps=max(int(self.steps) // 2, 1))  # type: ignore[arg-type]
+        return replace(self, steps=np.append(self.times[:-1:2], self.end_time))
+
+    @property
+    def times(self) -> Array:
+        """Ends of fixed steps, shape (steps + 1,); of adaptive ones, begin and end only [s]."""
+        if self.steps is None:
+            return np.array([0.0, self.end_time])
+        if np.ndim(self.steps) == 0:
+            return np.linspace(0.0, self.end_time, int(self.steps) + 1)  # type: ignore[arg-type]
+        return np.array(self.steps)
+
+
+def stage_times(ends: Array) -> Array:
+    """Times of all stages, the start first, shape (3 steps + 1,) [s].
+
+    Args:
+        ends: Ends of the steps, shape (steps + 1,) [s].
+    """
+    inner = ends[:-1, None] + np.diff(ends)[:, None] * NODES
+    inner[:, 2] = ends[1:]
+    return np.concatenate([ends[:1], inner.ravel()])
+
+
+@dataclass(eq=False)
+class _Rows:
+    """A stretch of the motion: its start, and three rows for each step."""
+
+    t: Array
+    y: Array
+    v: Array
+    w: Array
+    multipliers: Array
+    stabilization: Array
+    #: Sizes of the errors, shape (steps, 3).
+    errors: Array
+    iterations: Integers
+
+    @staticmethod
+    def empty(t: Array, model: FlatModel) -> _Rows:
+        y, v, w = (np.zeros((t.size, model.size)) for _ in range(3))
+        multipliers, stabilization = (np.zeros((t.size, model.rows)) for _ in range(2))
+        steps = t.size // 3
+        errors, iterations = np.zeros((steps, 3)), np.zeros(steps, dtype=np.int64)
+        return _Rows(t, y, v, w, multipliers, stabilization, errors, iterations)
+
+    @staticmethod
+    def joined(parts: Sequence[_Rows]) -> _Rows:
+        def join(name: str, begin: int) -> NDArray:
+            return np.concatenate(
+                [getattr(part, name)[begin if i else 0 :] for i, part in enumerate(parts)]
+            )
+
+        names = ("t", "y", "v", "w", "multipliers", "stabilization")
+        arrays = [*(join(name, 1) for name in names), join("errors", 0), join("iterations", 0)]
+        return _Rows(*arrays)
+
+    def leading(self, steps: int) -> _Rows:
+        rows = 3 * steps + 1
+        names = ("t", "y", "v", "w", "multipliers", "stabilization")
+        parts = (getattr(self, name)[:rows] for name in names)
+        arrays = [*parts, self.errors[:steps], self.iterations[:steps]]
+        return _Rows(*arrays)
+
+
+class _Marching:
+    """State of the integration between two calls of the compiled loop."""
+
+    def __init__(self, model: FlatModel, start: _Rows, sizes: Array) -> None:
+        self.model, self.start, self.sizes = model, start, sizes
+        self.parts = [start]
+
+    def advance(self, ends: Array, limit: float, model: FlatModel | None = None) -> tuple:
+        """Steps to the given ends, the first of which is where the motion stands.
+
+        Returns the outcome, the number of good steps and all steps that were tried.
+        """
+        last = self.parts[-1]
+        rows = _Rows.empty(stage_times(ends), self.model)
+        for name in ("y", "v", "w", "multipliers", "stabilization"):
+            getattr(rows, name)[0] = getattr(last, name)[-1]
+        before, w_before = 0.0, np.zeros((3, self.model.size))
+        lam_before = np.zeros((3, self.model.rows))
+        if last.errors.size:
+            before = float(last.t[-1] - last.t[-4])
+            w_before, lam_before = last.w[-3:].copy(), last.multipliers[-3:].copy()
+        if model is None:
+            tables = self.model.tables.tabulate(rows.t)
+            arrays = self.model.arrays._replace(**tables)
+        else:
+            arrays = model.arrays
+        status, good = stage_kernels.march(
+            arrays, np.diff(ends), rows.y, rows.v, rows.w, rows.multipliers, rows.stabilization,
+            before, w_before, lam_before, self.start.y[0], self.sizes, limit, rows.errors,
+            rows.iterations,
+        )  # fmt: skip
+        if good:
+            self.parts.append(rows.leading(good))
+        return status, good, rows
+
+    @property
+    def t(self) -> float:
+        return float(self.parts[-1].t[-1])
+
+    @property
+    def h(self) -> float:
+        """Length of the last step."""
+        return float(self.parts[-1].t[-1] - self.parts[-1].t[-4])
+
+
+def integrate_with_radau(
+    model: FlatModel, integrator: RadauIIA, y0: Array, v0: Array
+) -> Trajectory:
+    """Motion from a consistent start.
+
+    Args:
+        model: The compiled mechanism, tabulated at any times that begin with the start.
+        integrator: The method.
+        y0: Coordinates at the start, shape (size,).
+        v0: Velocities at the start, shape (size,).
+
+    Raises:
+        SimulationError: If Newton's method does not converge, the mechanism becomes singular, or
+            the steps become too small.
+    """
+    start = _Rows.empty(np.zeros(1), model)
+    start.y[0], start.v[0] = y0, v0
+    after = np.zeros((4, model.size))
+    status = kernels.start(
+        model.arrays, start.y[0], start.v[0], start.w[0], start.multipliers[0], 0, 0.0, after
+    )
+    if status != CONVERGED or not np.all(np.isfinite(start.w)):
+        raise SimulationError(
+            "the accelerations at the start cannot be found: the mass matrix of the bodies and the "
+            "joints together are singular",
+            _trajectory(model.at(start.t), start, np.ones(3)),
+        )
+    sizes = _least_sizes(model, start, integrator.end_time)
+    if integrator.steps is not None:
+        marching = _Marching(model, start, sizes)
+        tabulated = model.at(stage_times(integrator.times))
+        status, good, rows = marching.advance(integrator.times, math.inf, tabulated)
+        if status != CONVERGED:
+            raise _failure(marching, rows, good, status, "take smaller steps, or ")
+        return _trajectory(tabulated, rows, sizes)
+    h = integrator.first_step
+    if integrator.tolerance < _PILOT:
+        _, first = _adaptive(model, start, sizes, integrator, _PILOT, h)
+        h = h or first * (integrator.tolerance / _PILOT) ** (1.0 / 6.0)
+    rows, _ = _adaptive(model, start, sizes, integrator, integrator.tolerance, h)
+    return _trajectory(model.at(rows.t), rows, sizes)
+
+
+def _adaptive(
+    model: FlatModel,
+    start: _Rows,
+    sizes: Array,
+    integrator: RadauIIA,
+    tolerance: float,
+    first: float | None,
+) -> tuple[_Rows, float]:
+    """Motion with steps that keep a tolerance, and the first step taken."""
+    end = integrator.end_time
+    longest = min(integrator.largest_step or end, end)
+    limit = _FACTOR * tolerance ** (2.0 / 3.0)
+    h, batch, before = min(first or 1e-3 * end, longest), 1, 1.0
+    marching = _Marching(model, start, sizes)
+    while marching.t < end:
+        t = marching.t
+        count = math.ceil((end - t) / h * (1.0 - 1e-9))
+        if count <= batch:
+            ends = np.linspace(t, end, max(count, 1) + 1)
+        else:
+            ends = t + h * np.arange(batch + 1)
+        status, good, rows = marching.advance(ends, limit)
+        if status == CONVERGED:
+            error = max(float(np.max(rows.errors / sizes)) / limit, 1e-8)
+            factor = 0.9 * error ** (-0.7 / 4.0) * before ** (0.4 / 4.0)
+            before = error
+            if 0.95 < factor < 1.2:
+                batch = min(2 * batch, _BATCH)
+            else:
+                h = min(h * min(max(factor, 0.2), 4.0), longest)
+                batch = min(batch + 1, _BATCH) if factor < 1.5 else 1
+            continue
+        if status == REJECTED:
+            error = min(float(np.max(rows.errors[good] / sizes)) / limit, 1e8)
+            h *= max(0.2, 0.9 * error ** (-1.0 / 4.0))
+        else:
+            h *= 0.25
+        batch, before = 1, 1.0
+        if h < _SHORTEST * end:
+            raise _failure(marching, rows, good, status, "")
+    rows = _Rows.joined(marching.parts)
+    return rows, float(rows.t[3] - rows.t[0])
+
+
+def _least_sizes(model: FlatModel, start: _Rows, duration: float) -> Array:
+    """Sizes below which a motion counts as rest: far below what a machine of this size does."""
+    arrays = model.arrays
+    used = arrays.marker_body >= 0
+    length = float(np.max(np.linalg.norm(arrays.W[used, :, 0], axis=1), initial=0.0)) or 1.0
+    least = 1e-6 * length * math.sqrt(float(np.sum(arrays.mass)))
+    return np.array([least, least / duration, 1e-6 * least / duration])
+
+
+def _trajectory(model: FlatModel, rows: _Rows, sizes: Array) -> Trajectory:
+    weights = np.zeros(rows.t.size)
+    weights[1:] = np.ravel(np.diff(rows.t[::3])[:, None] * A[2])
+    largest = float(np.max(rows.errors / sizes, initial=0.0))
+    return Trajectory(
+        rows.t, rows.y, rows.v, rows.w, rows.w, rows.multipliers, rows.stabilization,
+        rows.iterations, np.zeros((4, model.size)), model, (), weights, (largest / _FACTOR) ** 1.5,
+    )  # fmt: skip
+
+
+def _failure(
+    marching: _Marching, rows: _Rows, good: int, status: int, remedy: str
+) -> SimulationError:
+    """What to raise where a step failed."""
+    model, so_far = marching.model, _Rows.joined(marching.parts)
+    trajectory = _trajectory(model.at(so_far.t), so_far, marching.sizes)
+    row = 3 * good + 3
+    length = rows.t[row] - rows.t[row - 3]
+    if status == REJECTED:
+        text = (
+            f"at t = {rows.t[row - 3]:.6g} s steps of {length:.1e} s are too long for the "
+            "tolerance: the motion cannot go on, or is not smooth there; look at the motion so "
+            "far in the exception's trajectory"
+        )
+        return SimulationError(text, trajectory)
+    tried = _trajectory(model.at(rows.t), rows, marching.sizes)
+    where = f"step {trajectory.step_ends.size} of {length:.3g} s"
+    iterations = int(rows.iterations[good])
+    return SimulationError(diagnosis(tried, row, where, iterations, status, remedy), trajectory)
+
+
+_ready = False
+
+
+def compile_stage_kernels(announce: Callable[[str], None] | None = None) -> float:
+    """Compile the loops of this method, or load them from disk.
+
+    The simulation itself calls it; see :func:`compile_kernels`.
+
+    Args:
+        announce: Called with one line of text if it takes long; by default the line goes to the
+            standard error.
+
+    Returns:
+        Seconds taken.
+    """
+    global _ready
+    if _ready:
+        return 0.0
+    seconds = announced(_call_on_nothing, announce)
+    _ready = True
+    return seconds
+
+
+def _call_on_nothing() -> None:
+    """Call both loops on a mechanism without bodies, which makes Numba compile or load them."""
+    z, none, model = np.zeros, np.zeros(0, dtype=np.int64), empty_model()
+    table = [z((1, 0)) for _ in range(5)]
+    stage_kernels.march(
+        model, z(0), *table, 0.0, z((3, 0)), z((3, 0)), z(0), z(3), 1.0, z((0, 3)), none
+    )
+    stage_kernels.backward(
+        model, z(0), z((3, 1, 0)), z((2, 1, 0)), z((3, 1, 0)), z((1, 0)), z((1, 0)), z((2, 1, 0)),
+        z((0, 3, 1)), z((2, 0)),
+    )  # fmt: skip

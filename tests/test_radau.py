@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: MIT
+"""Radau IIA: orders, constraints, tolerance, discrete adjoint, and refused runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from beam_bodies import beam
+from numpy.typing import NDArray
+from scenes import SCENES, Bodies, Scene, moved, random_direction, slider_crank
+
+from dolfinx_ffr.body import VolumeIntegrals
+from dolfinx_ffr.dynamics import (
+    GeneralizedAlpha,
+    RadauIIA,
+    SimulationError,
+    Trajectory,
+    TrajectoryBar,
+    adjoint,
+    simulate,
+    stage_loops,
+)
+from dolfinx_ffr.dynamics.loops import kernels
+from dolfinx_ffr.dynamics.stages import NODES, stage_integrals
+from dolfinx_ffr.mechanical_problem import MechanicalProblem
+from dolfinx_ffr.mechanism import (
+    Ground,
+    Mechanism,
+    Moving,
+    Placement,
+    PointOnLine,
+    PrescribedAngle,
+    Revolute,
+)
+from dolfinx_ffr.motion import Motion
+from dolfinx_ffr.objective import IntegralCompliance, PathTracking
+from dolfinx_ffr.verification import (
+    assert_taylor_order,
+    central_difference,
+    convergence_order,
+    taylor_test,
+)
+
+Array = NDArray[np.float64]
+QUANTITIES = ("y", "v", "w", "multipliers")
+
+
+def run(scene: Scene, **changes: object) -> Trajectory:
+    integrator = RadauIIA(scene.integrator.end_time, **changes)
+    return simulate(scene.mechanism, scene.bodies, integrator)
+
+
+def compliance(trajectory: Trajectory) -> float:
+    return IntegralCompliance().value(trajectory, trajectory.model.bodies)
+
+
+# --- Orders and constraints ----------------------------------------------------------------------
+
+
+def soft(name: str) -> Scene:
+    """A scene over a short time whose bodies vibrate slowly enough to be resolved."""
+    scene = slider_crank(modes=2) if name == "slider-crank" else SCENES[name]()
+    bodies = {
+        key: replace(body, K=0.02 * body.K, stiffening={}) for key, body in scene.bodies.items()
+    }
+    return Scene(scene.mechanism, bodies, GeneralizedAlpha(0.02, 100))
+
+
+@pytest.mark.parametrize("name", ["slider-crank", "four-bar", "robot", "loader"])
+def test_orders(name: str) -> None:
+    # Enough steps for the fastest vibration, few enough for errors above round-off.
+    scene = soft(name)
+    steps = np.array([1, 2, 4]) * (80 if name == "slider-crank" else 40)
+    runs = [run(scene, steps=int(count)) for count in (*steps, 4 * steps[-1])]
+
+    def order(value: Callable[[Trajectory], Array]) -> float:
+        exact = value(runs[-1])
+        errors = [float(np.max(np.abs(value(r) - exact))) for r in runs[:-1]]
+        return convergence_order(1.0 / steps, errors)
+
+    assert order(lambda r: r.y[-1]) > 4.8
+    assert order(lambda r: r.v[-1]) > 4.8
+    assert order(lambda r: np.array(compliance(r))) > 4.8
+    assert order(lambda r: r.multipliers[-1]) > 2.8
+    assert order(lambda r: r.w[-1]) > 2.8
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_equations_and_constraints_hold_to_round_off_at_all_times(name: str) -> None:
+    trajectory = run(SCENES[name](), steps=300)
+    model, n = trajectory.model, trajectory.model.size
+    speed, force = np.max(np.abs(trajectory.v)), np.max(np.abs(trajectory.multipliers))
+    elastic = [trajectory.elastic(name) @ body.K for name, body in model.bodies.items()]
+    force = max(force, *(np.max(np.abs(part), initial=0.0) for part in elastic))
+    residuals = np.array(
+        [
+            kernels.evaluate(
+                model.arrays, k, *(getattr(trajectory, part)[k] for part in QUANTITIES)
+            )[0]
+            for k in range(trajectory.steps + 1)
+        ]
+    )
+    assert np.max(np.abs(residuals[:, :n])) < 1e-11 * force
+    assert np.max(np.abs(residuals[:, n : n + model.rows])) < 1e-14  # metres, of parts of 0.4 m
+    assert np.max(np.abs(residuals[:, n + model.rows :])) < 1e-14 * speed
+
+
+@pytest.mark.parametrize("name", ["slider-crank", "robot"])
+def test_agrees_with_generalised_alpha_extrapolated(name: str) -> None:
+    scene = soft(name)
+    values = []
+    for steps in (1000, 2000, 4000, 8000):
+        integrator = GeneralizedAlpha(0.02, steps)
+        values.append(compliance(simulate(scene.mechanism, scene.bodies, integrator)))
+    for power in (2, 3, 4):  # of the step, in the error that one more halving removes
+        factor = 2.0**power
+        values = [(factor * fine - coarse) / (factor - 1.0) for coarse, fine in pairwise(values)]
+    assert compliance(run(scene, tolerance=1e-10)) == pytest.approx(values[-1], rel=1e-8)
+
+
+def test_pendulum_keeps_its_energy_over_a_long_time() -> None:
+    body = VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1.0 / 12.0, {"pin": (-0.5, 0.0)})
+    mechanism = Mechanism(
+        {"rod": Placement((0.5, 0.0))},
+        [Revolute(("rod", "pin"), Ground(), name="pin")],
+        gravity=(0.0, -9.81),
+    )
+    trajectory = simulate(mechanism, {"rod": body}, RadauIIA(60.0, tolerance=1e-10))
+    energy = trajectory.kinetic_energy("rod") + trajectory.potential_energy("rod")
+    ends = energy[::3] / np.max(trajectory.kinetic_energy("rod"))
+    assert np.max(np.abs(ends)) < 1e-7
+    assert np.max(np.abs(np.hypot(*trajectory.rigid("rod")[:, :2].T) - 0.5)) < 1e-14
+
+
+# --- Tolerance -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["slider-crank", "four-bar", "robot", "loader"])
+def test_adaptive_steps_reach_their_tolerance(name: str) -> None:
+    scene = soft(name)
+    exact = run(scene, steps=1500)
+    psi = compliance(exact)
+    counts = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        trajectory = run(scene, tolerance=tolerance)
+        assert abs(compliance(trajectory) / psi - 1.0) < 10.0 * tolerance
+        assert trajectory.error < tolerance * (1.0 + 1e-12)
+        counts.append(trajectory.step_ends.size)
+    assert counts[0] < counts[1] < counts[2] < 1500
+
+
+def test_steps_that_were_taken_can_be_taken_again() -> None:
+    scene = slider_crank()
+    first = run(scene, tolerance=1e-5)
+    again = run(scene, steps=first.step_ends)
+    np.testing.assert_array_equal(first.t, again.t)
+    scale = np.max(np.abs(first.w), axis=0)
+    assert np.max(np.abs(first.w - again.w) / scale) < 1e-9
+    # The sizes of the motion are those of the run itself, not also those of the one before it.
+    assert again.error == pytest.approx(first.error, rel=1e-2)
+
+
+def test_bounds_of_the_steps() -> None:
+    scene = slider_crank(end_time=0.1)
+    trajectory = run(scene, tolerance=1e-2, first_step=1e-5, largest_step=2e-4)
+    lengths = np.diff(trajectory.step_ends)
+    assert lengths[0] <= 1e-5 * (1.0 + 1e-9)
+    assert np.max(lengths) <= 2e-4 * (1.0 + 1e-9)
+    assert trajectory.t[-1] == 0.1
+
+
+def test_mechanism_at_rest() -> None:
+    body = VolumeIntegrals.rigid(1.0, (0.0, 0.0), 0.1, {"left": (-0.5, 0.0), "right": (0.5, 0.0)})
+    mechanism = Mechanism(
+        {"rod": Placement((0.5, 0.0))},
+        [Revolute(("rod", "left"), Ground()), PointOnLine(("rod", "right"), Ground())],
+        gravity=(0.0, -9.81),
+    )
+    trajectory = simulate(mechanism, {"rod": body}, RadauIIA(1.0))
+    assert trajectory.step_ends.size < 60
+    assert np.max(np.abs(trajectory.y - trajectory.y[0])) < 1e-14
+
+
+# --- Integrals over time -------------------------------------------------------------------------
+
+
+def test_weights_integrate_polynomials_exactly() -> None:
+    trajectory = run(slider_crank(end_time=0.1), steps=np.array([0.0, 0.01, 0.04, 0.1]))
+    for power in range(5):
+        exact = 0.1 ** (power + 1) / (power + 1)
+        assert trajectory.weights @ trajectory.t**power == pytest.approx(exact, rel=1e-12)
+    whole = stage_integrals(np.array([1.0]))[0]
+    np.testing.assert_allclose(whole @ NODES[:, None] ** np.arange(3), 1.0 / np.arange(1, 4))
+
+
+def test_a_window_may_cut_steps() -> None:
+    scene = slider_crank(end_time=0.1)
+    trajectory = run(scene, steps=np.array([0.0, 0.01, 0.04, 0.1]))
+    weights = []
+    for window in ((0.0, 0.033), (0.033, 0.1), None):
+        path = PathTracking("rod", "right", (0.0, 0.0), window)
+        weights.append(path._weights(trajectory))
+    np.testing.assert_allclose(weights[0] + weights[1], weights[2], atol=1e-16)
+    for power in range(3):
+        exact = 0.033 ** (power + 1) / (power + 1)
+        assert weights[0] @ trajectory.t**power == pytest.approx(exact, rel=1e-12)
+    with pytest.raises(ValueError, match="is outside of the motion"):
+        PathTracking("rod", "right", (0.0, 0.0), (0.2, 0.3)).value(trajectory, scene.bodies)
+
+
+# --- Adjoint -------------------------------------------------------------------------------------
+
+
+def uneven(scene: Scene) -> RadauIIA:
+    """Steps of unlike lengths, short enough for every scene."""
+    end = scene.integrator.end_time
+    ends = np.linspace(0.0, 1.0, 241 if scene.bodies.get("arm", beam()).stiffening else 121)
+    return RadauIIA(end, steps=end * (ends + 0.05 * np.sin(2.0 * np.pi * ends)))
+
+
+def dot(bars: Bodies, direction: Bodies) -> float:
+    return sum(bars[name].dot(direction[name]) for name in bars)
+
+
+@pytest.fixture(scope="module", params=list(SCENES))
+def case(request: pytest.FixtureRequest) -> tuple[str, Scene, MechanicalProblem, Bodies]:
+    scene = SCENES[request.param]()
+    problem = MechanicalProblem(scene.mechanism, uneven(scene), IntegralCompliance())
+    gradient = problem.gradient(scene.bodies).integrals_gradient
+    assert gradient is not None
+    return request.param, scene, problem, gradient
+
+
+#: First step of the Taylor tests; see test_adjoint.py.
+STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3, "stiffened": 1e-3}
+
+
+@pytest.mark.parametrize("fields", ["mSGNKWPT", "G", "W"])
+def test_taylor_order(case: tuple[str, Scene, MechanicalProblem, Bodies], fields: str) -> None:
+    name, scene, problem, gradient = case
+    direction = random_direction(scene.bodies, 3, fields)
+    slope = dot(gradient, direction)
+    result = taylor_test(
+        lambda step: problem.value(moved(scene.bodies, direction, float(step))).psi,
+        lambda step: float(step) * slope,
+        0.0,
+        1.0,
+        steps=[STEP[name] / 2.0**k for k in range(5)],
+    )
+    assert_taylor_order(result, points=4)
+
+
+@pytest.mark.parametrize("fields", ["m", "S", "G", "N", "K", "W", "mSGNKWPT"])
+def test_central_differences(
+    case: tuple[str, Scene, MechanicalProblem, Bodies], fields: str
+) -> None:
+    name, scene, problem, gradient = case
+    direction = random_direction(scene.bodies, 4, fields)
+    difference = central_difference(
+        lambda step: problem.value(moved(scene.bodies, direction, float(step))).psi,
+        0.0,
+        1.0,
+        0.05 * STEP[name],
+    )
+    assert dot(gradient, direction) == pytest.approx(difference, rel=1e-6)
+
+
+@pytest.mark.parametrize("part", QUANTITIES)
+def test_every_part_of_the_trajectory(
+    case: tuple[str, Scene, MechanicalProblem, Bodies], part: str
+) -> None:
+    """A random weighted sum of all coordinates, velocities, accelerations or multipliers."""
+    name, scene, problem, _ = case
+    integrator = problem.integrator
+    trajectory = simulate(scene.mechanism, scene.bodies, integrator)
+    values = getattr(trajectory, part)
+    weights = np.random.default_rng(0).uniform(-1.0, 1.0, values.shape) / values.size
+    weights /= np.sqrt(np.mean(values**2, axis=0))
+    bar = TrajectoryBar.zeros(trajectory)
+    getattr(bar, part)[:] = weights
+    direction = random_direction(scene.bodies, 3)
+
+    def function(step: float) -> float:
+        bodies = moved(scene.bodies, direction, float(step))
+        return float(np.sum(weights * getattr(simulate(scene.mechanism, bodies, integrator), part)))
+
+    difference = central_difference(function, 0.0, 1.0, 0.02 * STEP[name])
+    assert dot(adjoint(trajectory, bar), direction) == pytest.approx(difference, rel=2e-5)
+
+
+def test_gradient_of_an_adaptive_run() -> None:
+    """It is that of the steps taken, and close to the one of the exact motion."""
+    scene = soft("robot")
+    direction = random_direction(scene.bodies, 3)
+    slopes = []
+    for integrator in (RadauIIA(0.02, tolerance=1e-7), RadauIIA(0.02, steps=500)):
+        problem = MechanicalProblem(scene.mechanism, integrator, IntegralCompliance())
+        slopes.append(dot(problem.gradient(scene.bodies).integrals_gradient, direction))
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
+
+
+# --- Refused -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"end_time": 0.0}, "end_time must be positive"),
+        ({"tolerance": 0.0}, "tolerance must lie between 1e-13 and 0.1"),
+        ({"first_step": -1.0}, "first_step must be positive"),
+        ({"largest_step": math.nan}, "largest_step must be positive"),
+        ({"steps": 0}, "steps must be a positive whole number"),
+        ({"steps": [0.0, 0.5, 0.5, 1.0]}, "times that grow"),
+        ({"steps": [0.0, 0.5]}, "steps must go from 0 to end_time"),
+    ],
+)
+def test_refused(changes: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        RadauIIA(**{"end_time": 1.0, **changes})
+
+
+@pytest.mark.parametrize("steps", [None, 200])
+def test_a_motion_that_cannot_go_on(steps: int | None) -> None:
+    """A pin moves away until the rod cannot reach its guide, at t = 0.4 s."""
+    pin = Moving(Motion.constant(0.0), Motion.polynomial([0.0, 2.5]), name="lift")
+    ends = {"left": (-0.5, 0.0), "right": (0.5, 0.0)}
+    bodies = {"rod": VolumeIntegrals.rigid(1.0, (0.0, 0.0), 0.1, ends)}
+    mechanism = Mechanism(
+        {"rod": Placement((0.5, 0.0))},
+        [
+            Revolute(("rod", "left"), pin, name="pin"),
+            PointOnLine(("rod", "right"), Ground(), name="guide"),
+        ],
+    )
+    with pytest.raises(SimulationError, match=r"at t = 0\.[34].*trajectory") as caught:
+        simulate(mechanism, bodies, RadauIIA(1.0, tolerance=1e-6, steps=steps))
+    trajectory = caught.value.trajectory
+    assert 0.39 < trajectory.t[-1] <= 0.4
+    # The motion so far has derivatives, too.
+    bar = TrajectoryBar.zeros(trajectory)
+    bar.y[:] = 1.0
+    assert np.isfinite(adjoint(trajectory, bar)["rod"].mass)
+
+
+def test_unsteady_drive_is_found() -> None:
+    wrong = Motion(np.sin, lambda t: 2.0 * np.cos(t), lambda t: -np.sin(t), "wrong")
+    mechanism = Mechanism(
+        {"rod": Placement()},
+        [
+            Revolute(("rod", "left"), Ground()),
+            PrescribedAngle(("rod", "left"), wrong, name="motor"),
+        ],
+    )
+    with pytest.raises(ValueError, match=r"joint .motor.: .*velocity is not the derivative"):
+        simulate(mechanism, {"rod": beam()}, RadauIIA(1.0))
+
+
+def test_cached_functions_know_the_sources_of_all_they_call() -> None:
+    digest = stage_loops._digest_of_sources()
+    for function in stage_loops.stage_kernels:
+        assert digest in [cell.cell_contents for cell in function.py_func.__closure__]
