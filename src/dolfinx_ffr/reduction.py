@@ -308,6 +308,8 @@ class CraigBampton:
         eps.setTarget(0.0)
         eps.setDimensions(self.modes + 1)
         eps.setTolerances(self.tolerance, 200)
+        # what lies in the null space of M, the held rows, is set to zero below: no solve for that
+        eps.setPurify(False)
         transform = eps.getST()
         transform.setType(SLEPc.ST.Type.SINVERT)
         transform.setShift(0.0)
