@@ -31,6 +31,7 @@ MAY_BE_ZERO = {
     "band_error",
     "estimate",
     "fixed",
+    "each_ms",
 }
 #: columns that hold words
 WORDS = {"mesh", "design", "kernel"}
