@@ -73,10 +73,15 @@ class TimeTables:
             ValueError: If a value is NaN or infinite, or a length is not positive; the message
                 names the marker, the joint or the force.
         """
-        prescribed = [
-            np.stack([_tabulate(motion, instants, where) for motion in marker.motions], axis=-1)
-            for marker, where in self.prescribed
-        ]
+        prescribed = []
+        for marker, where in self.prescribed:
+            table = np.zeros((instants.size, 3, 3))
+            if isinstance(marker, Ground):
+                table[:, 0] = *marker.position, marker.angle
+            else:
+                for axis, motion in enumerate(marker.motions):
+                    table[:, :, axis] = _tabulate(motion, instants, where)
+            prescribed.append(table)
         drives = []
         for row, label in self.rows:
             drive = np.zeros((instants.size, 3))

@@ -31,6 +31,9 @@ from .steps import accelerations_pullback, apply_inverse, keep_corrections
 #: Outcome of the loop, beside those of loops.py: the error of a step is too large.
 REJECTED = 3
 
+#: Largest angle by which a body turns in one step of a length that is free to choose [rad].
+LARGEST_TURN = 1.0
+
 #: Modules whose code is compiled.
 SOURCES = ("arrays", "linear", "rows", "forces", "bodies", "steps", "stages", "stage_loops")
 
@@ -98,7 +101,6 @@ def _make_kernels(digest: str) -> StageKernels:
         pivot = np.empty(size, dtype=np.int64)
         mass, weight = np.empty((n, n)), np.empty(n)
         sigma, dy, dv, own = np.empty((3, rows)), np.empty(n), np.empty(n), np.empty(3)
-        zero = np.zeros(n)
         for k in range(lengths.size):
             h, at = lengths[k], 3 * k + 1
             y0, v0, w0 = y[at - 1], v[at - 1], w[at - 1]
@@ -182,15 +184,22 @@ def _make_kernels(digest: str) -> StageKernels:
                     eta[at + i, c] = h * sigma[i, c]
             if status != CONVERGED:
                 return status, k
-            if not estimate_error(model, at, h, y0, v0, w0, ys, vs, ws, ls, work, dy, dv):
+            error = errors[k]
+            if not estimate_error(model, at, h, y0, v0, w0, ys, vs, ws, ls, work, dy, dv, error):
                 return SINGULAR, k
             state_sizes(model, ys[2], vs[2], reference, own)
             for i in range(3):
-                sizes[i] = max(sizes[i], own[i])
-            state_sizes(model, dy, dv, zero, errors[k])
-            for i in range(3):
-                if sizes[i] > 0.0 and not errors[k, i] <= limit * sizes[i]:
+                own[i] = max(sizes[i], own[i])
+                if not error[i] <= limit * own[i]:
                     return REJECTED, k
+            # Where a body turns too far, the method may find another motion, and sees no error.
+            if limit < np.inf:
+                for b in range(model.first.size):
+                    p = model.first[b] + 2
+                    if not abs(ys[2, p] - y0[p]) <= LARGEST_TURN:
+                        return REJECTED, k
+            for i in range(3):
+                sizes[i] = own[i]
         return CONVERGED, lengths.size
 
     @_entry
