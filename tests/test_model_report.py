@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.model_report import model_report
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from slider_crank import reference_problem
@@ -23,7 +24,7 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     problem = reference_problem(comm, (60, 6), modes=6, steps=800)
     x = np.ones(problem.flexible["rod"].domain.n_cells)
     evaluation = problem.value(x)
-    report = ffr.model_report(problem, evaluation)
+    report = model_report(problem, evaluation)
     rod = report.bodies["rod"]
     assert (rod.kind, rod.constraint_modes, rod.normal_modes) == ("flexible", 3, 6)
     assert (report.coordinates, report.rows) == (12, 3)
@@ -38,6 +39,23 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     assert missing / 3.0 < report.modes_error < 30.0 * missing
     text = str(report)
     assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("steps", [40, None])
+def test_error_of_radau_steps(comm: MPI.Intracomm, steps: int | None) -> None:
+    """The fifth-order method in a problem with a mesh: estimated error, gradient."""
+    problem = reference_problem(comm, (20, 2), modes=1, steps=100)
+    problem.integrator = ffr.RadauIIA(0.4, tolerance=1e-4, steps=steps)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    evaluation = problem.gradient(x)
+    report = model_report(problem, evaluation)
+    problem.integrator = ffr.RadauIIA(0.4, steps=1000)
+    fine = problem.gradient(x)
+    assert abs(evaluation.psi / fine.psi - 1.0) < 1e-4
+    assert report.step_error < 1e-4
+    gap = evaluation.gradient["rod"] - fine.gradient["rod"]
+    assert np.linalg.norm(gap) <= 1e-3 * np.linalg.norm(fine.gradient["rod"])
 
 
 @pytest.mark.mpi

@@ -29,6 +29,7 @@ from dolfinx_ffr.dynamics.loops import kernels
 from dolfinx_ffr.dynamics.stages import NODES, stage_integrals
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.mechanism import (
+    Force,
     Ground,
     Mechanism,
     Moving,
@@ -36,9 +37,11 @@ from dolfinx_ffr.mechanism import (
     PointOnLine,
     PrescribedAngle,
     Revolute,
+    SpringDamper,
 )
 from dolfinx_ffr.motion import Motion
-from dolfinx_ffr.objective import IntegralCompliance, PathTracking
+from dolfinx_ffr.objective import IntegralCompliance, JointForce, MarkerAcceleration, PathTracking
+from dolfinx_ffr.start import StaticEquilibrium
 from dolfinx_ffr.verification import (
     assert_taylor_order,
     central_difference,
@@ -302,6 +305,32 @@ def test_gradient_of_an_adaptive_run() -> None:
         problem = MechanicalProblem(scene.mechanism, integrator, IntegralCompliance())
         slopes.append(dot(problem.gradient(scene.bodies).integrals_gradient, direction))
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
+
+
+def test_gradient_from_a_static_equilibrium() -> None:
+    """A beam on a pin and a spring sags under its weight, and is then pulled."""
+    mechanism = Mechanism(
+        {"beam": Placement((0.2, 0.0))},
+        [Revolute(("beam", "left"), Ground(), name="pin")],
+        forces=[
+            SpringDamper(("beam", "right"), Ground((0.4, 0.3)), 500.0, 2.0, 0.25, "spring"),
+            Force(("beam", "middle"), 0.0, lambda t: 20.0 * np.sin(30.0 * t) ** 2, name="pull"),
+        ],
+        gravity=(0.0, -9.81),
+        start=StaticEquilibrium(),
+    )
+    bodies = {"beam": beam(0.4, 0.01, 0.01, 1e9, elements=8, modes=3, frame="tangent")}
+    for objective in (IntegralCompliance(), JointForce("pin"), MarkerAcceleration("beam", "right")):
+        problem = MechanicalProblem(mechanism, RadauIIA(0.1, steps=80), objective)
+        direction = random_direction(bodies, 3)
+        difference = central_difference(
+            lambda step, p=problem, d=direction: p.value(moved(bodies, d, float(step))).psi,
+            0.0,
+            1.0,
+            3e-5,
+        )
+        slope = dot(problem.gradient(bodies).integrals_gradient, direction)
+        assert slope == pytest.approx(difference, rel=1e-6)
 
 
 # --- Refused -------------------------------------------------------------------------------------

@@ -121,7 +121,10 @@ def __getattr__(name: str) -> Any:
     """Load the module of a public name."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    # The import has made a module of the same name an attribute; the function takes its place.
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

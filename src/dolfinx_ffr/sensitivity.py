@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .body import VolumeIntegrals
-from .dynamics import Integrator, Trajectory, compile_kernels
+from .dynamics import Integrator, RadauIIA, Trajectory, compile_kernels, compile_stage_kernels
 from .flexible_body import FlexibleBody, ReducedBody
 from .mechanical_problem import (
     ConstraintValue,
@@ -157,10 +157,14 @@ class Problem:
     def _compile(self) -> None:
         """Compile the time integration on one rank, for the others to find in the cache."""
         comm = next(iter(self.flexible.values())).domain.comm
-        if comm.rank == 0:
-            compile_kernels()
-        comm.Barrier()
-        compile_kernels(announce=lambda line: None)
+        loops = [compile_kernels]
+        if isinstance(self.integrator, RadauIIA):
+            loops.append(compile_stage_kernels)
+        for compile_loops in loops:
+            if comm.rank == 0:
+                compile_loops()
+            comm.Barrier()
+            compile_loops(announce=lambda line: None)
 
     def value(self, x: Densities) -> Evaluation:
         """Return the objective and the constraints at densities.

@@ -9,7 +9,7 @@ from .failures import SimulationError
 from .generalized_alpha import GeneralizedAlpha
 from .initial import initial_state
 from .model import FlatModel, assemble_model
-from .radau import RadauIIA
+from .radau import RadauIIA, compile_stage_kernels
 from .simulation import Integrator, SofteningWarning, simulate
 from .trajectory import Trajectory, TrajectoryBar
 
@@ -25,6 +25,7 @@ __all__ = [
     "adjoint",
     "assemble_model",
     "compile_kernels",
+    "compile_stage_kernels",
     "initial_state",
     "simulate",
 ]

@@ -81,9 +81,9 @@ class IntegralCompliance(_Compliance):
 
         psi = sum_bodies weight int q^T K q dt
 
-    is twice the integral of the strain energy; it is taken by the trapezoidal rule over the time
-    steps (A. Held, S. Knüfer, R. Seifried, Multibody System Dynamics 40 (2017),
-    doi:10.1007/s11044-016-9540-9).
+    is twice the integral of the strain energy; it is taken by the trapezoidal rule over equal time
+    steps, and with the weights of the method where that is Radau IIA (A. Held, S. Knüfer,
+    R. Seifried, Multibody System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9).
 
     Raises:
         ValueError: If a weight is not a finite number.

@@ -65,7 +65,7 @@ class PathTracking(_MarkerObjective):
 
         psi = int weight(t) |r_P(t) - path(t)|^2 dt
 
-    by the trapezoidal rule over the time steps. With a window only a part of the motion counts,
+    over the instants of the trajectory. With a window only a part of the motion counts,
     for instance its end, where a robot must come to rest.
 
     Raises:
@@ -74,7 +74,7 @@ class PathTracking(_MarkerObjective):
     """
 
     #: Pair (x, y) of motions, functions of an array of times or numbers; or an array of the
-    #: positions at the time steps, shape (steps + 1, 2) [m].
+    #: positions at the instants of the trajectory, shape (steps + 1, 2) [m].
     path: tuple[Coordinate, Coordinate] | Array
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
@@ -158,7 +158,7 @@ class MarkerAcceleration(_MarkerObjective):
 
         psi = int |a_P|^2 dt
 
-    by the trapezoidal rule over the time steps: how hard a payload or a passenger is shaken. Its
+    over the instants of the trajectory: how hard a payload or a passenger is shaken. Its
     square root over the duration is the root mean square of the acceleration. Where the mechanism
     gives the ground an acceleration, that of the marker counts relative to the ground.
 

@@ -164,7 +164,9 @@ def animate_motion(
             f"animate_motion: frames_per_second = {frames_per_second} must be positive"
         )
     trajectory = evaluation.motion
-    steps = np.unique(np.round(np.linspace(0, trajectory.steps, int(frames))).astype(np.int64))
+    t = trajectory.t  # the steps may have unlike lengths
+    wanted = np.interp(np.linspace(t[0], t[-1], int(frames)), t, np.arange(t.size))
+    steps = np.unique(np.round(wanted).astype(np.int64))
     scene = Scene.gather(problem, evaluation, steps, energy=True)
 
     def draw(file: Path) -> None:
