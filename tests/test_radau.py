@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -53,6 +54,16 @@ Array = NDArray[np.float64]
 QUANTITIES = ("y", "v", "w", "multipliers")
 
 
+def make(name: str) -> Scene:
+    """A scene; random geometric stiffness is made so small that no motion runs away."""
+    scene = SCENES[name]()
+    bodies = {
+        key: replace(body, stiffening={load: 0.2 * a for load, a in body.stiffening.items()})
+        for key, body in scene.bodies.items()
+    }
+    return replace(scene, bodies=bodies)
+
+
 def run(scene: Scene, **changes: object) -> Trajectory:
     integrator = RadauIIA(scene.integrator.end_time, **changes)
     return simulate(scene.mechanism, scene.bodies, integrator)
@@ -95,7 +106,7 @@ def test_orders(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_equations_and_constraints_hold_to_round_off_at_all_times(name: str) -> None:
-    trajectory = run(SCENES[name](), steps=300)
+    trajectory = run(make(name), steps=300)
     model, n = trajectory.model, trajectory.model.size
     speed, force = np.max(np.abs(trajectory.v)), np.max(np.abs(trajectory.multipliers))
     elastic = [trajectory.elastic(name) @ body.K for name, body in model.bodies.items()]
@@ -138,6 +149,26 @@ def test_pendulum_keeps_its_energy_over_a_long_time() -> None:
     ends = energy[::3] / np.max(trajectory.kinetic_energy("rod"))
     assert np.max(np.abs(ends)) < 1e-7
     assert np.max(np.abs(np.hypot(*trajectory.rigid("rod")[:, :2].T) - 0.5)) < 1e-14
+
+
+def test_parallelograms_through_their_singular_positions() -> None:
+    """IFToMM benchmark A02, to which links in line add errors that no step has made."""
+    markers = {"left": (-0.5, 0.0), "middle": (0.0, 0.0), "right": (0.5, 0.0)}
+    bodies, placements, joints = {}, {}, []
+    for i in range(3):
+        bodies[f"crank {i}"] = VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1.0 / 12.0, markers)
+        placements[f"crank {i}"] = Placement((float(i), 0.5), 0.5 * math.pi, (0.5, 0.0), -1.0)
+        joints.append(Revolute((f"crank {i}", "left"), Ground((float(i), 0.0))))
+    for i in range(2):
+        bodies[f"coupler {i}"] = VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1.0 / 12.0, markers)
+        placements[f"coupler {i}"] = Placement((i + 0.5, 1.0), 0.0, (1.0, 0.0), 0.0)
+        joints.append(Revolute((f"crank {i}", "right"), (f"coupler {i}", "left")))
+        joints.append(Revolute((f"coupler {i}", "right"), (f"crank {i + 1}", "right")))
+    mechanism = Mechanism(placements, joints, gravity=(0.0, -9.81))
+    trajectory = simulate(mechanism, bodies, RadauIIA(10.0, tolerance=1e-10))
+    end = trajectory.marker_path("crank 0", "right")[-1]
+    assert end == pytest.approx((0.3284581115, 0.9445185382), abs=5e-6)
+    assert trajectory.step_ends.size < 2000
 
 
 # --- Tolerance -----------------------------------------------------------------------------------
@@ -232,7 +263,7 @@ def dot(bars: Bodies, direction: Bodies) -> float:
 
 @pytest.fixture(scope="module", params=list(SCENES))
 def case(request: pytest.FixtureRequest) -> tuple[str, Scene, MechanicalProblem, Bodies]:
-    scene = SCENES[request.param]()
+    scene = make(request.param)
     problem = MechanicalProblem(scene.mechanism, uneven(scene), IntegralCompliance())
     gradient = problem.gradient(scene.bodies).integrals_gradient
     assert gradient is not None
@@ -292,7 +323,7 @@ def test_every_part_of_the_trajectory(
         bodies = moved(scene.bodies, direction, float(step))
         return float(np.sum(weights * getattr(simulate(scene.mechanism, bodies, integrator), part)))
 
-    difference = central_difference(function, 0.0, 1.0, 0.02 * STEP[name])
+    difference = central_difference(function, 0.0, 1.0, max(0.02 * STEP[name], 2e-5))
     assert dot(adjoint(trajectory, bar), direction) == pytest.approx(difference, rel=2e-5)
 
 
@@ -327,7 +358,7 @@ def test_gradient_from_a_static_equilibrium() -> None:
             lambda step, p=problem, d=direction: p.value(moved(bodies, d, float(step))).psi,
             0.0,
             1.0,
-            3e-5,
+            1e-5,
         )
         slope = dot(problem.gradient(bodies).integrals_gradient, direction)
         assert slope == pytest.approx(difference, rel=1e-6)
@@ -393,3 +424,15 @@ def test_cached_functions_know_the_sources_of_all_they_call() -> None:
     digest = stage_loops._digest_of_sources()
     for function in stage_loops.stage_kernels:
         assert digest in [cell.cell_contents for cell in function.py_func.__closure__]
+    reached, waiting = {"stage_loops"}, [stage_loops]
+    while waiting:
+        for thing in vars(waiting.pop()).values():
+            function = getattr(thing, "py_func", None)
+            if function is None:
+                continue
+            module = sys.modules[function.__module__]
+            name = module.__name__.rsplit(".", 1)[1]
+            if name not in reached:
+                reached.add(name)
+                waiting.append(module)
+    assert reached == set(stage_loops.SOURCES)

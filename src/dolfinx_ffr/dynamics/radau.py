@@ -78,8 +78,9 @@ class RadauIIA:
 
     #: Duration of the simulation, which starts at zero [s].
     end_time: float
-    #: Error of the motion relative to its size. Vibrations count for as much as slow deformation:
-    #: an objective that hardly feels them is more accurate by orders of magnitude.
+    #: Error of the motion relative to its size that no step exceeds. Vibrations count for as much
+    #: as slow deformation: an objective that hardly feels them is far more accurate. A motion that
+    #: magnifies errors, through a singular position for instance, is less accurate.
     tolerance: float = 1e-6
     #: First step to try [s]; None leaves it to the method.
     first_step: float | None = None

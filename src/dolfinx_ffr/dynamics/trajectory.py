@@ -52,7 +52,8 @@ class Trajectory:
     method: tuple[float, ...]
     #: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal rule.
     weights: Array | None = None
-    #: Estimate of the error relative to the size of the motion; NaN where there is none.
+    #: Estimate of the error that a step adds, relative to the size of the motion: the largest of
+    #: all steps; NaN where there is none. A motion that magnifies errors ends further off.
     error: float = math.nan
 
     @property
