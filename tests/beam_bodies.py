@@ -70,6 +70,9 @@ def beam(
         basis[keep] = vectors[:, :modes]
         # Unit deflection instead of unit modal mass: elastic coordinates in metres.
         basis *= np.sqrt(density * area * length)
+    # LAPACK's releases differ in signs, and random changes of bodies would differ with them
+    largest = np.argmax(np.abs(basis) > 0.9 * np.abs(basis).max(axis=0, initial=0.0), axis=0)
+    basis *= np.where(basis[largest, np.arange(modes)] < 0.0, -1.0, 1.0)
     W = np.array([np.column_stack([x, shape @ basis]) for x, shape in fields])
     rho = np.array(rhos)
     turned = np.stack([-W[:, 1], W[:, 0]], axis=1)
