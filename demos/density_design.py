@@ -16,7 +16,7 @@ problem and the same exact gradient, the designs beside each other, and how psi 
 
 Run it with
 
-    python demos/density_design.py [--elements NX NY] [--iterations N] [--output DIR]
+    python demos/density_design.py [--elements NX NY] [--iterations N] [--mesh FILE] [--output DIR]
 
 also under `mpirun -n 2`.
 """
@@ -44,7 +44,8 @@ def main(arguments: list[str] | None = None) -> None:
     comm = MPI.COMM_WORLD
     output = Path(options.output)
     say = print if comm.rank == 0 else lambda *_: None
-    problem = reference_problem(comm, tuple(options.elements))
+    given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
+    problem = reference_problem(comm, tuple(options.elements), domain=given)
     domain = problem.flexible["rod"].domain
     solid = problem.value(np.ones(domain.n_cells)).psi
 
@@ -125,7 +126,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name, found in summary.items():
         assert found["volume_fraction"] <= VOLUME * (1.0 + 1e-7), f"{name}: volume above its bound"
         assert results[name].psi < results[name].history["psi"][0], f"{name}: no descent"
-    if domain.n_cells_global < FINE or options.iterations < ENOUGH:
+    if given or domain.n_cells_global < FINE or options.iterations < ENOUGH:
         say("no finished designs of the reference scene: their marks are not asserted")
         return
     by_density = summary["densities, moving asymptotes"]
@@ -152,6 +153,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(description="Design a rod by densities and by a level set.")
     parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
+    parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
     parser.add_argument("--iterations", type=int, default=98, help="at most (default 98)")
     parser.add_argument("--output", default="results/density_design", help="folder for the results")
     return parser.parse_args(arguments)

@@ -22,7 +22,7 @@ stiffening.
 
 Run it with
 
-    python demos/pendulum.py [--elements NX NY] [--steps N] [--output DIR]
+    python demos/pendulum.py [--elements NX NY] [--steps N] [--mesh FILE] [--output DIR]
 
 also under `mpirun -n 2` (the full model then runs on every rank alike); it takes half a minute.
 """
@@ -58,13 +58,18 @@ Array = NDArray[np.float64]
 
 
 # %% The body
-def pendulum(comm: MPI.Comm, elements: tuple[int, int] = (30, 2)) -> ffr.Domain:
+def pendulum(
+    comm: MPI.Comm, elements: tuple[int, int] = (30, 2), file: str | None = None
+) -> ffr.Domain:
     """Return a bar along x with rigid end faces.
 
     Args:
         comm: communicator over which the mesh is distributed.
         elements: along and across.
+        file: gmsh file with the physical curves 'left' (hinge) and 'right' instead.
     """
+    if file:
+        return ffr.Domain.from_gmsh(comm, file, order=2)
     return ffr.Domain.rectangle(comm, LENGTH, HEIGHT, elements=elements, order=2, solid_columns=0)
 
 
@@ -80,17 +85,18 @@ def floating_frame(
         steps: number of time steps.
         stiffening: model geometric stiffening by the bar's own inertia and weight.
     """
+    hinge, tip = (domain.interfaces[name].center for name in ("left", "right"))
     bar = ffr.FlexibleBody(
         domain,
         RUBBER,
         frame=ffr.ChordFrame("left", "right"),
         modes=modes,
-        points={"middle": (0.5 * LENGTH, 0.0)},
+        points={"middle": 0.5 * (hinge + tip)},
         stiffening=["omega2", "alpha", "acceleration"] if stiffening else [],
     )
     mechanism = ffr.Mechanism(
-        placements={"bar": ffr.Placement()},
-        joints=[ffr.Revolute(("bar", "left"), ffr.Ground(), name="hinge")],
+        placements={"bar": ffr.Placement(tuple(hinge), np.arctan2(*(tip - hinge)[::-1]))},
+        joints=[ffr.Revolute(("bar", "left"), ffr.Ground(tuple(hinge)), name="hinge")],
         gravity=(0.0, -GRAVITY),
     )
     integrator = ffr.GeneralizedAlpha(DURATION, steps)
@@ -101,14 +107,17 @@ def floating_frame(
 
 
 # %% Full nonlinear finite elements
-def full_model(steps: int, elements: tuple[int, int] = (30, 2)) -> tuple[Array, float]:
+def full_model(
+    steps: int, elements: tuple[int, int] = (30, 2), file: str | None = None
+) -> tuple[Array, float]:
     """Return the path of the tip, shape (steps + 1, 2) [m], and the time that it took [s].
 
     Args:
         steps: number of time steps.
         elements: along and across.
+        file: gmsh file instead.
     """
-    domain = pendulum(MPI.COMM_SELF, elements)
+    domain = pendulum(MPI.COMM_SELF, elements, file)
     space = domain.space
     u, v = fem.Function(space), ufl.TestFunction(space)
     lame, shear = (value * THICKNESS for value in RUBBER.lame)
@@ -142,7 +151,7 @@ def full_model(steps: int, elements: tuple[int, int] = (30, 2)) -> tuple[Array, 
     x = space.tabulate_dof_coordinates()[:, :2]
     held = domain.interfaces["left"].dofs
     rows = np.column_stack([2 * held, 2 * held + 1])
-    arm = x[held]
+    arm = x[held] - domain.interfaces["left"].center
     free = np.setdiff1d(np.arange(n), rows.ravel())
     keep = scipy.sparse.csr_matrix(
         (np.ones(len(free)), (free, np.arange(len(free)))), shape=(n, len(free))
@@ -159,14 +168,14 @@ def full_model(steps: int, elements: tuple[int, int] = (30, 2)) -> tuple[Array, 
         column[rows, 0] = turned(angle + 0.5 * np.pi)
         return scipy.sparse.hstack([keep, scipy.sparse.csr_matrix(column)]).tocsc()
 
-    tip = int(np.argmin(np.hypot(x[:, 0] - LENGTH, x[:, 1])))
+    end, tip = domain.interfaces["right"].dofs, domain.interfaces["right"].center
     h = DURATION / steps
     alpha_m, alpha_f, gamma, beta = ffr.GeneralizedAlpha(DURATION, steps).parameters
     angle, now, rate = 0.0, np.zeros(n), np.zeros(n)
     T = motions(angle)
     acceleration = T @ scipy.sparse.linalg.spsolve((T.T @ mass @ T).tocsc(), T.T @ weight)
     path = np.empty((steps + 1, 2))
-    path[0] = x[tip]
+    path[0] = tip
     before = -weight  # internal less external forces at the beginning of the step
     for step in range(steps):
         guess = now + h * rate + 0.5 * h**2 * acceleration
@@ -197,7 +206,7 @@ def full_model(steps: int, elements: tuple[int, int] = (30, 2)) -> tuple[Array, 
             raise RuntimeError(f"full model: Newton's method fails at t = {h * (step + 1):.4g} s")
         rate = rate + h * ((1.0 - gamma) * acceleration + gamma * new_acceleration)
         now, acceleration, before = reached.copy(), new_acceleration, forces
-        path[step + 1] = x[tip] + now[2 * tip : 2 * tip + 2]
+        path[step + 1] = tip + now.reshape(-1, 2)[end].mean(axis=0)
     return path, perf_counter() - begin
 
 
@@ -209,8 +218,8 @@ def main(arguments: list[str] | None = None) -> None:
     output = Path(options.output)
     say = print if comm.rank == 0 else lambda *_: None
 
-    full, full_seconds = full_model(options.steps, tuple(options.elements))
-    domain = pendulum(comm, tuple(options.elements))
+    full, full_seconds = full_model(options.steps, tuple(options.elements), options.mesh)
+    domain = pendulum(comm, tuple(options.elements), options.mesh)
     floating_frame(domain, 1, 10, stiffening=True)  # whatever is compiled once
     differences: dict[bool, list[float]] = {False: [], True: []}
     seconds: dict[bool, list[float]] = {False: [], True: []}
@@ -300,6 +309,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Let a flexible pendulum fall in two models.")
     parser.add_argument("--elements", nargs=2, type=int, default=[30, 2], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of both models (default 400)")
+    parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
     parser.add_argument("--output", default="results/pendulum", help="folder for the results")
     return parser.parse_args(arguments)
 

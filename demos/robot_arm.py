@@ -26,7 +26,8 @@ asymptotes with the mass as a constraint.
 
 Run it with
 
-    python demos/robot_arm.py [--elements NX NY] [--steps N] [--iterations N] [--output DIR]
+    python demos/robot_arm.py [--elements NX NY] [--steps N] [--iterations N]
+                              [--upper-mesh FILE] [--fore-mesh FILE] [--output DIR]
 
 also under `mpirun -n 2`; it takes about a minute and a half.
 """
@@ -36,6 +37,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -127,19 +129,35 @@ def motors() -> tuple[ffr.Motion, ffr.Motion]:
 
 
 # %% The scene
-def links(comm: MPI.Comm, elements: tuple[int, int] = (100, 10)) -> dict[str, ffr.Domain]:
+def links(
+    comm: MPI.Comm,
+    elements: tuple[int, int] = (100, 10),
+    meshes: Mapping[str, str | None] | None = None,
+) -> dict[str, ffr.Domain]:
     """Return the meshes of upper arm and forearm.
 
     Args:
         comm: communicator over which the meshes are distributed.
         elements: of the upper arm, along and across; the forearm's are of the same length.
+        meshes: gmsh files in place of the built-in ``"upper arm"`` and ``"forearm"``, of the same
+            length from interface to interface, for which the motors' motions are made.
     """
     along, across = elements
     fore = max(6, round(along * FORE[0] / UPPER[0]))
-    return {
-        "upper arm": ffr.Domain.rectangle(comm, *UPPER, elements=elements),
-        "forearm": ffr.Domain.rectangle(comm, *FORE, elements=(fore, across)),
-    }
+    domains = {}
+    for name, size, own in (("upper arm", UPPER, elements), ("forearm", FORE, (fore, across))):
+        file = (meshes or {}).get(name)
+        if not file:
+            domains[name] = ffr.Domain.rectangle(comm, *size, elements=own)
+            continue
+        domains[name] = ffr.Domain.from_gmsh(comm, file)
+        left, right = (domains[name].interfaces[end].center for end in ("left", "right"))
+        if not np.allclose(right - left, [size[0], 0.0], atol=1e-4 * size[0]):
+            raise ValueError(
+                f"{file}: from 'left' to 'right' it is {right - left} m, and the {name} needs "
+                f"{size[0]} m along x"
+            )
+    return domains
 
 
 def arm(
@@ -259,7 +277,8 @@ def main(arguments: list[str] | None = None) -> None:
         motion.check(0.0, DURATION)
 
     # %% Links of even thickness, and narrower bars
-    domains = links(comm, tuple(options.elements))
+    meshes = {"upper arm": options.upper_mesh, "forearm": options.fore_mesh}
+    domains = links(comm, tuple(options.elements), meshes)
     solid = full(domains)
     problem = arm(domains, steps=options.steps)
     reference = problem.value(solid)
@@ -362,7 +381,7 @@ def main(arguments: list[str] | None = None) -> None:
         assert mass(result.evaluation) <= share * heavy * (1.0 + 1e-6), "too heavy"
         if options.iterations >= SOME:
             assert result.psi < result.history["psi"][0], f"{share}: worse than even densities"
-        if options.iterations >= ENOUGH and across >= FINE:
+        if options.iterations >= ENOUGH and across >= FINE and not any(meshes.values()):
             gain = error(result.psi) / error(thin[share].psi)
             assert gain < BETTER, f"{share}: tip error is {gain:.3f} of that of even links"
 
@@ -379,6 +398,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--elements", nargs=2, type=int, default=[100, 10], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of time (default 400)")
     parser.add_argument("--iterations", type=int, default=80, help="each, at most (default 80)")
+    parser.add_argument("--upper-mesh", help="gmsh file with the curves 'left' and 'right'")
+    parser.add_argument("--fore-mesh", help="gmsh file with the curves 'left' and 'right'")
     parser.add_argument("--output", default="results/robot_arm", help="folder for the results")
     return parser.parse_args(arguments)
 

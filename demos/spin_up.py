@@ -19,7 +19,7 @@ r_q = ... + (K + omega^2 K_w) q.
 
 Run it with
 
-    python demos/spin_up.py [--elements NX NY] [--steps N] [--output DIR]
+    python demos/spin_up.py [--elements NX NY] [--steps N] [--mesh FILE] [--output DIR]
 
 also under `mpirun -n 2`; it takes some seconds.
 """
@@ -82,6 +82,7 @@ def spin_up(
     *,
     stiffening: bool,
     elements: tuple[int, int] = (60, 2),
+    domain: ffr.Domain | None = None,
     steps: int = STEPS,
 ) -> ffr.Problem:
     """Return the beam, clamped to a hub that turns as prescribed.
@@ -90,9 +91,13 @@ def spin_up(
         comm: communicator over which the mesh is distributed.
         stiffening: model geometric stiffening by the centrifugal load.
         elements: along and across.
+        domain: a mesh with the interfaces ``"left"`` (hub) and ``"right"`` instead.
         steps: number of time steps.
     """
-    domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, elements=elements, order=2, solid_columns=0)
+    if domain is None:
+        domain = ffr.Domain.rectangle(
+            comm, LENGTH, HEIGHT, elements=elements, order=2, solid_columns=0
+        )
     beam = ffr.FlexibleBody(
         domain,
         MATERIAL,
@@ -129,7 +134,8 @@ def main(arguments: list[str] | None = None) -> None:
     say = print if comm.rank == 0 else lambda *_: None
 
     # %% Without geometric stiffening: reported, by name, time and speed
-    size = {"elements": tuple(options.elements), "steps": options.steps}
+    given = ffr.Domain.from_gmsh(comm, options.mesh, order=2) if options.mesh else None
+    size = {"elements": tuple(options.elements), "steps": options.steps, "domain": given}
     linear = spin_up(comm, stiffening=False, **size)
     x = np.ones(linear.flexible["beam"].domain.n_cells)
     with warnings.catch_warnings(record=True) as caught:
@@ -176,12 +182,6 @@ def main(arguments: list[str] | None = None) -> None:
     plotting.plot_scene(problem, evaluation, output / "scene.png")
     plotting.animate_motion(problem, evaluation, output / "motion.gif")
 
-    # %% What must hold
-    assert any("'beam' turns with" in line for line in softening), "softening is not reported"
-    assert np.abs(unstable[:, 1]).max() > 10.0 * abs(largest), "the linear beam should run away"
-    assert -0.7 < largest < -0.5, f"largest lag {largest}"
-    assert abs(lag[steady].mean()) < 1e-3 * abs(largest), "the lag should vanish"
-    assert abs(stretch - STRETCH) < 1e-3 * STRETCH, f"stretch {stretch}, closed form {STRETCH}"
     ffr.write_summary(
         comm,
         output / "summary.json",
@@ -189,12 +189,23 @@ def main(arguments: list[str] | None = None) -> None:
     )
     say(f"pictures and numbers are in {output}")
 
+    # %% What must hold
+    assert abs(lag[steady].mean()) < 1e-2 * abs(largest), "the lag should vanish"
+    if given:  # closed form and published lag are those of the built-in beam
+        return
+    assert any("'beam' turns with" in line for line in softening), "softening is not reported"
+    assert np.abs(unstable[:, 1]).max() > 10.0 * abs(largest), "the linear beam should run away"
+    assert -0.7 < largest < -0.5, f"largest lag {largest}"
+    assert abs(lag[steady].mean()) < 1e-3 * abs(largest), "the lag should vanish"
+    assert abs(stretch - STRETCH) < 1e-3 * STRETCH, f"stretch {stretch}, closed form {STRETCH}"
+
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Return the options of the command line."""
     parser = argparse.ArgumentParser(description="Spin a flexible beam up.")
     parser.add_argument("--elements", nargs=2, type=int, default=[60, 2], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of time (default {STEPS})")
+    parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
     parser.add_argument("--output", default="results/spin_up", help="folder for the results")
     return parser.parse_args(arguments)
 
