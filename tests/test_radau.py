@@ -271,7 +271,7 @@ def case(request: pytest.FixtureRequest) -> tuple[str, Scene, MechanicalProblem,
 
 
 #: First step of the Taylor tests; see test_adjoint.py.
-STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3, "stiffened": 1e-3}
+STEP = {"slider-crank": 4e-3, "four-bar": 2e-4, "robot": 4e-3, "loader": 4e-3, "stiffened": 4e-3}
 
 
 @pytest.mark.parametrize("fields", ["mSGNKWPT", "G", "W"])
@@ -301,7 +301,9 @@ def test_central_differences(
         1.0,
         0.05 * STEP[name],
     )
-    assert dot(gradient, direction) == pytest.approx(difference, rel=1e-6)
+    # Where the slope nearly vanishes, the difference is that of two values rounded off.
+    noise = 1e-12 * problem.value(scene.bodies).psi / (0.05 * STEP[name])
+    assert dot(gradient, direction) == pytest.approx(difference, rel=1e-6, abs=noise)
 
 
 @pytest.mark.parametrize("part", QUANTITIES)
