@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.elementwise import elementwise_gradient, integral_derivatives
-from dolfinx_ffr.shape_derivatives import shape_derivatives
+from dolfinx_ffr.shape_sensitivity import shape_derivatives
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from slider_crank import reference_problem

@@ -71,14 +71,6 @@ _ROOMS = {
     "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
     "mechanism": ["Mechanism", "Placement", "PointMass", "RayleighDamping"],
     "mma": ["MMA"],
-    "model_report": [
-        "BodyReport",
-        "ModeSelection",
-        "ModelReport",
-        "model_report",
-        "modes_below",
-        "select_modes",
-    ],
     "motion": ["Motion"],
     "objective": [
         "Constraint",
@@ -106,8 +98,16 @@ _ROOMS = {
     ],
     "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
     "scattered": ["IllConditionedWarning", "ScatteredInterpolation", "best_length"],
+    "scene_report": [
+        "BodyReport",
+        "ModeSelection",
+        "ModelReport",
+        "model_report",
+        "modes_below",
+        "select_modes",
+    ],
     "sensitivity": ["Evaluation", "Problem"],
-    "shape_derivatives": ["ShapeDerivative", "Solver", "shape_derivatives"],
+    "shape_sensitivity": ["ShapeDerivative", "Solver", "shape_derivatives"],
     "start": ["Assembled", "StaticEquilibrium"],
     "stress": ["StressEnvelope", "StressModes", "von_mises", "worst_stress"],
 }

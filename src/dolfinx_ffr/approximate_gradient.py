@@ -36,7 +36,7 @@ from .gradient_method import Distance, GradientReport, gradient_errors
 from .rbf import ExponentialSpline, Kernel, ThinPlate
 from .scattered import ScatteredInterpolation, best_length
 from .sensitivity import Evaluation, Problem
-from .shape_derivatives import Solver
+from .shape_sensitivity import Solver
 
 __all__ = ["ApproximateGradient"]
 

@@ -3,7 +3,7 @@
 
 The route of the paper. For the density x_e of each chosen element,
 
-1. the derivative of every shape function (`dolfinx_ffr.shape_derivatives`);
+1. the derivative of every shape function (`dolfinx_ffr.shape_sensitivity`);
 2. from it the derivative of every volume integral, for example
 
        dG_ab = w_a^T dM w_b + dw_a^T M w_b + w_a^T M dw_b;
@@ -43,7 +43,7 @@ from .body import VolumeIntegrals
 from .elasticity import CellFields, rotated
 from .flexible_body import FlexibleBody, ReducedBody
 from .sensitivity import Evaluation, Problem
-from .shape_derivatives import Solver, shape_derivatives
+from .shape_sensitivity import Solver, shape_derivatives
 
 __all__ = [
     "ElementGradient",

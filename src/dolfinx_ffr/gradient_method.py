@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .domain import Domain
 from .elementwise import elementwise_gradient
 from .sensitivity import Evaluation, Problem
-from .shape_derivatives import Solver
+from .shape_sensitivity import Solver
 
 __all__ = [
     "ElementByElement",

@@ -130,9 +130,11 @@ def test_chains(scene: Scene, seed: int) -> None:
             steps=[2e-5 / 2**k for k in range(5)],
             roundoff=1e-9,
         )
-    # order 2 wherever the remainder stands above round-off
+    # order 2 where the remainder stands above round-off, of which stiff scenes have more; a wrong
+    # derivative would leave a remainder of the size of the difference
     significant = [order for order in result.orders if np.isfinite(order)]
-    assert not significant or max(significant) > 1.9
+    exact = result.remainders[-1] <= 1e-5 * result.differences[-1]
+    assert exact or not significant or max(significant) > 1.9
 
 
 @settings(max_examples=20)

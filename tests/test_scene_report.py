@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.model_report import model_report
+from dolfinx_ffr.scene_report import model_report
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
 from slider_crank import reference_problem
