@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 from mpi4py import MPI
 
+import h5py
 import numpy as np
 import pytest
-import pyvista
 import scipy.sparse
 import scipy.sparse.linalg
 from PIL import Image
@@ -329,7 +330,7 @@ def test_picture_of_nothing(
 
 @pytest.mark.parametrize("geometry", [1, 2])
 def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, geometry: int) -> None:
-    """VTK reads names, cells and values, from meshes of both orders."""
+    """Names, cells and values stand where the format wants them, for meshes of both orders."""
     domain = Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2), cell="triangle")
     if geometry == 2:
         domain = curved(domain)
@@ -339,15 +340,26 @@ def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, geometr
     with pytest.raises(ValueError, match="'a' must have one value"):
         write_fields(domain, {"a": np.ones(domain.n_cells + 1)}, path)
     if comm.rank == 0:
-        blocks = [block for block in pyvista.get_reader(path).read() if block is not None]
-        read = {name: b.cell_data[name] for b in blocks for name in b.cell_data}
-        assert sorted(read) == ["time", "von_mises"]
-        for block in blocks:
-            assert block.n_cells == domain.n_cells_global
-            for name in block.cell_data:
-                centers = block.cell_centers().points
-                exact = 1e6 * centers[:, 0] if name == "von_mises" else centers[:, 1]
-                np.testing.assert_allclose(block.cell_data[name], exact, rtol=1e-5, atol=1e-6)
+        # as the format says: VTK's own reader does not run beside every release of HDF5
+        document = ElementTree.parse(path)
+        items = {item.text or "": item for item in document.iter("DataItem")}
+        names = [element.get("Name") for element in document.iter("Attribute")]
+        assert sorted(map(str, names)) == ["time", "von_mises"]
+        assert {element.get("Center") for element in document.iter("Attribute")} == {"Cell"}
+
+        def read(end: str) -> np.ndarray:
+            text = next(text for text in items if end in text)
+            file, place = text.split(":")
+            with h5py.File(path.parent / file) as data:
+                values = np.asarray(data[place])
+            assert items[text].get("Dimensions") == " ".join(map(str, values.shape))
+            return values
+
+        centers = read("geometry")[read("topology")].mean(axis=1)
+        for name, exact in (("von_mises", 1e6 * centers[:, 0]), ("time", centers[:, 1])):
+            found = read(f"/{name}/").ravel()
+            assert found.shape == (domain.n_cells_global,)
+            np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6)
 
 
 def curved(domain: Domain) -> Domain:
