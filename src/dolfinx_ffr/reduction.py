@@ -308,8 +308,8 @@ class CraigBampton:
         eps.setTarget(0.0)
         eps.setDimensions(self.modes + 1)
         eps.setTolerances(self.tolerance, 200)
-        # what lies in the null space of M, the held rows, is set to zero below: no solve for that
-        eps.setPurify(False)
+        # SLEPc's purification stays on: where there is void there is no mass, and vectors pick up
+        # displacements there that no eigenvector has
         transform = eps.getST()
         transform.setType(SLEPc.ST.Type.SINVERT)
         transform.setShift(0.0)
