@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from .motion import Motion, Signal
-from .points import BodyPoint, Marker, marker_name
+from .points import BodyPoint, Marker, label_of
 
 __all__ = [
     "AppliedForce",
@@ -35,10 +35,7 @@ class AppliedForce:
     @property
     def label(self) -> str:
         """Name given by the user, or one made from the kind and the markers."""
-        given = getattr(self, "name", "")
-        if given:
-            return str(given)
-        return f"{type(self).__name__}({', '.join(marker_name(m) for m in self.markers)})"
+        return label_of(self, self.markers)
 
     def validate(self, label: str) -> None:
         """Check the numbers.

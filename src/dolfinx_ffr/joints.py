@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from .motion import Motion
-from .points import Ground, Marker, Pair, marker_name
+from .points import Ground, Marker, Pair, label_of
 
 __all__ = [
     "Distance",
@@ -39,10 +39,7 @@ class Joint:
     @property
     def label(self) -> str:
         """Name given by the user, or one made from the kind and the markers."""
-        given = getattr(self, "name", "")
-        if given:
-            return str(given)
-        return f"{type(self).__name__}({', '.join(marker_name(m) for m in self.markers)})"
+        return label_of(self, self.markers)
 
     def validate(self, label: str) -> None:
         """Check the numbers.
