@@ -100,7 +100,28 @@ class Wendland:
 
 
 @dataclass(frozen=True)
-class Multiquadric:
+class _Global:
+    """What kernels with a length and without an end have in common."""
+
+    length: float
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        _check_length(f"{type(self).__name__} kernel: length", self.length)
+
+    @property
+    def support(self) -> float:
+        """Distance beyond which the kernel vanishes [m]: infinite."""
+        return math.inf
+
+    @property
+    def minimal_degree(self) -> int:
+        """Least degree of the polynomial beside the kernel: -1, none."""
+        return -1
+
+
+@dataclass(frozen=True)
+class Multiquadric(_Global):
     """Hardy's global multiquadric sqrt(1 + (r / length)^2).
 
     Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings. The theory
@@ -109,17 +130,6 @@ class Multiquadric:
     Args:
         length: shape parameter [m]; about one knot spacing.
     """
-
-    length: float
-
-    def __post_init__(self) -> None:
-        """Check the length."""
-        _check_length("multiquadric kernel: length", self.length)
-
-    @property
-    def support(self) -> float:
-        """Distance beyond which the kernel vanishes [m]: infinite."""
-        return math.inf
 
     @property
     def minimal_degree(self) -> int:
@@ -132,7 +142,7 @@ class Multiquadric:
 
 
 @dataclass(frozen=True)
-class ExponentialSpline:
+class ExponentialSpline(_Global):
     """The exponential spline exp(-r / length), a global kernel that decays.
 
     Positive definite in every dimension. It has a kink at its knot, where it is not differentiable:
@@ -142,29 +152,13 @@ class ExponentialSpline:
         length: distance over which the kernel falls to 1/e [m]; a few knot spacings and more.
     """
 
-    length: float
-
-    def __post_init__(self) -> None:
-        """Check the length."""
-        _check_length("exponential spline: length", self.length)
-
-    @property
-    def support(self) -> float:
-        """Distance beyond which the kernel vanishes [m]: infinite."""
-        return math.inf
-
-    @property
-    def minimal_degree(self) -> int:
-        """Least degree of the polynomial beside the kernel: -1, none."""
-        return -1
-
     def __call__(self, r: Array) -> Array:
         """Return g at distances ``r`` [m]."""
         return np.exp(-np.asarray(r) / self.length)
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class Gaussian(_Global):
     """The Gaussian exp(-(r / length)^2), a global kernel that decays.
 
     Positive definite in every dimension and infinitely smooth; its matrix is ill-conditioned once
@@ -173,22 +167,6 @@ class Gaussian:
     Args:
         length: shape parameter [m]; about one knot spacing.
     """
-
-    length: float
-
-    def __post_init__(self) -> None:
-        """Check the length."""
-        _check_length("Gaussian kernel: length", self.length)
-
-    @property
-    def support(self) -> float:
-        """Distance beyond which the kernel vanishes [m]: infinite."""
-        return math.inf
-
-    @property
-    def minimal_degree(self) -> int:
-        """Least degree of the polynomial beside the kernel: -1, none."""
-        return -1
 
     def __call__(self, r: Array) -> Array:
         """Return g at distances ``r`` [m]."""
