@@ -31,7 +31,7 @@ def scene(
 ) -> ffr.Problem:
     """The slider-crank at a coarse mesh, with any interpolation.
 
-    A density belongs to one mesh: a second one, even of the same size, may be partitioned otherwise.
+    A density belongs to its mesh: a second one of the same size may be partitioned otherwise.
     """
     problem = reference_problem(comm, elements, modes=5, steps=300, domain=domain)
     if interpolation is None:
