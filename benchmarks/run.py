@@ -11,17 +11,17 @@ cores, with ``--quick`` about one minute, on small meshes and with few repetitio
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 
 from mpi4py import MPI
 
-from accuracy import accuracy_jobs, report_accuracy
-from differences import report_differences
-from gradient import gradient_jobs, report_gradient
-from growth import growth_jobs, report_growth
 from jobs import Job, run_jobs
 
+#: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
+#: report_NAME. A study without jobs of its own reports on those of another.
 STUDIES = ("growth", "accuracy", "differences", "gradient")
+MEASURED_BY = {"differences": "growth"}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -34,31 +34,19 @@ def main(arguments: list[str] | None = None) -> None:
 
     # whatever is compiled is compiled before the first measurement
     jobs = [Job("scene", "warm_up", 5.0, {"orders": [1, 2] if "accuracy" in options.only else [1]})]
-    if {"growth", "differences"} & set(options.only):
-        jobs += growth_jobs(quick=options.quick)
-    if "accuracy" in options.only:
-        jobs += accuracy_jobs(quick=options.quick)
-    if "gradient" in options.only:
-        jobs += gradient_jobs(quick=options.quick)
+    for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only):
+        jobs += getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
     try:
         results = list(run_jobs(jobs))
     except RuntimeError as error:
         raise SystemExit(f"benchmarks: {error}; its messages are above") from error
 
-    growth = [(job, result) for job, result in results if job.study == "growth"]
-    accuracy = [(job, result) for job, result in results if job.study == "accuracy"]
-    gradient = [(job, result) for job, result in results if job.study == "gradient"]
-    reports = {
-        "growth": lambda: report_growth(growth, directory),
-        "accuracy": lambda: report_accuracy(accuracy, directory),
-        "differences": lambda: report_differences(growth, directory),
-        "gradient": lambda: report_gradient(gradient, directory),
-    }
-    for study in STUDIES:
-        if study in options.only:
-            for table in reports[study]():
-                print(f"\n{table.markdown()}")
-            print(f"{directory / study}.md, {study}.png")
+    for study in options.only:
+        own = [result for result in results if result[0].study == MEASURED_BY.get(study, study)]
+        report = getattr(importlib.import_module(study), f"report_{study}")
+        for table in report(own, directory):
+            print(f"\n{table.markdown()}")
+        print(f"{directory / study}.md, {study}.png")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
