@@ -37,6 +37,13 @@ def test_right_derivatives_pass(motion: Motion) -> None:
     motion.check(0.0, 2.0)
 
 
+def test_jumps_are_known() -> None:
+    step = Motion.smooth_step(3.0, 2.0, start=0.5)
+    assert step.jumps == (0.5, 2.5)
+    assert Moving.circle((0.0, 0.0), 1.0, step).y.jumps == step.jumps
+    assert Motion.polynomial([1.0, 2.0]).jumps == ()
+
+
 def test_circle_stays_on_the_circle() -> None:
     pin = Moving.circle((0.1, -0.2), 0.3, Motion.polynomial([0.3, 2.0, 5.0]))
     t = np.linspace(0.0, 1.0, 11)

@@ -220,6 +220,90 @@ def test_mechanism_at_rest() -> None:
     assert np.max(np.abs(trajectory.y - trajectory.y[0])) < 1e-14
 
 
+# --- Jumps ---------------------------------------------------------------------------------------
+
+
+def jerky(known: bool = True) -> Scene:
+    """A bar driven with a trapezoidal velocity, and a force that sets in."""
+    a, ramp, total, begin = 40.0, 0.1, 0.4, 0.0503
+
+    def angle(t: Array) -> Array:
+        early, late = np.minimum(t, ramp), np.clip(t - (total - ramp), 0.0, ramp)
+        cruise = np.clip(t - ramp, 0.0, total - ramp)
+        return 0.5 * a * early**2 + a * ramp * cruise - 0.5 * a * late**2
+
+    drive = Motion(
+        angle,
+        lambda t: a * np.clip(np.minimum(t, total - t), 0.0, ramp),
+        lambda t: np.where(t < ramp, a, np.where((t < total - ramp) | (t >= total), 0.0, -a)),
+        "drive",
+        (ramp, total - ramp, total) if known else (),
+    )
+    bar = beam(0.4, 0.01, 0.01, elements=8, modes=2)
+    mechanism = Mechanism(
+        {"bar": Placement((0.2, 0.0))},
+        [
+            Revolute(("bar", "left"), Ground(), name="hinge"),
+            PrescribedAngle(("bar", "left"), drive, name="motor"),
+        ],
+        forces=[Force(("bar", "right"), 0.0, lambda t: np.where(t > begin, 2.0, 0.0))],
+        gravity=(0.0, -9.81),
+        jumps=[begin] if known else [],
+    )
+    return Scene(mechanism, {"bar": replace(bar, K=0.05 * bar.K)}, GeneralizedAlpha(0.5, 1000))
+
+
+def test_order_across_jumps() -> None:
+    scene = jerky()
+    steps = np.array([400, 800, 1600])
+    exact = run(scene, steps=6400)
+    errors = [
+        [abs(compliance(r) / compliance(exact) - 1.0), np.max(np.abs(r.y[-1] - exact.y[-1]))]
+        for r in (run(scene, steps=int(count)) for count in steps)
+    ]
+    for column in np.array(errors).T:
+        assert convergence_order(1.0 / steps, column) > 4.7
+    ends = run(scene, steps=7).step_ends
+    assert {0.0503, 0.1, 0.4 - 0.1, 0.4} < set(ends)
+    np.testing.assert_array_equal(run(scene, steps=ends).step_ends, ends)
+    assert {0.0503, 0.1} < set(run(scene, steps=[0.0, 0.02, 0.3, 0.5]).step_ends)
+
+
+def test_steps_end_at_jumps() -> None:
+    """Steps that know of the jumps are fewer, and keep what they promise."""
+    scene, unaware = jerky(), jerky(known=False)
+    exact = compliance(run(scene, steps=6400))
+    for tolerance in (1e-5, 1e-7, 1e-9):
+        aware = run(scene, tolerance=tolerance)
+        other = run(unaware, tolerance=tolerance)
+        assert {0.0503, 0.1, 0.4 - 0.1, 0.4} < set(aware.step_ends)
+        assert aware.step_ends.size < other.step_ends.size
+        assert abs(compliance(aware) - exact) < 0.2 * abs(compliance(other) - exact)
+
+
+def test_values_at_jumps_are_those_before() -> None:
+    scene = jerky()
+    trajectory = run(scene, steps=100)
+    at = int(np.flatnonzero(trajectory.t == 0.0503)[0])
+    force = trajectory.applied_force(scene.mechanism.force_names[0])[:, 1]
+    assert force[at] == 0.0 and force[at + 1] == 2.0
+
+
+def test_gradient_across_jumps() -> None:
+    scene = jerky()
+    problem = MechanicalProblem(scene.mechanism, RadauIIA(0.5, steps=400), IntegralCompliance())
+    direction = random_direction(scene.bodies, 3)
+    slope = dot(problem.gradient(scene.bodies).integrals_gradient, direction)
+    result = taylor_test(
+        lambda step: problem.value(moved(scene.bodies, direction, float(step))).psi,
+        lambda step: float(step) * slope,
+        0.0,
+        1.0,
+        steps=[4e-4 / 2.0**k for k in range(5)],
+    )
+    assert_taylor_order(result, points=4)
+
+
 # --- Integrals over time -------------------------------------------------------------------------
 
 

@@ -134,6 +134,9 @@ class Mechanism:
     ground_acceleration: tuple[Signal, Signal] = (0.0, 0.0)
     #: How the motion begins: assembled from the placements, or from the static equilibrium.
     start: Start = field(default_factory=Assembled)
+    #: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it [s],
+    #: beside the :attr:`Motion.jumps`; :class:`RadauIIA` ends steps there.
+    jumps: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -144,6 +147,8 @@ class Mechanism:
             numbers = [g for g in given if not (callable(g) or isinstance(g, Motion))]
             if not np.all(np.isfinite(np.asarray(numbers, dtype=float))):
                 raise ValueError(f"{what} holds NaN or infinity: {given}")
+        if not np.all(np.isfinite(np.asarray(self.jumps, dtype=float))):
+            raise ValueError(f"jumps hold NaN or infinity: {self.jumps}")
         for name, placement in self.placements.items():
             numbers = [*placement.position, placement.angle, *placement.velocity]
             if not np.all(np.isfinite((*numbers, placement.angular_velocity))):

@@ -36,6 +36,8 @@ class Motion:
     acceleration: TimeFunction
     #: Name for messages and plots.
     name: str = ""
+    #: Times at which c or a derivative of it jumps [s]; :class:`RadauIIA` ends steps there.
+    jumps: tuple[float, ...] = ()
 
     @staticmethod
     def constant(value: float, name: str = "") -> Motion:
@@ -62,7 +64,8 @@ class Motion:
     def smooth_step(distance: float, duration: float, start: float = 0.0, name: str = "") -> Motion:
         """Rest-to-rest motion distance * (10 s^3 - 15 s^4 + 6 s^5), s = (t - start) / duration.
 
-        Velocity and acceleration vanish at both ends; the value is held before and after.
+        Velocity and acceleration vanish at both ends, where the third derivative jumps; the value
+        is held before and after.
 
         Args:
             distance: Distance covered [m or rad].
@@ -91,7 +94,8 @@ class Motion:
             x = s(t)
             return distance / duration**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
 
-        return Motion(value, velocity, acceleration, name or "smooth step")
+        ends = (start, start + duration)
+        return Motion(value, velocity, acceleration, name or "smooth step", ends)
 
     def tabulate(self, times: ArrayLike) -> Array:
         """Value, velocity and acceleration at given times.

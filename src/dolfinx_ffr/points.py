@@ -86,7 +86,7 @@ class Moving:
                 phi, rate = np.asarray(angle.value(t)) - phase, np.asarray(angle.velocity(t))
                 return -radius * (np.cos(phi) * rate**2 + np.sin(phi) * angle.acceleration(t))
 
-            return Motion(value, velocity, acceleration, angle.name)
+            return Motion(value, velocity, acceleration, angle.name, angle.jumps)
 
         x, y = along(center[0], 0.0), along(center[1], math.pi / 2.0)
         return Moving(x, y, angle, name)

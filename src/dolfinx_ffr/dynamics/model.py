@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 
 #: Share of a step after which the accelerations are taken a second time to start the integration.
 START_OFFSET = 1e-4
+#: Relative distance from a jump at which the values on its sides are taken.
+BESIDE_JUMP = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,18 @@ class TimeTables:
     rows: Sequence[tuple[Row, str]]
     #: Forces, with their names.
     elements: Sequence[tuple[Element, str]]
+
+    @cached_property
+    def jumps(self) -> Array:
+        """Times after the start at which something prescribed is not smooth, in order [s]."""
+        fields = (self.mechanism.gravity, self.mechanism.ground_acceleration)
+        signals: list[object] = [signal for field in fields for signal in field]
+        signals += [motion for marker, _ in self.prescribed for motion in marker.motions]
+        signals += [row.motion for row, _ in self.rows]
+        signals += [signal for element, _ in self.elements for signal in element.table.values()]
+        known = [t for signal in signals if isinstance(signal, Motion) for t in signal.jumps]
+        jumps = np.unique(np.array([*known, *self.mechanism.jumps], dtype=np.float64))
+        return jumps[jumps > 0.0]
 
     def check(self, start: float, end: float) -> None:
         """Compare all derivatives with differences.
@@ -66,6 +81,9 @@ class TimeTables:
     def tabulate(self, instants: Array) -> dict[str, Any]:
         """Tables by name of the field of ModelArrays.
 
+        At the very time of a jump they hold the values before it: a step may end there, and the
+        stages of the one that begins there lie behind it.
+
         Args:
             instants: Times, shape (instants,) [s].
 
@@ -73,6 +91,8 @@ class TimeTables:
             ValueError: If a value is NaN or infinite, or a length is not positive; the message
                 names the marker, the joint or the force.
         """
+        at_jump = np.isin(instants, self.jumps)
+        instants = np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
         prescribed = []
         for marker, where in self.prescribed:
             table = np.zeros((instants.size, 3, 3))

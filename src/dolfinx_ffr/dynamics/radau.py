@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from .compiled import announced, empty_model
 from .failures import SimulationError, diagnosis
 from .loops import CONVERGED, kernels
-from .model import FlatModel
+from .model import BESIDE_JUMP, FlatModel
 from .stage_loops import REJECTED, stage_kernels
 from .stages import NODES, A
 from .trajectory import Trajectory
@@ -41,6 +42,8 @@ _TIGHTEST, _LOOSEST = 1e-13, 0.1
 _PILOT = 0.1
 #: Steps below this share of the duration mean that the motion cannot be followed.
 _SHORTEST = 1e-11
+#: Share of the duration, or of a step, below which two times count as the same.
+_SAME = 1e-9
 #: Error of the embedded formula at the tolerance t: _FACTOR t^(2/3), as its order is 4 of 6.
 _FACTOR = 1.0
 
@@ -53,8 +56,10 @@ class RadauIIA:
     it is not. Fifth-order accurate in positions and velocities, third-order in accelerations and
     multipliers, fifth-order in objectives, which are integrated with the weights of the method;
     constraints hold to round-off in positions and in velocities, and vibrations that no step
-    resolves are damped at once. Prefer it where an accuracy is asked for, or where fast and slow
-    phases alternate; :class:`GeneralizedAlpha` where steps are to be the same for all designs.
+    resolves are damped at once. Steps end at the known jumps of what is prescribed
+    (:attr:`Motion.jumps`, :attr:`Mechanism.jumps`), across which no order holds. Prefer it where
+    an accuracy is asked for, or where fast and slow phases alternate; :class:`GeneralizedAlpha`
+    where steps are to be the same for all designs.
 
     A gradient is the exact one of the computed motion at the steps that were taken. The steps may
     differ from one design to the next, and psi jumps by an amount within the tolerance then; with
@@ -86,8 +91,9 @@ class RadauIIA:
     first_step: float | None = None
     #: Largest step [s]; None sets no limit.
     largest_step: float | None = None
-    #: Fixed steps instead of the tolerance: the number of equal steps, or the times at which steps
-    #: end, from 0 to ``end_time`` [s], such as the ``step_ends`` of a trajectory.
+    #: Fixed steps instead of the tolerance: the number of steps, which are equal from one jump to
+    #: the next, or the times at which steps end beside the jumps, from 0 to ``end_time`` [s], such
+    #: as the ``step_ends`` of a trajectory.
     steps: int | Sequence[float] | Array | None = field(default=None)
 
     def __post_init__(self) -> None:
@@ -149,6 +155,29 @@ def stage_times(ends: Array) -> Array:
     return np.concatenate([ends[:1], inner.ravel()])
 
 
+def _step_ends(integrator: RadauIIA, jumps: Array) -> Array:
+    """Ends of fixed steps, the jumps among them [s]."""
+    times = integrator.times
+    if jumps.size == 0:
+        return times
+    if np.ndim(integrator.steps) > 0:  # type: ignore[arg-type]
+        shortest = _SAME * float(np.min(np.diff(times)))
+        new = jumps[np.min(np.abs(jumps[:, None] - times), axis=1) > shortest]
+        return np.union1d(times, new)
+    corners = np.array([0.0, *jumps, integrator.end_time])
+    length = integrator.end_time / int(integrator.steps)  # type: ignore[arg-type]
+    counts = np.maximum(np.rint(np.diff(corners) / length).astype(int), 1)
+    stretches = zip(corners, corners[1:], counts, strict=False)
+    return np.concatenate([[0.0], *(np.linspace(a, b, n + 1)[1:] for a, b, n in stretches)])
+
+
+def _jumps_inside(model: FlatModel, integrator: RadauIIA) -> Array:
+    """Jumps between the start and the end [s]."""
+    jumps, least = model.tables.jumps, _SAME * integrator.end_time
+    jumps = jumps[(jumps > least) & (jumps < integrator.end_time - least)]
+    return jumps[np.diff(jumps, prepend=0.0) > least]
+
+
 @dataclass(eq=False)
 class _Rows:
     """A stretch of the motion: its start, and three rows for each step."""
@@ -197,7 +226,7 @@ class _Marching:
         self.model, self.start, self.sizes = model, start, sizes
         self.parts = [start]
 
-    def advance(self, ends: Array, limit: float, model: FlatModel | None = None) -> tuple:
+    def advance(self, ends: Array, limit: float) -> tuple:
         """Steps to the given ends, the first of which is where the motion stands.
 
         Returns the outcome, the number of good steps and all steps that were tried.
@@ -208,14 +237,12 @@ class _Marching:
             getattr(rows, name)[0] = getattr(last, name)[-1]
         before, w_before = 0.0, np.zeros((3, self.model.size))
         lam_before = np.zeros((3, self.model.rows))
-        if last.errors.size:
+        if last.errors.size and rows.t[0] in self.model.tables.jumps:
+            self._pass_jump(rows)
+        elif last.errors.size:
             before = float(last.t[-1] - last.t[-4])
             w_before, lam_before = last.w[-3:].copy(), last.multipliers[-3:].copy()
-        if model is None:
-            tables = self.model.tables.tabulate(rows.t)
-            arrays = self.model.arrays._replace(**tables)
-        else:
-            arrays = model.arrays
+        arrays = self.model.arrays._replace(**self.model.tables.tabulate(rows.t))
         status, good = stage_kernels.march(
             arrays, np.diff(ends), rows.y, rows.v, rows.w, rows.multipliers, rows.stabilization,
             before, w_before, lam_before, self.start.y[0], self.sizes, limit, rows.errors,
@@ -224,6 +251,15 @@ class _Marching:
         if good:
             self.parts.append(rows.leading(good))
         return status, good, rows
+
+    def _pass_jump(self, rows: _Rows) -> None:
+        """Accelerations and multipliers behind a jump, from which no polynomial goes on."""
+        instants = np.full(2, rows.t[0] * (1.0 + BESIDE_JUMP))
+        arrays = self.model.arrays._replace(**self.model.tables.tabulate(instants))
+        w, lam, after = rows.w[0].copy(), rows.multipliers[0].copy(), np.zeros((4, self.model.size))
+        status = kernels.start(arrays, rows.y[0], rows.v[0], w, lam, 0, 0.0, after)
+        if status == CONVERGED and np.all(np.isfinite(w)):
+            rows.w[0], rows.multipliers[0] = w, lam
 
     @property
     def t(self) -> float:
@@ -265,11 +301,15 @@ def integrate_with_radau(
     sizes = _least_sizes(model, start, integrator.end_time)
     if integrator.steps is not None:
         marching = _Marching(model, start, sizes)
-        tabulated = model.at(stage_times(integrator.times))
-        status, good, rows = marching.advance(integrator.times, math.inf, tabulated)
-        if status != CONVERGED:
-            raise _failure(marching, rows, good, status, "take smaller steps, or ")
-        return _trajectory(tabulated, rows, sizes)
+        jumps = _jumps_inside(model, integrator)
+        ends = _step_ends(integrator, jumps)
+        at_jumps = np.flatnonzero(np.isin(ends, jumps))
+        for first, last in pairwise([0, *at_jumps, ends.size - 1]):
+            status, good, rows = marching.advance(ends[first : last + 1], math.inf)
+            if status != CONVERGED:
+                raise _failure(marching, rows, good, status, "take smaller steps, or ")
+        rows = _Rows.joined(marching.parts)
+        return _trajectory(model.at(rows.t), rows, sizes)
     h = integrator.first_step
     if integrator.tolerance < _PILOT:
         _, first = _adaptive(model, start, sizes, integrator, _PILOT, h)
@@ -287,13 +327,17 @@ def _adaptive(
     first: float | None,
 ) -> tuple[_Rows, float]:
     """Motion with steps that keep a tolerance, and the first step taken."""
-    end = integrator.end_time
-    longest = min(integrator.largest_step or end, end)
+    duration = integrator.end_time
+    longest = min(integrator.largest_step or duration, duration)
     limit = _FACTOR * tolerance ** (2.0 / 3.0)
-    h, batch, before = min(first or 1e-3 * end, longest), 1, 1.0
+    h, batch, before = min(first or 1e-3 * duration, longest), 1, 1.0
     marching = _Marching(model, start, sizes)
-    while marching.t < end:
+    corners = [*_jumps_inside(model, integrator), duration]
+    while marching.t < duration:
         t = marching.t
+        end = next(corner for corner in corners if corner > t)
+        if t in corners:
+            batch, before = 1, 1.0
         count = math.ceil((end - t) / h * (1.0 - 1e-9))
         if count <= batch:
             ends = np.linspace(t, end, max(count, 1) + 1)
@@ -316,7 +360,7 @@ def _adaptive(
         else:
             h *= 0.25
         batch, before = 1, 1.0
-        if h < _SHORTEST * end:
+        if h < _SHORTEST * duration:
             raise _failure(marching, rows, good, status, "")
     rows = _Rows.joined(marching.parts)
     return rows, float(rows.t[3] - rows.t[0])
