@@ -469,7 +469,8 @@ class CraigBampton:
 
 def _direct_solver(ranks: int) -> str:
     """Return the library that factors K: on one rank CHOLMOD solves two to three times as fast."""
-    if ranks == 1 and PETSc.Sys.hasExternalPackage("suitesparse"):
+    packages = ("cholmod", "suitesparse")  # PETSc's name for it depends on how it was built
+    if ranks == 1 and any(map(PETSc.Sys.hasExternalPackage, packages)):
         return "cholmod"
     return "mumps"
 
