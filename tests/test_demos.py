@@ -239,3 +239,31 @@ def test_four_bar_on_mesh_files(tmp_path: Path) -> None:
     program = TOP / "demos" / "four_bar.py"
     run(*meshes, "--steps", "100", "--iterations", "3", cwd=tmp_path, program=program)
     assert summary(tmp_path / "results" / "four_bar")["volume_coupler"] <= 0.5 * (1 + 1e-6)
+
+
+#: demos, their options, and the meshes that take the place of their bodies: option, length, height
+#: and size of the elements [m]
+ON_MESHES = {
+    "approximate_gradient": (["--iterations", "2"], [("--mesh", 0.4, 0.04, 0.02)]),
+    "density_design": (["--iterations", "4"], [("--mesh", 0.4, 0.04, 0.01)]),
+    "spin_up": (["--steps", "1500"], [("--mesh", 10.0, (12.0 * 1.4e4 / 2.8e7) ** 0.5, 0.2)]),
+    "pendulum": (["--steps", "200"], [("--mesh", 1.0, 0.05, 0.05)]),
+    "robot_arm": (
+        ["--steps", "100", "--iterations", "3"],
+        [("--upper-mesh", 0.5, 0.05, 0.015), ("--fore-mesh", 0.4, 0.05, 0.015)],
+    ),
+    "connecting_rod": (["--order", "1", "--iterations", "8"], [("--mesh", 0.3, 0.03, 0.008)]),
+}
+
+
+@pytest.mark.parametrize("name", ON_MESHES)
+def test_gmsh_file_takes_the_place_of_the_built_in_mesh(name: str, tmp_path: Path) -> None:
+    """Every demo runs on files of gmsh, its own assertions hold, and it leaves its numbers."""
+    from test_domain import write_rod
+
+    options, meshes = ON_MESHES[name]
+    for option, length, height, size in meshes:
+        write_rod(tmp_path / f"{option[2:]}.msh", length=length, height=height, size=size)
+        options = [*options, option, f"{option[2:]}.msh"]
+    run(*options, "--output", "out", cwd=tmp_path, program=TOP / "demos" / f"{name}.py")
+    assert summary(tmp_path / "out")

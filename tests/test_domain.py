@@ -152,16 +152,25 @@ def test_bad_density(comm: MPI.Intracomm, spoil: object, message: str) -> None:
         domain.check_density(spoil(np.ones(domain.n_cells)))  # type: ignore[operator]
 
 
-def write_rod(path: Path, *, names: bool = True, order: int = 1) -> None:
-    """Write a rod with physical groups by gmsh."""
+def write_rod(
+    path: Path,
+    *,
+    names: bool = True,
+    order: int = 1,
+    length: float = 0.4,
+    height: float = 0.04,
+    size: float = 0.02,
+) -> None:
+    """Write a rod with physical groups by gmsh; one twentieth of its length is solid."""
     import gmsh
 
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.model.add("rod")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.02)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     geometry = gmsh.model.geo
-    corners = [(0, -0.02), (0.02, -0.02), (0.4, -0.02), (0.4, 0.02), (0.02, 0.02), (0, 0.02)]
+    h, solid = height / 2, length / 20
+    corners = [(0, -h), (solid, -h), (length, -h), (length, h), (solid, h), (0, h)]
     points = [geometry.addPoint(x, y, 0) for x, y in corners]
     line = [geometry.addLine(points[i], points[(i + 1) % 6]) for i in range(6)]
     cut = geometry.addLine(points[1], points[4])
