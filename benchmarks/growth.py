@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import re
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
@@ -15,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 from jobs import Job, Progress
 from matplotlib.axes import Axes
+from memory import peak_memory, reset_peak_memory
 from numpy.typing import NDArray
 from report import Table, write_page
 from scene import holes_design, slider_crank, warm_up
@@ -72,14 +71,14 @@ def evaluation_growth(
         repetitions: of value, gradient and lower bound, in turn.
     """
     warm_up(comm)
-    base = _reset_peak_memory()
+    base = reset_peak_memory()
     problem = slider_crank(comm, (elements[0], elements[1]))
     rod = problem.flexible["rod"]
     x = holes_design(rod.domain)
     problem.value(x)
-    memory_value = _peak_memory() - base
+    memory_value = peak_memory() - base
     problem.gradient(x)  # also warms up what is made once for each mesh
-    memory_gradient = _peak_memory() - base
+    memory_gradient = peak_memory() - base
 
     rng = np.random.default_rng(0)
     block = rng.standard_normal((rod.elasticity.n_dofs, rod.modes))
@@ -128,22 +127,6 @@ def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> float:
     action()
     comm.Barrier()
     return perf_counter() - start
-
-
-def _reset_peak_memory() -> float:
-    """Begin a new record of the peak memory of this process, and return it [MB]."""
-    with contextlib.suppress(OSError):  # then the record goes on, and small meshes show nothing
-        Path("/proc/self/clear_refs").write_text("5")
-    return _peak_memory()
-
-
-def _peak_memory() -> float:
-    """Return the peak of the resident memory of this process [MB].
-
-    The record of `resource.getrusage` would include that of the process that started this one.
-    """
-    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    return float(found[1]) * 1024e-6 if found else np.nan
 
 
 # ---------------------------------------------------------------------- tables and picture
