@@ -12,7 +12,7 @@ DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-other-debian test-debian12 test-debian13 lint benchmark clean
+.PHONY: help setup demo test test-other-debian test-debian12 test-debian13 lint benchmark benchmark-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-19s %s\n", $$1, $$2}' "$(clone)/Makefile"
@@ -44,6 +44,9 @@ lint: setup ## check style, format and types
 
 benchmark: setup ## measure speed and growth with the mesh; table and picture in results/ (ARGS="...")
 	@cd "$(clone)" && $(env) $(python) benchmarks/run.py $(ARGS)
+
+benchmark-peers: setup ## the same beside Exudyn and pyMOTO, put into results/peers from PyPI (ARGS="...")
+	@cd "$(clone)" && $(env) $(python) benchmarks/peer_packages.py && $(python) benchmarks/run.py --only peers $(ARGS)
 
 clean: ## remove .venv, caches and results (the roots of other Debian releases stay)
 	@cd "$(clone)" && rm -rf .venv .venv.lock results build .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info

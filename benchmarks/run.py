@@ -6,6 +6,9 @@
 
 Everything in them is measured in this run. All of it takes about a quarter of an hour on two free
 cores, with ``--quick`` about one minute, on small meshes and with few repetitions: a smoke test.
+
+The study ``peers`` needs other packages, which `make benchmark-peers` installs; it is left out as
+long as they are not there.
 """
 
 from __future__ import annotations
@@ -17,11 +20,14 @@ from pathlib import Path
 from mpi4py import MPI
 
 from jobs import Job, run_jobs
+from peer_packages import missing
 
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
 #: report_NAME. A study without jobs of its own reports on those of another.
-STUDIES = ("growth", "accuracy", "differences", "gradient")
+STUDIES = ("growth", "accuracy", "differences", "gradient", "peers")
 MEASURED_BY = {"differences": "growth"}
+#: It needs packages that are not part of the environment, and is left out where they are not there.
+PEERS = "peers"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -34,15 +40,18 @@ def main(arguments: list[str] | None = None) -> None:
 
     # whatever is compiled is compiled before the first measurement
     jobs = [Job("scene", "warm_up", 5.0, {"orders": [1, 2] if "accuracy" in options.only else [1]})]
-    for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only):
-        jobs += getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
+    jobs_of = {
+        study: getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
+        for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only)
+    }
+    jobs += [job for some in jobs_of.values() for job in some]
     try:
         results = list(run_jobs(jobs))
     except RuntimeError as error:
         raise SystemExit(f"benchmarks: {error}; its messages are above") from error
 
     for study in options.only:
-        own = [result for result in results if result[0].study == MEASURED_BY.get(study, study)]
+        own = [result for result in results if result[0] in jobs_of[MEASURED_BY.get(study, study)]]
         report = getattr(importlib.import_module(study), f"report_{study}")
         for table in report(own, directory):
             print(f"\n{table.markdown()}")
@@ -54,10 +63,18 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Measure speed beside error.")
     parser.add_argument("--quick", action="store_true", help="small meshes, few repetitions")
     parser.add_argument(
-        "--only", nargs="+", choices=STUDIES, default=list(STUDIES), help="these studies alone"
+        "--only", nargs="+", choices=STUDIES, help="these studies alone (default: all)"
     )
     parser.add_argument("--output", default="results/benchmarks", help="folder for the results")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    absent = missing()
+    if options.only is None:
+        options.only = [study for study in STUDIES if study != PEERS or absent is None]
+        if absent:
+            print(f"{absent}; left out here")
+    elif PEERS in options.only and absent:
+        raise SystemExit(absent)
+    return options
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 
-__all__ = ["block_design", "holes_design", "slider_crank", "warm_up"]
+__all__ = ["block_design", "holes_design", "slider_crank", "slider_crank_numbers", "warm_up"]
 
 DEMO = Path(__file__).resolve().parents[1] / "demos" / "slider_crank.py"
 
@@ -31,6 +31,12 @@ def _demo() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def slider_crank_numbers() -> tuple[float, float, float, float]:
+    """Return the demo's crank radius [m], its turns, their duration [s], the slider's mass [kg]."""
+    demo = _demo()
+    return demo.CRANK, demo.TURNS, demo.DURATION, demo.SLIDER
 
 
 def slider_crank(

@@ -70,11 +70,12 @@ class DensityFilter:
         kernel = scipy.sparse.coo_matrix((weights, (near["i"], near["j"])), shape=(n, n)).tocsr()
         balance = _balance(kernel, self._share)
         left, right = scipy.sparse.diags(balance), scipy.sparse.diags(balance * self._share)
-        self._matrix = scipy.sparse.csr_matrix(left @ kernel @ right)
+        #: (cells, cells) weights of the means; rows sum to one
+        self.matrix = scipy.sparse.csr_matrix(left @ kernel @ right)
 
     def __call__(self, values: Array) -> Array:
         """Return the means of ``values`` (cells of all ranks,), of the same shape."""
-        return np.asarray(self._matrix @ values)
+        return np.asarray(self.matrix @ values)
 
     def pullback(self, means_bar: Array) -> Array:
         """Return the transpose of the derivative of the means.
@@ -85,7 +86,7 @@ class DensityFilter:
         Returns:
             Derivative with respect to the values, shape (cells of all ranks,).
         """
-        return np.asarray(self._matrix.T @ means_bar)
+        return np.asarray(self.matrix.T @ means_bar)
 
 
 def _balance(kernel: scipy.sparse.csr_matrix, share: Array) -> Array:

@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: MIT
+"""The slider-crank of the demo in Exudyn: the same reduced rod, in the same floating frame.
+
+Exudyn (J. Gerstmayr, https://github.com/jgerstmayr/EXUDYN, on PyPI as ``exudyn``) simulates
+flexible multibody systems in C++. Its reduced body (``ObjectFFRFreducedOrder``) takes nodes, mass
+and stiffness matrix and a mode basis of any finite-element code. It gets ours:
+
+- the nodes of our mesh, relative to the origin of our frame, in the plane z = 0;
+- our mass and stiffness matrix, each node with a third displacement that nothing excites;
+- our shape functions as modes, so that its elastic coordinates are ours and its reference node is
+  our chord frame. (Linear elasticity in another frame is another model, at second order.)
+
+The slider is one more node: 0.5 kg at the center of the rod's right interface. The crank pin is the
+origin of the frame, so that the crank prescribes two coordinates of the reference node; the slider
+stays on its line by a spherical joint of one axis. These are three rows of constraints, as ours.
+
+What Exudyn offers for speed is used: its module without range checks, user functions compiled to
+expressions, dense matrices, a Jacobian that is kept as long as Newton's method converges, no files.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from memory import peak_memory, reset_peak_memory
+from numpy.typing import NDArray
+from peer_packages import use_peers
+
+__all__ = [
+    "Crank",
+    "ExudynRod",
+    "Method",
+    "Simulation",
+    "load_rod",
+    "memory_of_exudyn",
+    "rod_for_exudyn",
+    "save_rod",
+    "simulate",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ExudynRod:
+    """A reduced body as a three-dimensional finite-element code would hand it over."""
+
+    positions: Array  #: (nodes, 3) in the body's frame [m]; the last node carries the point mass
+    mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
+    stiffness: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [N/m]
+    modes: Array  #: (3 nodes, r) [-]
+
+
+def rod_for_exudyn(
+    reference: Array,
+    mass: scipy.sparse.spmatrix,
+    stiffness: scipy.sparse.spmatrix,
+    shapes: Array,
+    marker: tuple[Array, Array],
+    point_mass: float,
+) -> ExudynRod:
+    """Return a planar body with a point mass at a marker, in three dimensions.
+
+    Args:
+        reference: positions in the body's frame, two for each node, shape (2 nodes,) [m].
+        mass: of these displacements, shape (2 nodes, 2 nodes) [kg].
+        stiffness: likewise [N/m].
+        shapes: shape functions, shape (2 nodes, r).
+        marker: its position, shape (2,), and its shape functions, shape (2, r).
+        point_mass: [kg].
+    """
+    n, r = len(reference) // 2 + 1, shapes.shape[1]
+    positions, modes = np.zeros((n, 3)), np.zeros((n, 3, r))
+    positions[:, :2] = np.vstack([reference.reshape(-1, 2), marker[0]])
+    modes[:, :2] = np.concatenate([shapes.reshape(-1, 2, r), marker[1][None]])
+    # both displacements of a node have the same mass: so has the third
+    scalar = scipy.sparse.csr_matrix(mass)[0::2, 0::2]
+    nodal = scipy.sparse.block_diag([scalar, [[point_mass]]])
+    entries = scipy.sparse.coo_matrix(stiffness)
+    row, column = (3 * (k // 2) + k % 2 for k in (entries.row, entries.col))
+    return ExudynRod(
+        positions,
+        scipy.sparse.csr_matrix(scipy.sparse.kron(nodal, scipy.sparse.identity(3))),
+        scipy.sparse.csr_matrix((entries.data, (row, column)), shape=(3 * n, 3 * n)),
+        modes.reshape(3 * n, r),
+    )
+
+
+def save_rod(path: Path, rod: ExudynRod) -> None:
+    """Write a rod to a NumPy file, for a process that knows nothing of meshes."""
+    parts: dict[str, Array] = {"positions": rod.positions, "modes": rod.modes}
+    for name, matrix in (("mass", rod.mass), ("stiffness", rod.stiffness)):
+        for part in ("data", "indices", "indptr"):
+            parts[f"{name}_{part}"] = getattr(matrix, part)
+    np.savez(path, **parts)
+
+
+def load_rod(path: Path) -> ExudynRod:
+    """Read what `save_rod` has written."""
+    with np.load(path) as file:
+        n = file["positions"].size
+        mass, stiffness = (
+            scipy.sparse.csr_matrix(
+                tuple(file[f"{name}_{part}"] for part in ("data", "indices", "indptr")),
+                shape=(n, n),
+            )
+            for name in ("mass", "stiffness")
+        )
+        return ExudynRod(file["positions"], mass, stiffness, file["modes"])
+
+
+@dataclass(frozen=True)
+class Method:
+    """Time integration."""
+
+    steps: int  #: of equal length
+    #: 3: generalised-alpha with constraints of positions; 2: trapezoidal rule with constraints of
+    #: velocities, Exudyn's only implicit method with these
+    index: int = 3
+    spectral_radius: float = 0.8  #: at infinite frequency, of generalised-alpha
+    modified: bool = True  #: whether Newton's method keeps its Jacobian as long as it converges
+
+
+@dataclass(frozen=True)
+class Crank:
+    """The prescribed motion."""
+
+    radius: float  #: [m]
+    turns: float  #: from rest to rest [-]
+    duration: float  #: [s]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What Exudyn has computed, and how long it took."""
+
+    t: Array  #: (steps + 1,) [s]
+    q: Array  #: (steps + 1, r) elastic coordinates
+    seconds: float  #: of the solver alone [s]
+    seconds_model: float  #: of the model, before the solver begins [s]
+
+
+def load_exudyn() -> ModuleType:
+    """Return the module without range checks, where the processor can run it."""
+    use_peers()
+    sys.exudynFast = True  # type: ignore[attr-defined]
+    import exudyn
+
+    return exudyn
+
+
+def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
+    """Simulate the slider-crank.
+
+    Args:
+        rod: with the slider's mass on its last node.
+        crank: its motion.
+        method: time integration.
+    """
+    exudyn = load_exudyn()
+    begin = perf_counter()
+    mbs, sensor, keep = _model(exudyn, _reduced(rod), rod, crank)
+    settings = _settings(exudyn, crank.duration, method)
+    solvers = exudyn.DynamicSolverType
+    solver = solvers.GeneralizedAlpha if method.index == 3 else solvers.TrapezoidalIndex2
+    start = perf_counter()
+    mbs.SolveDynamic(settings, solverType=solver)
+    seconds = perf_counter() - start
+    data = np.array(mbs.GetSensorStoredData(sensor))
+    del keep
+    return Simulation(data[:, 0], data[:, 1:], seconds, start - begin)
+
+
+def _reduced(rod: ExudynRod) -> Any:
+    """Return the rod's reduction to the constants of the equations of motion."""
+    from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
+
+    fem = FEMinterface()
+    fem.nodes = {"Position": rod.positions}
+    fem.massMatrix, fem.stiffnessMatrix = rod.mass, rod.stiffness
+    fem.modeBasis = {"matrix": rod.modes, "type": "HCBmodes"}
+    return ObjectFFRFreducedOrderInterface(fem, rigidBodyNodeType="NodeType.RotationRxyz")
+
+
+def _model(
+    exudyn: ModuleType, reduced: Any, rod: ExudynRod, crank: Crank
+) -> tuple[Any, Any, list[Any]]:
+    """Return the system, the sensor of the elastic coordinates, and what must stay alive."""
+    import exudyn.itemInterface as items
+    from exudyn.advancedUtilities import CreateSymbolicUserFunction
+
+    mbs = exudyn.SystemContainer().AddSystem()
+    body = reduced.AddObjectFFRFreducedOrder(mbs, positionRef=[crank.radius, 0.0, 0.0])
+    ground = mbs.AddObject(items.ObjectGround())
+    fixed = mbs.AddMarker(
+        items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0)
+    )
+    keep: list[Any] = []
+    for axis, (position, velocity) in enumerate(_pin(exudyn, crank)):
+        functions = [
+            CreateSymbolicUserFunction(
+                mbs, function, name, itemTypeName="ObjectConnectorCoordinate"
+            )
+            for name, function in (
+                ("offsetUserFunction", position),
+                ("offsetUserFunction_t", velocity),
+            )
+        ]
+        keep += functions
+        moved = mbs.AddMarker(
+            items.MarkerNodeCoordinate(nodeNumber=body["nRigidBody"], coordinate=axis)
+        )
+        mbs.AddObject(
+            items.ObjectConnectorCoordinate(
+                markerNumbers=[fixed, moved],
+                offsetUserFunction=functions[0],
+                offsetUserFunction_t=functions[1],
+            )
+        )
+    slider = mbs.AddMarker(
+        items.MarkerSuperElementPosition(
+            bodyNumber=body["oFFRFreducedOrder"],
+            meshNodeNumbers=[len(rod.positions) - 1],
+            weightingFactors=[1.0],
+        )
+    )
+    line = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground))
+    mbs.AddObject(
+        items.ObjectJointSpherical(markerNumbers=[line, slider], constrainedAxes=[0, 1, 0])
+    )
+    sensor = mbs.AddSensor(
+        items.SensorNode(
+            nodeNumber=body["nGenericODE2"],
+            outputVariableType=exudyn.OutputVariableType.Coordinates,
+            storeInternal=True,
+            writeToFile=False,
+        )
+    )
+    mbs.Assemble()
+    return mbs, sensor, keep
+
+
+def _pin(exudyn: ModuleType, crank: Crank) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
+    """Return displacement and velocity of the crank pin along x and y, as functions of time."""
+    symbolic = exudyn.symbolic
+    full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
+
+    def x(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+        s = t / end
+        return radius * symbolic.cos(full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))) - radius
+
+    def y(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+        s = t / end
+        return radius * symbolic.sin(full * (s * s * s * (10.0 + s * (6.0 * s - 15.0))))
+
+    def x_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+        s = t / end
+        speed = (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
+        angle = full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+        return -radius * (symbolic.sin(angle) * speed)
+
+    def y_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+        s = t / end
+        speed = (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
+        angle = full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+        return radius * (symbolic.cos(angle) * speed)
+
+    return [(x, x_t), (y, y_t)]
+
+
+def _settings(exudyn: ModuleType, duration: float, method: Method) -> Any:
+    settings = exudyn.SimulationSettings()
+    time = settings.timeIntegration
+    time.numberOfSteps = method.steps
+    time.endTime = duration
+    time.verboseMode = 0
+    time.newton.useModifiedNewton = method.modified
+    time.generalizedAlpha.spectralRadius = method.spectral_radius
+    time.generalizedAlpha.computeInitialAccelerations = True
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = 0.5 * duration / method.steps  # every step
+    settings.linearSolver.solverType = exudyn.LinearSolverType.EXUdense
+    settings.parallel.numberOfThreads = 1
+    return settings
+
+
+def memory_of_exudyn(
+    comm: Any, progress: Callable[[float], None], *, rod: str, crank: list[float], steps: int
+) -> dict[str, float]:
+    """Measure the peak of memory of one simulation, in a process without DOLFINx.
+
+    Args:
+        comm: one rank.
+        progress: told the part that is done.
+        rod: file that `save_rod` has written.
+        crank: radius, turns and duration.
+        steps: of time.
+    """
+    if "dolfinx" in sys.modules:
+        raise RuntimeError("the process has loaded DOLFINx")
+    body = load_rod(Path(rod))
+    simulate(body, Crank(*crank), Method(2))
+    base = reset_peak_memory()
+    simulate(body, Crank(*crank), Method(steps))
+    return {"base": base, "beyond": peak_memory() - base}

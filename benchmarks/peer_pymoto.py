@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: MIT
+"""The static limit in pyMOTO: compliance of a plate, its gradient, and its design.
+
+pyMOTO (A. Delissen, https://github.com/aatmdelissen/pyMOTO, on PyPI as ``pymoto``) is topology
+optimisation by modules: each has a response and a sensitivity. The plate consists of bilinear
+quadrilaterals in plane stress. Its left edge is clamped, its right edge can only slide upwards or
+downwards, as a rigid piece, under a force F:
+
+    c(x) = F u = F^2 / k(x),     k = u^T K(x) u  at a unit displacement of the right edge.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from memory import peak_memory, reset_peak_memory
+from numpy.typing import NDArray
+from peer_packages import use_peers
+
+__all__ = ["FLOOR", "SOLVERS", "Plate", "PymotoPlate", "memory_of_pymoto", "random_density"]
+
+Array = NDArray[np.float64]
+
+#: Stiffness of void relative to the solid, and exponent of SIMP.
+FLOOR, EXPONENT = 1e-6, 3
+#: Factorisations: SciPy's, which pyMOTO takes without being told, and CVXOPT's.
+SOLVERS = ("SuperLU", "CHOLMOD")
+
+
+@dataclass(frozen=True)
+class Plate:
+    """What is loaded; one metre high."""
+
+    elements: tuple[int, int]  #: squares along and across
+    young: float = 210e9  #: [Pa]
+    poisson: float = 0.3  #: [-]
+    thickness: float = 0.01  #: [m]
+    force: float = 1e4  #: at the right edge [N]
+
+    @property
+    def element(self) -> float:
+        """Length of an element's side [m]."""
+        return 1.0 / self.elements[1]
+
+
+def random_density(elements: tuple[int, int]) -> Array:
+    """Return a density of its own for each element, row after row, shape (elements,)."""
+    return 0.3 + 0.7 * np.random.default_rng(0).random(elements[0] * elements[1])
+
+
+class PymotoPlate:
+    """Compliance and gradient by pyMOTO.
+
+    Args:
+        plate: what is loaded.
+        solver: one of `SOLVERS`.
+        kernel: filter, a matrix whose rows sum to one; None filters nothing.
+    """
+
+    def __init__(
+        self,
+        plate: Plate,
+        solver: str = "CHOLMOD",
+        kernel: scipy.sparse.spmatrix | None = None,
+    ) -> None:
+        use_peers()
+        import pymoto as pym
+
+        self._pym = pym
+        nx, ny = plate.elements
+        size = plate.element
+        domain = pym.VoxelDomain(nx, ny, unitx=size, unity=size, unitz=plate.thickness)
+        rows = np.arange(ny + 1)
+        left, right = domain.get_nodenumber(0, rows), domain.get_nodenumber(nx, rows)
+        held = np.concatenate([2 * left, 2 * left + 1, 2 * right, 2 * right + 1])
+        free = np.setdiff1d(np.arange(2 * domain.nnodes), held)
+        unit = np.zeros(len(held))
+        unit[-len(rows) :] = 1.0
+        self.variables = pym.Signal("x", state=np.ones(domain.nel))
+        solvers = {
+            "SuperLU": pym.solvers.SolverSparseLU,
+            "CHOLMOD": pym.solvers.SolverSparseCholeskyCVXOPT,
+        }
+        kwargs: dict[str, Any] = {"hermitian": True, "solver": solvers[solver]()}
+        with _quiet(), pym.Network() as self.network:
+            density = self.variables
+            if kernel is not None:
+                density = _filter(pym, kernel)(density)
+            stiffness = pym.MathExpression(f"{FLOOR} + {1.0 - FLOOR}*inp0^{EXPONENT}")(density)
+            matrix = pym.AssembleStiffness(
+                domain, e_modulus=plate.young, poisson_ratio=plate.poisson, plane="stress",
+                matrix_type=scipy.sparse.csc_matrix,
+            )(stiffness)  # fmt: skip
+            displacement, load = pym.SystemOfEquations(free=free, prescribed=held, **kwargs)(
+                matrix, pym.Signal("load", np.zeros(len(free))), pym.Signal("held", unit)
+            )
+            energy = pym.EinSum("i,i->")(displacement, load)
+            self.compliance = pym.MathExpression(f"{plate.force**2}/inp0")(energy)
+            self.filled = pym.EinSum("i->")(density)
+
+    def gradient(self, x: Array) -> tuple[float, Array]:
+        """Return compliance and gradient.
+
+        Args:
+            x: density of each element, row after row, shape (elements,).
+        """
+        with _quiet():
+            self.network.reset()
+            self.variables.state = np.array(x)
+            self.network.response()
+            self.compliance.sensitivity = 1.0
+            self.network.sensitivity()
+        return float(self.compliance.state), np.array(self.variables.sensitivity)
+
+    def design(
+        self, start: Array, volume: float, iterations: int, told: Callable[[float], None]
+    ) -> tuple[Array, list[float], list[float]]:
+        """Minimise the compliance by pyMOTO's method of moving asymptotes with its defaults.
+
+        Args:
+            start: variables, shape (elements,).
+            volume: upper bound of the filled share.
+            iterations: to be done.
+            told: told the part that is done.
+
+        Returns:
+            The last variables that were evaluated, the compliance in each iteration and the seconds
+            until it was known.
+        """
+        pym = self._pym
+        x, compliance, seconds = np.array(start), [], []
+        begin = perf_counter()
+        with _quiet():
+            self.variables.state = x.copy()
+            self.network.response()  # what is added takes its scale from the start
+            with self.network:
+                objective = pym.Scaling(scaling=100.0)(self.compliance)
+                bound = pym.Scaling(scaling=10.0, maxval=volume * len(start))(self.filled)
+            optimizer = pym.MMA(self.variables, [objective, bound], self.network, verbosity=0)
+            for iteration in range(iterations):
+                last = x
+                x, _, _ = optimizer.step(x=x)
+                compliance.append(float(self.compliance.state))
+                seconds.append(perf_counter() - begin)
+                told((iteration + 1) / iterations)
+        return last, compliance, seconds
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Leave out the warnings that CVXOPT's solver gets its matrices in another format."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _filter(pym: Any, kernel: scipy.sparse.spmatrix) -> Any:
+    """Return pyMOTO's linear filter with a given matrix."""
+
+    class Given(pym.Filter):  # type: ignore[name-defined,misc]
+        @staticmethod
+        def _calculate_h() -> scipy.sparse.spmatrix:
+            return scipy.sparse.coo_matrix(kernel)
+
+    return Given()
+
+
+def memory_of_pymoto(
+    comm: Any, progress: Callable[[float], None], *, elements: list[int], solver: str
+) -> dict[str, float]:
+    """Measure the peak of memory of one value and gradient, in a process without DOLFINx.
+
+    Args:
+        comm: one rank.
+        progress: told the part that is done.
+        elements: along and across.
+        solver: one of `SOLVERS`.
+    """
+    if "dolfinx" in sys.modules:
+        raise RuntimeError("the process has loaded DOLFINx")
+    PymotoPlate(Plate((6, 2)), solver).gradient(random_density((6, 2)))
+    base = reset_peak_memory()
+    plate = PymotoPlate(Plate((elements[0], elements[1])), solver)
+    plate.gradient(random_density((elements[0], elements[1])))
+    return {"base": base, "beyond": peak_memory() - base}
