@@ -307,8 +307,8 @@ class MechanismView:
             self.axes.text(x, y, text, ha=horizontal, va="center", bbox=box, zorder=7)
 
         middles = {}
-        for name, body in scene.bodies.items():
-            points = body.points(0, self.magnification)
+        shapes = [(name, b.points(0, self.magnification)) for name, b in scene.bodies.items()]
+        for name, points in shapes:
             middle = middles[name] = 0.5 * (points.min(axis=0) + points.max(axis=0))
             along = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
             across = np.array([-along[1], along[0]]) * (1.0 if along[0] >= 0.0 else -1.0)
@@ -334,7 +334,12 @@ class MechanismView:
                 name = name or scene.arms[i].name
             if np.linalg.norm(away) < 0.1:
                 away = np.array([0.0, 1.0])
-            write(at + 3.0 * u * _unit(away), name)
+            away = _unit(away)
+            # clear of the eye that surrounds the pin
+            offset = np.concatenate([points for _, points in shapes]) - at
+            near = np.abs(offset @ [-away[1], away[0]]) < 1.5 * u
+            reach = float(np.max((offset @ away)[near], initial=1.4 * u))
+            write(at + (reach + 1.6 * u) * away, name)
 
 
 def _unit(vector: Array) -> Array:
