@@ -146,6 +146,27 @@ class Problem:
         }
         return Problem(bodies, self.mechanism, self.integrator, self.objective, self.constraints)
 
+    def with_tolerance(self, x: Densities, tolerance: float) -> Problem:
+        """Return the same problem with time steps for an accuracy of psi.
+
+        See `MechanicalProblem.with_tolerance`. Choose once, and keep the steps while designing.
+
+        Args:
+            x: densities, as for `value`.
+            tolerance: largest relative error of the objective, and of bounded ones, by the steps.
+
+        Raises:
+            ValueError: as `value` does, or if the tolerance is out of range.
+            SimulationError: on every rank, if the motion cannot be computed or the tolerance is not
+                reached; the message says what was.
+        """
+        densities = self._by_name(x)
+        reduced = {name: body.reduce(densities[name]) for name, body in self.flexible.items()}
+        chosen = self._mechanical().with_tolerance(self._integrals(reduced), tolerance)
+        return Problem(
+            self.bodies, self.mechanism, chosen.integrator, self.objective, self.constraints
+        )
+
     def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
         """Return what the mechanism sees of all bodies, in the order in which they were given.
 

@@ -77,6 +77,11 @@ class GeneralizedAlpha:
         return replace(self, steps=max(int(self.steps) // 2, 1))
 
     @property
+    def finer(self) -> GeneralizedAlpha:
+        """The method with steps half as long."""
+        return replace(self, steps=2 * int(self.steps))
+
+    @property
     def parameters(self) -> tuple[float, float, float, float]:
         """The parameters alpha_m, alpha_f, gamma and beta of the method."""
         rho = float(self.spectral_radius)

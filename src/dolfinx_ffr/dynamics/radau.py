@@ -29,7 +29,7 @@ from .stage_loops import REJECTED, stage_kernels
 from .stages import NODES, A
 from .trajectory import Trajectory
 
-__all__ = ["RadauIIA", "compile_stage_kernels", "integrate_with_radau"]
+__all__ = ["RadauIIA", "compile_stage_kernels", "integrate_with_radau", "least_sizes"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,7 +37,7 @@ Integers = NDArray[np.int64]
 #: Most steps between two looks at the error.
 _BATCH = 16
 #: Bounds of the tolerance.
-_TIGHTEST, _LOOSEST = 1e-13, 0.1
+TIGHTEST, LOOSEST = 1e-13, 0.1
 #: Tolerance of the run that tells the sizes.
 _PILOT = 0.1
 #: Steps below this share of the duration mean that the motion cannot be followed.
@@ -100,9 +100,9 @@ class RadauIIA:
         """Check the numbers."""
         if not (math.isfinite(self.end_time) and self.end_time > 0.0):
             raise ValueError(f"end_time must be positive, but it is {self.end_time} s")
-        if not _TIGHTEST <= self.tolerance <= _LOOSEST:
+        if not TIGHTEST <= self.tolerance <= LOOSEST:
             raise ValueError(
-                f"tolerance must lie between {_TIGHTEST:g} and {_LOOSEST:g}, but it is "
+                f"tolerance must lie between {TIGHTEST:g} and {LOOSEST:g}, but it is "
                 f"{self.tolerance}"
             )
         for name in ("first_step", "largest_step"):
@@ -129,10 +129,20 @@ class RadauIIA:
     def coarser(self) -> RadauIIA:
         """The method with steps about twice as long, for an estimate of the error."""
         if self.steps is None:
-            return replace(self, tolerance=min(2.0**self.order * self.tolerance, _LOOSEST))
+            return replace(self, tolerance=min(2.0**self.order * self.tolerance, LOOSEST))
         if np.ndim(self.steps) == 0:
             return replace(self, steps=max(int(self.steps) // 2, 1))  # type: ignore[arg-type]
         return replace(self, steps=np.append(self.times[:-1:2], self.end_time))
+
+    @property
+    def finer(self) -> RadauIIA:
+        """The method with steps half as long, or with a tenth of the tolerance."""
+        if self.steps is None:
+            return replace(self, tolerance=max(0.1 * self.tolerance, TIGHTEST))
+        if np.ndim(self.steps) == 0:
+            return replace(self, steps=2 * int(self.steps))  # type: ignore[arg-type]
+        times = self.times
+        return replace(self, steps=np.union1d(times, 0.5 * (times[1:] + times[:-1])))
 
     @property
     def times(self) -> Array:
@@ -298,7 +308,7 @@ def integrate_with_radau(
             "joints together are singular",
             _trajectory(model.at(start.t), start, np.ones(3)),
         )
-    sizes = _least_sizes(model, start, integrator.end_time)
+    sizes = least_sizes(model, integrator.end_time)
     if integrator.steps is not None:
         marching = _Marching(model, start, sizes)
         jumps = _jumps_inside(model, integrator)
@@ -366,8 +376,16 @@ def _adaptive(
     return rows, float(rows.t[3] - rows.t[0])
 
 
-def _least_sizes(model: FlatModel, start: _Rows, duration: float) -> Array:
-    """Sizes below which a motion counts as rest: far below what a machine of this size does."""
+def least_sizes(model: FlatModel, duration: float) -> Array:
+    """Sizes below which a motion counts as rest: far below what a machine of this size does.
+
+    Args:
+        model: The compiled mechanism.
+        duration: Of the motion [s].
+
+    Returns:
+        Array of shape (3,), see state_sizes.
+    """
     arrays = model.arrays
     used = arrays.marker_body >= 0
     length = float(np.max(np.linalg.norm(arrays.W[used, :, 0], axis=1), initial=0.0)) or 1.0

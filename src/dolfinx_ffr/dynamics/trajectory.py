@@ -52,8 +52,9 @@ class Trajectory:
     method: tuple[float, ...]
     #: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal rule.
     weights: Array | None = None
-    #: Estimate of the error that a step adds, relative to the size of the motion: the largest of
-    #: all steps; NaN where there is none. A motion that magnifies errors ends further off.
+    #: Estimate of the relative error, NaN where there is none. Where `simulate` was given a
+    #: tolerance, the error of the positions, see there. Else, with Radau IIA, the error that a
+    #: single step adds, the largest of all; a motion that magnifies errors ends further off.
     error: float = math.nan
 
     @property
