@@ -36,7 +36,7 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     assert report.step_error == pytest.approx(abs(evaluation.psi / fine - 1.0), rel=0.3)
     many = reference_problem(comm, (60, 6), modes=16, steps=800).value(x).psi
     missing = abs(evaluation.psi / many - 1.0)
-    assert missing / 3.0 < report.modes_error < 30.0 * missing
+    assert missing / 1.2 < report.modes_error < 1.2 * missing
     text = str(report)
     assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
 
@@ -63,7 +63,7 @@ def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
     """The chosen number keeps the accuracy; one chosen for less accuracy is smaller."""
     problem = reference_problem(comm, (60, 6), modes=14, steps=400)
     x = np.ones(problem.flexible["rod"].domain.n_cells)
-    psi = problem.value(x).psi
+    psi = problem.with_modes({"rod": 60}).value(x).psi
     rough, fine = (ffr.select_modes(problem, tolerance=t) for t in (1e-2, 1e-4))
     assert 0 < rough.modes["rod"] < fine.modes["rod"] < 13
     for selection, tolerance in ((rough, 1e-2), (fine, 1e-4)):
@@ -71,7 +71,7 @@ def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
         assert smaller.flexible["rod"].reduction.modes == selection.modes["rod"]
         error = abs(smaller.value(x).psi / psi - 1.0)
         assert error <= tolerance
-        assert error == pytest.approx(selection.error, rel=1e-3)
+        assert error == pytest.approx(selection.error, rel=0.1)
         # one mode less would not do
         assert selection.errors["rod"][selection.modes["rod"] - 1] > tolerance
     with pytest.raises(ValueError, match="give the problem more modes"):

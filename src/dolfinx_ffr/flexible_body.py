@@ -202,9 +202,16 @@ class FlexibleBody:
         Raises:
             RuntimeError: on every rank, if the body has been reduced at another density since.
         """
-        now = self.elasticity.density.x.array[: self.domain.n_cells]
-        same = np.array_equal(reduced.density, now)
-        if not all(self.domain.comm.allgather(same)):
+        if not self.is_current(reduced):
             raise RuntimeError(
                 "pullback: the body has been reduced at another density since; call reduce again"
             )
+
+    def is_current(self, reduced: ReducedBody) -> bool:
+        """Return whether matrices and factor are still those of a reduction; the same on all ranks.
+
+        Args:
+            reduced: what `reduce` returned.
+        """
+        now = self.elasticity.density.x.array[: self.domain.n_cells]
+        return all(self.domain.comm.allgather(np.array_equal(reduced.density, now)))

@@ -4,8 +4,8 @@
 Three choices of a model leave something out: the number of modes, the time step, and geometric
 stiffening. None of the errors needs another finite-element solution to be estimated:
 
-- with the last normal modes dropped from the volume integrals, psi changes by about the share that
-  is still missing, or more (psi converges with the number of modes);
+- with the displacements that the modes left out would add under the loads of the motion
+  (:mod:`dolfinx_ffr.truncation`), psi changes by what is missing;
 - with steps twice as long, psi changes by three times the error of a second-order method, by 31
   times that of a fifth-order one;
 - a body's relative softening by its own rotation is the square of its angular velocity over that of
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -30,6 +30,8 @@ from .dynamics import Integrator, simulate
 from .flexible_body import FlexibleBody
 from .reduction import CLUSTER
 from .sensitivity import Evaluation, Problem
+from .start import Assembled
+from .truncation import with_residual_modes
 
 __all__ = [
     "BodyReport",
@@ -41,9 +43,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-#: normal modes that are dropped to estimate what the others miss
-DROPPED = 2
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,8 @@ class ModelReport:
 def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
     """Return what a scene models and how accurate that is.
 
-    The cost is that of two simulations of the reduced bodies; nothing is reduced again.
+    The cost is that of two simulations of the reduced bodies and of two back-substitutions;
+    nothing is reduced again, unless other densities have been evaluated since.
 
     Args:
         problem: the scene.
@@ -111,7 +111,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
 
     Raises:
         ValueError: if nothing was simulated.
-        SimulationError: if the motion with longer steps or fewer modes cannot be computed.
+        SimulationError: if the motion with longer steps or more modes cannot be computed.
     """
     integrals = problem.integrals(evaluation)
     trajectory, psi = evaluation.motion, evaluation.psi
@@ -142,29 +142,26 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         if not there:
             left_out.append(what)
     coarse = problem.integrator.coarser
-    fewer = {
-        name: _dropped(body, bodies[name].normal_modes if name in problem.flexible else 0)
-        for name, body in integrals.items()
-    }
+    exact = _psi(problem, _with_residual_modes(problem, evaluation))
     return ModelReport(
         bodies=bodies,
         coordinates=trajectory.model.size,
         rows=trajectory.model.rows,
         left_out=left_out,
         psi=psi,
-        modes_error=_relative(_psi(problem, fewer), psi),
+        modes_error=_relative(psi, exact),
         step_error=_relative(_psi(problem, integrals, coarse), psi) / (2**coarse.order - 1),
     )
 
 
 @dataclass(frozen=True)
 class ModeSelection:
-    """Numbers of normal modes, and what fewer would cost."""
+    """Numbers of normal modes, and estimates of what the others would add."""
 
     modes: dict[str, int]  #: chosen numbers of normal modes, by name of the body
-    #: by name of the body, relative change of psi with 0, 1, 2, ... of its normal modes
+    #: by name of the body, estimated relative error of psi with 0, 1, 2, ... and all its modes
     errors: dict[str, Array] = field(repr=False)
-    error: float = 0.0  #: relative change of psi with the chosen numbers of all bodies
+    error: float = 0.0  #: estimated relative error of psi with the chosen numbers of all bodies
 
 
 def select_modes(
@@ -176,54 +173,55 @@ def select_modes(
     """Return the least numbers of normal modes that an accuracy of psi needs.
 
     Shape functions are computed once, as many as the problem has; simulations with fewer of them
-    compare. A number that would cut through a cluster of frequencies is passed over. Choose once,
-    for example at the full bodies, and keep the numbers while designing: `Problem.with_modes`.
+    are compared with one that has them all, and residual modes for those that not even the problem
+    has. A number that would cut through a cluster of frequencies is passed over. Choose once, for
+    example at the full bodies, and keep the numbers while designing: `Problem.with_modes`.
 
     Args:
-        problem: the scene, with more modes than will be needed (16, say).
+        problem: the scene, with as many modes as may be needed (16, say).
         x: densities, by default those of the full bodies.
-        tolerance: relative change of psi that is allowed for each body.
+        tolerance: relative error of psi that is allowed for each body.
 
     Raises:
-        ValueError: if even the last modes change psi by more than the tolerance: the problem has
-            too few modes to tell.
+        ValueError: if all modes of the problem together are too few for the tolerance.
     """
     if x is None:
         x = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
     evaluation = problem.value(x)
-    integrals = problem.integrals(evaluation)
+    whole = _with_residual_modes(problem, evaluation)
+    exact = _psi(problem, whole)
     chosen: dict[str, int] = {}
     errors: dict[str, Array] = {}
     for name in problem.flexible:
         basis = evaluation.bodies[name].basis
-        whole, k = integrals[name], basis.n_constraint
+        k, last = basis.n_constraint, len(basis.eigenvalues)
         found = []
-        for modes in range(len(basis.eigenvalues)):
+        for modes in range(last + 1):
             if k + modes == 0:
                 found.append(math.inf)  # a flexible body without any shape function
                 continue
-            psi = _psi(problem, {**integrals, name: whole.leading(k + modes)})
-            found.append(_relative(psi, evaluation.psi))
-        errors[name] = np.array([*found, 0.0])
+            psi = _psi(problem, {**whole, name: whole[name].leading(k + modes)})
+            found.append(_relative(psi, exact))
+        errors[name] = np.array(found)
         eigenvalues = np.append(basis.eigenvalues, basis.outer_eigenvalue)
         wide = np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:])
         # all larger numbers must hold the tolerance as well
         holds = np.logical_and.accumulate((errors[name] <= tolerance)[::-1])[::-1]
         fits = np.flatnonzero(holds & wide)
-        if len(fits) == 0 or fits[0] > len(basis.eigenvalues) - DROPPED:
+        if len(fits) == 0:
             raise ValueError(
-                f"select_modes: the last of {len(basis.eigenvalues)} normal modes of body {name!r} "
-                f"still change psi by {np.max(errors[name][-1 - DROPPED : -1], initial=0.0):.1e}, "
-                f"more than {tolerance:.1e}; give the problem more modes to choose from"
+                f"select_modes: with all {last} normal modes of body {name!r} the estimated error "
+                f"of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a number "
+                "that keeps close frequencies together; give the problem more modes to choose from"
             )
         chosen[name] = int(fits[0])
     together = {
         name: body.leading(evaluation.bodies[name].basis.n_constraint + chosen[name])
         if name in chosen
         else body
-        for name, body in integrals.items()
+        for name, body in whole.items()
     }
-    return ModeSelection(chosen, errors, _relative(_psi(problem, together), evaluation.psi))
+    return ModeSelection(chosen, errors, _relative(_psi(problem, together), exact))
 
 
 def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None) -> int:
@@ -247,22 +245,42 @@ def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None
     return int(np.count_nonzero(basis.eigenvalues < limit))
 
 
+def _with_residual_modes(problem: Problem, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
+    """Return all bodies, flexible ones with residual modes, in the order they were given."""
+    return {
+        name: with_residual_modes(body, evaluation.bodies[name]).integrals
+        if isinstance(body, FlexibleBody)
+        else body
+        for name, body in problem.bodies.items()
+    }
+
+
 def _psi(
     problem: Problem,
     integrals: Mapping[str, VolumeIntegrals],
     integrator: Integrator | None = None,
 ) -> float:
-    trajectory = simulate(problem.mechanism, integrals, integrator or problem.integrator)
+    mechanism, start = problem.mechanism, problem.mechanism.start
+    if isinstance(start, Assembled):
+        # given elastic coordinates are those of the problem's own shape functions
+        elastic, velocity = (
+            {name: _sized(values, integrals[name].modes) for name, values in given.items()}
+            for given in (start.elastic, start.elastic_velocity)
+        )
+        start = Assembled(elastic, velocity)
+        mechanism = replace(mechanism, start=start)
+    trajectory = simulate(mechanism, integrals, integrator or problem.integrator)
     return float(problem.objective.value(trajectory, integrals))
 
 
-def _relative(found: float, psi: float) -> float:
-    return abs(found - psi) / abs(psi) if psi else abs(found)
+def _sized(values: ArrayLike, size: int) -> Array:
+    """Return values cut off, or filled up with zeros, at a size."""
+    array = np.asarray(values, dtype=np.float64)[:size]
+    return np.append(array, np.zeros(size - len(array)))
 
 
-def _dropped(body: VolumeIntegrals, normal: int) -> VolumeIntegrals:
-    """Return a body without its last normal modes."""
-    return body.leading(max(body.modes - min(DROPPED, normal), 1 if body.modes else 0))
+def _relative(found: float, exact: float) -> float:
+    return abs(found - exact) / abs(exact) if exact else abs(found)
 
 
 def _softening(body: VolumeIntegrals, omega: Array) -> float:
