@@ -39,6 +39,7 @@ __all__ = [
     "ExudynRod",
     "Method",
     "Simulation",
+    "crank_pin",
     "load_rod",
     "memory_of_exudyn",
     "rod_for_exudyn",
@@ -204,7 +205,7 @@ def _model(
         items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0)
     )
     keep: list[Any] = []
-    for axis, (position, velocity) in enumerate(_pin(exudyn, crank)):
+    for axis, (position, velocity) in enumerate(crank_pin(exudyn, crank)):
         functions = [
             CreateSymbolicUserFunction(
                 mbs, function, name, itemTypeName="ObjectConnectorCoordinate"
@@ -248,7 +249,9 @@ def _model(
     return mbs, sensor, keep
 
 
-def _pin(exudyn: ModuleType, crank: Crank) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
+def crank_pin(
+    exudyn: ModuleType, crank: Crank
+) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
     """Return displacement and velocity of the crank pin along x and y, as functions of time."""
     symbolic = exudyn.symbolic
     full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
