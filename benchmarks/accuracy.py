@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Time beside error: steps, modes, tolerance, mesh; and the gradient against differences."""
+"""Time beside error: steps, tolerance; and the gradient against differences."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 from report import Table, write_page
-from scene import block_design, holes_design, slider_crank
+from scene import holes_design, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE, save, styled_figure, tidy
 
 __all__ = [
     "accuracy_jobs",
+    "against_reference",
     "central_differences",
-    "mesh_refinement",
-    "number_of_modes",
+    "label_point",
+    "log_log",
     "number_of_steps",
     "report_accuracy",
+    "seconds_axis",
     "solver_tolerance",
 ]
 
@@ -40,9 +42,7 @@ def accuracy_jobs(*, quick: bool) -> list[Job]:
     repetitions = 1 if quick else 5
     common = {"elements": elements, "repetitions": repetitions}
     counts: list[int] = [500, 1000, 2000] if quick else [500, 1000, 2000, 4000, 8000, 16000]
-    modes = [2, 4, 8, 16] if quick else [2, 4, 6, 8, 12, 16, 24]
     tolerances = [10.0**-k for k in ((4, 8, 12) if quick else range(4, 13))]
-    divisions = [1, 2, 4] if quick else [1, 2, 4, 8]
     sizes = [1e-2, 1e-3, 1e-4] if quick else [10.0 ** (-0.5 * k) for k in range(3, 13)]
     return [
         Job(
@@ -53,25 +53,9 @@ def accuracy_jobs(*, quick: bool) -> list[Job]:
         ),
         Job(
             "accuracy",
-            "number_of_modes",
-            4.0 if quick else 20.0,
-            {**common, "settings": modes, "reference": 24 if quick else 64},
-        ),
-        Job(
-            "accuracy",
             "solver_tolerance",
             4.0 if quick else 20.0,
             {**common, "settings": tolerances, "reference": 1e-13},
-        ),
-        Job(
-            "accuracy",
-            "mesh_refinement",
-            6.0 if quick else 60.0,
-            {
-                "blocks": [20, 2] if quick else [50, 5],
-                "settings": divisions,
-                "repetitions": repetitions,
-            },
         ),
         Job(
             "accuracy",
@@ -94,29 +78,12 @@ def number_of_steps(
     reference: int,
     repetitions: int,
 ) -> dict[str, Any]:
-    """Vary the number of time steps; parameters as in `_against_reference`."""
+    """Vary the number of time steps; parameters as in `against_reference`."""
     domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
-    problems: dict[float, ffr.Problem] = {
+    problems: dict[Any, ffr.Problem] = {
         n: slider_crank(comm, domain=domain, steps=n) for n in [*settings, reference]
     }
-    return _against_reference(problems, reference, repetitions, progress)
-
-
-def number_of_modes(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: list[int],
-    settings: list[int],
-    reference: int,
-    repetitions: int,
-) -> dict[str, Any]:
-    """Vary the number of normal modes; parameters as in `_against_reference`."""
-    domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
-    problems: dict[float, ffr.Problem] = {
-        n: slider_crank(comm, domain=domain, modes=n) for n in [*settings, reference]
-    }
-    return _against_reference(problems, reference, repetitions, progress)
+    return against_reference(problems, reference, repetitions, progress)
 
 
 def solver_tolerance(
@@ -128,15 +95,15 @@ def solver_tolerance(
     reference: float,
     repetitions: int,
 ) -> dict[str, Any]:
-    """Vary the tolerance of eigenvalue problem and adjoint systems, as in `_against_reference`."""
+    """Vary the tolerance of eigenvalue problem and adjoint systems, as in `against_reference`."""
     domain = slider_crank(comm, (elements[0], elements[1])).flexible["rod"].domain
     problems = {t: slider_crank(comm, domain=domain, tolerance=t) for t in [*settings, reference]}
-    return _against_reference(problems, reference, repetitions, progress)
+    return against_reference(problems, reference, repetitions, progress)
 
 
-def _against_reference(
-    problems: Mapping[float, ffr.Problem],
-    reference: float,
+def against_reference(
+    problems: Mapping[Any, ffr.Problem],
+    reference: Any,
     repetitions: int,
     progress: Progress,
 ) -> dict[str, Any]:
@@ -147,12 +114,15 @@ def _against_reference(
         reference: the setting that counts as exact.
         repetitions: turns through all settings; the fastest of them counts.
         progress: told the part that is done.
+
+    Returns:
+        A row for each setting, and what they are compared with.
     """
     x = holes_design(next(iter(problems.values())).flexible["rod"].domain)
     exact = problems[reference].gradient(x)
     exact_gradient = _gradient(exact)
     settings = [setting for setting in problems if setting != reference]
-    times: dict[float, list[tuple[float, float]]] = {setting: [] for setting in settings}
+    times: dict[Any, list[tuple[float, float]]] = {setting: [] for setting in settings}
     psi, error, iterations, gap = {}, {}, {}, {}
     for repetition in range(repetitions):
         for place, setting in enumerate(settings):
@@ -201,57 +171,6 @@ def _seconds(problem: ffr.Problem, x: NDArray[np.float64]) -> float:
     return perf_counter() - start
 
 
-def mesh_refinement(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    blocks: list[int],
-    settings: list[int],
-    repetitions: int,
-) -> dict[str, Any]:
-    """Vary the mesh and the order of the displacements, for one rod of gray blocks.
-
-    Args:
-        comm: one rank.
-        progress: told the part that is done.
-        blocks: along and across.
-        settings: elements along the side of each block.
-        repetitions: the fastest of them counts.
-    """
-    cases = [(order, n) for n in settings for order in (1, 2)]
-    finest = (2, 2 * settings[-1])
-    work = [order**2 * n**2 for order, n in [*cases, finest]]
-    rows: list[dict[str, Any]] = []
-    psi: dict[tuple[int, int], float] = {}
-    for place, (order, n) in enumerate([*cases, finest]):
-        problem = slider_crank(comm, (n * blocks[0], n * blocks[1]), order=order)
-        rod = problem.flexible["rod"]
-        x = block_design(rod.domain, (blocks[0], blocks[1]))
-        if (order, n) == finest:
-            psi[finest] = problem.value(x).psi
-        else:
-            problem.value(x)
-            times = [_seconds(problem, x) for _ in range(repetitions)]
-            psi[order, n] = problem.value(x).psi
-            rows.append(
-                {
-                    "setting": n,
-                    "order": order,
-                    "mesh": f"{n * blocks[0]}x{n * blocks[1]}",
-                    "dofs": rod.elasticity.n_dofs_global,
-                    "value": min(times),
-                    "psi": psi[order, n],
-                }
-            )
-        progress(sum(work[: place + 1]) / sum(work))
-    coarse, middle, fine = (psi[2, finest[1] // k] for k in (4, 2, 1))
-    # the rigid ends are singular corners, so that the order is not known beforehand (Aitken)
-    limit = fine - (fine - middle) ** 2 / (fine - 2.0 * middle + coarse)
-    for row in rows:
-        row["error_psi"] = abs(row["psi"] / limit - 1.0)
-    return {"rows": rows, "psi_reference": limit, "finest": finest[1]}
-
-
 def central_differences(
     comm: MPI.Comm, progress: Progress, *, elements: list[int], settings: list[float]
 ) -> dict[str, Any]:
@@ -290,8 +209,7 @@ MEASURED = {
 
 def accuracy_tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     """Return the tables, given the result of each measurement by its name."""
-    steps, modes = results["number_of_steps"], results["number_of_modes"]
-    tolerance, mesh = results["solver_tolerance"], results["mesh_refinement"]
+    steps, tolerance = results["number_of_steps"], results["solver_tolerance"]
     n = steps["elements"]
     measured = (
         f"Rod with 30 holes, {n:,} bilinear quadrilaterals. *Value* is the time for psi alone, "
@@ -309,16 +227,6 @@ def accuracy_tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
             steps["rows"],
         ),
         Table(
-            "accuracy_modes",
-            "Number of normal modes",
-            f"{measured} {modes['reference']} normal modes; the three constraint modes are always "
-            "there. *Gap* is the relative distance from the last eigenvalue kept to the first one "
-            "left out: where it is small, the gradient feels how the two modes turn into each "
-            f"other. {defaults}",
-            {"setting": "normal modes", **MEASURED, "gap": "gap"},
-            modes["rows"],
-        ),
-        Table(
             "accuracy_tolerance",
             "Tolerance of the solvers",
             f"{measured} a tolerance of {tolerance['reference']:g}. One tolerance for the relative "
@@ -327,24 +235,6 @@ def accuracy_tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
             f"last digit: the eigenvalue solver reaches more than it is asked for. {defaults}",
             {"setting": "tolerance", **MEASURED, "iterations": "iterations"},
             tolerance["rows"],
-        ),
-        Table(
-            "accuracy_mesh",
-            "Mesh and order of the displacements",
-            "A rod of gray blocks, the same on every mesh of quadrilaterals. Time of psi alone "
-            "(the fastest of several); relative error of psi against Aitken's extrapolation of the "
-            f"three finest meshes of order 2, the finest of them with {mesh['finest']} elements "
-            "along the side of a block, one mesh beyond the table. The corners between the rigid "
-            "ends and the free edges are singular, which limits the order of both.",
-            {
-                "mesh": "mesh",
-                "order": "order",
-                "dofs": "unknowns",
-                "value": "value [s]",
-                "psi": "psi [J s]",
-                "error_psi": "error of psi",
-            },
-            sorted(mesh["rows"], key=lambda row: (row["order"], row["setting"])),
         ),
         Table(
             "accuracy_differences",
@@ -372,19 +262,18 @@ def report_accuracy(results: Results, directory: Path) -> list[Table]:
     by_name = {job.function: result for job, result in results}
     tables = accuracy_tables(by_name)
     _draw(by_name, directory / "accuracy.png")
-    picture = "![Error over time for steps, modes, tolerance and mesh](accuracy.png)"
+    picture = "![Error over time for steps and tolerance](accuracy.png)"
     write_page(directory, "accuracy", "Time beside error", picture, tables)
     return tables
 
 
 def _draw(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    with styled_figure(13.0, 8.0) as figure:
-        axes = figure.subplots(2, 3)
+    with styled_figure(9.0, 8.0) as figure:
+        axes = figure.subplots(2, 2)
         for place, (name, title, text) in zip(
             axes.flat,
             (
                 ("number_of_steps", "Time steps", "{:,.0f}"),
-                ("number_of_modes", "Normal modes", "{:.0f}"),
                 ("solver_tolerance", "Tolerance of the solvers", "{:.0e}"),
             ),
             strict=False,
@@ -394,14 +283,14 @@ def _draw(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         low, high = axes[0, 0].get_ylim()
         axes[0, 0].set_ylim(low, high * (high / low) ** 0.2)
         axes[0, 0].legend(loc="upper right")
-        _draw_mesh(axes[1, 0], results["mesh_refinement"]["rows"])
-        _draw_order(axes[1, 1], results["number_of_steps"]["rows"])
-        _draw_differences(axes[1, 2], results["central_differences"]["rows"])
+        _draw_order(axes[1, 0], results["number_of_steps"]["rows"])
+        _draw_differences(axes[1, 1], results["central_differences"]["rows"])
         figure.tight_layout(w_pad=2.0, h_pad=2.0)
         save(figure, path)
 
 
-def _log_log(axes: Axes, x_label: str, y_label: str) -> None:
+def log_log(axes: Axes, x_label: str, y_label: str) -> None:
+    """Give a diagram two logarithmic axes with labels."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel(x_label)
@@ -409,7 +298,7 @@ def _log_log(axes: Axes, x_label: str, y_label: str) -> None:
     tidy(axes)
 
 
-def _seconds_axis(axes: Axes) -> None:
+def seconds_axis(axes: Axes) -> None:
     """Label 1, 2 and 5 of each decade, and leave room for words at the last point."""
     low, high = axes.get_xlim()
     room = max(2.0 / np.sqrt(high / low), 1.0)  # at least a factor of four, not the noise alone
@@ -420,7 +309,8 @@ def _seconds_axis(axes: Axes) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _label(axes: Axes, text: str, x: float, y: float, *, below: bool = False) -> None:
+def label_point(axes: Axes, text: str, x: float, y: float, *, below: bool = False) -> None:
+    """Write beside a point of a diagram."""
     axes.annotate(
         text.replace("e-0", "e-"),
         (x, y),
@@ -435,7 +325,7 @@ def _label(axes: Axes, text: str, x: float, y: float, *, below: bool = False) ->
 
 def _draw_settings(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> None:
     """Draw errors over the time that they cost, with the setting at each point."""
-    _log_log(axes, "seconds", "relative error")
+    log_log(axes, "seconds", "relative error")
     for time, error, color, label in (
         ("gradient", "error_gradient", ORANGE, "gradient (time of psi and gradient)"),
         ("value", "error_psi", BLUE, "psi (time of psi alone)"),
@@ -444,7 +334,7 @@ def _draw_settings(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> 
         x, y = [row[time] for row in chosen], [row[error] for row in chosen]
         axes.plot(x, y, "o-", color=color, label=label)
         for row, a, b in zip(chosen, x, y, strict=True):
-            _label(axes, text.format(row["setting"]), a, b, below=color == BLUE)
+            label_point(axes, text.format(row["setting"]), a, b, below=color == BLUE)
         if not chosen:
             axes.text(
                 0.97, 0.75, "psi: the same\nnumber for all", color=color, ha="right",
@@ -452,26 +342,11 @@ def _draw_settings(axes: Axes, rows: Sequence[Mapping[str, Any]], text: str) -> 
             )  # fmt: skip
     low, high = axes.get_xlim()
     axes.set_xlim(low / (high / low) ** 0.1, high)
-    _seconds_axis(axes)
-
-
-def _draw_mesh(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
-    _log_log(axes, "seconds (psi alone)", "relative error of psi")
-    for order, color in ((1, BLUE), (2, ORANGE)):
-        chosen = sorted((r for r in rows if r["order"] == order), key=lambda r: r["setting"])
-        x, y = [r["value"] for r in chosen], [r["error_psi"] for r in chosen]
-        axes.plot(x, y, "o-", color=color, label=f"displacements of order {order}")
-        for row, a, b in zip(chosen, x, y, strict=True):
-            _label(axes, row["mesh"], a, b, below=order == 2)
-    low, high = axes.get_xlim()
-    axes.set_xlim(low / (high / low) ** 0.1, high)
-    _seconds_axis(axes)
-    axes.set_title("Elements and order")
-    axes.legend(loc="upper right")
+    seconds_axis(axes)
 
 
 def _draw_order(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
-    _log_log(axes, "time steps", "relative error")
+    log_log(axes, "time steps", "relative error")
     n = np.array([row["setting"] for row in rows], dtype=float)
     for error, color, style, label in (
         ("error_gradient", ORANGE, "o-", "gradient"),
@@ -487,7 +362,7 @@ def _draw_order(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _draw_differences(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
-    _log_log(axes, "step of the central difference", "relative difference")
+    log_log(axes, "step of the central difference", "relative difference")
     h = np.array([row["setting"] for row in rows])
     e = np.array([row["error_gradient"] for row in rows])
     largest = int(np.argmax(h))
@@ -498,7 +373,7 @@ def _draw_differences(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
         label="slope of order 2",
     )  # fmt: skip
     best = int(np.argmin(e))
-    _label(axes, f"{e[best]:.0e}", h[best], e[best], below=True)
+    label_point(axes, f"{e[best]:.0e}", h[best], e[best], below=True)
     axes.set_ylim(min(e) / 10.0, max(e) * 3.0)
     axes.set_title("Exact gradient against differences")
     axes.legend(loc="upper center")

@@ -24,7 +24,7 @@ from peer_packages import missing
 
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
 #: report_NAME. A study without jobs of its own reports on those of another.
-STUDIES = ("growth", "accuracy", "differences", "gradient", "peers")
+STUDIES = ("growth", "accuracy", "modes", "differences", "gradient", "peers")
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.
 PEERS = "peers"
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
     directory.mkdir(parents=True, exist_ok=True)
 
     # whatever is compiled is compiled before the first measurement
-    jobs = [Job("scene", "warm_up", 5.0, {"orders": [1, 2] if "accuracy" in options.only else [1]})]
+    jobs = [Job("scene", "warm_up", 5.0)]
     jobs_of = {
         study: getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
         for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only)

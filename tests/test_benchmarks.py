@@ -17,11 +17,12 @@ from matplotlib.image import imread
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-PAGES = ("growth", "accuracy", "differences", "gradient")
+PAGES = ("growth", "accuracy", "modes", "differences", "gradient")
 #: Entries that may be nothing: memory that was there before, time lost between rooms, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
 #: Errors of exact gradients, and the fixed part of a measurement that is too short for it.
 MAY_BE_ZERO = {
+    "modes",
     "memory_value",
     "memory_gradient",
     "rest",
@@ -34,7 +35,7 @@ MAY_BE_ZERO = {
     "each_ms",
 }
 #: columns that hold words
-WORDS = {"mesh", "design", "kernel"}
+WORDS = {"mesh", "design", "kernel", "kind"}
 #: cosines may have any sign
 SIGNED = {"cosine", "levelset_cosine"}
 TABLES = {
@@ -42,10 +43,12 @@ TABLES = {
     "growth_rooms": 4,
     "growth_memory": 4,
     "accuracy_steps": 3,
-    "accuracy_modes": 4,
     "accuracy_tolerance": 3,
-    "accuracy_mesh": 6,
     "accuracy_differences": 3,
+    "modes": 12,
+    "modes_free": 8,
+    "modes_estimate": 40,
+    "modes_selected": 15,
     "differences": 2,
     "gradient": 36,
     "gradient_designs": 3,
@@ -125,24 +128,52 @@ def test_error_in_time_is_of_second_order(column: Column, error: str) -> None:
     assert order == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize("error", ["error_psi", "error_gradient"])
-def test_error_falls_with_the_number_of_modes(column: Column, error: str) -> None:
-    errors = column("accuracy_modes", error)
-    assert np.all(np.diff(errors) < 0.0)
-    assert errors[-1] < 1e-2 * errors[0]
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_error_falls_with_the_mesh(column: Column, order: int) -> None:
-    errors = column("accuracy_mesh", "error_psi")[column("accuracy_mesh", "order") == order]
-    assert np.all(errors[1:] < 0.5 * errors[:-1])
-
-
 def test_error_falls_with_the_tolerance(column: Column) -> None:
     tolerance = column("accuracy_tolerance", "setting")
     assert np.all(column("accuracy_tolerance", "error_psi") <= tolerance)
     assert np.all(column("accuracy_tolerance", "error_gradient") <= tolerance)
     assert np.all(np.diff(column("accuracy_tolerance", "iterations")) > 0)
+
+
+def rows_of(output: Path, table: str, **wanted: str) -> list[dict[str, str]]:
+    """Rows of a table with the given words in their columns."""
+    with (output / f"{table}.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return [row for row in rows if all(row[name] == word for name, word in wanted.items())]
+
+
+@pytest.mark.parametrize("error", ["error_psi", "error_gradient"])
+def test_error_falls_with_the_number_of_modes(output: Path, error: str) -> None:
+    rows = rows_of(output, "modes", kind="stretch, rotations, normal modes")
+    errors = np.array([float(row[error]) for row in rows])
+    assert np.all(np.diff(errors) < 0.0)
+    assert errors[-1] < 1e-2 * errors[0]
+
+
+@pytest.mark.parametrize("kind", ["stretch, normal modes", "normal modes alone"])
+def test_normal_modes_do_not_replace_constraint_modes(output: Path, kind: str) -> None:
+    rows = [row for row in rows_of(output, "modes", kind=kind) if int(row["modes"]) > 0]
+    for error in ("error_psi", "error_gradient"):
+        errors = np.array([float(row[error]) for row in rows])
+        assert np.all(errors > 0.5)  # a clamped beam bears six times as much as a pinned one
+        assert np.ptp(errors) < 1e-3
+
+
+def test_modes_of_the_free_body_are_a_poor_basis(output: Path) -> None:
+    full = rows_of(output, "modes", kind="stretch, rotations, normal modes", modes="4")
+    for design in ("full rod", "holes"):
+        free = rows_of(output, "modes_free", design=design)
+        errors = np.array([float(row["error_psi"]) for row in free])
+        assert np.all(np.diff(errors) < 0.0)
+        nine = errors[[row["modes"] for row in free].index("9")]
+        assert 0.01 < nine < 0.15
+        assert nine > 10.0 * float(full[0]["error_psi"])
+
+
+def test_estimated_error_brackets_the_true_one(column: Column) -> None:
+    ratio = column("modes_estimate", "ratio")
+    assert np.all((ratio > 1.0 / 1.25) & (ratio < 1.25))
+    assert np.all(column("modes_selected", "error_psi") <= column("modes_selected", "tolerance"))
 
 
 def test_gradient_agrees_with_central_differences(column: Column) -> None:
