@@ -9,10 +9,13 @@ as prescribed.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
+from .connection import Connection
 from .motion import Motion, Signal
-from .points import BodyPoint, Marker, label_of
+from .points import BodyPoint, Marker
 
 __all__ = [
     "AppliedForce",
@@ -24,38 +27,54 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class AppliedForce:
+class AppliedForce(Connection):
     """What all forces have in common."""
 
-    @property
-    def markers(self) -> tuple[Marker, ...]:
-        """The marker or the two markers on which the force acts."""
-        raise NotImplementedError
-
-    @property
-    def label(self) -> str:
-        """Name given by the user, or one made from the kind and the markers."""
-        return label_of(self, self.markers)
-
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the force, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is touched.
-        """
-        if not any(isinstance(marker, tuple) for marker in self.markers):
-            raise ValueError(f"force {label!r} acts on no body")
+    kind: ClassVar[str] = "force"
+    verb: ClassVar[str] = "acts on"
 
 
 @dataclass(frozen=True)
-class Force(AppliedForce):
-    """A force on a body at a marker, given over time."""
+class _On(AppliedForce):
+    """A force or moment on one body."""
 
     #: Name of the body and name of the marker.
     marker: BodyPoint
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        """The marker on which it acts."""
+        return (self.marker,)
+
+
+@dataclass(frozen=True)
+class _Between(AppliedForce):
+    """A spring and a damper side by side between two markers."""
+
+    #: First marker.
+    a: Marker
+    #: Second marker.
+    b: Marker
+    #: Stiffness [N/m], of a torsional spring [N m/rad].
+    stiffness: float
+    #: Damping [N s/m], of a torsional damper [N m s/rad].
+    damping: float = 0.0
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        """The two markers between which the spring acts."""
+        return self.a, self.b
+
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
+        yield from _negative("stiffness", self.stiffness)
+        yield from _negative("damping", self.damping)
+
+
+@dataclass(frozen=True)
+class Force(_On):
+    """A force on a body at a marker, given over time."""
+
     #: Force along x [N]: a number, a function of time, or a Motion whose value it is.
     x: Signal = 0.0
     #: Force along y [N], likewise.
@@ -65,31 +84,19 @@ class Force(AppliedForce):
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, ...]:
-        """The marker on which the force acts."""
-        return (self.marker,)
-
 
 @dataclass(frozen=True)
-class Torque(AppliedForce):
+class Torque(_On):
     """A moment on a body at a marker, given over time."""
 
-    #: Name of the body and name of the marker.
-    marker: BodyPoint
     #: Moment [N m]: a number, a function of time, or a Motion whose value it is.
     moment: Signal = 0.0
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, ...]:
-        """The marker on which the moment acts."""
-        return (self.marker,)
-
 
 @dataclass(frozen=True)
-class SpringDamper(AppliedForce):
+class SpringDamper(_Between):
     """A spring and a damper side by side between two markers.
 
     They pull with stiffness (l - length) + damping l', l being the distance of the markers. With
@@ -98,82 +105,33 @@ class SpringDamper(AppliedForce):
     a damper also resists the turning of d. The markers of any other spring must not coincide.
     """
 
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-    #: Stiffness [N/m].
-    stiffness: float
-    #: Damping [N s/m].
-    damping: float = 0.0
     #: Length without force [m], also over time, as of an actuator; None takes the distance in the
     #: placements.
     length: Signal | None = None
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, ...]:
-        """The two markers between which the spring acts."""
-        return self.a, self.b
-
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the spring, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is touched.
-        """
-        super().validate(label)
-        _refuse_negative(label, "stiffness", self.stiffness)
-        _refuse_negative(label, "damping", self.damping)
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if self.length is not None and not callable(self.length):
             if not isinstance(self.length, Motion):
-                _refuse_negative(label, "length", self.length)
+                yield from _negative("length", self.length)
 
 
 @dataclass(frozen=True)
-class TorsionalSpringDamper(AppliedForce):
+class TorsionalSpringDamper(_Between):
     """A torsional spring and a damper side by side between two markers.
 
     The moment on the first marker is -stiffness (phi - angle) - damping phi', phi being the angle
     of the first marker minus that of the second.
     """
 
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-    #: Stiffness [N m/rad].
-    stiffness: float
-    #: Damping [N m s/rad].
-    damping: float = 0.0
     #: Relative angle without moment [rad], also over time; None takes that of the placements.
     angle: Signal | None = None
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, ...]:
-        """The two markers between which the spring acts."""
-        return self.a, self.b
 
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the spring, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is touched.
-        """
-        super().validate(label)
-        _refuse_negative(label, "stiffness", self.stiffness)
-        _refuse_negative(label, "damping", self.damping)
-
-
-def _refuse_negative(label: str, what: str, value: float) -> None:
+def _negative(what: str, value: float) -> Iterator[str]:
     if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(f"force {label!r}: the {what} must not be negative, but it is {value}")
+        yield f": the {what} must not be negative, but it is {value}"

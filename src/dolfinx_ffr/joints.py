@@ -8,11 +8,13 @@ rows are the forces of the joint, :meth:`Trajectory.joint_force`.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
+from .connection import Connection
 from .motion import Motion
-from .points import Ground, Marker, Pair, label_of
+from .points import Ground, Marker, Pair
 
 __all__ = [
     "Distance",
@@ -28,48 +30,35 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Connection):
     """What all joints have in common."""
+
+    kind: ClassVar[str] = "joint"
+    verb: ClassVar[str] = "connects"
 
     @property
     def markers(self) -> tuple[Marker, Marker]:
         """The two markers that the joint connects."""
         raise NotImplementedError
 
-    @property
-    def label(self) -> str:
-        """Name given by the user, or one made from the kind and the markers."""
-        return label_of(self, self.markers)
-
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the joint, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is connected.
-        """
-        if not any(isinstance(marker, tuple) for marker in self.markers):
-            raise ValueError(f"joint {label!r} connects no body")
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         direction = getattr(self, "direction", None)
         if direction is not None and not 0.0 < math.hypot(*direction) < math.inf:
-            raise ValueError(f"joint {label!r}: the direction of the line must not be zero")
+            yield ": the direction of the line must not be zero"
         angle = getattr(self, "angle", None)
         if angle is not None and not math.isfinite(angle):
-            raise ValueError(f"joint {label!r}: the angle is {angle}")
+            yield f": the angle is {angle}"
 
 
 @dataclass(frozen=True)
-class Revolute(Joint):
-    """Two markers coincide: r_a - r_b = 0, two rows."""
+class _Between(Joint):
+    """A joint between two markers."""
 
     #: First marker.
     a: Marker
     #: Second marker.
     b: Marker
-    #: Name for results and messages.
-    name: str = ""
 
     @property
     def markers(self) -> tuple[Marker, Marker]:
@@ -78,22 +67,21 @@ class Revolute(Joint):
 
 
 @dataclass(frozen=True)
-class Weld(Joint):
+class Revolute(_Between):
+    """Two markers coincide: r_a - r_b = 0, two rows."""
+
+    #: Name for results and messages.
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Weld(_Between):
     """Two markers coincide and keep their relative angle: three rows."""
 
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
     #: Angle of the first marker minus that of the second [rad]; None takes that of the placements.
     angle: float | None = None
     #: Name for results and messages.
     name: str = ""
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
 
 
 @dataclass(frozen=True)
@@ -119,17 +107,13 @@ class PointOnLine(Joint):
 
 
 @dataclass(frozen=True)
-class Translational(Joint):
+class Translational(_Between):
     """A sliding joint that keeps the relative angle: two rows.
 
     The first marker stays on a line through the second, which is fixed to the axes of the second
     and turns with them, and its angle against the second does not change.
     """
 
-    #: First marker.
-    a: Marker
-    #: Second marker, which carries the line.
-    b: Marker
     #: Direction of the line in the axes of the second marker, of any length.
     direction: Pair = (1.0, 0.0)
     #: Angle of the first marker minus that of the second [rad]; None takes that of the placements.
@@ -137,88 +121,46 @@ class Translational(Joint):
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
-
 
 @dataclass(frozen=True)
-class Gear(Joint):
+class Gear(_Between):
     """The angle of a marker follows that of another, angle_a - ratio angle_b = constant: one row.
 
     The constant is that of the placements. Wheels with z_a and z_b teeth that mesh from outside
-    have the ratio -z_b / z_a, an inner gearing and a belt have z_b / z_a. The bearings of the
-    wheels are joints of their own.
+    have the ratio -z_b / z_a, an inner gearing and a belt have z_b / z_a; the first marker is on
+    the driven wheel, say. The bearings of the wheels are joints of their own.
     """
 
-    #: First marker, on the driven wheel, say.
-    a: Marker
-    #: Second marker, on the driving wheel.
-    b: Marker
     #: Speed of the first marker over that of the second, negative if they turn in opposite senses.
     ratio: float
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
-
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the joint, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is connected.
-        """
-        super().validate(label)
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if not (math.isfinite(self.ratio) and self.ratio != 0.0):
-            raise ValueError(
-                f"joint {label!r}: the ratio must be a number other than zero, but it is "
-                f"{self.ratio}"
-            )
+            yield f": the ratio must be a number other than zero, but it is {self.ratio}"
 
 
 @dataclass(frozen=True)
-class Distance(Joint):
+class Distance(_Between):
     """The distance of two markers is constant or follows a motion, |r_a - r_b| = length: one row.
 
     A rod without mass between two pins, or a hydraulic cylinder of given stroke.
     """
 
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
     #: The distance [m], which must be positive; None takes that of the placements.
     length: float | Motion | None = None
     #: Name for results and messages.
     name: str = ""
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        """The two markers that the joint connects."""
-        return self.a, self.b
-
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the joint, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is connected.
-        """
-        super().validate(label)
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         given = self.length
         if not (given is None or isinstance(given, Motion) or 0.0 < given < math.inf):
-            raise ValueError(
-                f"joint {label!r}: the length must be positive, but it is {given} m; markers that "
-                "coincide are joined by a Revolute"
+            yield (
+                f": the length must be positive, but it is {given} m; markers that coincide are "
+                "joined by a Revolute"
             )
 
 
@@ -259,15 +201,7 @@ class PrescribedPosition(Joint):
         """The two markers that the joint connects."""
         return self.marker, Ground()
 
-    def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Name of the joint, for the message.
-
-        Raises:
-            ValueError: If a number is out of range or no body is connected.
-        """
-        super().validate(label)
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if self.axis not in ("x", "y"):
-            raise ValueError(f"joint {label!r}: the axis must be 'x' or 'y', not {self.axis!r}")
+            yield f": the axis must be 'x' or 'y', not {self.axis!r}"

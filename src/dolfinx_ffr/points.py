@@ -18,7 +18,7 @@ import numpy as np
 
 from .motion import Motion
 
-__all__ = ["BodyPoint", "Ground", "Marker", "Moving", "Pair", "label_of", "marker_name"]
+__all__ = ["BodyPoint", "Ground", "Marker", "Moving", "Pair", "marker_name"]
 
 Pair = tuple[float, float]
 
@@ -102,14 +102,3 @@ def marker_name(marker: Marker) -> str:
         marker: The marker.
     """
     return ".".join(marker) if isinstance(marker, tuple) else marker.name
-
-
-def label_of(thing: object, markers: tuple[Marker, ...]) -> str:
-    """Name of a joint or force: the one given by the user, or one made from kind and markers.
-
-    Args:
-        thing: The joint or force.
-        markers: The markers that it connects or acts on.
-    """
-    given = getattr(thing, "name", "")
-    return str(given or f"{type(thing).__name__}({', '.join(map(marker_name, markers))})")
