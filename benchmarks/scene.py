@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 
-__all__ = ["block_design", "holes_design", "slider_crank", "slider_crank_numbers", "warm_up"]
+__all__ = [
+    "block_design",
+    "block_numbers",
+    "holes_design",
+    "slider_crank",
+    "slider_crank_numbers",
+    "warm_up",
+]
 
 DEMO = Path(__file__).resolve().parents[1] / "demos" / "slider_crank.py"
 
@@ -115,10 +122,21 @@ def block_design(domain: ffr.Domain, blocks: tuple[int, int]) -> NDArray[np.floa
     Returns:
         Density of the cells owned by this rank, shape (cells,).
     """
-    low, high = domain.bounding_box
-    i, j = np.floor((domain.centroids - low) / (high - low) * blocks).astype(int).T
+    i, j = np.divmod(block_numbers(domain, blocks), blocks[1])
     x = 0.65 + 0.35 * np.sin(0.5 + 1.1 * i) * np.cos(0.3 + 1.7 * j)
     return np.where((i == 0) | (i == blocks[0] - 1), 1.0, x)
+
+
+def block_numbers(domain: ffr.Domain, blocks: tuple[int, int]) -> NDArray[np.int64]:
+    """Return the number of the block in which each cell of this rank lies, shape (cells,).
+
+    Args:
+        domain: the rod.
+        blocks: along and across.
+    """
+    low, high = domain.bounding_box
+    i, j = np.floor((domain.centroids - low) / (high - low) * blocks).astype(np.int64).T
+    return i * blocks[1] + j
 
 
 def warm_up(

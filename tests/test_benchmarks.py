@@ -17,7 +17,7 @@ from matplotlib.image import imread
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-PAGES = ("growth", "accuracy", "modes", "differences", "gradient")
+PAGES = ("growth", "accuracy", "modes", "mesh", "differences", "gradient", "integration")
 #: Entries that may be nothing: memory that was there before, time lost between rooms, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
 #: Errors of exact gradients, and the fixed part of a measurement that is too short for it.
@@ -35,7 +35,7 @@ MAY_BE_ZERO = {
     "each_ms",
 }
 #: columns that hold words
-WORDS = {"mesh", "design", "kernel", "kind"}
+WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method"}
 #: cosines may have any sign
 SIGNED = {"cosine", "levelset_cosine"}
 TABLES = {
@@ -45,6 +45,11 @@ TABLES = {
     "accuracy_steps": 3,
     "accuracy_tolerance": 3,
     "accuracy_differences": 3,
+    "mesh": 27,
+    "mesh_orders": 12,
+    "mesh_smooth": 36,
+    "mesh_smooth_orders": 12,
+    "mesh_locking": 16,
     "modes": 12,
     "modes_free": 8,
     "modes_estimate": 40,
@@ -53,6 +58,9 @@ TABLES = {
     "gradient": 36,
     "gradient_designs": 3,
     "gradient_growth": 1,
+    "integration": 27,
+    "integration_summary": 4,
+    "integration_orders": 6,
 }
 Column = Callable[[str, str], np.ndarray]
 
@@ -176,6 +184,47 @@ def test_estimated_error_brackets_the_true_one(column: Column) -> None:
     assert np.all(column("modes_selected", "error_psi") <= column("modes_selected", "tolerance"))
 
 
+@pytest.mark.parametrize("error", ["psi", "gradient", "frequencies", "integrals"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_error_falls_with_mesh_and_order(output: Path, cell: str, error: str) -> None:
+    at_size = []
+    for order in ("1", "2", "3"):
+        for kind in ("structured", "gmsh"):
+            rows = rows_of(output, "mesh", cell=cell, kind=kind, order=order)
+            errors = np.array([float(row[f"error_{error}"]) for row in rows])
+            assert np.all(errors[1:] < 0.6 * errors[:-1])
+        rows = rows_of(output, "mesh", cell=cell, kind="structured", order=order)
+        at_size.append(float(rows[1][f"error_{error}"]))
+        # the corners' singularity, not the order of the displacements, limits the order
+        observed = rows_of(output, "mesh_orders", cell=cell, kind="structured", order=order)
+        assert 1.0 < float(observed[0][f"order_{error}"]) < 2.5
+    assert at_size[2] < 0.5 * at_size[1] and at_size[1] < 0.1 * at_size[0]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_smooth_solution_has_the_full_order(output: Path, cell: str, order: int) -> None:
+    wanted = {"cell": cell, "order": str(order)}
+    (row,) = rows_of(output, "mesh_smooth_orders", kind="structured", **wanted)
+    assert float(row["order_frequency"]) == pytest.approx(2 * order, abs=0.2)
+    # sizes of gmsh's elements vary, so that an order from three meshes is rough
+    (row,) = rows_of(output, "mesh_smooth_orders", kind="gmsh", **wanted)
+    assert float(row["order_frequency"]) > 2 * order - 0.5
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_linear_cells_lock_in_a_thin_rod(output: Path, cell: str) -> None:
+    def errors(order: int, error: str) -> list[float]:
+        rows = rows_of(output, "mesh_locking", cell=cell, order=str(order))
+        return [float(row[error]) for row in rows]  # of 25, 50 and 100 elements along
+
+    assert min(errors(1, "error_psi")) > 0.2
+    assert errors(1, "error_frequency")[0] > 1.0
+    for order in (2, 3):
+        assert max(errors(order, "error_psi")) < 2e-3
+        assert max(errors(order, "error_frequency")) < 1e-2
+
+
 def test_gradient_agrees_with_central_differences(column: Column) -> None:
     steps = column("accuracy_differences", "setting")
     differences = column("accuracy_differences", "error_gradient")
@@ -210,3 +259,36 @@ def test_element_by_element_is_exact_and_the_approximation_is_not(output: Path) 
             for percent in (20.0, 40.0)
         )
         assert many > few
+
+
+@pytest.mark.parametrize(("method", "order"), [("generalised alpha", 2.0), ("Radau IIA", 5.0)])
+def test_orders_of_time_integration(output: Path, method: str, order: float) -> None:
+    own = rows_of(output, "integration_orders", method=method)
+    steps = np.log([float(row["steps"]) for row in own])
+    for what in ("psi", "gradient", "positions", "multipliers"):
+        errors = np.log([float(row[f"error_{what}"]) for row in own])
+        assert np.all(np.diff(errors) < 0.0)
+        found = -np.polyfit(steps, errors, 1)[0]
+        if what in ("psi", "gradient"):
+            assert found == pytest.approx(order, abs=0.05 * order)
+        else:  # the largest at any time; forces of Radau IIA are of order 3
+            assert found > (min(order, 3.0) if what == "multipliers" else order) - 0.7
+
+
+@pytest.mark.parametrize("scene", ["reference", "fast", "stiff", "long"])
+def test_errors_of_time_integration_fall(output: Path, scene: str) -> None:
+    own = rows_of(output, "integration", scene=scene)
+    assert max(float(row["violation"]) for row in own) < 1e-12
+    for what in ("psi", "gradient"):
+        errors = {
+            method: np.array([float(r[f"error_{what}"]) for r in own if r["method"] == method])
+            for method in ("generalised alpha", "Radau IIA")
+        }
+        assert np.all(errors["generalised alpha"][1:] < 0.35 * errors["generalised alpha"][:-1])
+        # down to vibrations that are as small, which no step resolves
+        falls = errors["Radau IIA"][1:] < 0.2 * errors["Radau IIA"][:-1]
+        assert np.all(falls | (errors["Radau IIA"][1:] < 1e-7))
+
+
+def test_reference_of_time_integration(column: Column) -> None:
+    assert np.all(column("integration_summary", "check") < 1e-5)
