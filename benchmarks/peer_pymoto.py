@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -120,24 +119,18 @@ class PymotoPlate:
             self.network.sensitivity()
         return float(self.compliance.state), np.array(self.variables.sensitivity)
 
-    def design(
-        self, start: Array, volume: float, iterations: int, told: Callable[[float], None]
-    ) -> tuple[Array, list[float], list[float]]:
+    def design(self, start: Array, volume: float) -> Iterator[tuple[Array, float]]:
         """Minimise the compliance by pyMOTO's method of moving asymptotes with its defaults.
 
         Args:
             start: variables, shape (elements,).
             volume: upper bound of the filled share.
-            iterations: to be done.
-            told: told the part that is done.
 
         Returns:
-            The last variables that were evaluated, the compliance in each iteration and the seconds
-            until it was known.
+            Iterator over the variables that are evaluated and their compliance; it has no end.
         """
         pym = self._pym
-        x, compliance, seconds = np.array(start), [], []
-        begin = perf_counter()
+        x = np.array(start)
         with _quiet():
             self.variables.state = x.copy()
             self.network.response()  # what is added takes its scale from the start
@@ -145,13 +138,11 @@ class PymotoPlate:
                 objective = pym.Scaling(scaling=100.0)(self.compliance)
                 bound = pym.Scaling(scaling=10.0, maxval=volume * len(start))(self.filled)
             optimizer = pym.MMA(self.variables, [objective, bound], self.network, verbosity=0)
-            for iteration in range(iterations):
-                last = x
+        while True:
+            last = x
+            with _quiet():
                 x, _, _ = optimizer.step(x=x)
-                compliance.append(float(self.compliance.state))
-                seconds.append(perf_counter() - begin)
-                told((iteration + 1) / iterations)
-        return last, compliance, seconds
+            yield last, float(self.compliance.state)
 
 
 @contextmanager

@@ -144,7 +144,9 @@ def test_cells_are_put_row_after_row(peers: ModuleType) -> None:
     assert np.all(np.diff(ordered[::5, 1]) > 0.0)
 
 
-def test_equal_error_is_interpolated_along_the_measured_line(peers: ModuleType) -> None:
+def test_equal_error_is_interpolated_along_the_measured_line() -> None:
+    import peer_report as peers
+
     rows = [{"seconds": 1e-3 * n, "error": 4.0 * n**-2.0} for n in (10.0, 40.0, 160.0)]
     assert peers.seconds_to_reach(rows, 0.01, "error") == pytest.approx(0.02, rel=1e-12)
     assert peers.seconds_to_reach(rows, 1.0, "error") == pytest.approx(0.01)  # the coarsest
