@@ -80,7 +80,7 @@ class Motion:
             raise ValueError(f"smooth_step: the duration must be positive, but it is {duration}")
 
         def s(t: Array) -> Array:
-            return np.clip((np.asarray(t) - start) / duration, 0.0, 1.0)
+            return np.minimum(np.maximum((np.asarray(t) - start) / duration, 0.0), 1.0)
 
         def value(t: Array) -> Array:
             x = s(t)

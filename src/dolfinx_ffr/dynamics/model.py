@@ -91,8 +91,9 @@ class TimeTables:
             ValueError: If a value is NaN or infinite, or a length is not positive; the message
                 names the marker, the joint or the force.
         """
-        at_jump = np.isin(instants, self.jumps)
-        instants = np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
+        if self.jumps.size:
+            at_jump = np.isin(instants, self.jumps)
+            instants = np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
         prescribed = []
         for marker, where in self.prescribed:
             table = np.zeros((instants.size, 3, 3))

@@ -247,9 +247,8 @@ class _Marching:
             getattr(rows, name)[0] = getattr(last, name)[-1]
         before, w_before = 0.0, np.zeros((3, self.model.size))
         lam_before = np.zeros((3, self.model.rows))
-        if last.errors.size and rows.t[0] in self.model.tables.jumps:
-            self._pass_jump(rows)
-        elif last.errors.size:
+        # No polynomial goes on behind a jump.
+        if last.errors.size and not self._jumps(rows):
             before = float(last.t[-1] - last.t[-4])
             w_before, lam_before = last.w[-3:].copy(), last.multipliers[-3:].copy()
         arrays = self.model.arrays._replace(**self.model.tables.tabulate(rows.t))
@@ -262,14 +261,29 @@ class _Marching:
             self.parts.append(rows.leading(good))
         return status, good, rows
 
-    def _pass_jump(self, rows: _Rows) -> None:
-        """Accelerations and multipliers behind a jump, from which no polynomial goes on."""
-        instants = np.full(2, rows.t[0] * (1.0 + BESIDE_JUMP))
-        arrays = self.model.arrays._replace(**self.model.tables.tabulate(instants))
-        w, lam, after = rows.w[0].copy(), rows.multipliers[0].copy(), np.zeros((4, self.model.size))
-        status = kernels.start(arrays, rows.y[0], rows.v[0], w, lam, 0, 0.0, after)
-        if status == CONVERGED and np.all(np.isfinite(w)):
-            rows.w[0], rows.multipliers[0] = w, lam
+    def _jumps(self, rows: _Rows) -> bool:
+        """Add to accelerations and multipliers at the start what they jump by, if they do.
+
+        It is the difference of two solutions at the same state. Either of them alone would differ
+        from the last stage by the vibrations that no step resolves.
+        """
+        t, y, v = float(rows.t[0]), rows.y[0], rows.v[0]
+        if t not in self.model.tables.jumps:
+            return False
+        sides = []
+        for share in (1.0 - BESIDE_JUMP, 1.0 + BESIDE_JUMP):
+            tables = self.model.tables.tabulate(np.full(2, share * t))
+            arrays, w = self.model.arrays._replace(**tables), np.zeros(self.model.size)
+            lam, after = np.zeros(self.model.rows), np.zeros((4, self.model.size))
+            if kernels.start(arrays, y, v, w, lam, 0, 0.0, after) != CONVERGED:
+                return False
+            sides.append((w, lam))
+        jump = sides[1][0] - sides[0][0]
+        if not np.max(np.abs(jump)) > 1e-9 * np.max(np.abs(sides[0][0])):
+            return False
+        rows.w[0] += jump
+        rows.multipliers[0] += sides[1][1] - sides[0][1]
+        return True
 
     @property
     def t(self) -> float:
