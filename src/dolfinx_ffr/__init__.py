@@ -48,6 +48,7 @@ _ROOMS = {
         "gradient_errors",
     ],
     "io": ["CheckpointError", "read_history", "write_density", "write_fields", "write_summary"],
+    "integrals": ["RoundOffWarning"],
     "joints": [
         "Distance",
         "Gear",

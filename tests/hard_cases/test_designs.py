@@ -17,6 +17,7 @@ from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
+from body_compliance import body_compliance
 from meshes import prongs
 from slider_crank import reference_problem
 
@@ -129,18 +130,6 @@ def test_islands(comm: MPI.Intracomm) -> None:
     assert np.isfinite(psi) and (softened or psi > 100.0 * full)
 
 
-def compliance(body: ffr.FlexibleBody, x: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the compliance under a load by acceleration, with its gradient."""
-    load = np.array([0.3, 1.0])
-    reduced = body.reduce(x)
-    integrals = reduced.integrals
-    q = np.linalg.solve(integrals.K, integrals.S[1:] @ load)
-    bar = integrals.zeros_like()
-    bar.S[1:] = 2.0 * np.outer(q, load)
-    bar.K[:] = -np.outer(q, q)
-    return float(q @ integrals.K @ q), body.pullback(reduced, bar)[0]
-
-
 @pytest.mark.mpi
 def test_modes_that_swap(comm: MPI.Intracomm) -> None:
     """Two prongs, one of which becomes the softer one: value and gradient pass on continuously."""
@@ -148,7 +137,7 @@ def test_modes_that_swap(comm: MPI.Intracomm) -> None:
     body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=2)
     upper = np.where(domain.centroids[:, 1] > 0.5, 1.0, -1.0)
     step = 1e-4
-    line = [compliance(body, 0.8 + step * k * upper) for k in (-2, -1, 0, 1, 2)]
+    line = [body_compliance(body, 0.8 + step * k * upper) for k in (-2, -1, 0, 1, 2)]
     slopes = [comm.allreduce(float(gradient @ upper)) for _, gradient in line]
     for (before, _), (after, _), s, t in zip(line, line[1:], slopes, slopes[1:], strict=False):
         # the trapezoidal rule for the gradient gives the difference, to third order
@@ -178,9 +167,9 @@ def test_nearly_equal_frequencies(comm: MPI.Intracomm, difference: float) -> Non
     upper = domain.centroids[:, 1] > 0.5
     x = np.where(upper, 0.8 * (1.0 + difference), 0.8)
     direction = np.where(upper, 0.2, -0.1) * np.cos(3 * domain.centroids[:, 0])
-    gradient = compliance(body, x)[1]
+    gradient = body_compliance(body, x)[1]
     slope = comm.allreduce(float(gradient @ direction))
     eps = 1e-3
-    values = [compliance(body, x + k * eps * direction)[0] for k in (-2, -1, 1, 2)]
+    values = [body_compliance(body, x + k * eps * direction)[0] for k in (-2, -1, 1, 2)]
     difference_quotient = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * eps)
     assert slope == pytest.approx(difference_quotient, rel=1e-7)
