@@ -24,7 +24,17 @@ from peer_packages import missing
 
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
 #: report_NAME. A study without jobs of its own reports on those of another.
-STUDIES = ("growth", "accuracy", "modes", "mesh", "differences", "gradient", "peers", "integration")
+STUDIES = (
+    "growth",
+    "accuracy",
+    "modes",
+    "mesh",
+    "model",
+    "differences",
+    "gradient",
+    "peers",
+    "integration",
+)
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.
 PEERS = "peers"

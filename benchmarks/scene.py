@@ -20,21 +20,23 @@ import dolfinx_ffr as ffr
 __all__ = [
     "block_design",
     "block_numbers",
+    "demo",
     "holes_design",
     "slider_crank",
     "slider_crank_numbers",
     "warm_up",
 ]
 
-DEMO = Path(__file__).resolve().parents[1] / "demos" / "slider_crank.py"
+DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
 
 @cache
-def _demo() -> ModuleType:
-    """Load the demo, which is a program and not part of the package."""
-    spec = importlib.util.spec_from_file_location("slider_crank", DEMO)
+def demo(name: str) -> ModuleType:
+    """Load a demo by its ``name``: it is a program and not part of the package."""
+    file = DEMOS / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
-        raise ImportError(f"cannot load {DEMO}")
+        raise ImportError(f"cannot load {file}")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -42,8 +44,8 @@ def _demo() -> ModuleType:
 
 def slider_crank_numbers() -> tuple[float, float, float, float]:
     """Return the demo's crank radius [m], its turns, their duration [s], the slider's mass [kg]."""
-    demo = _demo()
-    return demo.CRANK, demo.TURNS, demo.DURATION, demo.SLIDER
+    reference = demo("slider_crank")
+    return reference.CRANK, reference.TURNS, reference.DURATION, reference.SLIDER
 
 
 def slider_crank(
@@ -68,7 +70,7 @@ def slider_crank(
         tolerance: relative residual of the eigenvalue problem and of the adjoint systems.
     """
     chosen = {"modes": modes, "steps": steps}
-    problem: ffr.Problem = _demo().reference_problem(
+    problem: ffr.Problem = demo("slider_crank").reference_problem(
         comm,
         elements,
         order=order,

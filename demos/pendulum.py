@@ -75,7 +75,12 @@ def pendulum(
 
 # %% Floating frame of reference
 def floating_frame(
-    domain: ffr.Domain, modes: int, steps: int, *, stiffening: bool
+    domain: ffr.Domain,
+    modes: int,
+    steps: int,
+    *,
+    stiffening: bool,
+    material: ffr.PlaneStress = RUBBER,
 ) -> tuple[ffr.Problem, ffr.Evaluation, float]:
     """Return problem, motion, and the time that the motion took, reduction included [s].
 
@@ -84,11 +89,12 @@ def floating_frame(
         modes: number of normal modes.
         steps: number of time steps.
         stiffening: model geometric stiffening by the bar's own inertia and weight.
+        material: of the bar.
     """
     hinge, tip = (domain.interfaces[name].center for name in ("left", "right"))
     bar = ffr.FlexibleBody(
         domain,
-        RUBBER,
+        material,
         frame=ffr.ChordFrame("left", "right"),
         modes=modes,
         points={"middle": 0.5 * (hinge + tip)},
@@ -108,19 +114,28 @@ def floating_frame(
 
 # %% Full nonlinear finite elements
 def full_model(
-    steps: int, elements: tuple[int, int] = (30, 2), file: str | None = None
-) -> tuple[Array, float]:
-    """Return the path of the tip, shape (steps + 1, 2) [m], and the time that it took [s].
+    steps: int,
+    elements: tuple[int, int] = (30, 2),
+    file: str | None = None,
+    *,
+    material: ffr.PlaneStress = RUBBER,
+) -> tuple[Array, Array, float]:
+    """Return the paths of tip and middle, and the time that they took [s].
 
     Args:
         steps: number of time steps.
         elements: along and across.
         file: gmsh file instead.
+        material: of the bar.
+
+    Returns:
+        Positions of the tip and of the node next to the middle, shape (steps + 1, 2) [m] each, and
+        the time.
     """
     domain = pendulum(MPI.COMM_SELF, elements, file)
     space = domain.space
     u, v = fem.Function(space), ufl.TestFunction(space)
-    lame, shear = (value * THICKNESS for value in RUBBER.lame)
+    lame, shear = (value * THICKNESS for value in material.lame)
     deformation = ufl.Identity(2) + ufl.grad(u)
     strain = 0.5 * (deformation.T * deformation - ufl.Identity(2))
     stress = lame * ufl.tr(strain) * ufl.Identity(2) + 2.0 * shear * strain
@@ -128,7 +143,7 @@ def full_model(
     internal = ufl.inner(deformation * stress, ufl.grad(v)) * dx
     force_form = fem.form(internal)
     tangent_form = fem.form(ufl.derivative(internal, u))
-    density = RUBBER.density * THICKNESS
+    density = material.density * THICKNESS
     mass_form = fem.form(density * ufl.inner(ufl.TrialFunction(space), v) * dx)
 
     def matrix(form: fem.Form) -> scipy.sparse.csr_matrix:
@@ -169,13 +184,15 @@ def full_model(
         return scipy.sparse.hstack([keep, scipy.sparse.csr_matrix(column)]).tocsc()
 
     end, tip = domain.interfaces["right"].dofs, domain.interfaces["right"].center
+    half = 0.5 * (domain.interfaces["left"].center + tip)
+    center = int(np.argmin(np.linalg.norm(x - half, axis=1)))
     h = DURATION / steps
     alpha_m, alpha_f, gamma, beta = ffr.GeneralizedAlpha(DURATION, steps).parameters
     angle, now, rate = 0.0, np.zeros(n), np.zeros(n)
     T = motions(angle)
     acceleration = T @ scipy.sparse.linalg.spsolve((T.T @ mass @ T).tocsc(), T.T @ weight)
-    path = np.empty((steps + 1, 2))
-    path[0] = tip
+    path, middle = np.empty((steps + 1, 2)), np.empty((steps + 1, 2))
+    path[0], middle[0] = tip, x[center]
     before = -weight  # internal less external forces at the beginning of the step
     for step in range(steps):
         guess = now + h * rate + 0.5 * h**2 * acceleration
@@ -207,7 +224,8 @@ def full_model(
         rate = rate + h * ((1.0 - gamma) * acceleration + gamma * new_acceleration)
         now, acceleration, before = reached.copy(), new_acceleration, forces
         path[step + 1] = tip + now.reshape(-1, 2)[end].mean(axis=0)
-    return path, perf_counter() - begin
+        middle[step + 1] = x[center] + now.reshape(-1, 2)[center]
+    return path, middle, perf_counter() - begin
 
 
 # %% The program
@@ -218,7 +236,7 @@ def main(arguments: list[str] | None = None) -> None:
     output = Path(options.output)
     say = print if comm.rank == 0 else lambda *_: None
 
-    full, full_seconds = full_model(options.steps, tuple(options.elements), options.mesh)
+    full, _, full_seconds = full_model(options.steps, tuple(options.elements), options.mesh)
     domain = pendulum(comm, tuple(options.elements), options.mesh)
     floating_frame(domain, 1, 10, stiffening=True)  # whatever is compiled once
     differences: dict[bool, list[float]] = {False: [], True: []}

@@ -17,7 +17,7 @@ from matplotlib.image import imread
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
-PAGES = ("growth", "accuracy", "modes", "mesh", "differences", "gradient", "integration")
+PAGES = ("growth", "accuracy", "modes", "mesh", "model", "differences", "gradient", "integration")
 #: Entries that may be nothing: memory that was there before, time lost between rooms, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
 #: Errors of exact gradients, and the fixed part of a measurement that is too short for it.
@@ -35,7 +35,7 @@ MAY_BE_ZERO = {
     "each_ms",
 }
 #: columns that hold words
-WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method"}
+WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "model"}
 #: cosines may have any sign
 SIGNED = {"cosine", "levelset_cosine"}
 TABLES = {
@@ -50,6 +50,7 @@ TABLES = {
     "mesh_smooth": 36,
     "mesh_smooth_orders": 12,
     "mesh_locking": 16,
+    "model": 6,
     "modes": 12,
     "modes_free": 8,
     "modes_estimate": 40,
@@ -223,6 +224,18 @@ def test_linear_cells_lock_in_a_thin_rod(output: Path, cell: str) -> None:
     for order in (2, 3):
         assert max(errors(order, "error_psi")) < 2e-3
         assert max(errors(order, "error_frequency")) < 1e-2
+
+
+def test_linear_elasticity_ends_where_deformations_are_large(output: Path) -> None:
+    linear, stiffened = (
+        rows_of(output, "model", model=model) for model in ("linear", "with geometric stiffening")
+    )
+    for error in ("error_tip", "error_deflection"):
+        errors = np.array([[float(row[error]) for row in rows] for rows in (linear, stiffened)])
+        assert np.all(np.diff(errors, axis=1) > 0.0)  # the softer, the further apart
+        assert np.all(errors[:, 0] < 1e-3)  # a deflection of 0.02 %
+        assert errors[1, 1] < 0.2 * errors[0, 1]  # of 1.6 %: stiffening matters
+        assert np.all(errors[:, 2] > 0.1) and errors[0, 2] > 1.0  # of 23 %: no model for it
 
 
 def test_gradient_agrees_with_central_differences(column: Column) -> None:
