@@ -337,7 +337,7 @@ def _draw(
             _draw_motion(axes, motion["rows"], what)
             axes.set_title(title)
         low, high = psi.get_ylim()
-        psi.set_ylim(low, high * (high / low) ** 0.15)
+        psi.set_ylim(low, high * (high / low) ** 0.3)
         psi.legend(loc="upper right")
         _draw_plates(plate, plates)
         _draw_designs(design, designs)
@@ -406,6 +406,8 @@ def _draw_plates(axes: Axes, rows: Sequence[dict[str, Any]]) -> None:
     axes.set_ylabel("seconds")
     worst = max(row["difference_gradient"] for row in rows)
     axes.set_title(f"Plate: compliance and gradient (equal to {worst:.0e})".replace("e-0", "e-"))
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.3)
     axes.legend(loc="upper left")
     tidy(axes)
 
