@@ -32,7 +32,7 @@ MODELS = {LINEAR: BLUE, STIFFENED: ORANGE}
 
 def model_jobs(*, quick: bool) -> list[Job]:
     """Return the measurement."""
-    moduli = [2e9, 2e7, 1e6] if quick else [2e11, 2e10, 2e9, 2e8, 5e7, 2e7, 1e7, 5e6, 2e6, 1e6, 5e5]
+    moduli = [2e9, 2e7, 1e6] if quick else [4e9, 1e9, 2e8, 5e7, 2e7, 1e7, 5e6, 2e6, 1e6, 5e5]
     return [
         Job(
             "model",
@@ -107,7 +107,7 @@ def deformation(
                     "model": model,
                     "error_tip": float(np.linalg.norm(own_tip - tip, axis=1).max())
                     / pendulum.LENGTH,
-                    "error_deflection": abs(float(np.abs(own).max()) / largest - 1.0),
+                    "error_deflection": float(np.abs(own - bending).max()) / largest,
                     "seconds": min(run[2] for run in runs),
                     "seconds_full": seconds,
                 }
@@ -150,7 +150,8 @@ def report_model(results: Results, directory: Path) -> list[Table]:
         "and three constraint modes in the floating frame. *Deflection* is the largest distance of "
         "the middle from the chord over the length, in the full model (St Venant-Kirchhoff, all "
         "nodes, large rotations exact). Errors are the largest distance of the tips over the "
-        "length, and the relative error of the largest deflection. Times are those of the motion, "
+        "length, and the largest difference of the deflections over the largest deflection: the "
+        "bar rings, and a wrong frequency soon shows. Times are those of the motion, "
         "the reduction included; the full model is a plain Newton method with DOLFINx's assembly "
         "and SciPy's sparse solver. For the stiffest bars the errors are those of the time step. "
         + (f"No motion was found: {failures}." if failures else "All motions were found."),
@@ -177,7 +178,7 @@ def _draw(result: Mapping[str, Any], path: Path) -> None:
         axes = figure.subplots(1, 3)
         for place, error, title in (
             (axes[0], "error_tip", "Distance of the tips / length"),
-            (axes[1], "error_deflection", "Relative error of the largest deflection"),
+            (axes[1], "error_deflection", "Relative error of the deflection"),
         ):
             log_log(place, "largest deflection / length", "error")
             _draw_errors(place, rows, failed, error)
