@@ -50,16 +50,86 @@ class BodyMarker:
     displacement: Array
     #: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,) [rad/m].
     rotation: Array
+    #: Geometric stiffness T_P of the body by a unit force at the point along the body's axes x and
+    #: y, each symmetric, shape (2, modes, modes) [1/m]; None if that is not modelled. With it the
+    #: displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py q): a bent beam's end comes
+    #: nearer. The work of a force F is then F . (Phi_P - T_P q) dq, so that it stiffens the body.
+    stiffening: Array | None = None
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
         for name in ("position", "displacement", "rotation"):
             object.__setattr__(self, name, _as_array(getattr(self, name)))
+        if self.stiffening is not None:
+            object.__setattr__(self, "stiffening", _as_array(self.stiffening))
 
     @property
     def basis(self) -> Array:
         """Reference position and shape functions side by side, shape (2, modes + 1)."""
         return np.column_stack([self.position, self.displacement])
+
+    def shift(self, q: Array) -> Array:
+        """Elastic displacement in the body's axes, shape (..., 2) [m].
+
+        Args:
+            q: Elastic coordinates, shape (..., modes).
+        """
+        linear = q @ self.displacement.T
+        if self.stiffening is None:
+            return linear
+        return linear - 0.5 * np.einsum("...j,djk,...k->...d", q, self.stiffening, q)
+
+    def shapes_at(self, q: Array) -> Array:
+        """Derivative of :meth:`shift` with respect to q, shape (..., 2, modes) [-].
+
+        Args:
+            q: Elastic coordinates, shape (..., modes).
+        """
+        if self.stiffening is None:
+            return np.broadcast_to(self.displacement, (*q.shape[:-1], *self.displacement.shape))
+        return self.displacement - np.einsum("djk,...k->...dj", self.stiffening, q)
+
+    def leading(self, modes: int) -> BodyMarker:
+        """The same point with the first shape functions alone.
+
+        Args:
+            modes: Number of shape functions that are kept.
+        """
+        stiffening = None if self.stiffening is None else self.stiffening[:, :modes, :modes]
+        shapes = self.displacement[:, :modes], self.rotation[:modes]
+        return BodyMarker(self.position, *shapes, stiffening)
+
+    def scaled(self, factor: float) -> BodyMarker:
+        """All entries times a factor.
+
+        Args:
+            factor: The factor.
+        """
+        stiffening = None if self.stiffening is None else factor * self.stiffening
+        shapes = factor * self.displacement, factor * self.rotation
+        return BodyMarker(factor * self.position, *shapes, stiffening)
+
+    def __add__(self, other: BodyMarker) -> BodyMarker:
+        """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero."""
+        parts = [m.stiffening for m in (self, other) if m.stiffening is not None]
+        return BodyMarker(
+            self.position + other.position,
+            self.displacement + other.displacement,
+            self.rotation + other.rotation,
+            np.sum(parts, axis=0) if parts else None,
+        )
+
+    def dot(self, other: BodyMarker) -> float:
+        """Inner product over all entries.
+
+        Args:
+            other: A point with as many shape functions.
+        """
+        total = float(self.position @ other.position + self.rotation @ other.rotation)
+        total += float(np.sum(self.displacement * other.displacement))
+        if self.stiffening is not None and other.stiffening is not None:
+            total += float(np.sum(self.stiffening * other.stiffening))
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +163,8 @@ class VolumeIntegrals:
     #: (modes, modes) [kg]; "alpha" by the load of the angular acceleration, likewise [kg];
     #: "acceleration" by the load of the frame's acceleration less gravity along the body's axes x
     #: and y, shape (2, modes, modes) [kg/m]. The elastic forces gain omega^2 K_w q + alpha K_al q +
-    #: a_x K_x q + a_y K_y q. The inertia of point masses adds nothing to them.
+    #: a_x K_x q + a_y K_y q. Forces at markers, and the inertia of point masses, add to them where
+    #: the markers have geometric stiffness of their own.
     stiffening: dict[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -315,6 +386,8 @@ class VolumeIntegrals:
             _check_array(f"{where}: position", point.position, (2,))
             _check_array(f"{where}: displacement", point.displacement, (2, r))
             _check_array(f"{where}: rotation", point.rotation, (r,))
+            if point.stiffening is not None:
+                _check_stiffening(f"{where}: stiffening", point.stiffening, (2, r, r))
         smallest = _smallest_scaled_eigenvalue(self.mass_matrix())
         if smallest < 1e-14:
             raise ValueError(
@@ -337,13 +410,7 @@ class VolumeIntegrals:
                 raise ValueError(
                     f"body {name!r}: stiffening by {load!r}, but the loads are {list(shapes)}"
                 )
-            _check_array(f"body {name!r}: stiffening by {load!r}", array, shapes[load])
-            defect = np.max(np.abs(array - np.swapaxes(array, -1, -2)), initial=0.0)
-            if defect > 1e-9 * np.max(np.abs(array), initial=0.0):
-                raise ValueError(
-                    f"body {name!r}: stiffening by {load!r} must be symmetric, but entries differ "
-                    f"by {defect:.1e}"
-                )
+            _check_stiffening(f"body {name!r}: stiffening by {load!r}", array, shapes[load])
 
     def leading(self, modes: int) -> VolumeIntegrals:
         """Integrals of the same body with its first shape functions alone.
@@ -363,10 +430,7 @@ class VolumeIntegrals:
             self.G[:n, :n],
             self.N[:n, :n],
             self.K[:modes, :modes],
-            {
-                name: BodyMarker(m.position, m.displacement[:, :modes], m.rotation[:modes])
-                for name, m in self.markers.items()
-            },
+            {name: marker.leading(modes) for name, marker in self.markers.items()},
             {load: array[..., :modes, :modes] for load, array in self.stiffening.items()},
         )
 
@@ -386,10 +450,7 @@ class VolumeIntegrals:
             factor * self.G,
             factor * self.N,
             factor * self.K,
-            {
-                name: BodyMarker(factor * m.position, factor * m.displacement, factor * m.rotation)
-                for name, m in self.markers.items()
-            },
+            {name: marker.scaled(factor) for name, marker in self.markers.items()},
             {load: factor * array for load, array in self.stiffening.items()},
         )
 
@@ -402,14 +463,7 @@ class VolumeIntegrals:
             self.G + other.G,
             self.N + other.N,
             self.K + other.K,
-            {
-                name: BodyMarker(
-                    m.position + other.markers[name].position,
-                    m.displacement + other.markers[name].displacement,
-                    m.rotation + other.markers[name].rotation,
-                )
-                for name, m in self.markers.items()
-            },
+            {name: marker + other.markers[name] for name, marker in self.markers.items()},
             {
                 load: np.sum([b.stiffening[load] for b in (self, other) if load in b.stiffening], 0)
                 for load in self.stiffening | other.stiffening
@@ -429,10 +483,7 @@ class VolumeIntegrals:
         total = self.mass * other.mass
         for key in ("S", "G", "N", "K"):
             total += float(np.sum(getattr(self, key) * getattr(other, key)))
-        for name, m in self.markers.items():
-            n = other.markers[name]
-            total += float(m.position @ n.position + np.sum(m.displacement * n.displacement))
-            total += float(m.rotation @ n.rotation)
+        total += sum(marker.dot(other.markers[name]) for name, marker in self.markers.items())
         for load in self.stiffening.keys() & other.stiffening.keys():
             total += float(np.sum(self.stiffening[load] * other.stiffening[load]))
         return total
@@ -441,19 +492,27 @@ class VolumeIntegrals:
         """Integrals of the body with a point mass fixed to a marker.
 
         With W the reference position and shape functions at the marker, the point adds m_P to the
-        mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N.
+        mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N. Where the marker has geometric
+        stiffness T_P, the inertia of the point, at X_P in the body's frame, stiffens the body:
+        "omega2" gains m_P X_P . T_P, "alpha" -m_P (J X_P) . T_P, "acceleration" -m_P T_P.
 
         Args:
             marker: Name of the marker.
             mass: Mass of the point [kg].
         """
-        basis = self.markers[marker].basis
+        point = self.markers[marker]
+        basis, stiffening = point.basis, dict(self.stiffening)
+        if point.stiffening is not None:
+            for load, weights in _inertia_of_point(point.position, mass).items():
+                share = np.tensordot(weights, point.stiffening, 1)
+                stiffening[load] = stiffening[load] + share if load in stiffening else share
         return replace(
             self,
             mass=self.mass + mass,
             S=self.S + mass * basis.T,
             G=self.G + mass * basis.T @ basis,
             N=self.N + mass * (QUARTER_TURN @ basis).T @ basis,
+            stiffening=stiffening,
         )
 
     def point_mass_pullback(
@@ -468,13 +527,19 @@ class VolumeIntegrals:
 
         Returns:
             Derivative with respect to the integrals of the body without the point mass; the
-            marker's shape functions collect the share of the point.
+            marker's shape functions and geometric stiffness collect the share of the point.
         """
-        basis = self.markers[marker].basis
+        point = self.markers[marker]
+        basis = point.basis
         basis_bar = mass * (bar.S.T + 2.0 * basis @ bar.G + 2.0 * QUARTER_TURN @ basis @ bar.N)
-        old = bar.markers[marker]
-        new = replace(old, displacement=old.displacement + basis_bar[:, 1:])
-        return replace(bar, markers={**bar.markers, marker: new})
+        share = None
+        if point.stiffening is not None:
+            share = np.zeros_like(point.stiffening)
+            for load, weights in _inertia_of_point(point.position, mass).items():
+                if load in bar.stiffening:
+                    share += np.tensordot(weights.T, bar.stiffening[load], weights.ndim - 1)
+        still = BodyMarker(np.zeros(2), basis_bar[:, 1:], np.zeros(self.modes), share)
+        return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + still})
 
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
         if self.markers.keys() != other.markers.keys():
@@ -493,6 +558,23 @@ def _check_array(what: str, array: Array, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{what} must have shape {shape}, but it has shape {array.shape}")
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{what} holds NaN or infinity")
+
+
+def _check_stiffening(what: str, array: Array, shape: tuple[int, ...]) -> None:
+    """Refuse geometric stiffness that is not symmetric."""
+    _check_array(what, array, shape)
+    defect = np.max(np.abs(array - np.swapaxes(array, -1, -2)), initial=0.0)
+    if defect > 1e-9 * np.max(np.abs(array), initial=0.0):
+        raise ValueError(f"{what} must be symmetric, but entries differ by {defect:.1e}")
+
+
+def _inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
+    """Inertia force of a point mass in the body's axes, by load of the body."""
+    return {
+        "omega2": mass * position,
+        "alpha": -mass * (QUARTER_TURN @ position),
+        "acceleration": -mass * np.eye(2),
+    }
 
 
 def _smallest_scaled_eigenvalue(matrix: Array) -> float:

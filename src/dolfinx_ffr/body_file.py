@@ -18,6 +18,9 @@ of :class:`VolumeIntegrals`:
 | ``marker_positions`` | (n, 2) | undeformed positions in the body's frame |
 | ``marker_displacements`` | (n, 2, r) | shape functions of the displacement at the markers |
 | ``marker_rotations`` | (n, r) | shape functions of the rotation at the markers |
+| ``marker_stiffening`` | (n, 2, r, r) | geometric stiffness by unit forces there; may be missing |
+
+A marker whose geometric stiffness is all zero has none.
 
 ``numpy.savez`` writes such a file from anywhere.
 """
@@ -38,8 +41,9 @@ from .body import BodyMarker, VolumeIntegrals
 __all__ = ["load_body", "save_body"]
 
 _MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
+_MARKER_STIFFENING = "marker_stiffening"
 _STIFFENING = {f"stiffening_{load}": load for load in ("omega2", "alpha", "acceleration")}
-_KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS]
+_KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS, _MARKER_STIFFENING]
 
 
 def save_body(path: str | Path, integrals: VolumeIntegrals) -> None:
@@ -68,6 +72,11 @@ def save_body(path: str | Path, integrals: VolumeIntegrals) -> None:
         "marker_displacements": np.array([p.displacement for p in points]).reshape(n, 2, r),
         "marker_rotations": np.array([p.rotation for p in points]).reshape(n, r),
     }
+    if any(point.stiffening is not None for point in points):
+        none = np.zeros((2, r, r))
+        arrays[_MARKER_STIFFENING] = np.array(
+            [none if point.stiffening is None else point.stiffening for point in points]
+        )
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -99,7 +108,7 @@ def load_body(path: str | Path) -> VolumeIntegrals:
     if unknown:
         raise ValueError(f"body file {path}: unknown keys {unknown}; the keys are {_KEYS}")
     needed = ["mass", "S", *([] if "P" in arrays else ["G", "N"])]
-    if any(key in arrays for key in _MARKERS):
+    if any(key in arrays for key in (*_MARKERS, _MARKER_STIFFENING)):
         needed += _MARKERS
     missing = [key for key in needed if key not in arrays]
     if missing:
@@ -123,19 +132,23 @@ def load_body(path: str | Path) -> VolumeIntegrals:
         names = [str(name) for name in arrays["markers"].ravel()]
         if len(set(names)) < len(names):
             raise ValueError(f"body file {path}: two of the markers {names} have the same name")
-        for key in _MARKERS[1:]:
+        for key in [*_MARKERS[1:], *({_MARKER_STIFFENING} & arrays.keys())]:
             if arrays[key].shape[:1] != (len(names),):
                 raise ValueError(
                     f"body file {path}: {key} has shape {arrays[key].shape}, but there are "
                     f"{len(names)} markers {names}"
                 )
+    stiffening = arrays.get(_MARKER_STIFFENING, np.zeros((len(names), 1)))
     try:
         return VolumeIntegrals.from_arrays(
             float(arrays["mass"]),
             arrays["S"],
             **{key: arrays.get(key) for key in "PGNK"},
             markers={
-                name: BodyMarker(*(arrays[key][number] for key in _MARKERS[1:]))
+                name: BodyMarker(
+                    *(arrays[key][number] for key in _MARKERS[1:]),
+                    stiffening[number] if np.any(stiffening[number]) else None,
+                )
                 for number, name in enumerate(names)
             },
             stiffening={load: arrays[key] for key, load in _STIFFENING.items() if key in arrays},

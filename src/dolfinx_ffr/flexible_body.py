@@ -48,8 +48,10 @@ class FlexibleBody:
         points: markers besides the interfaces: name and position in the coordinates of the mesh,
             shape (2,) [m].
         tolerance: relative residual of the eigenvalue problem and of the adjoint systems.
-        stiffening: loads of the body's inertia whose geometric stiffness is modelled, some of
-            ``"omega2"``, ``"alpha"``, ``"acceleration"`` (`GeometricStiffening`); none by default.
+        stiffening: loads whose geometric stiffness is modelled (`GeometricStiffening`): some of
+            ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia, and
+            ``"markers"`` for the forces of joints, springs and others at markers, and the inertia
+            of point masses there; none by default.
 
     Raises:
         ValueError: on every rank, if frame, modes or points do not fit the domain.
@@ -80,7 +82,9 @@ class FlexibleBody:
         self.elasticity = Elasticity(domain, material, self.interpolation)
         self.reduction = CraigBampton(self.elasticity, frame, modes, tolerance=tolerance)
         self.stiffening = (
-            GeometricStiffening(self.elasticity, self.reduction, stiffening) if stiffening else None
+            GeometricStiffening(self.elasticity, self.reduction, stiffening, self.points)
+            if stiffening
+            else None
         )
 
     def with_modes(self, modes: int) -> FlexibleBody:
@@ -139,7 +143,12 @@ class FlexibleBody:
         reduced = perf_counter()
         integrals = volume_integrals(self.elasticity, self.reduction, basis, self.points)
         if self.stiffening is not None:
-            integrals = replace(integrals, stiffening=self.stiffening.matrices(basis))
+            inertia, at_markers = self.stiffening.matrices(basis)
+            markers = {
+                name: replace(marker, stiffening=at_markers.get(name))
+                for name, marker in integrals.markers.items()
+            }
+            integrals = replace(integrals, markers=markers, stiffening=inertia)
         return ReducedBody(
             integrals,
             basis,
@@ -171,8 +180,8 @@ class FlexibleBody:
             self.elasticity, self.reduction, reduced.basis, self.points, bar
         )
         shapes_bar, stiff = pull.shapes, None
-        if self.stiffening is not None and bar.stiffening:
-            stiff = self.stiffening.pullback(reduced.basis, bar.stiffening)
+        if self.stiffening is not None:
+            stiff = self.stiffening.pullback(reduced.basis, bar)
             shapes_bar = shapes_bar + stiff.shapes
         before = perf_counter()
         adjoint = self.reduction.pullback(reduced.basis, shapes_bar)
@@ -181,7 +190,8 @@ class FlexibleBody:
         w, y, kappa = pull.w, pull.y, pull.kappa + adjoint.fields
         y[:, 1 + k : -1] -= reduced.basis.eigenvalues * adjoint.fields[:, k:]
         if stiff is not None:
-            w, y = np.hstack([w, stiff.loads]), np.hstack([y, stiff.adjoints])
+            w = np.hstack([w, stiff.loads])
+            y = np.hstack([y, stiff.adjoints[:, : stiff.loads.shape[1]]])
             shapes = np.hstack([shapes, stiff.displacements])
             kappa = np.hstack([kappa, -stiff.adjoints])
         gradient = self.elasticity.density_gradient(w, y, shapes, kappa)

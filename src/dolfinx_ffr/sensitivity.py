@@ -28,6 +28,7 @@ from .mechanical_problem import (
 )
 from .mechanism import Mechanism
 from .objective import Constraint, Objective, Volume
+from .stiffening import MARKERS
 
 __all__ = ["Evaluation", "Problem"]
 
@@ -178,14 +179,21 @@ class Problem:
     def _compile(self) -> None:
         """Compile the time integration on one rank, for the others to find in the cache."""
         comm = next(iter(self.flexible.values())).domain.comm
+        stiffened = any(
+            MARKERS in body.stiffening.loads
+            if isinstance(body, FlexibleBody) and body.stiffening is not None
+            else isinstance(body, VolumeIntegrals)
+            and any(marker.stiffening is not None for marker in body.markers.values())
+            for body in self.bodies.values()
+        )
         loops = [compile_kernels]
         if isinstance(self.integrator, RadauIIA):
             loops.append(compile_stage_kernels)
         for compile_loops in loops:
             if comm.rank == 0:
-                compile_loops()
+                compile_loops(stiffened_markers=stiffened)
             comm.Barrier()
-            compile_loops(announce=lambda line: None)
+            compile_loops(announce=lambda line: None, stiffened_markers=stiffened)
 
     def value(self, x: Densities) -> Evaluation:
         """Return the objective and the constraints at densities.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Geometric stiffness of a body by the loads of its own inertia, and its pullback.
+"""Geometric stiffness of a body by its own inertia and by forces at markers, and its pullback.
 
 A body under stress is stiffer, or softer, against bending: a spinning blade, a strut. Linear shape
 functions miss that. For each unit load b of the body's inertia, with body force rho F_b,
@@ -12,8 +12,16 @@ strain,
 
     K_b,ij = int sigma_x(u_b) : (grad phi_i^T grad phi_j) dX.
 
-The dynamics multiplies it with the present load. Forces that joints and point masses exert on the
-body are not among the loads.
+The dynamics multiplies it with the present load. Likewise for each marker P and unit forces at it
+along the body's axes,
+
+    T_Pd,ij = int sigma_x(u_Pd) : (grad phi_i^T grad phi_j) dX.
+
+Since the work of a force is that of the marker's displacement, T_P is at the same time the second
+derivative of the latter: to second order the marker is displaced by Phi_P q - 1/2 q . T_P q. The
+mechanism takes markers there, and so the forces of joints, springs and others, and the inertia of
+point masses, stiffen the body without being known here. The rigid interface of a marker may take
+its force anywhere, as the displacement u_Pd does not depend on where.
 
 References:
     J. Wallrapp, R. Schwertassek, Representation of geometric stiffening in multibody system
@@ -23,7 +31,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from petsc4py import PETSc
@@ -33,15 +41,20 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from .body import VolumeIntegrals
 from .elasticity import Block, Elasticity, rotated
+from .markers import PointMarker
 from .reduction import CraigBampton, ReducedBasis
 
 __all__ = ["GeometricStiffening", "StiffeningPullback"]
 
 Array = NDArray[np.float64]
 
-#: loads, and the number of fields of each
+#: loads of the body's inertia, and the number of fields of each
 LOADS = {"omega2": 1, "alpha": 1, "acceleration": 2}
+
+#: name of the loads at markers
+MARKERS = "markers"
 
 
 @dataclass(frozen=True)
@@ -49,11 +62,11 @@ class StiffeningPullback:
     """Derivative of a number psi through the geometric stiffness.
 
     At fixed shape functions psi changes by  ``direct``  for each cell's density, and by
-    sum_b m_dx(F_b, z_b) - k_dx(u_b, z_b).
+    sum_b m_dx(F_b, z_b) - k_dx(u_b, z_b); forces at markers come last and have no field F_b.
     """
 
     direct: Array  #: (cells of this rank,)
-    loads: Block  #: (dofs, b) the fields F_b
+    loads: Block  #: (dofs, loads of the inertia) the fields F_b
     displacements: Block  #: (dofs, b) static displacements u_b
     adjoints: Block  #: (dofs, b) the fields z_b
     shapes: Block  #: (dofs, r) derivative with respect to the shape functions at fixed density
@@ -65,22 +78,34 @@ class GeometricStiffening:
     Args:
         elasticity: stiffness and mass of the body.
         reduction: frame of reference, and the factor of the stiffness.
-        loads: which of ``"omega2"``, ``"alpha"``, ``"acceleration"`` are modelled.
+        loads: which of ``"omega2"``, ``"alpha"``, ``"acceleration"``, ``"markers"`` are modelled;
+            the last one stands for the forces at all markers.
+        points: markers besides the interfaces.
 
     Raises:
         ValueError: if a load is not known or none is given.
     """
 
     def __init__(
-        self, elasticity: Elasticity, reduction: CraigBampton, loads: Sequence[str] = tuple(LOADS)
+        self,
+        elasticity: Elasticity,
+        reduction: CraigBampton,
+        loads: Sequence[str] = tuple(LOADS),
+        points: Mapping[str, PointMarker] | None = None,
     ) -> None:
-        unknown = [load for load in loads if load not in LOADS]
-        if unknown or not loads:
-            raise ValueError(
-                f"geometric stiffening: loads {list(loads)} must be some of {list(LOADS)}"
-            )
+        known = [*LOADS, MARKERS]
+        if not loads or not set(loads) <= set(known):
+            raise ValueError(f"geometric stiffening: loads {list(loads)} must be some of {known}")
         self.elasticity, self.reduction = elasticity, reduction
-        self.loads = tuple(load for load in LOADS if load in loads)
+        self.loads = tuple(load for load in known if load in loads)
+        self._inertia = tuple(load for load in LOADS if load in loads)
+        self._points = dict(points or {}) if MARKERS in loads else {}
+        # Markers that the frame holds take forces without stress.
+        self._interfaces = {
+            name: motion
+            for name in (elasticity.domain.interfaces if MARKERS in loads else ())
+            if np.any(motion := reduction.interface_motion(name)[0])
+        }
         space = elasticity.domain.space
         self._fields = [fem.Function(space) for _ in range(3)]
         displacement, phi, kappa = self._fields
@@ -101,14 +126,15 @@ class GeometricStiffening:
             ufl.derivative(energy(displacement, phi, kappa), elasticity.density, test)
         )
 
-    def matrices(self, basis: ReducedBasis) -> dict[str, Array]:
+    def matrices(self, basis: ReducedBasis) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the geometric stiffness at the density that is assembled.
 
         Args:
             basis: shape functions, from the same density.
 
         Returns:
-            By load, shape (r, r), or (2, r, r) for ``"acceleration"``; the same on every rank.
+            By load of the inertia, shape (r, r), or (2, r, r) for ``"acceleration"``; and by marker
+            on which a force stresses the body, shape (2, r, r); the same on every rank.
         """
         shapes = basis.shapes
         found = []
@@ -116,28 +142,32 @@ class GeometricStiffening:
             matrix = self._assembled(displacement)
             part = self.elasticity.inner(shapes, self.elasticity.apply(matrix, shapes))
             found.append(0.5 * (part + part.T))
-        result, first = {}, 0
-        for load in self.loads:
+        inertia, markers, first = {}, {}, 0
+        for load in self._inertia:
             count = LOADS[load]
-            result[load] = found[first] if count == 1 else np.stack(found[first : first + count])
+            inertia[load] = found[first] if count == 1 else np.stack(found[first : first + count])
             first += count
-        return result
+        for name in [*self._interfaces, *self._points]:
+            markers[name] = np.stack(found[first : first + 2])
+            first += 2
+        return inertia, markers
 
-    def pullback(self, basis: ReducedBasis, bar: dict[str, Array]) -> StiffeningPullback:
+    def pullback(self, basis: ReducedBasis, bar: VolumeIntegrals) -> StiffeningPullback:
         """Return the transpose of the derivative of `matrices`.
 
         Args:
             basis: as in the forward map, at the density that is still assembled.
-            bar: derivative of psi with respect to each geometric stiffness, by load.
+            bar: derivative of psi with respect to the integrals, geometric stiffness included.
         """
         elasticity, shapes = self.elasticity, basis.shapes
-        r = shapes.shape[1]
-        bars = np.concatenate([np.reshape(bar[load], (-1, r, r)) for load in self.loads])
+        bars = self._bars(bar)
         displacements = self._displacements(basis)
         direct = np.zeros(elasticity.domain.n_cells)
         shapes_bar = np.zeros_like(shapes)
         forces = np.zeros_like(displacements)
         for b, displacement in enumerate(displacements.T):
+            if not np.any(bars[b]):
+                continue
             partner = shapes @ (0.5 * (bars[b] + bars[b].T))
             shapes_bar += 2.0 * elasticity.apply(self._assembled(displacement), partner)
             for phi, kappa in zip(shapes.T, partner.T, strict=True):
@@ -156,18 +186,37 @@ class GeometricStiffening:
             shapes=shapes_bar,
         )
 
+    def _bars(self, bar: VolumeIntegrals) -> list[Array]:
+        """Return the derivatives by the matrices, in the order of the displacements."""
+        r = bar.modes
+        none = {load: np.zeros((count, r, r)) for load, count in LOADS.items()}
+        parts = [np.zeros((0, r, r))]
+        parts += [(none | bar.stiffening)[load].reshape(-1, r, r) for load in self._inertia]
+        for name in [*self._interfaces, *self._points]:
+            of_marker = bar.markers[name].stiffening
+            parts.append(np.zeros((2, r, r)) if of_marker is None else of_marker)
+        return list(np.concatenate(parts))
+
     def _load_fields(self) -> Block:
-        """Return the fields F_b of the loads that are modelled."""
+        """Return the fields F_b of the loads of the inertia that are modelled."""
         reference = self.reduction.reference[:, None]
         unit = np.zeros((len(reference), 2))
         unit[0::2, 0] = unit[1::2, 1] = 1.0
         fields = {"omega2": reference, "alpha": -rotated(reference), "acceleration": -unit}
-        return np.hstack([fields[load] for load in self.loads])
+        return np.hstack([unit[:, :0], *(fields[load] for load in self._inertia)])
 
     def _displacements(self, basis: ReducedBasis) -> Block:
-        """Return the static displacements u_b."""
+        """Return the static displacements u_b, then those by forces at interfaces and points."""
         elasticity = self.elasticity
-        return self._static(basis, elasticity.apply(elasticity.mass, self._load_fields()))
+        blocks = [np.zeros((elasticity.n_dofs, 0))]
+        if self._inertia:
+            loads = elasticity.apply(elasticity.mass, self._load_fields())
+            blocks.append(self._static(basis, loads))
+        for motion in self._interfaces.values():
+            blocks.append(self._of_modes(basis, motion[:, : basis.n_constraint].T))
+        for point in self._points.values():
+            blocks.append(self._static(basis, point.pullback(np.eye(2), np.zeros(2))))
+        return np.hstack(blocks)
 
     def _static(self, basis: ReducedBasis, forces: Block) -> Block:
         """Return the static displacements under forces, the body held by its frame alone.
@@ -177,14 +226,19 @@ class GeometricStiffening:
         """
         interior = forces.copy()
         interior[self.reduction.held] = 0.0
-        found = self.reduction.solve(interior)
         modes = basis.shapes[:, : basis.n_constraint]
-        if modes.shape[1]:
-            stiffness = self.elasticity.inner(
-                modes, self.elasticity.apply(self.elasticity.stiffness, modes)
-            )
-            found += modes @ np.linalg.solve(stiffness, self.elasticity.inner(modes, forces))
-        return found
+        of_modes = self._of_modes(basis, self.elasticity.inner(modes, forces))
+        return of_modes + self.reduction.solve(interior)
+
+    def _of_modes(self, basis: ReducedBasis, forces: Array) -> Block:
+        """Return the static displacements under generalised forces on the constraint modes."""
+        modes = basis.shapes[:, : basis.n_constraint]
+        if not modes.shape[1]:
+            return np.zeros((len(modes), forces.shape[1]))
+        stiffness = self.elasticity.inner(
+            modes, self.elasticity.apply(self.elasticity.stiffness, modes)
+        )
+        return modes @ np.linalg.solve(stiffness, forces)
 
     def _assembled(self, displacement: Array) -> PETSc.Mat:
         """Return the geometric stiffness matrix of one static displacement."""

@@ -53,7 +53,10 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             raise ValueError(f"bar.{name} must have shape {shape}, but it has shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise ValueError(f"bar.{name} holds NaN or infinity")
-    markers = np.zeros((model.arrays.marker_body.size, 3, model.arrays.psi.shape[1] + 1))
+    modes = model.arrays.psi.shape[1]
+    bent = model.arrays.bent
+    rows_of_marker = 3 if bent is None else 3 + 2 * modes
+    markers = np.zeros((model.arrays.marker_body.size, rows_of_marker, modes + 1))
     with one_thread():
         if trajectory.method:
             x, shifts, first, states, gravity = _constant_steps(trajectory, bar, markers)
@@ -74,15 +77,24 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             for name in model.bodies
         }
     for (body, marker), number in model.markers.items():
-        old, r = bars[body].markers[marker], model.bodies[body].modes
-        bars[body].markers[marker] = replace(
-            old,
-            displacement=old.displacement + markers[number, :2, 1 : r + 1],
-            rotation=old.rotation + markers[number, 2, 1 : r + 1],
+        r, stiffening = model.bodies[body].modes, None
+        if bent is not None and bent[0][number] >= 0:
+            parts = markers[number, 3 : 3 + 2 * r, 1 : r + 1].reshape(2, r, r)
+            stiffening = 0.5 * (parts + parts.transpose(0, 2, 1))
+        bars[body].markers[marker] += BodyMarker(
+            np.zeros(2),
+            markers[number, :2, 1 : r + 1],
+            markers[number, 2, 1 : r + 1],
+            stiffening,
         )
     for point in reversed(model.mechanism.point_masses):
         body, marker = point.marker
         bars[body] = model.bodies[body].point_mass_pullback(bars[body], marker, point.mass)
+    # Loads that point masses alone have brought are no integrals of the body.
+    for name, bar_of_body in bars.items():
+        given = model.bodies[name].stiffening.keys()
+        kept = {load: part for load, part in bar_of_body.stiffening.items() if load in given}
+        bars[name] = replace(bar_of_body, stiffening=kept)
     return bars
 
 
@@ -129,7 +141,7 @@ def _stages(trajectory: Trajectory, bar: TrajectoryBar, markers: Array) -> _Pull
     """Transpose of the Radau IIA method."""
     model, size = trajectory.model, trajectory.y.shape
     x, shifts, first = np.zeros(size), np.zeros((2, *size)), np.zeros((2, model.size))
-    compile_stage_kernels()
+    compile_stage_kernels(stiffened_markers=model.arrays.bent is not None)
     status, step = stage_kernels.backward(
         model.arrays,
         np.diff(trajectory.step_ends),
@@ -196,23 +208,19 @@ def _integral_bars(
     N = qh.T @ (xi * ah + alpha * xh) + vh.T @ (2.0 * omega * xh)
     K = x[:, 3:].T @ (y[:, 3:] + damping_k * v[:, 3:])
     stiffening = {}
-    if integrals.stiffening:
+    if model.arrays.stiffened[b]:
         loads = (("omega2", omega**2), ("alpha", alpha), ("x", a_r[:, :1]), ("y", a_r[:, 1:]))
         products = {load: x[:, 3:].T @ (weight * y[:, 3:]) for load, weight in loads}
         parts = {load: -0.5 * (product + product.T) for load, product in products.items()}
         acceleration = np.stack([parts.pop("x"), parts.pop("y")])
         stiffening = {**parts, "acceleration": acceleration}
-        stiffening = {load: stiffening[load] for load in integrals.stiffening}
     return VolumeIntegrals(
         mass=-float(np.sum(a_r * x_r)),
         S=-S,
         G=-0.5 * (G + G.T),
         N=-0.5 * (N - N.T),
         K=-0.5 * (K + K.T),
-        markers={
-            name: BodyMarker(0.0 * m.position, 0.0 * m.displacement, 0.0 * m.rotation)
-            for name, m in integrals.markers.items()
-        },
+        markers={name: marker.scaled(0.0) for name, marker in integrals.markers.items()},
         stiffening=stiffening,
     )
 

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -33,6 +35,24 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
+def stiffened_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a kernel that only markers with geometric stiffness need.
+
+    For a model whose `bent` is None it becomes nothing when the functions that call it are
+    compiled, so that such mechanisms run as if it were not there. Its first argument must be the
+    model.
+    """
+    names = ", ".join(inspect.signature(function).parameters)
+    nothing = eval(f"lambda {names}: None")
+
+    @overload(function, strict=False, jit_options={"error_model": "numpy", "forceinline": True})
+    def choose(model: Any, *_: Any) -> Callable[..., Any]:
+        without = isinstance(model.types[model.fields.index("bent")], types.NoneType)
+        return nothing if without else function
+
+    return function
+
+
 class ModelArrays(NamedTuple):
     """A mechanism as flat arrays, padded to the largest number of modes."""
 
@@ -53,6 +73,9 @@ class ModelArrays(NamedTuple):
     marker_slot: Integers  # (markers,) place in `prescribed` for the latter
     W: Array  # (markers, 2, modes + 1) reference position and shape functions
     psi: Array  # (markers, modes) rotation shape functions
+    #: (markers,) place in the table, or -1 for a marker without geometric stiffness, and the table
+    #: (stiffened markers, 2, modes, modes); None where no marker has any.
+    bent: tuple[Integers, Array] | None
     prescribed: Array  # (instants, prescribed markers, 3 derivatives, 3) of (x, y, angle)
     kind: Integers  # (rows,)
     side: Integers  # (rows, 2) the two markers
@@ -69,7 +92,8 @@ class Work(NamedTuple):
     """Work arrays of the kernels."""
 
     rotation: Array  # (bodies, 2) cosine and sine
-    P: Array  # (markers, 2, modes) shape functions turned into the global axes
+    P: Array  # (markers, 2, modes) derivative with respect to q, in the global axes
+    bend: Array | None  # (markers, 2, modes) A T v of markers with geometric stiffness
     arm: Array  # (markers, 2) marker minus origin of the body's frame
     swing: Array  # (markers, 2) elastic part of the velocity
     z: Array  # (markers, 3)
@@ -96,6 +120,12 @@ class Work(NamedTuple):
     pivot: Integers  # (n + 2 rows,)
 
 
+@stiffened_kernel
+def make_bend(model: ModelArrays) -> Array | None:
+    """Array for A T v of the markers."""
+    return np.zeros((model.marker_body.size, 2, model.psi.shape[1]))
+
+
 @kernel
 def make_work(model: ModelArrays) -> Work:
     """Work arrays for a model."""
@@ -108,6 +138,7 @@ def make_work(model: ModelArrays) -> Work:
     return Work(
         np.zeros((bodies, 2)),
         np.zeros((markers, 2, modes)),
+        make_bend(model),
         np.zeros((markers, 2)),
         np.zeros((markers, 2)),
         np.zeros((markers, 3)),

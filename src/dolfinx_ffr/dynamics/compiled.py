@@ -20,9 +20,12 @@ _PATIENCE = 1.5
 
 
 _ready = False
+_stiffened_ready = False
 
 
-def compile_kernels(announce: Callable[[str], None] | None = None) -> float:
+def compile_kernels(
+    announce: Callable[[str], None] | None = None, *, stiffened_markers: bool = False
+) -> float:
     """Compile the time integration and its adjoint, or load them from disk.
 
     Compilation takes about half a minute and happens once on a machine; later runs load the
@@ -31,11 +34,19 @@ def compile_kernels(announce: Callable[[str], None] | None = None) -> float:
     Args:
         announce: Called with one line of text if it takes long; by default the line goes to the
             standard error. Under MPI, silence all ranks but one with ``lambda text: None``.
+        stiffened_markers: Compile for mechanisms whose markers have geometric stiffness, which is
+            another compilation; the others do without what these need.
 
     Returns:
         Seconds taken.
     """
-    global _ready
+    global _ready, _stiffened_ready
+    if stiffened_markers:
+        if _stiffened_ready:
+            return 0.0
+        seconds = announced(lambda: _call_on(empty_model(stiffened_markers=True)), announce)
+        _stiffened_ready = True
+        return seconds
     if _ready:
         return 0.0
     seconds = announced(_call_on_nothing, announce)
@@ -66,8 +77,12 @@ def announced(work: Callable[[], None], announce: Callable[[str], None] | None =
     return time.perf_counter() - began
 
 
-def empty_model() -> ModelArrays:
-    """A mechanism without bodies."""
+def empty_model(*, stiffened_markers: bool = False) -> ModelArrays:
+    """A mechanism without bodies.
+
+    Args:
+        stiffened_markers: Whether it counts as one whose markers have geometric stiffness.
+    """
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
     return ModelArrays(
         first=none,
@@ -87,6 +102,7 @@ def empty_model() -> ModelArrays:
         marker_slot=none,
         W=z((0, 2, 1)),
         psi=z((0, 0)),
+        bent=(none, z((0, 2, 0, 0))) if stiffened_markers else None,
         prescribed=z((2, 0, 3, 3)),
         kind=none,
         side=z((0, 2), dtype=np.int64),
@@ -102,7 +118,12 @@ def empty_model() -> ModelArrays:
 
 def _call_on_nothing() -> None:
     """Call every kernel on a mechanism without bodies, which makes Numba compile or load it."""
-    z, none, model = np.zeros, np.zeros(0, dtype=np.int64), empty_model()
+    _call_on(empty_model())
+
+
+def _call_on(model: ModelArrays) -> None:
+    """Call every kernel on an empty model."""
+    z, none = np.zeros, np.zeros(0, dtype=np.int64)
     state, table, method = z(0), [z((1, 0)) for _ in range(6)], (0.0, 0.0, 0.5, 0.25)
     kernels.evaluate(model, 0, state, state, state, state)
     kernels.place(model, 0, state)

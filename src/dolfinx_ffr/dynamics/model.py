@@ -336,6 +336,7 @@ def assemble_model(
     W = np.zeros((len(table), 2, modes + 1))
     psi = np.zeros((len(table), modes))
     body_of, slot_of = np.full(len(table), -1), np.zeros(len(table), dtype=np.int64)
+    bent, bends = np.full(len(table), -1), []
     slots = 0
     for number, known in enumerate(table):
         if isinstance(known, tuple):
@@ -344,6 +345,9 @@ def assemble_model(
             W[number, :, : r + 1] = point_of_body.basis
             psi[number, :r] = point_of_body.rotation
             body_of[number] = list(bodies).index(known[0])
+            if point_of_body.stiffening is not None and r:
+                bent[number] = len(bends)
+                bends.append(_padded_stiffening(point_of_body.stiffening, modes))
         else:
             slot_of[number] = slots
             slots += 1
@@ -354,6 +358,7 @@ def assemble_model(
         marker_slot=slot_of,
         W=W,
         psi=psi,
+        bent=(bent.astype(np.int64), np.array(bends)) if bends else None,
         kind=np.array([row.kind for row, _ in rows], dtype=np.int64),
         side=np.array(sides, dtype=np.int64).reshape(-1, 2),
         normal=_pairs([row.normal for row, _ in rows]),
@@ -387,6 +392,14 @@ def _stack(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:
     return np.ascontiguousarray(np.stack(tables, axis=1))
 
 
+def _padded_stiffening(stiffening: Array, modes: int) -> Array:
+    """Geometric stiffness (n, r, r), exactly symmetric, with rows and columns of zeros added."""
+    r = stiffening.shape[-1]
+    out = np.zeros((len(stiffening), modes, modes))
+    out[:, :r, :r] = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
+    return out
+
+
 def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
     """Padded arrays of all bodies, by name of the field of ModelArrays."""
     count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
@@ -408,8 +421,7 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
     for b, (name, integrals) in enumerate(bodies.items()):
         r = integrals.modes
         if integrals.stiffening:
-            stacked = integrals.stacked_stiffening
-            out["stiffening"][b, :, :r, :r] = 0.5 * (stacked + stacked.transpose(0, 2, 1))
+            out["stiffening"][b] = _padded_stiffening(integrals.stacked_stiffening, modes)
         out["S"][b, : r + 1] = integrals.S
         # The kernels use rows as columns: remove what round-off has left of the other part.
         out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)

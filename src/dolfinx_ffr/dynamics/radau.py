@@ -438,10 +438,13 @@ def _failure(
     return SimulationError(diagnosis(tried, row, where, iterations, status, remedy), trajectory)
 
 
-_ready = False
+#: Whether markers have geometric stiffness in the models for which the loops are compiled.
+_ready: set[bool] = set()
 
 
-def compile_stage_kernels(announce: Callable[[str], None] | None = None) -> float:
+def compile_stage_kernels(
+    announce: Callable[[str], None] | None = None, *, stiffened_markers: bool = False
+) -> float:
     """Compile the loops of this method, or load them from disk.
 
     The simulation itself calls it; see :func:`compile_kernels`.
@@ -449,21 +452,22 @@ def compile_stage_kernels(announce: Callable[[str], None] | None = None) -> floa
     Args:
         announce: Called with one line of text if it takes long; by default the line goes to the
             standard error.
+        stiffened_markers: As there.
 
     Returns:
         Seconds taken.
     """
-    global _ready
-    if _ready:
+    if stiffened_markers in _ready:
         return 0.0
-    seconds = announced(_call_on_nothing, announce)
-    _ready = True
+    seconds = announced(lambda: _call_on_nothing(stiffened_markers), announce)
+    _ready.add(stiffened_markers)
     return seconds
 
 
-def _call_on_nothing() -> None:
+def _call_on_nothing(stiffened_markers: bool) -> None:
     """Call both loops on a mechanism without bodies, which makes Numba compile or load them."""
-    z, none, model = np.zeros, np.zeros(0, dtype=np.int64), empty_model()
+    z, none = np.zeros, np.zeros(0, dtype=np.int64)
+    model = empty_model(stiffened_markers=stiffened_markers)
     table = [z((1, 0)) for _ in range(5)]
     stage_kernels.march(
         model, z(0), *table, 0.0, z((3, 0)), z((3, 0)), z(0), z(3), 1.0, z((0, 3)), none

@@ -12,13 +12,89 @@ the chain from the coordinates of the bodies to the markers, and its transpose, 
 For a marker of a flexible body with shape functions W (reference position first) and psi,
 
     (x, y) = R + A(theta) W (1, q),      angle = theta + psi q.
+
+A marker with geometric stiffness T moves by -1/2 A (q . T_x q, q . T_y q) as well, and a force f
+on it does the work of  P_j = A (W_j - T_j q)  per q_j. With P in place of A W all first
+derivatives keep their form; the second ones gain
+
+    d2 (x, y) / dq_j dq_k = -A T_jk.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from .arrays import DISTANCE, LINE, Array, ModelArrays, Work, kernel
+from .arrays import DISTANCE, LINE, Array, ModelArrays, Work, kernel, stiffened_kernel
+
+
+@stiffened_kernel
+def bend_marker(model: ModelArrays, m: int, y: Array, v: Array, work: Work) -> None:
+    """Add the share of geometric stiffness to place and motion of a marker; keep its A T v."""
+    b, t = model.marker_body[m], model.bent[0][m]
+    if t >= 0:
+        o, n = model.first[b], model.modes[b]
+        c, s = work.rotation[b, 0], work.rotation[b, 1]
+        ax = ay = vx = vy = 0.0
+        for j in range(n):
+            qx = qy = dx = dy = 0.0
+            for k in range(n):
+                qx += model.bent[1][t, 0, j, k] * y[o + 3 + k]
+                qy += model.bent[1][t, 1, j, k] * y[o + 3 + k]
+                dx += model.bent[1][t, 0, j, k] * v[o + 3 + k]
+                dy += model.bent[1][t, 1, j, k] * v[o + 3 + k]
+            px, py = c * qx - s * qy, s * qx + c * qy
+            work.P[m, 0, j] -= px
+            work.P[m, 1, j] -= py
+            ax -= 0.5 * px * y[o + 3 + j]
+            ay -= 0.5 * py * y[o + 3 + j]
+            vx -= px * v[o + 3 + j]
+            vy -= py * v[o + 3 + j]
+            work.bend[m, 0, j] = c * dx - s * dy
+            work.bend[m, 1, j] = s * dx + c * dy
+        work.arm[m, 0] += ax
+        work.arm[m, 1] += ay
+        work.swing[m, 0] += vx
+        work.swing[m, 1] += vy
+        work.z[m, 0] += ax
+        work.z[m, 1] += ay
+        work.zd[m, 0] += vx - v[o + 2] * ay
+        work.zd[m, 1] += vy + v[o + 2] * ax
+
+
+@stiffened_kernel
+def subtract_bend(model: ModelArrays, m: int, x: Array, work: Work, out: Array, at: int) -> None:
+    """Subtract A (x . T v), where a marker has geometric stiffness, from out[at:at+2]."""
+    if model.bent[0][m] >= 0:
+        o = model.first[model.marker_body[m]]
+        for j in range(model.modes[model.marker_body[m]]):
+            out[at] -= work.bend[m, 0, j] * x[o + 3 + j]
+            out[at + 1] -= work.bend[m, 1, j] * x[o + 3 + j]
+
+
+@stiffened_kernel
+def pull_bend(model: ModelArrays, m: int, fx: float, fy: float, work: Work, out: Array) -> None:
+    """Subtract f . A T v, where a marker has geometric stiffness, from out."""
+    if model.bent[0][m] >= 0:
+        o = model.first[model.marker_body[m]]
+        for j in range(model.modes[model.marker_body[m]]):
+            out[o + 3 + j] -= fx * work.bend[m, 0, j] + fy * work.bend[m, 1, j]
+
+
+@stiffened_kernel
+def add_bend_stiffness(
+    model: ModelArrays, m: int, fx: float, fy: float, factor: float, work: Work
+) -> None:
+    """Share of geometric stiffness in add_arm_stiffness."""
+    b, t = model.marker_body[m], model.bent[0][m]
+    if t >= 0:
+        o = model.first[b] + 3
+        c, s = factor * work.rotation[b, 0], factor * work.rotation[b, 1]
+        lx, ly = c * fx + s * fy, c * fy - s * fx  # in the body's axes
+        for j in range(model.modes[b]):
+            for k in range(model.modes[b]):
+                work.Ky[o + j, o + k] -= (
+                    lx * model.bent[1][t, 0, j, k] + ly * model.bent[1][t, 1, j, k]
+                )
 
 
 @kernel
@@ -61,6 +137,7 @@ def place_markers(model: ModelArrays, k: int, y: Array, v: Array, work: Work) ->
         work.zd[m, 0] = v[o] - omega * ay + vx
         work.zd[m, 1] = v[o + 1] + omega * ax + vy
         work.zd[m, 2] = omega + spin
+        bend_marker(model, m, y, v, work)
 
 
 @kernel
@@ -109,6 +186,7 @@ def marker_velocity_push(
         for j in range(model.modes[b]):
             out[at] -= omega * work.P[m, 1, j] * x[o + 3 + j]
             out[at + 1] += omega * work.P[m, 0, j] * x[o + 3 + j]
+        subtract_bend(model, m, x, work, out, at)
 
 
 @kernel
@@ -124,6 +202,7 @@ def add_arm_stiffness(
             turned = factor * (fy * work.P[m, 0, j] - fx * work.P[m, 1, j])
             work.Ky[o + 2, o + 3 + j] += turned
             work.Ky[o + 3 + j, o + 2] += turned
+        add_bend_stiffness(model, m, fx, fy, factor, work)
 
 
 @kernel
@@ -257,6 +336,7 @@ def row_curvatures(model: ModelArrays, v: Array, lam: Array, work: Work) -> None
             work.D[i, o + 2] -= omega * (gx * work.arm[m, 0] + gy * work.arm[m, 1])
             for j in range(model.modes[b]):
                 work.D[i, o + 3 + j] += omega * (gy * work.P[m, 0, j] - gx * work.P[m, 1, j])
+            pull_bend(model, m, gx, gy, work, work.D[i])
             add_arm_stiffness(model, m, gx, gy, lam[i], work)
         # The Hessian of a line fixed to the ground or to a prescribed marker does not reach y.
         if curved and (model.kind[i] == DISTANCE or model.marker_body[model.side[i, 1]] >= 0):
@@ -314,7 +394,9 @@ def rows_pullback(
 
     with dz = z_y x, and x, lam, m2, m3, m4 held fixed. The bars of a marker are markers[m]
     (3, modes + 1): x and y of the shape functions W in the body's axes, and those of the rotation,
-    whose first entry stays zero. Markers must have been placed by evaluate_rows.
+    whose first entry stays zero. Where markers have geometric stiffness there are 2 modes rows
+    more, those of T_x and of T_y, whose first column stays zero; the derivative is their symmetric
+    part. Markers must have been placed by evaluate_rows.
     """
     dz, u, h, third = np.empty(6), work.u, np.empty(6), np.empty(6)
     bars = np.empty((4, 6))  # of z, dz, z', z''
@@ -407,3 +489,53 @@ def marker_pullback(
         markers[m, 0, j + 1] += c * fx + s * fy
         markers[m, 1, j + 1] += c * fy - s * fx
         markers[m, 2, j + 1] += pt * y[i] + dt * v[i] + ct * w[i] + et * x[i]
+    bend_pullback(model, m, y, v, w, x, sx, sy, ux, uy, ex, ey, cx, cy, work, y_bar, v_bar, markers)
+
+
+@stiffened_kernel
+def bend_pullback(
+    model: ModelArrays,
+    m: int,
+    y: Array,
+    v: Array,
+    w: Array,
+    x: Array,
+    sx: float,
+    sy: float,
+    ux: float,
+    uy: float,
+    ex: float,
+    ey: float,
+    cx: float,
+    cy: float,
+    work: Work,
+    y_bar: Array,
+    v_bar: Array,
+    markers: Array,
+) -> None:
+    """Share of geometric stiffness in marker_pullback.
+
+    The bars s, u, e, c are those of the arm, of P v, of P x and of P w; that of the acceleration
+    -A (v . T v) is c as well.
+    """
+    b, t = model.marker_body[m], model.bent[0][m]
+    if t < 0:
+        return
+    o, n = model.first[b], model.modes[b]
+    c, s = work.rotation[b, 0], work.rotation[b, 1]
+    # in the body's axes
+    lsx, lsy, lux, luy = c * sx + s * sy, c * sy - s * sx, c * ux + s * uy, c * uy - s * ux
+    lex, ley, lcx, lcy = c * ex + s * ey, c * ey - s * ex, c * cx + s * cy, c * cy - s * cx
+    for j in range(n):
+        i = o + 3 + j
+        bx, by = work.bend[m, 0, j], work.bend[m, 1, j]
+        y_bar[o + 2] += (by * cx - bx * cy) * v[i]
+        v_bar[i] -= 2.0 * (cx * bx + cy * by)
+        fx = 0.5 * lsx * y[i] + lux * v[i] + lcx * w[i] + lex * x[i]
+        fy = 0.5 * lsy * y[i] + luy * v[i] + lcy * w[i] + ley * x[i]
+        for k in range(n):
+            p = o + 3 + k
+            y_bar[i] -= model.bent[1][t, 0, j, k] * (lex * x[p] + lux * v[p] + lcx * w[p])
+            y_bar[i] -= model.bent[1][t, 1, j, k] * (ley * x[p] + luy * v[p] + lcy * w[p])
+            markers[m, 3 + j, k + 1] -= fx * y[p] + lcx * v[i] * v[p]
+            markers[m, 3 + n + j, k + 1] -= fy * y[p] + lcy * v[i] * v[p]

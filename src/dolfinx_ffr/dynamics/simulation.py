@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -21,6 +21,7 @@ from .equilibrium import NoEquilibriumError
 from .failures import SimulationError, at_rest
 from .generalized_alpha import GeneralizedAlpha, integrate_with_constant_steps
 from .initial import initial_state
+from .loops import kernels
 from .model import assemble_model
 from .radau import RadauIIA, compile_stage_kernels, integrate_with_radau
 from .trajectory import Trajectory
@@ -35,7 +36,13 @@ _CHUNK = 2000
 
 
 class SofteningWarning(UserWarning):
-    """A body turns faster than its lowest frequency, where the linear theory fails."""
+    """A body turns faster than its lowest frequency, where the linear theory fails.
+
+    Judged by the loads of the body's own inertia, and of point masses at markers with geometric
+    stiffness. Forces of joints, springs and others at such markers may take the warning back, where
+    they hold the body; that they alone buckle a body is not reported, as this depends on how its
+    neighbours hold it.
+    """
 
 
 def simulate(
@@ -110,9 +117,10 @@ def _simulate(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
 ) -> Trajectory:
     model = assemble_model(mechanism, bodies, integrator.times)
-    compile_kernels()
+    stiffened = model.arrays.bent is not None
+    compile_kernels(stiffened_markers=stiffened)
     if isinstance(integrator, RadauIIA):
-        compile_stage_kernels()
+        compile_stage_kernels(stiffened_markers=stiffened)
     with one_thread():
         try:
             y0, v0 = initial_state(model)
@@ -134,7 +142,7 @@ def _warn_of_softening(trajectory: Trajectory) -> None:
         G, K = model.arrays.G[b, 1 : n + 1, 1 : n + 1], model.arrays.K[b, :n, :n]
         speed = np.abs(trajectory.v[:, model.coordinates(name).start + 2])
         if model.arrays.stiffened[b]:
-            k = _first_softening(trajectory, b)
+            k = _first_unheld(trajectory, b, _softening(trajectory, b))
             if k >= 0:
                 warnings.warn(
                     f"body {name!r} loses its stiffness at t = {trajectory.t[k]:.4g} s, where it "
@@ -145,9 +153,9 @@ def _warn_of_softening(trajectory: Trajectory) -> None:
                 )
             continue
         lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
-        fast = speed**2 > lowest
-        if lowest > 0.0 and np.any(fast):
-            k = int(np.argmax(fast))
+        fast = np.flatnonzero(speed**2 > lowest) if lowest > 0.0 else []
+        k = _first_unheld(trajectory, b, fast)
+        if k >= 0:
             warnings.warn(
                 f"body {name!r} turns with {speed[k]:.4g} rad/s at t = {trajectory.t[k]:.4g} s, "
                 f"faster than its lowest frequency of {math.sqrt(lowest):.4g} rad/s: without "
@@ -157,8 +165,8 @@ def _warn_of_softening(trajectory: Trajectory) -> None:
             )
 
 
-def _first_softening(trajectory: Trajectory, b: int) -> int:
-    """First step at which K + B - omega^2 G is indefinite, B the geometric stiffness; or -1."""
+def _softening(trajectory: Trajectory, b: int) -> Iterator[int]:
+    """Steps at which K + B - omega^2 G is indefinite, B the stiffness by the body's inertia."""
     arrays = trajectory.model.arrays
     o, n = int(arrays.first[b]), int(arrays.modes[b])
     G, T = arrays.G[b, 1 : n + 1, 1 : n + 1], arrays.stiffening[b, :, :n, :n]
@@ -174,8 +182,24 @@ def _first_softening(trajectory: Trajectory, b: int) -> int:
     for start in range(0, len(loads), _CHUNK):
         stiffness = np.diag(frequencies) + np.tensordot(loads[start : start + _CHUNK], parts, 1)
         soft = np.linalg.eigvalsh(stiffness)[:, 0] < min(0.0, -1e-12 * frequencies[-1])
-        if np.any(soft):
-            return start + int(np.argmax(soft))
+        yield from start + np.flatnonzero(soft)
+
+
+def _first_unheld(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
+    """First of these steps at which forces at markers do not hold the body either; or -1."""
+    arrays = trajectory.model.arrays
+    elastic = slice(int(arrays.first[b]) + 3, int(arrays.first[b] + 3 + arrays.modes[b]))
+    stiffened = arrays.bent is not None and np.any(arrays.bent[0][arrays.marker_body == b] >= 0)
+    for k in steps:
+        if not stiffened:
+            return int(k)
+        state = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w))
+        *_, Ky = kernels.evaluate(arrays, int(k), *state, trajectory.multipliers[k])
+        stiffness = Ky[elastic, elastic] + Ky[elastic, elastic].T
+        scale = 1.0 / np.sqrt(np.diag(arrays.G[b])[1 : len(stiffness) + 1])
+        squares = np.linalg.eigvalsh(scale[:, None] * stiffness * scale)
+        if squares[0] < min(0.0, -1e-12 * squares[-1]):
+            return int(k)
     return -1
 
 

@@ -34,6 +34,7 @@ from .rows import (
     row_curvatures,
     row_hessian,
     rows_pullback,
+    subtract_bend,
 )
 
 
@@ -53,6 +54,7 @@ def marker_accelerations(
             out[m, 0] = work.out[0] - omega * (omega * work.arm[m, 0] + 2.0 * work.swing[m, 1])
             out[m, 1] = work.out[1] - omega * (omega * work.arm[m, 1] - 2.0 * work.swing[m, 0])
             out[m, 2] = work.out[2]
+            subtract_bend(model, m, v, work, out[m], 0)
 
 
 @kernel

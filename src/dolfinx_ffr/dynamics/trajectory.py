@@ -109,7 +109,7 @@ class Trajectory:
         markers = self.model.bodies[body].markers
         if marker not in markers:
             raise ValueError(f"body {body!r} has no marker {marker!r}, but {list(markers)}")
-        local = markers[marker].position + elastic @ markers[marker].displacement.T
+        local = markers[marker].position + markers[marker].shift(elastic)
         return rigid[:, :2] + _rotated(local, rigid[:, 2])
 
     def joint_force(self, name: str) -> Array:

@@ -6,6 +6,9 @@ w = X + Phi q; J is the rotation by a quarter turn, omega and alpha are the angu
 acceleration. Its acceleration is
 
     a = R'' + A b,     b = alpha J w + Phi q'' - omega^2 w + 2 omega J Phi q'.
+
+Of a marker with geometric stiffness T, w = X + Phi q - 1/2 q . T q; Phi - T q stands for Phi in b,
+which gains -q' . T q'.
 """
 
 from __future__ import annotations
@@ -51,11 +54,19 @@ class _MarkerObjective(Objective):
             )
         return markers[self.marker]
 
-    def _bars(self, bodies: Bodies, displacement: Array) -> dict[str, VolumeIntegrals]:
-        """Derivatives with respect to the integrals, of which only the shape functions matter."""
+    def _bars(
+        self, bodies: Bodies, displacement: Array, stiffening: Array
+    ) -> dict[str, VolumeIntegrals]:
+        """Derivatives with respect to the integrals, of which only those of the marker matter."""
         bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
         markers = bars[self.body].markers
-        markers[self.marker] = replace(markers[self.marker], displacement=displacement)
+        old = markers[self.marker]
+        symmetric = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
+        markers[self.marker] = replace(
+            old,
+            displacement=displacement,
+            stiffening=None if old.stiffening is None else symmetric,
+        )
         return bars
 
 
@@ -111,7 +122,7 @@ class PathTracking(_MarkerObjective):
             ValueError: If a name does not exist, or path or weight does not fit the time steps.
         """
         distance, w = self._distance(trajectory, bodies)
-        basis = bodies[self.body].markers[self.marker].displacement
+        point = bodies[self.body].markers[self.marker]
         where = trajectory.model.coordinates(self.body)
         theta, q = trajectory.y[:, where.start + 2], trajectory.elastic(self.body)
         bar = TrajectoryBar.zeros(trajectory)
@@ -119,14 +130,14 @@ class PathTracking(_MarkerObjective):
         local = _turned(r_bar, -theta)
         bar.y[:, where.start : where.start + 2] = r_bar
         bar.y[:, where.start + 2] = np.sum(local * _quarter(w), axis=1)
-        bar.y[:, where.start + 3 : where.stop] = local @ basis
-        return bar, self._bars(bodies, local.T @ q)
+        bar.y[:, where.start + 3 : where.stop] = _through(local, point.shapes_at(q))
+        return bar, self._bars(bodies, local.T @ q, -0.5 * _products(local, q, q))
 
     def _distance(self, trajectory: Trajectory, bodies: Bodies) -> tuple[Array, Array]:
         """Vectors from path to marker, and the marker in the body's axes, (steps + 1, 2) [m]."""
         point = self._point("path tracking", bodies)
         rigid = trajectory.rigid(self.body)
-        w = point.position + trajectory.elastic(self.body) @ point.displacement.T
+        w = point.position + point.shift(trajectory.elastic(self.body))
         return rigid[:, :2] + _turned(w, rigid[:, 2]) - self._target(trajectory.t), w
 
     def _target(self, t: Array) -> Array:
@@ -230,23 +241,45 @@ class MarkerAcceleration(_MarkerObjective):
         first, elastic = where.start, slice(where.start + 3, where.stop)
         bar.w[:, first : first + 2] = a_bar
         bar.w[:, first + 2] = np.sum(b_bar * _quarter(place), axis=1)
-        bar.w[:, elastic] = b_bar @ point.displacement
+        q, rate, growth = y[:, 3:], v[:, 3:], w[:, 3:]
+        shapes = point.shapes_at(q)
+        bar.w[:, elastic] = _through(b_bar, shapes)
         bar.v[:, first + 2] = np.sum(b_bar * 2.0 * (_quarter(drift) - omega * place), axis=1)
-        bar.v[:, elastic] = drift_bar @ point.displacement
+        bar.v[:, elastic] = _through(drift_bar, shapes)
         bar.y[:, first + 2] = np.sum(b_bar * _quarter(b), axis=1)
-        bar.y[:, elastic] = place_bar @ point.displacement
-        shapes_bar = place_bar.T @ y[:, 3:] + drift_bar.T @ v[:, 3:] + b_bar.T @ w[:, 3:]
-        return bar, self._bars(bodies, shapes_bar)
+        bar.y[:, elastic] = _through(place_bar, shapes)
+        if point.stiffening is not None:
+            T = point.stiffening
+            bar.v[:, elastic] -= 2.0 * np.einsum("td,djk,tk->tj", b_bar, T, rate)
+            bar.y[:, elastic] -= np.einsum("td,djk,tk->tj", drift_bar, T, rate)
+            bar.y[:, elastic] -= np.einsum("td,djk,tk->tj", b_bar, T, growth)
+        shapes_bar = place_bar.T @ q + drift_bar.T @ rate + b_bar.T @ growth
+        bends_bar = 0.5 * _products(place_bar, q, q) + _products(drift_bar, rate, q)
+        bends_bar += _products(b_bar, growth, q) + _products(b_bar, rate, rate)
+        return bar, self._bars(bodies, shapes_bar, -bends_bar)
 
     def _relative(self, trajectory: Trajectory, point: BodyMarker) -> tuple[Array, Array, Array]:
-        """The vectors w, Phi q' and b of the module's formula, (steps + 1, 2) each."""
+        """The vectors w, (Phi - T q) q' and b of the module's formula, (steps + 1, 2) each."""
         where = trajectory.model.coordinates(self.body)
         y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
         omega, alpha = v[:, 2:3], w[:, 2:3]
-        place = point.position + y[:, 3:] @ point.displacement.T
-        drift = v[:, 3:] @ point.displacement.T
-        b = alpha * _quarter(place) + w[:, 3:] @ point.displacement.T
+        shapes = point.shapes_at(y[:, 3:])
+        place = point.position + point.shift(y[:, 3:])
+        drift = np.einsum("tdj,tj->td", shapes, v[:, 3:])
+        b = alpha * _quarter(place) + np.einsum("tdj,tj->td", shapes, w[:, 3:])
+        if point.stiffening is not None:
+            b -= np.einsum("tj,djk,tk->td", v[:, 3:], point.stiffening, v[:, 3:])
         return place, drift, b - omega**2 * place + 2.0 * omega * _quarter(drift)
+
+
+def _through(bars: Array, shapes: Array) -> Array:
+    """Vectors (n, 2) pulled back through shape functions (n, 2, modes)."""
+    return np.asarray(np.einsum("td,tdj->tj", bars, shapes))
+
+
+def _products(bars: Array, a: Array, b: Array) -> Array:
+    """Sum over time of vectors (n, 2) times the products of two sets of coordinates (n, modes)."""
+    return np.asarray(np.einsum("td,tj,tk->djk", bars, a, b, optimize=True))
 
 
 def _tabulated(what: str, function: Coordinate | Array, t: Array) -> Array:
