@@ -235,6 +235,9 @@ class _Marching:
     def __init__(self, model: FlatModel, start: _Rows, sizes: Array) -> None:
         self.model, self.start, self.sizes = model, start, sizes
         self.parts = [start]
+        size = 3 * (model.size + 2 * model.rows)
+        pivot = np.zeros(size, dtype=np.int64)
+        self.factors = (np.zeros((size, size)), pivot, np.zeros(model.size), np.zeros(2))
 
     def advance(self, ends: Array, limit: float) -> tuple:
         """Steps to the given ends, the first of which is where the motion stands.
@@ -255,7 +258,7 @@ class _Marching:
         status, good = stage_kernels.march(
             arrays, np.diff(ends), rows.y, rows.v, rows.w, rows.multipliers, rows.stabilization,
             before, w_before, lam_before, self.start.y[0], self.sizes, limit, rows.errors,
-            rows.iterations,
+            rows.iterations, *self.factors,
         )  # fmt: skip
         if good:
             self.parts.append(rows.leading(good))
@@ -470,8 +473,9 @@ def _call_on_nothing(stiffened_markers: bool) -> None:
     model = empty_model(stiffened_markers=stiffened_markers)
     table = [z((1, 0)) for _ in range(5)]
     stage_kernels.march(
-        model, z(0), *table, 0.0, z((3, 0)), z((3, 0)), z(0), z(3), 1.0, z((0, 3)), none
-    )
+        model, z(0), *table, 0.0, z((3, 0)), z((3, 0)), z(0), z(3), 1.0, z((0, 3)), none,
+        z((0, 0)), none, z(0), z(2),
+    )  # fmt: skip
     stage_kernels.backward(
         model, z(0), z((3, 1, 0)), z((2, 1, 0)), z((3, 1, 0)), z((1, 0)), z((1, 0)), z((2, 1, 0)),
         z((0, 3, 1)), z((2, 0)),

@@ -34,6 +34,9 @@ REJECTED = 3
 #: Largest angle by which a body turns in one step of a length that is free to choose [rad].
 LARGEST_TURN = 1.0
 
+#: Ratio of two corrections up to which factors serve the next step.
+STEADY = 0.02
+
 #: Modules whose code is compiled.
 SOURCES = ("arrays", "linear", "rows", "forces", "bodies", "steps", "stages", "stage_loops")
 
@@ -67,11 +70,16 @@ def _make_kernels(digest: str) -> StageKernels:
         limit: float,
         errors: Array,
         iterations: Integers,
+        matrix: Array,
+        pivot: Integers,
+        weight: Array,
+        kept: Array,
     ) -> tuple[int, int]:
         """Steps of the given lengths from row 0 of the arrays; three rows of them are one step.
 
-        Newton's method goes on with the Jacobian at the predicted stages as long as it converges
-        quickly, and ends where the next correction would be below round-off.
+        Newton's method goes on with the Jacobian at the predicted stages, also of steps before of
+        the same length, as long as it converges quickly, and ends where the next correction would
+        be below round-off.
 
         Args:
             model: Flat arrays of the mechanism, tables at the instants of the rows.
@@ -89,6 +97,11 @@ def _make_kernels(digest: str) -> StageKernels:
             limit: Error above which a step is rejected.
             errors: Filled with the sizes of the errors of the steps, shape (steps, 3).
             iterations: Filled with the Newton iterations of the steps.
+            matrix: Factors of the last Jacobian, shape (size, size), kept up to date.
+            pivot: Their pivots, shape (size,).
+            weight: Weights of the corrections of accelerations, shape (n,).
+            kept: Length of the step of the factors, zero if there are none, and whether they do
+                for other steps, shape (2,).
 
         Returns:
             Outcome, and number of good steps.
@@ -97,9 +110,7 @@ def _make_kernels(digest: str) -> StageKernels:
         work = make_work(model)
         n, rows = y.shape[1], model.kind.size
         size = 3 * (n + 2 * rows)
-        matrix, rhs, scale = np.empty((size, size)), np.empty(size), np.empty(size)
-        pivot = np.empty(size, dtype=np.int64)
-        mass, weight = np.empty((n, n)), np.empty(n)
+        rhs, scale, mass = np.empty(size), np.empty(size), np.empty((n, n))
         sigma, dy, dv, own = np.empty((3, rows)), np.empty(n), np.empty(n), np.empty(3)
         for k in range(lengths.size):
             h, at = lengths[k], 3 * k + 1
@@ -135,14 +146,17 @@ def _make_kernels(digest: str) -> StageKernels:
                             for c in range(rows):
                                 old = lam[at - 3 + j, c] if k > 0 else lam_before[j, c]
                                 ls[i, c] += factor * old
-                status, previous, renew = DIVERGED, 0.0, True
+                status, previous, fresh = DIVERGED, 0.0, False
+                renew = attempt > 0 or kept[1] < 1.0 or abs(h - kept[0]) > 1e-9 * h
+                kept[1] = 1.0
                 for iteration in range(MAX_ITERATIONS):
                     stage_states(h, y0, v0, ws, sigma, work, ys, vs)
                     if renew:
                         stage_jacobian(model, at, h, ys, vs, ws, ls, work, mass, weight, matrix)
                         if not lu_factor(matrix, size, pivot, scale):
-                            status = SINGULAR
+                            status, kept[0] = SINGULAR, 0.0
                             break
+                        kept[0], fresh = h, True
                     stage_residual(model, at, h, ys, vs, ws, ls, work, rhs)
                     lu_solve(matrix, size, pivot, rhs)
                     change = largest = floor = 0.0
@@ -168,13 +182,16 @@ def _make_kernels(digest: str) -> StageKernels:
                     ratio = change / previous if previous > 0.0 else 1.0
                     if change <= 1e-13 * largest + 4e-16 * floor:
                         status = CONVERGED
-                    elif ratio < 0.5 and change * ratio / (1.0 - ratio) <= 1e-13 * largest:
+                    elif ratio < 0.5 and change * ratio / (1.0 - ratio) <= 1e-14 * largest:
                         status = CONVERGED
-                    elif iteration > 2 and ratio > 0.1 and change <= 1e-9 * largest + 1e-12 * floor:
-                        status = CONVERGED  # round-off, which no iteration makes any better
+                    elif fresh and iteration > 2 and ratio > 0.1:
+                        if change <= 1e-9 * largest + 1e-12 * floor:
+                            status = CONVERGED  # round-off, which no iteration makes any better
                     if status == CONVERGED:
                         break
                     renew = iteration > 0 and ratio > 0.05
+                    if iteration > 0 and ratio > STEADY:
+                        kept[1] = 0.0
                     previous = change
                 if status == CONVERGED or before == 0.0:
                     break
