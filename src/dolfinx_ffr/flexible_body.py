@@ -190,8 +190,7 @@ class FlexibleBody:
         w, y, kappa = pull.w, pull.y, pull.kappa + adjoint.fields
         y[:, 1 + k : -1] -= reduced.basis.eigenvalues * adjoint.fields[:, k:]
         if stiff is not None:
-            w = np.hstack([w, stiff.loads])
-            y = np.hstack([y, stiff.adjoints[:, : stiff.loads.shape[1]]])
+            w, y = np.hstack([w, stiff.loads]), np.hstack([y, stiff.adjoints])
             shapes = np.hstack([shapes, stiff.displacements])
             kappa = np.hstack([kappa, -stiff.adjoints])
         gradient = self.elasticity.density_gradient(w, y, shapes, kappa)

@@ -62,11 +62,11 @@ class StiffeningPullback:
     """Derivative of a number psi through the geometric stiffness.
 
     At fixed shape functions psi changes by  ``direct``  for each cell's density, and by
-    sum_b m_dx(F_b, z_b) - k_dx(u_b, z_b); forces at markers come last and have no field F_b.
+    sum_b m_dx(F_b, z_b) - k_dx(u_b, z_b); of forces at markers F_b is zero.
     """
 
     direct: Array  #: (cells of this rank,)
-    loads: Block  #: (dofs, loads of the inertia) the fields F_b
+    loads: Block  #: (dofs, b) the fields F_b
     displacements: Block  #: (dofs, b) static displacements u_b
     adjoints: Block  #: (dofs, b) the fields z_b
     shapes: Block  #: (dofs, r) derivative with respect to the shape functions at fixed density
@@ -178,9 +178,12 @@ class GeometricStiffening:
                 vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
                 forces[:, b] += vector.array[: len(forces)]
                 vector.destroy()
+        loads = np.zeros_like(displacements)
+        inertia = self._load_fields()
+        loads[:, : inertia.shape[1]] = inertia
         return StiffeningPullback(
             direct=direct,
-            loads=self._load_fields(),
+            loads=loads,
             displacements=displacements,
             adjoints=self._static(basis, forces),
             shapes=shapes_bar,
