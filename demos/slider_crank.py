@@ -51,7 +51,7 @@ STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=THIC
 CRANK = 0.1  # radius [m]
 SLIDER = 0.5  # mass [kg]
 TURNS, DURATION = 5, 2.0  # [-], [s]
-MODES, STEPS = 8, 2000
+MODES, STEPS = 8, 2000  # so many steps give psi to 1.3e-4, see benchmarks/integration.py
 VOLUME = 0.5  # upper bound, share of the rod
 
 

@@ -62,6 +62,7 @@ TABLES = {
     "integration": 27,
     "integration_summary": 4,
     "integration_orders": 6,
+    "integration_damping": 10,
 }
 Column = Callable[[str, str], np.ndarray]
 
@@ -301,6 +302,14 @@ def test_errors_of_time_integration_fall(output: Path, scene: str) -> None:
         # down to vibrations that are as small, which no step resolves
         falls = errors["Radau IIA"][1:] < 0.2 * errors["Radau IIA"][:-1]
         assert np.all(falls | (errors["Radau IIA"][1:] < 1e-7))
+
+
+@pytest.mark.parametrize("scene", ["reference", "fast"])
+def test_default_damping_costs_little_accuracy(output: Path, scene: str) -> None:
+    own = rows_of(output, "integration_damping", scene=scene)
+    errors = {float(row["radius_text"]): float(row["error_psi"]) for row in own}
+    assert errors[0.8] < 1.2 * errors[1.0]
+    assert errors[0.8] < 0.5 * errors[0.0]
 
 
 def test_reference_of_time_integration(column: Column) -> None:

@@ -47,7 +47,9 @@ class GeneralizedAlpha:
     end_time: float
     #: Number of time steps.
     steps: int
-    #: Spectral radius at infinite frequency, from 0 to 1.
+    #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
+    #: decay by a fifth a step, and the error of psi is within a tenth of the least, that at 1; at 0
+    #: it is several times as large (benchmarks/integration.py).
     spectral_radius: float = 0.8
 
     def __post_init__(self) -> None:
