@@ -49,7 +49,7 @@ def psi_with_all_modes(problem: ffr.Problem, x: np.ndarray) -> float:
     larger.modes = len(free)
     integrals = volume_integrals(elasticity, larger, basis, body.points)
     if body.stiffening is not None:
-        integrals = replace(integrals, stiffening=body.stiffening.matrices(basis))
+        integrals = body.stiffening.stiffened(integrals, basis)
     motion = ffr.MechanicalProblem(problem.mechanism, problem.integrator, problem.objective)
     return float(motion.value({name: integrals}).psi)
 

@@ -146,7 +146,9 @@ def load_body(path: str | Path) -> VolumeIntegrals:
             **{key: arrays.get(key) for key in "PGNK"},
             markers={
                 name: BodyMarker(
-                    *(arrays[key][number] for key in _MARKERS[1:]),
+                    arrays["marker_positions"][number],
+                    arrays["marker_displacements"][number],
+                    arrays["marker_rotations"][number],
                     stiffening[number] if np.any(stiffening[number]) else None,
                 )
                 for number, name in enumerate(names)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
@@ -143,12 +143,7 @@ class FlexibleBody:
         reduced = perf_counter()
         integrals = volume_integrals(self.elasticity, self.reduction, basis, self.points)
         if self.stiffening is not None:
-            inertia, at_markers = self.stiffening.matrices(basis)
-            markers = {
-                name: replace(marker, stiffening=at_markers.get(name))
-                for name, marker in integrals.markers.items()
-            }
-            integrals = replace(integrals, markers=markers, stiffening=inertia)
+            integrals = self.stiffening.stiffened(integrals, basis)
         return ReducedBody(
             integrals,
             basis,

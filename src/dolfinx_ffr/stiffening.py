@@ -32,7 +32,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -152,8 +152,22 @@ class GeometricStiffening:
             first += 2
         return inertia, markers
 
+    def stiffened(self, integrals: VolumeIntegrals, basis: ReducedBasis) -> VolumeIntegrals:
+        """Return the integrals of the same body with its geometric stiffness.
+
+        Args:
+            integrals: of the shape functions.
+            basis: shape functions, from the density that is assembled.
+        """
+        inertia, at_markers = self.matrices(basis)
+        markers = {
+            name: replace(marker, stiffening=at_markers.get(name))
+            for name, marker in integrals.markers.items()
+        }
+        return replace(integrals, markers=markers, stiffening=inertia)
+
     def pullback(self, basis: ReducedBasis, bar: VolumeIntegrals) -> StiffeningPullback:
-        """Return the transpose of the derivative of `matrices`.
+        """Return the transpose of the derivative of `stiffened`.
 
         Args:
             basis: as in the forward map, at the density that is still assembled.

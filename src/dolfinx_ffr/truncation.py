@@ -72,7 +72,7 @@ def with_residual_modes(body: FlexibleBody, reduced: ReducedBody) -> ReducedBody
     larger.modes = reduction.modes + residual.shape[1]
     integrals = volume_integrals(elasticity, larger, basis, body.points)
     if body.stiffening is not None:
-        integrals = replace(integrals, stiffening=body.stiffening.matrices(basis))
+        integrals = body.stiffening.stiffened(integrals, basis)
     return ReducedBody(integrals, basis, reduced.density)
 
 

@@ -74,8 +74,8 @@ class ModelArrays(NamedTuple):
     W: Array  # (markers, 2, modes + 1) reference position and shape functions
     psi: Array  # (markers, modes) rotation shape functions
     #: (markers,) place in the table, or -1 for a marker without geometric stiffness, and the table
-    #: (stiffened markers, 2, modes, modes); None where no marker has any.
-    bent: tuple[Integers, Array] | None
+    #: (stiffened markers, 2, modes, modes); None where no marker has any
+    bent: Any
     prescribed: Array  # (instants, prescribed markers, 3 derivatives, 3) of (x, y, angle)
     kind: Integers  # (rows,)
     side: Integers  # (rows, 2) the two markers
@@ -93,7 +93,7 @@ class Work(NamedTuple):
 
     rotation: Array  # (bodies, 2) cosine and sine
     P: Array  # (markers, 2, modes) derivative with respect to q, in the global axes
-    bend: Array | None  # (markers, 2, modes) A T v of markers with geometric stiffness
+    bend: Any  # (markers, 2, modes) A T v of markers with geometric stiffness; None likewise
     arm: Array  # (markers, 2) marker minus origin of the body's frame
     swing: Array  # (markers, 2) elastic part of the velocity
     z: Array  # (markers, 3)
@@ -121,7 +121,7 @@ class Work(NamedTuple):
 
 
 @stiffened_kernel
-def make_bend(model: ModelArrays) -> Array | None:
+def make_bend(model: ModelArrays) -> Any:
     """Array for A T v of the markers."""
     return np.zeros((model.marker_body.size, 2, model.psi.shape[1]))
 

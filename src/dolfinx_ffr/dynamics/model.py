@@ -336,7 +336,8 @@ def assemble_model(
     W = np.zeros((len(table), 2, modes + 1))
     psi = np.zeros((len(table), modes))
     body_of, slot_of = np.full(len(table), -1), np.zeros(len(table), dtype=np.int64)
-    bent, bends = np.full(len(table), -1), []
+    bent = np.full(len(table), -1)
+    bends: list[Array] = []
     slots = 0
     for number, known in enumerate(table):
         if isinstance(known, tuple):

@@ -153,7 +153,7 @@ def _warn_of_softening(trajectory: Trajectory) -> None:
                 )
             continue
         lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
-        fast = np.flatnonzero(speed**2 > lowest) if lowest > 0.0 else []
+        fast = np.flatnonzero((speed**2 > lowest) & (lowest > 0.0))
         k = _first_unheld(trajectory, b, fast)
         if k >= 0:
             warnings.warn(
