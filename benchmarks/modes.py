@@ -64,7 +64,12 @@ def modes_jobs(*, quick: bool) -> list[Job]:
             "modes",
             "free_modes",
             2.0 if quick else 8.0,
-            {"elements": elements, "settings": [1, 3, 9, 27], "reference": 40 if quick else 100},
+            {
+                "elements": elements,
+                "settings": [1, 3, 9, 27],
+                "reference": 40 if quick else 100,
+                "steps": 500 if quick else 2000,
+            },
         ),
         Job(
             "modes",
@@ -73,6 +78,7 @@ def modes_jobs(*, quick: bool) -> list[Job]:
             {
                 "meshes": [[40, 4], [60, 6]] if quick else [[60, 6], [100, 10], [200, 20]],
                 "settings": [0, 2, 4, 8] if quick else [0, 1, 2, 4, 6, 8, 12],
+                "tolerances": [1e-3] if quick else [1e-2, 1e-3, 1e-4],
                 "reference": 40 if quick else 60,
                 "steps": 500 if quick else 2000,
             },
@@ -164,6 +170,7 @@ def free_modes(
     elements: list[int],
     settings: list[int],
     reference: int,
+    steps: int,
 ) -> dict[str, Any]:
     """Take modes of the free rod as shape functions, without any constraint mode.
 
@@ -176,8 +183,9 @@ def free_modes(
         elements: along and across.
         settings: numbers of modes.
         reference: number of normal modes beside the constraint modes.
+        steps: number of time steps.
     """
-    problem = slider_crank(comm, (elements[0], elements[1]), modes=reference)
+    problem = slider_crank(comm, (elements[0], elements[1]), modes=reference, steps=steps)
     domain = problem.flexible["rod"].domain
     designs = {"full rod": np.ones(domain.n_cells), "holes": holes_design(domain)}
     motion = ffr.MechanicalProblem(problem.mechanism, problem.integrator, problem.objective)
@@ -231,6 +239,7 @@ def estimates(
     *,
     meshes: list[list[int]],
     settings: list[int],
+    tolerances: list[float],
     reference: int,
     steps: int,
 ) -> dict[str, Any]:
@@ -241,6 +250,7 @@ def estimates(
         progress: told the part that is done.
         meshes: elements along and across.
         settings: numbers of normal modes.
+        tolerances: for which a number of modes is chosen, on the last mesh.
         reference: the number that counts as exact.
         steps: number of time steps.
     """
@@ -272,7 +282,8 @@ def estimates(
                 )
             progress((turn + (place + 1) / len(designs)) / len(meshes))
             if turn == len(meshes) - 1:
-                chosen += _selections(finest.with_modes({"rod": 20}), x, name, exact)
+                choice = finest.with_modes({"rod": 20})
+                chosen += _selections(choice, x, name, exact, tolerances)
     return {"rows": rows, "chosen": chosen, "reference": reference}
 
 
@@ -289,9 +300,11 @@ def _designs(domain: ffr.Domain) -> dict[str, Array]:
     }
 
 
-def _selections(problem: ffr.Problem, x: Array, design: str, exact: float) -> list[dict[str, Any]]:
+def _selections(
+    problem: ffr.Problem, x: Array, design: str, exact: float, tolerances: list[float]
+) -> list[dict[str, Any]]:
     rows = []
-    for tolerance in (1e-2, 1e-3, 1e-4):
+    for tolerance in tolerances:
         begin = perf_counter()
         with warnings.catch_warnings():  # all modes may end in a cluster: no gradient is asked for
             warnings.simplefilter("ignore", UserWarning)

@@ -54,7 +54,7 @@ TABLES = {
     "modes": 12,
     "modes_free": 8,
     "modes_estimate": 40,
-    "modes_selected": 15,
+    "modes_selected": 5,
     "differences": 2,
     "gradient": 36,
     "gradient_designs": 3,

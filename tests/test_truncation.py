@@ -23,6 +23,7 @@ from dolfinx_ffr.scene_report import model_report
 from dolfinx_ffr.truncation import with_residual_modes
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "demos"))
+from four_bar import four_bar
 from pendulum import floating_frame, pendulum
 from slider_crank import LENGTH, reference_problem
 
@@ -174,4 +175,17 @@ def test_estimate_for_a_sudden_load(stiffening: bool) -> None:
     exact = psi_with_all_modes(problem, x)
     for modes in (0, 1, 4):
         true, estimate = errors(problem, x, exact, modes)
+        assert true / FACTOR < estimate < FACTOR * true, modes
+
+
+def test_estimate_for_two_bodies() -> None:
+    """The errors of both links together; twenty modes each count as all."""
+    problem = four_bar(MPI.COMM_SELF, (16, 2), steps=200)
+    x = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    exact = problem.with_modes(dict.fromkeys(x, 20)).value(x).psi
+    for modes in (0, 2):
+        fewer = problem.with_modes(dict.fromkeys(x, modes))
+        evaluation = fewer.value(x)
+        true = abs(evaluation.psi / exact - 1.0)
+        estimate = model_report(fewer, evaluation).modes_error
         assert true / FACTOR < estimate < FACTOR * true, modes
