@@ -307,7 +307,7 @@ def test_errors_of_time_integration_fall(output: Path, scene: str) -> None:
 @pytest.mark.parametrize("scene", ["reference", "fast"])
 def test_default_damping_costs_little_accuracy(output: Path, scene: str) -> None:
     own = rows_of(output, "integration_damping", scene=scene)
-    errors = {float(row["radius_text"]): float(row["error_psi"]) for row in own}
+    errors = {float(row["radius_text"]): float(row["error_gradient"]) for row in own}
     assert errors[0.8] < 1.2 * errors[1.0]
     assert errors[0.8] < 0.5 * errors[0.0]
 

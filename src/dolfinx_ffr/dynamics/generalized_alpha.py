@@ -48,8 +48,8 @@ class GeneralizedAlpha:
     #: Number of time steps.
     steps: int
     #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
-    #: decay by a fifth a step, and the error of psi is within a tenth of the least, that at 1; at 0
-    #: it is several times as large (benchmarks/integration.py).
+    #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
+    #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
     spectral_radius: float = 0.8
 
     def __post_init__(self) -> None:
