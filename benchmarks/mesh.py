@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import gmsh
 import numpy as np
-from accuracy import label_point, log_log, seconds_axis
+from accuracy import log_log, seconds_axis
 from jobs import Job, Progress
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -513,13 +513,7 @@ def _draw(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         save(figure, path)
 
 
-def _draw_families(
-    axes: Axes,
-    rows: Sequence[Mapping[str, Any]],
-    across: str,
-    error: str,
-    label: Callable[[Mapping[str, Any]], str] | None = None,
-) -> None:
+def _draw_families(axes: Axes, rows: Sequence[Mapping[str, Any]], across: str, error: str) -> None:
     """Draw one line for each order (colour) and cell (line)."""
     for cell, style in zip(CELLS, ("o-", "^--"), strict=True):
         for order, color in zip(ORDERS, ACCENTS, strict=False):
@@ -529,8 +523,6 @@ def _draw_families(
                 [row[across] for row in own], [row[error] for row in own], style, color=color,
                 markerfacecolor=face, ms=5.0,
             )  # fmt: skip
-            for row in own if label else ():
-                label_point(axes, label(row) if label else "", row[across], row[error])
 
 
 def _legend(axes: Axes) -> None:
@@ -584,7 +576,8 @@ def _draw_smooth(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
         size = np.array([min(r["size"] for r in own), max(r["size"] for r in own)])
         bound = max(r["error_frequency"] / r["size"] ** (2 * order) for r in own)
         axes.plot(1e3 * size, 3.0 * bound * size ** (2 * order), ":", color=GRAY, lw=1.2)
-        label_point(axes, f"slope {2 * order}", 1e3 * size[0], 3.0 * bound * size[0] ** (2 * order))
+    handles = [Line2D([], [], color=GRAY, ls=":", lw=1.2, label="slopes 2, 4 and 6")]
+    axes.legend(handles=handles, loc="lower right")
     _sizes_axis(axes)
     axes.set_title("Smooth solution: full order 2p (pale: gmsh)")
 
