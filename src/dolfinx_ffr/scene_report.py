@@ -31,6 +31,7 @@ from .flexible_body import FlexibleBody
 from .reduction import CLUSTER
 from .sensitivity import Evaluation, Problem
 from .start import Assembled
+from .stiffening import MARKERS
 from .truncation import with_residual_modes
 
 __all__ = [
@@ -121,13 +122,15 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         basis = evaluation.bodies[name].basis if flexible else None
         frequencies = basis.frequencies if basis is not None else np.zeros(0)
         outer = basis.outer_eigenvalue if basis is not None else math.nan
+        stiffened = any(marker.stiffening is not None for marker in body.markers.values())
+        at_markers = (MARKERS,) if stiffened else ()
         bodies[name] = BodyReport(
             kind="flexible" if flexible else ("given" if body.modes else "rigid"),
             constraint_modes=basis.n_constraint if basis is not None else 0,
             normal_modes=len(frequencies) if basis is not None else body.modes,
             highest_frequency=float(frequencies[-1]) if len(frequencies) else math.nan,
             next_frequency=math.sqrt(outer) / (2.0 * math.pi) if math.isfinite(outer) else math.nan,
-            stiffening=tuple(body.stiffening),
+            stiffening=(*body.stiffening, *at_markers),
             softening=_softening(body, trajectory.v[:, trajectory.model.coordinates(name)][:, 2]),
             elements=flexible.domain.n_cells_global if flexible else 0,
         )
