@@ -88,6 +88,22 @@ def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
 
 
 @pytest.mark.mpi
+def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
+    """Void has next to no mass; what a hundred modes move there is no more than its motion is."""
+    problem = reference_problem(comm, (50, 5), modes=100, steps=300)
+    body = problem.flexible["rod"]
+    domain = body.domain
+    strip = solid_ends(domain, np.where(np.abs(domain.centroids[:, 1]) < 0.01, 1.0, 0.0))
+    basis = body.reduce(strip).basis
+    normal = basis.shapes[:, basis.n_constraint :]
+    assert body.elasticity.largest(np.abs(normal)) < 100.0
+    gram = body.elasticity.inner(normal, basis.mass_times_normal)
+    assert np.abs(gram - np.eye(100)).max() < 1e-10
+    few = problem.with_modes({"rod": 20}).value(strip).psi
+    assert problem.value(strip).psi == pytest.approx(few, rel=1e-3)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("floor", [1e-6, 1e-9])
 def test_checkerboard(comm: MPI.Intracomm, floor: float) -> None:
     """Bilinear elements take it for stiffer than it is; value and gradient are sound."""
