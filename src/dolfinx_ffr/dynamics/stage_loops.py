@@ -120,9 +120,10 @@ def _make_kernels(digest: str) -> StageKernels:
             keep_corrections(model, work)
             if k > 0:
                 before = lengths[k - 1]
-            status = DIVERGED
-            # Where the polynomial is far off, the accelerations of the start may do.
-            for attempt in range(2):
+            status, stale = DIVERGED, kept[1] >= 1.0 and abs(h - kept[0]) <= 1e-9 * h
+            # Factors of steps before may do. Where the polynomial is far off, the accelerations of
+            # the start may.
+            for attempt in range(0 if stale else 1, 3 if before > 0.0 else 2):
                 for i in range(3):
                     for c in range(rows):
                         sigma[i, c] = 0.0
@@ -130,7 +131,7 @@ def _make_kernels(digest: str) -> StageKernels:
                     for p in range(n):
                         ws[i, p] = w0[p]
                     # The polynomial through the stages of the step before goes on.
-                    if attempt == 0 and before > 0.0:
+                    if attempt < 2 and before > 0.0:
                         x = 1.0 + NODES[i] * h / before
                         for p in range(n):
                             ws[i, p] = 0.0
@@ -147,7 +148,7 @@ def _make_kernels(digest: str) -> StageKernels:
                                 old = lam[at - 3 + j, c] if k > 0 else lam_before[j, c]
                                 ls[i, c] += factor * old
                 status, previous, fresh = DIVERGED, 0.0, False
-                renew = attempt > 0 or kept[1] < 1.0 or abs(h - kept[0]) > 1e-9 * h
+                renew = attempt > 0
                 kept[1] = 1.0
                 for iteration in range(MAX_ITERATIONS):
                     stage_states(h, y0, v0, ws, sigma, work, ys, vs)
@@ -187,13 +188,13 @@ def _make_kernels(digest: str) -> StageKernels:
                     elif fresh and iteration > 2 and ratio > 0.1:
                         if change <= 1e-9 * largest + 1e-12 * floor:
                             status = CONVERGED  # round-off, which no iteration makes any better
-                    if status == CONVERGED:
+                    if status == CONVERGED or (not fresh and iteration > 0 and ratio > 0.3):
                         break
                     renew = iteration > 0 and ratio > 0.05
                     if iteration > 0 and ratio > STEADY:
                         kept[1] = 0.0
                     previous = change
-                if status == CONVERGED or before == 0.0:
+                if status == CONVERGED:
                     break
             stage_states(h, y0, v0, ws, sigma, work, ys, vs)
             for i in range(3):
