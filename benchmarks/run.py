@@ -5,7 +5,8 @@
     python benchmarks/run.py [--quick] [--only STUDY ...] [--output DIR]
 
 Everything in them is measured in this run. All of it takes about a quarter of an hour on two
-free cores, with ``--quick`` about two minutes, on small meshes and with few repetitions: a smoke test.
+free cores, with ``--quick`` about two minutes, on small meshes and with few repetitions: a smoke
+test.
 
 The study ``peers`` needs other packages, which `make benchmark-peers` installs; it is left out as
 long as they are not there.
