@@ -226,7 +226,10 @@ def test_interrupted_and_resumed_is_as_if_uninterrupted(
     first = run(parts, output=shared_tmp_path, callback=interrupt)
     assert signal.getsignal(number) == before
     assert (first.reason, first.iterations) == ("interrupted", 7)
-    assert first.psi == pytest.approx(whole.history["psi"][7], rel=1e-12)
+    # on several ranks MUMPS adds up in an order that changes from run to run
+    assert first.psi == pytest.approx(
+        whole.history["psi"][7], rel=1e-12 if comm.size == 1 else 1e-9
+    )
     assert len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) == 8
 
     # on the same mesh: another one may be distributed differently
