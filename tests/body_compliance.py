@@ -24,7 +24,20 @@ def body_compliance(body: ffr.FlexibleBody, x: np.ndarray) -> tuple[float, np.nd
     return float(q @ integrals.K @ q), body.pullback(reduced, bar)[0]
 
 
-def check_body_gradient(body: ffr.FlexibleBody, x: np.ndarray, comm: MPI.Intracomm) -> None:
+def round_off(body: ffr.FlexibleBody, x: np.ndarray) -> float:
+    """Return the relative spread of the compliance over densities that hardly differ."""
+    values = [body_compliance(body, x * (1.0 - k * 1e-13))[0] for k in range(4)]
+    return float(np.ptp(values)) / values[0]
+
+
+def check_body_gradient(
+    body: ffr.FlexibleBody,
+    x: np.ndarray,
+    comm: MPI.Intracomm,
+    *,
+    first_step: float = 1e-2,
+    roundoff: float = 1e-10,
+) -> None:
     """Demand a gradient of Taylor order 2, along a direction that leads inwards."""
     c = body.domain.centroids / np.ptp(body.domain.bounding_box, axis=0)
     direction = np.abs(np.cos(7.0 * c[:, 0] + 3.0 * c[:, 1] + 1.0)) * np.where(x > 0.5, -1.0, 1.0)
@@ -34,7 +47,7 @@ def check_body_gradient(body: ffr.FlexibleBody, x: np.ndarray, comm: MPI.Intraco
         lambda d: comm.allreduce(float(gradient @ d)),
         x,
         direction,
-        steps=[1e-2 / 2**k for k in range(4)],
-        roundoff=1e-10,
+        steps=[first_step / 2**k for k in range(4)],
+        roundoff=roundoff,
     )
     assert_taylor_order(result)

@@ -464,7 +464,7 @@ class CraigBampton:
 
 
 def _direct_solver(ranks: int) -> str:
-    """Return the library that factors K: on one rank CHOLMOD solves two to three times as fast."""
+    """Return the library that factors K: CHOLMOD solves faster, but runs on one rank only."""
     packages = ("cholmod", "suitesparse")  # PETSc's name for it depends on how it was built
     if ranks == 1 and any(map(PETSc.Sys.hasExternalPackage, packages)):
         return "cholmod"

@@ -34,8 +34,9 @@ REJECTED = 3
 #: Largest angle by which a body turns in one step of a length that is free to choose [rad].
 LARGEST_TURN = 1.0
 
-#: Ratio of two corrections up to which factors serve the next step.
-STEADY = 0.02
+#: Ratio of two corrections up to which factors serve the next step, and from which those of earlier
+#: steps are given up: the step begins anew, for corrections that hardly shrink may have led astray.
+STEADY, ASTRAY = 0.02, 0.3
 
 #: Modules whose code is compiled.
 SOURCES = ("arrays", "linear", "rows", "forces", "bodies", "steps", "stages", "stage_loops")
@@ -188,7 +189,7 @@ def _make_kernels(digest: str) -> StageKernels:
                     elif fresh and iteration > 2 and ratio > 0.1:
                         if change <= 1e-9 * largest + 1e-12 * floor:
                             status = CONVERGED  # round-off, which no iteration makes any better
-                    if status == CONVERGED or (not fresh and iteration > 0 and ratio > 0.3):
+                    if status == CONVERGED or (not fresh and iteration > 0 and ratio > ASTRAY):
                         break
                     renew = iteration > 0 and ratio > 0.05
                     if iteration > 0 and ratio > STEADY:
