@@ -12,7 +12,8 @@ DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-other-debian test-debian12 test-debian13 lint benchmark benchmark-peers clean
+.PHONY: help setup demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel lint docs \
+	benchmark benchmark-peers clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-19s %s\n", $$1, $$2}' "$(clone)/Makefile"
@@ -26,6 +27,9 @@ demo: setup ## run a demo, DEMO=slider_crank by default; pictures in results/ (A
 test: setup ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS="..." for pytest)
 	@"$(clone)/tests/run.sh" $(ARGS)
 
+test-fast: setup ## run the serial tests but for the slow ones, for the day's work (ARGS="..." for pytest)
+	@"$(clone)/tests/run.sh" --fast $(ARGS)
+
 test-other-debian: ## run the tests in a root of the other Debian release, 12 or 13 (needs root)
 	@"$(clone)/install/debian_root.sh" other make test ARGS='$(ARGS)'
 
@@ -35,12 +39,22 @@ test-debian12: ## run the tests in a Debian 12 root (needs root)
 test-debian13: ## run the tests in a Debian 13 root (needs root)
 	@"$(clone)/install/debian_root.sh" trixie make test ARGS='$(ARGS)'
 
+test-unstable: ## run a selection of the tests in a root of Debian unstable (needs root)
+	@"$(clone)/install/test_unstable.sh" || [ $$? = 77 ] # 77: skipped, and said why
+
+test-wheel: setup ## build a wheel, install it in a fresh environment, run the short program there
+	@"$(clone)/install/test_wheel.sh"
+
 lint: setup ## check style, format and types
 	@cd "$(clone)" && $(env) status=0; \
 	$(python) -m ruff check . || status=1; \
 	$(python) -m ruff format --check . || status=1; \
 	$(python) -m mypy || status=1; \
 	exit $$status
+
+docs: setup ## build the documentation as a site, build/docs/index.html (warnings are errors)
+	@cd "$(clone)" && $(env) $(python) -m sphinx -W --keep-going -q -c docs/site -d build/doctrees . build/docs
+	@echo "docs: $(clone)/build/docs/index.html"
 
 benchmark: setup ## measure speed and growth with the mesh; table and picture in results/ (ARGS="...")
 	@cd "$(clone)" && $(env) $(python) benchmarks/run.py $(ARGS)
@@ -49,5 +63,5 @@ benchmark-peers: setup ## the same beside Exudyn and pyMOTO, put into results/pe
 	@cd "$(clone)" && $(env) $(python) benchmarks/peer_packages.py && $(python) benchmarks/run.py --only peers $(ARGS)
 
 clean: ## remove .venv, caches and results (the roots of other Debian releases stay)
-	@cd "$(clone)" && rm -rf .venv .venv.lock results build .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@cd "$(clone)" && rm -rf .venv .venv.lock results build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find "$(clone)" -name __pycache__ -type d -prune -exec rm -rf {} +

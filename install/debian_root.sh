@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Usage: install/debian_root.sh SUITE COMMAND [ARGUMENT...]     (SUITE: bookworm, trixie, or "other")
+# Usage: install/debian_root.sh SUITE COMMAND [ARGUMENT...]     (SUITE: bookworm, trixie, sid, or "other")
 #
 # Runs the command in a copy of this source tree inside a root of another Debian release, made by debootstrap
 # and kept in /var/cache/dolfinx_ffr/SUITE (or below $DOLFINX_FFR_ROOTS). The copy is replaced at each run;
@@ -45,6 +45,12 @@ mirror() { # mirror NAME: the first configured site whose address ends in NAME, 
         sed -n "s#^\(https\?://.*/$1\)/\?\$#\1#p" | awk 'NR == 1'
 }
 
+# Unstable changes from day to day.
+if [ "$suite" = sid ] && [ -n "$(find "$root/var/log/bootstrap.log" -mtime +30 2>/dev/null)" ]; then
+    echo "debian_root: the root of unstable is older than 30 days and is made anew"
+    rm -rf --one-file-system "$root"
+fi
+
 if [ ! -d "$root" ]; then
     command -v debootstrap >/dev/null || {
         apt-get -q update && DEBIAN_FRONTEND=noninteractive apt-get -q install -y --no-install-recommends debootstrap
@@ -59,7 +65,10 @@ fi
 # Network settings of this machine, renewed at each run.
 main=$(mirror debian)
 security=$(mirror debian-security)
-if [ -n "$main" ] && [ -n "$security" ]; then # otherwise the list stays that debootstrap has written
+# Where a mirror is not known, the list stays that debootstrap has written. Unstable has no updates of its own.
+if [ "$suite" = sid ]; then
+    if [ -n "$main" ]; then printf 'deb %s main\n' "$main sid" >"$root/etc/apt/sources.list"; fi
+elif [ -n "$main" ] && [ -n "$security" ]; then
     printf 'deb %s main\n' "$main $suite" "$main $suite-updates" "$security $suite-security" >"$root/etc/apt/sources.list"
 fi
 apt-config dump --format '%F "%v";%n' Acquire::http Acquire::https Acquire::Retries Acquire::Check-Valid-Until \

@@ -43,7 +43,7 @@ def check(path: Path) -> None:
     """Check origin and version of the packages named in the file, and that the BLAS is a fast one.
 
     Raises:
-        SystemExit: if a package does not come from Debian, or if the BLAS is the reference one.
+        SystemExit: If a package does not come from Debian, or if the BLAS is the reference one.
     """
     faults = []
     for line in path.read_text().split():

@@ -8,19 +8,25 @@ unset PYTHONPATH PYTHONHOME
 # The matrices are small: threads of the BLAS cost more than they bring, and MPI ranks share the cores.
 export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
 
-# Pictures without a display, drawn in software: VTK would first try an X server, and say so.
+# Pictures without a display. VTK, which PyVista's views of exported grids need, would first try an X server, and
+# say so: it draws by OSMesa where that is installed; Debian unstable has it no longer, and Mesa's EGL does the same.
 export MPLBACKEND="${MPLBACKEND:-Agg}"
 export PYVISTA_OFF_SCREEN="${PYVISTA_OFF_SCREEN:-true}"
-export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkOSOpenGLRenderWindow}"
+if compgen -G '/usr/lib/*/libOSMesa.so*' >/dev/null; then
+    export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkOSOpenGLRenderWindow}"
+else
+    export VTK_DEFAULT_OPENGL_WINDOW="${VTK_DEFAULT_OPENGL_WINDOW:-vtkEGLRenderWindow}"
+fi
 
-# Open MPI 4 (Debian 12) and 5 (Debian 13): allow root and more ranks than cores. All ranks are on this
-# machine: no network between them, which a chroot lacks and Open MPI then complains of, and no copying
-# between processes by system calls that containers refuse with a warning.
+# Open MPI 4 (Debian 12), 5 (Debian 13) and 6 (unstable): allow root and more ranks than cores, each by its
+# own name. All ranks are on this machine: no network between them, which a chroot lacks and Open MPI then
+# complains of, and no copying between processes by system calls that containers refuse with a warning.
 if [ "$(id -u)" = 0 ]; then
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 fi
 export OMPI_MCA_rmaps_base_oversubscribe=1
 export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+export PRTE_MCA_mapby=:oversubscribe
 export OMPI_MCA_btl=^tcp
 export OMPI_MCA_btl_vader_single_copy_mechanism=none
 

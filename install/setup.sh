@@ -42,7 +42,18 @@ fingerprint() {
     } | sha256sum | cut -d' ' -f1
 }
 
-mapfile -t packages < <(sed 's/#.*//' "$list" | awk 'NF {print $1}')
+# Of alternatives the first that apt knows, installed ones included.
+choose_packages() {
+    local name alternative
+    while read -r name; do
+        for alternative in ${name//|/ }; do
+            if [ "$alternative" = "$name" ] || apt-cache show "$alternative" >/dev/null 2>&1; then break; fi
+        done
+        printf '%s\n' "$alternative"
+    done < <(sed 's/#.*//' "$list" | awk 'NF {print $1}')
+}
+
+mapfile -t packages < <(choose_packages)
 mapfile -t missing < <(missing_packages "${packages[@]}")
 if [ ${#missing[@]} = 0 ] && [ -x "$venv/bin/python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$(fingerprint) $clone" ]; then
     exit 0
@@ -66,9 +77,10 @@ if [ ${#missing[@]} -gt 0 ]; then
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a
     apt update || fail "apt-get update failed (its own message stands above)." \
         "Check the network and /etc/apt/sources.list, then run this again."
+    mapfile -t packages < <(choose_packages)
     apt install -y --fix-broken --no-install-recommends "${packages[@]}" || fail \
         "apt-get could not install the packages of install/debian-packages.txt (its own message stands above)." \
-        "They are in Debian 12 and Debian 13. On another system use the conda-forge route:" \
+        "They are in Debian 12, Debian 13 and unstable. On another system use the conda-forge route:" \
         "README.md, section \"Install with conda-forge\"."
 fi
 
@@ -94,7 +106,7 @@ printf 'import site; site.ENABLE_USER_SITE = False\n' >"$site/dolfinx_ffr_no_use
 "$python" -I "$clone/install/debian_stack.py" constraints >"$venv/constraints.txt"
 say "installing PyPI packages, at first about 150 MB (Debian's NumPy and its companions stay as they are)"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --constraint "$venv/constraints.txt" \
-    --editable "$clone[test,lint]" || fail "pip could not install the PyPI packages (its own message stands above)." \
+    --editable "$clone[test,lint,docs]" || fail "pip could not install the PyPI packages (its own message stands above)." \
     "Check the network, then run this again."
 
 "$venv/bin/python" "$clone/install/debian_stack.py" check "$venv/constraints.txt" || fail \
@@ -102,4 +114,9 @@ say "installing PyPI packages, at first about 150 MB (Debian's NumPy and its com
 
 printf '%s %s\n' "$(fingerprint)" "$clone" >"$stamp.new"
 mv "$stamp.new" "$stamp"
+
+# So that the first run need not wait for it. Beside the sources, where every later run finds it.
+say "compiling the time integration, about a minute"
+(cd "$venv" && "$venv/bin/python" -m dolfinx_ffr compile) ||
+    say "that has failed; the first simulation compiles again and says why"
 say "done: $venv"

@@ -7,74 +7,106 @@ DOLFINx is installed.
 
 from __future__ import annotations
 
+import contextlib
+import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
 
-#: where each public name lives
-_ROOMS = {
-    "approximate_gradient": ["ApproximateGradient"],
-    "body": ["BodyMarker", "VolumeIntegrals"],
-    "density_filter": ["DensityFilter", "HeavisideProjection"],
-    "design": ["DensityDesign", "Design", "LevelSetDesign"],
-    "design_loop": ["DesignLoop"],
-    "domain": ["Domain", "Interface"],
+#: Where each public name lives: a folder, or a module beside the folders.
+_FOLDERS = {
+    "body": ["BodyMarker", "ParametricBody", "VolumeIntegrals"],
+    "design": [
+        "DensityDesign",
+        "DensityFilter",
+        "Design",
+        "Evolution",
+        "ExponentialSpline",
+        "Gaussian",
+        "HeavisideProjection",
+        "LevelSet",
+        "LevelSetDesign",
+        "Multiquadric",
+        "RadialBasis",
+        "ThinPlate",
+        "VelocityExtension",
+        "VolumeBisection",
+        "Wendland",
+    ],
     "dynamics": [
         "GeneralizedAlpha",
+        "LargeDeformationWarning",
         "RadauIIA",
         "SimulationError",
         "SofteningWarning",
+        "TimeStepWarning",
         "Trajectory",
         "simulate",
     ],
-    "elasticity": ["Elasticity"],
-    "elementwise": [
-        "ElementGradient",
-        "IntegralDerivatives",
-        "elementwise_gradient",
-        "integral_derivatives",
-    ],
-    "evolution": ["Evolution", "VelocityExtension", "VolumeBisection"],
-    "flexible_body": ["FlexibleBody", "ReducedBody"],
-    "forces": ["Force", "SpringDamper", "Torque", "TorsionalSpringDamper"],
-    "gradient_elements": ["GradientElements"],
-    "gradient_method": [
-        "ElementByElement",
-        "ExactAdjoint",
-        "GradientErrors",
-        "GradientMethod",
-        "GradientReport",
-        "gradient_errors",
-    ],
-    "io": ["CheckpointError", "read_history", "write_density", "write_fields", "write_summary"],
-    "integrals": ["RoundOffWarning"],
-    "joints": [
-        "Distance",
-        "Gear",
-        "PointOnLine",
-        "PrescribedAngle",
-        "PrescribedPosition",
-        "Revolute",
-        "Translational",
-        "Weld",
-    ],
-    "level_set_evolution": ["LevelSetEvolution"],
-    "levelset": ["LevelSet"],
-    "material": [
-        "RAMP",
-        "SIMP",
+    "fem": [
+        "Domain",
+        "ElasticMaterial",
+        "Elasticity",
+        "Interface",
         "LinearMass",
         "PlaneStrain",
         "PlaneStress",
+        "RAMP",
+        "SIMP",
         "SuppressedVoidMass",
     ],
+    "gradients": [
+        "ApproximateGradient",
+        "ElementByElement",
+        "ElementGradient",
+        "ExactAdjoint",
+        "GradientElements",
+        "GradientErrors",
+        "GradientMethod",
+        "GradientReport",
+        "IllConditionedWarning",
+        "IntegralDerivatives",
+        "ModeDerivative",
+        "ScatteredInterpolation",
+        "Solver",
+        "best_length",
+        "elementwise_gradient",
+        "gradient_errors",
+        "integral_derivatives",
+        "mode_derivatives",
+    ],
+    "io": ["CheckpointError", "read_history", "write_density", "write_fields", "write_summary"],
     "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
-    "mechanism": ["Mechanism", "Placement", "PointMass", "RayleighDamping"],
-    "mma": ["MMA"],
-    "motion": ["Motion"],
+    "mechanism": [
+        "Assembled",
+        "Distance",
+        "Force",
+        "Gear",
+        "Ground",
+        "LinearDrive",
+        "Mechanism",
+        "Motion",
+        "Moving",
+        "Placement",
+        "PointMass",
+        "PointOnLine",
+        "PrescribedAngle",
+        "PrescribedPosition",
+        "RayleighDamping",
+        "Revolute",
+        "SpringDamper",
+        "StaticEquilibrium",
+        "Torque",
+        "TorsionalSpringDamper",
+        "Translational",
+        "Weld",
+    ],
     "objective": [
         "Constraint",
+        "DensityField",
+        "Derivatives",
         "Frequency",
         "IntegralCompliance",
         "JointForce",
@@ -83,43 +115,82 @@ _ROOMS = {
         "Objective",
         "PathTracking",
         "PeakCompliance",
+        "Response",
         "Sum",
         "Volume",
     ],
-    "optimization": ["Optimizer", "Result", "gray_fraction", "optimize"],
-    "parametric_body": ["ParametricBody"],
-    "points": ["Ground", "Moving"],
-    "rbf": [
-        "ExponentialSpline",
-        "Gaussian",
-        "Multiquadric",
-        "RadialBasis",
-        "ThinPlate",
-        "Wendland",
+    "optimization": [
+        "DesignLoop",
+        "DesignWarning",
+        "LevelSetEvolution",
+        "MMA",
+        "Optimizer",
+        "Result",
+        "gray_fraction",
+        "optimize",
     ],
-    "reduction": ["ChordFrame", "CraigBampton", "TangentFrame"],
-    "scattered": ["IllConditionedWarning", "ScatteredInterpolation", "best_length"],
-    "scene_report": [
+    "postprocessing": [
         "BodyReport",
         "ModeSelection",
         "ModelReport",
+        "StressEnvelope",
+        "StressModes",
         "model_report",
         "modes_below",
         "select_modes",
+        "von_mises",
+        "worst_stress",
     ],
-    "sensitivity": ["Evaluation", "Problem"],
-    "shape_sensitivity": ["ShapeDerivative", "Solver", "shape_derivatives"],
-    "start": ["Assembled", "StaticEquilibrium"],
-    "stress": ["StressEnvelope", "StressModes", "von_mises", "worst_stress"],
+    "problem": ["Evaluation", "Problem"],
+    "reduction": [
+        "ChordFrame",
+        "CraigBampton",
+        "FlexibleBody",
+        "ReducedBody",
+        "RoundOffWarning",
+        "TangentFrame",
+    ],
 }
 
-__all__ = sorted(name for names in _ROOMS.values() for name in names)
+__all__ = sorted(name for names in _FOLDERS.values() for name in names)
 
-_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+_HOME = {name: folder for folder, names in _FOLDERS.items() for name in names}
+
+
+#: Names of the release before, each with the one that took its place.
+_RENAMED: dict[str, str] = {
+    "ShapeDerivative": "ModeDerivative",
+    "shape_derivatives": "mode_derivatives",
+}
+
+
+def _load_dolfinx_with_readable_arguments() -> None:
+    """Load DOLFINx, which cannot be imported where an argument of the program is not UTF-8."""
+    given = sys.argv
+    readable = [text.encode(errors="replace").decode() for text in given]
+    if readable == given or "dolfinx" in sys.modules:
+        return
+    sys.argv = readable
+    try:
+        with contextlib.suppress(ImportError):
+            import_module("dolfinx")
+    finally:
+        sys.argv = given
+
+
+_load_dolfinx_with_readable_arguments()
 
 
 def __getattr__(name: str) -> Any:
     """Load the module of a public name."""
+    if name in _RENAMED:
+        new = _RENAMED[name]
+        warnings.warn(
+            f"dolfinx_ffr.{name} is now called {new}; the old name goes with the next release",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return __getattr__(new)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)

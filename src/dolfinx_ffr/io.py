@@ -13,7 +13,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +24,19 @@ from dolfinx import fem
 from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
-from .domain import Domain
+from . import validation
+from .body import named_in_errors
+from .fem import Domain
+from .parallel import check_alike, on_every_rank, on_rank_0
 
 __all__ = [
     "CheckpointError",
-    "HistoryFile",
     "load_checkpoint",
     "read_history",
     "save_checkpoint",
     "write_density",
     "write_fields",
+    "write_history",
     "write_summary",
 ]
 
@@ -42,30 +45,12 @@ class CheckpointError(RuntimeError):
     """A checkpoint that is damaged, or belongs to another problem."""
 
 
-def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
-    """Return what ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises.
-
-    Raises:
-        Exception: on every rank, whatever ``action`` raises on rank 0.
-    """
-    result, error = None, None
-    if comm.rank == 0:
-        try:
-            result = action()
-        except Exception as caught:
-            error = caught
-    result, error = comm.bcast((result, error), root=0)
-    if error is not None:
-        raise error
-    return result
-
-
 def _replace(path: Path, content: bytes) -> None:
     """Write a file in one stroke."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with open(beside, "wb") as file:
+        with named_in_errors(path), open(beside, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
@@ -78,15 +63,24 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
     """Write numbers and texts as a JSON file.
 
     Args:
-        comm: all its ranks call; rank 0 writes.
-        path: the file.
-        summary: what rank 0 holds is written.
+        comm: All its ranks call; rank 0 writes.
+        path: The file.
+        summary: What rank 0 holds is written.
 
     Raises:
-        OSError: on every rank, if the file cannot be written.
+        TypeError: On every rank, if an argument is of a wrong kind, or rank 0 holds something else
+            than numbers and texts.
+        OSError: On every rank, if the file cannot be written.
     """
-    text = json.dumps(dict(summary), indent=2, default=_plain) + "\n"
-    on_rank_0(comm, lambda: _replace(Path(path), text.encode()))
+    validation.instance("write_summary: comm", comm, MPI.Comm, "an MPI communicator")
+    file = validation.path("write_summary: path", path)
+
+    def write() -> None:
+        needed = "a mapping from names to numbers and texts"
+        given = validation.instance("write_summary: summary", summary, Mapping, needed)
+        _replace(file, (json.dumps(dict(given), indent=2, default=_plain) + "\n").encode())
+
+    on_rank_0(comm, write)
 
 
 def _plain(value: Any) -> Any:
@@ -95,59 +89,44 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"a summary cannot hold a {type(value).__name__}")
 
 
-class HistoryFile:
-    """A CSV file with one row an iteration, complete on the disk after each row.
+def write_history(
+    comm: MPI.Comm,
+    path: str | Path,
+    columns: Sequence[str],
+    rows: Sequence[Mapping[str, float]],
+) -> None:
+    """Write a CSV file with one row an iteration.
 
     Args:
-        comm: all its ranks call; rank 0 writes.
-        path: the file.
-        columns: names of the columns.
-        rows: rows to begin with, for example of the run that is resumed.
+        comm: All its ranks call; rank 0 writes.
+        path: The file.
+        columns: Their names.
+        rows: Each with a value for each column.
 
     Raises:
-        OSError: on every rank, if the file cannot be written.
+        OSError: On every rank, if the file cannot be written.
     """
-
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        path: str | Path,
-        columns: list[str],
-        rows: Sequence[Mapping[str, float]] = (),
-    ) -> None:
-        self._comm = comm
-        self._path = Path(path)
-        self._columns = columns
-        text = io.StringIO()
-        writer = csv.DictWriter(text, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        on_rank_0(comm, lambda: _replace(self._path, text.getvalue().encode()))
-
-    def append(self, row: Mapping[str, float]) -> None:
-        """Add a ``row`` with a value for each column.
-
-        Raises:
-            OSError: on every rank, if it cannot be written.
-        """
-
-        def write() -> None:
-            with open(self._path, "a", newline="") as file:
-                csv.DictWriter(file, self._columns, lineterminator="\n").writerow(row)
-
-        on_rank_0(self._comm, write)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    on_rank_0(comm, lambda: _replace(Path(path), text.getvalue().encode()))
 
 
 def read_history(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a history file.
+    """The columns of a history file.
 
     Args:
-        path: a file of `HistoryFile`.
+        path: A file of `write_history`.
 
     Returns:
         Arrays of shape (iterations,) by column.
+
+    Raises:
+        TypeError: If it is no path.
+        FileNotFoundError: If there is no such file.
     """
-    with open(path, newline="") as file:
+    with open(validation.path("read_history: path", path), newline="") as file:
         reader = csv.DictReader(file)
         rows = list(reader)
         names = list(reader.fieldnames or [])
@@ -158,12 +137,12 @@ def save_checkpoint(comm: MPI.Comm, path: str | Path, state: Mapping[str, Any]) 
     """Write arrays and numbers with a checksum.
 
     Args:
-        comm: all its ranks call; rank 0 writes what it holds.
-        path: the file.
-        state: arrays, numbers and texts by name.
+        comm: All its ranks call; rank 0 writes what it holds.
+        path: The file.
+        state: Arrays, numbers and texts by name.
 
     Raises:
-        OSError: on every rank, if the file cannot be written; an older checkpoint stays as it was.
+        OSError: On every rank, if the file cannot be written; an older checkpoint stays as it was.
     """
     buffer = io.BytesIO()
     np.savez(buffer, **{key: np.asarray(value) for key, value in state.items()})
@@ -173,15 +152,15 @@ def save_checkpoint(comm: MPI.Comm, path: str | Path, state: Mapping[str, Any]) 
 
 
 def load_checkpoint(comm: MPI.Comm, path: str | Path) -> dict[str, NDArray[Any]]:
-    """Return what `save_checkpoint` wrote, on every rank.
+    """What `save_checkpoint` wrote, on every rank.
 
     Args:
-        comm: all its ranks call; rank 0 reads.
-        path: the file.
+        comm: All its ranks call; rank 0 reads.
+        path: The file.
 
     Raises:
-        FileNotFoundError: on every rank, if there is no such file.
-        CheckpointError: on every rank, if the file is damaged.
+        FileNotFoundError: On every rank, if there is no such file.
+        CheckpointError: On every rank, if the file is damaged.
     """
 
     def read() -> dict[str, NDArray[Any]]:
@@ -201,13 +180,14 @@ def write_density(domain: Domain, x: NDArray[np.float64], path: str | Path) -> N
     """Write mesh and density as XDMF, which ParaView opens.
 
     Args:
-        domain: the body.
-        x: density of this rank's cells, shape (cells,).
-        path: file that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
+        domain: The body.
+        x: Density of this rank's cells, shape (cells,).
+        path: File that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
 
     Raises:
-        OSError: on every rank, if the folder cannot be made.
+        OSError: On every rank, if the folder cannot be made.
     """
+    validation.instance("write_density: domain", domain, Domain, "a Domain")
     write_fields(domain, {"density": domain.check_density(x)}, path)
 
 
@@ -215,28 +195,38 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
     """Write a mesh and values on its cells as XDMF, which ParaView opens.
 
     Args:
-        domain: the body.
-        fields: by name, values of this rank's cells, shape (cells,).
-        path: file that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
+        domain: The body.
+        fields: By name, values of this rank's cells, shape (cells,).
+        path: File that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
 
     Raises:
-        ValueError: on every rank, if a field does not have one value a cell.
-        OSError: on every rank, if the folder cannot be made.
+        ValueError: On every rank, if a field does not have one value a cell.
+        OSError: On every rank, if the folder cannot be made.
     """
+    validation.instance("write_fields: domain", domain, Domain, "a Domain")
+    place = validation.path("write_fields: path", path)
+    with on_every_rank(domain.comm, "write_fields"):
+        validation.by_name("write_fields: fields", fields, "values of the cells")
+        check_alike(domain.comm, "write_fields", {"fields": list(fields)})
+        given = {
+            name: validation.numbers(f"write_fields: {name!r}", values)
+            for name, values in fields.items()
+        }
+        for name, values in given.items():
+            if values.shape != (domain.n_cells,):
+                raise ValueError(
+                    f"write_fields: {name!r} must have one value for each cell owned by the rank; "
+                    f"on rank {domain.comm.rank} it has the shape {values.shape} for "
+                    f"{domain.n_cells} cells"
+                )
     functions = []
-    for name, values in fields.items():
-        given = np.asarray(values, dtype=np.float64)
-        if not all(domain.comm.allgather(given.shape == (domain.n_cells,))):
-            raise ValueError(
-                f"write_fields: {name!r} must have one value for each cell owned by the rank; on "
-                f"rank {domain.comm.rank} it has the shape {given.shape} for {domain.n_cells} cells"
-            )
+    for name, values in given.items():
         function = fem.Function(domain.density_space, name=name)
-        function.x.array[: domain.n_cells] = given
+        function.x.array[: domain.n_cells] = values
         function.x.scatter_forward()
         functions.append(function)
-    on_rank_0(domain.comm, lambda: Path(path).parent.mkdir(parents=True, exist_ok=True))
-    with XDMFFile(domain.comm, str(path), "w") as file:
+    on_rank_0(domain.comm, lambda: place.parent.mkdir(parents=True, exist_ok=True))
+    with XDMFFile(domain.comm, str(place), "w") as file:
         file.write_mesh(domain.mesh)
         for function in functions:
             file.write_function(function)

@@ -17,11 +17,27 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from . import validation
 from .body import VolumeIntegrals
-from .dynamics import Integrator, Trajectory, TrajectoryBar, adjoint, simulate
-from .dynamics.accuracy import coarser_run, run_to_tolerance
+from .dynamics import (
+    Integrator,
+    Trajectory,
+    TrajectoryBar,
+    adjoint,
+    coarser_run,
+    integrate,
+    run_to_tolerance,
+    simulate,
+)
 from .mechanism import Mechanism
-from .objective import Constraint, Objective
+from .objective import (
+    Constraint,
+    DensityField,
+    Derivatives,
+    Objective,
+    Response,
+    check_objective,
+)
 
 __all__ = [
     "ConstraintValue",
@@ -43,11 +59,13 @@ class ConstraintValue:
     #: The objective that is bounded, in its own unit.
     psi: float
     #: Derivative of g with respect to the integrals, by name of the body; None where only values
-    #: were asked for, or where g is no function of the integrals.
+    #: were asked for.
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
     #: Derivative of g with respect to the densities of this rank's cells, shape (cells,), by name
     #: of the body; None where only values were asked for, or where no body has a density.
     gradient: dict[str, Array] | None = field(default=None, repr=False)
+    #: The part of it at fixed integrals, likewise; a body that does not matter may be missing.
+    density_gradient: dict[str, Array] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -67,6 +85,17 @@ class MechanicalEvaluation:
     bodies: dict[str, VolumeIntegrals] = field(repr=False)
     #: Time spent by name of the part [s].
     seconds: dict[str, float]
+    #: Densities of the bodies that have one, by name.
+    densities: Mapping[str, DensityField] = field(default_factory=dict, repr=False)
+    #: Derivative of psi with respect to the densities at fixed integrals, shape (cells,) for the
+    #: cells of this rank, by name of the body; a body that does not matter may be missing. None
+    #: where only values were asked for.
+    density_gradient: dict[str, Array] | None = field(default=None, repr=False)
+
+    @property
+    def response(self) -> Response:
+        """What the objectives are functions of."""
+        return Response(self.trajectory, self.bodies, self.densities)
 
 
 @dataclass(frozen=True)
@@ -82,6 +111,7 @@ class MechanicalProblem:
         >>> evaluation.psi, evaluation.integrals_gradient["rod"].K
 
     Raises:
+        TypeError: If an argument is of a wrong kind.
         ValueError: If two constraints have the same name.
     """
 
@@ -95,8 +125,16 @@ class MechanicalProblem:
     constraints: Sequence[Constraint] = ()
 
     def __post_init__(self) -> None:
-        """Check the names."""
-        labels = [constraint.label for constraint in self.constraints]
+        """Check kinds and names."""
+        validation.instance("problem: the mechanism", self.mechanism, Mechanism, "a Mechanism")
+        needed = "GeneralizedAlpha(...) or RadauIIA(...)"
+        validation.instance("problem: the integrator", self.integrator, Integrator, needed)
+        check_objective("problem: the objective", self.objective)
+        constraints = validation.instances(
+            "problem: constraints", self.constraints, Constraint, "constraints"
+        )
+        object.__setattr__(self, "constraints", constraints)
+        labels = [constraint.label for constraint in constraints]
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ValueError(f"two constraints have the name {twice[0]!r}; name them apart")
@@ -107,11 +145,14 @@ class MechanicalProblem:
         objectives = [self.objective, *(c.objective for c in self.constraints)]
         return any(objective.needs_trajectory for objective in objectives)
 
-    def value(self, bodies: Bodies) -> MechanicalEvaluation:
-        """Return objective and constraints; nothing is simulated if none depends on the motion.
+    def value(
+        self, bodies: Bodies, densities: Mapping[str, DensityField] | None = None
+    ) -> MechanicalEvaluation:
+        """Objective and constraints; nothing is simulated if none depends on the motion.
 
         Args:
             bodies: Volume integrals of all bodies, by name.
+            densities: Densities of the bodies that have one, for objectives that depend on them.
 
         Raises:
             ValueError: If a name does not exist or integrals are not valid.
@@ -124,21 +165,23 @@ class MechanicalProblem:
         else:
             for name, integrals in bodies.items():
                 integrals.validate(name)
+        response = Response(trajectory, dict(bodies), densities or {})
         constraints = {}
         for constraint in self.constraints:
-            psi = _value(constraint.objective, trajectory, bodies)
+            psi = constraint.objective.evaluate(response)
             constraints[constraint.label] = ConstraintValue(constraint.scaled(psi), psi)
         return MechanicalEvaluation(
-            psi=_value(self.objective, trajectory, bodies),
+            psi=self.objective.evaluate(response),
             integrals_gradient=None,
             constraints=constraints,
             trajectory=trajectory,
             bodies=dict(bodies),
             seconds={"simulation": perf_counter() - start},
+            densities=response.densities,
         )
 
     def time_error(self, evaluation: MechanicalEvaluation) -> float:
-        """Return an estimate of the relative error that the time steps make in psi.
+        """An estimate of the relative error that the time steps make in psi.
 
         It is the change with steps twice as long, the largest of the objective and of those that
         are bounded. The error itself is smaller: by 3 times with :class:`GeneralizedAlpha`, by up
@@ -155,12 +198,18 @@ class MechanicalProblem:
             return 0.0
 
         def run(integrator: Integrator) -> Trajectory:
-            return simulate(self.mechanism, bodies, integrator)
+            return integrate(self.mechanism, bodies, integrator)
 
-        return self._change(bodies, fine, coarser_run(self.integrator, fine, run))
+        coarse = coarser_run(self.integrator, fine, run)
+        return self._change(evaluation.response, replace(evaluation.response, trajectory=coarse))
 
-    def with_tolerance(self, bodies: Bodies, tolerance: float) -> MechanicalProblem:
-        """Return the same problem with steps for an accuracy of psi.
+    def with_tolerance(
+        self,
+        bodies: Bodies,
+        tolerance: float,
+        densities: Mapping[str, DensityField] | None = None,
+    ) -> MechanicalProblem:
+        """The same problem with steps for an accuracy of psi.
 
         Fixed steps are halved and the tolerance of adaptive ones falls until :meth:`time_error`
         meets the tolerance and, with :class:`RadauIIA`, no single step adds a larger error. Choose
@@ -169,6 +218,7 @@ class MechanicalProblem:
         Args:
             bodies: Volume integrals of all bodies, by name.
             tolerance: Largest relative error of the objective and of those that are bounded.
+            densities: As for :meth:`value`.
 
         Raises:
             ValueError: If a name does not exist or a number is not valid.
@@ -180,23 +230,25 @@ class MechanicalProblem:
         integrator, _ = run_to_tolerance(
             self.integrator,
             tolerance,
-            lambda chosen: simulate(self.mechanism, bodies, chosen),
-            lambda fine, coarse: self._change(bodies, fine, coarse),
+            lambda chosen: integrate(self.mechanism, bodies, chosen),
+            lambda *motions: self._change(
+                *(Response(motion, bodies, densities or {}) for motion in motions)
+            ),
             "the objective",
         )
         return replace(self, integrator=integrator)
 
-    def _change(self, bodies: Bodies, fine: Trajectory, coarse: Trajectory) -> float:
-        """Return the largest relative change of the objective and of those that are bounded."""
+    def _change(self, fine: Response, coarse: Response) -> float:
+        """The largest relative change of the objective and of those that are bounded."""
         changes = [0.0]
         for objective in (self.objective, *(c.objective for c in self.constraints)):
             if objective.needs_trajectory:
-                here, there = (_value(objective, motion, bodies) for motion in (fine, coarse))
+                here, there = (objective.evaluate(response) for response in (fine, coarse))
                 changes.append(abs(here - there) / (abs(here) or 1.0))
         return max(changes)
 
     def gradient(self, bodies: Bodies) -> MechanicalEvaluation:
-        """Return objective and constraints with their exact derivatives.
+        """Objective and constraints with their exact derivatives.
 
         Args:
             bodies: Volume integrals of all bodies, by name.
@@ -208,7 +260,7 @@ class MechanicalProblem:
         return self.differentiate(self.value(bodies))
 
     def differentiate(self, evaluation: MechanicalEvaluation) -> MechanicalEvaluation:
-        """Return an evaluation with the exact derivatives added.
+        """An evaluation with the exact derivatives added.
 
         So a design whose value is rejected need not be differentiated.
 
@@ -216,53 +268,51 @@ class MechanicalProblem:
             evaluation: What :meth:`value` returned.
         """
         start = perf_counter()
-        trajectory, bodies = evaluation.trajectory, evaluation.bodies
         constraints = {}
         for constraint in self.constraints:
-            bars = _gradient(constraint.objective, trajectory, bodies)
+            direct, motion = parts_of_gradient(constraint.objective, evaluation.response)
+            bars, slope = _with_direct(motion, direct), constraint.slope
             constraints[constraint.label] = replace(
                 evaluation.constraints[constraint.label],
-                integrals_gradient={k: bar.scaled(constraint.slope) for k, bar in bars.items()},
+                integrals_gradient={name: bar.scaled(slope) for name, bar in bars.items()},
+                density_gradient={name: slope * bar for name, bar in direct.densities.items()},
             )
+        direct, motion = parts_of_gradient(self.objective, evaluation.response)
         return replace(
             evaluation,
-            integrals_gradient=_gradient(self.objective, trajectory, bodies),
+            integrals_gradient=_with_direct(motion, direct),
+            density_gradient=dict(direct.densities),
             constraints=constraints,
             seconds={**evaluation.seconds, "adjoint": perf_counter() - start},
         )
 
 
-def _value(objective: Objective, trajectory: Trajectory | None, bodies: Bodies) -> float:
-    # An objective that is handed None has said that it does not look at the motion.
-    return float(objective.value(trajectory, bodies))  # type: ignore[arg-type]
-
-
-def _gradient(
-    objective: Objective, trajectory: Trajectory | None, bodies: Bodies
+def _with_direct(
+    motion: Mapping[str, VolumeIntegrals], direct: Derivatives
 ) -> dict[str, VolumeIntegrals]:
-    """Derivative of an objective with respect to all integrals."""
-    direct, motion = parts_of_gradient(objective, trajectory, bodies)
-    return {name: own + direct[name] if name in direct else own for name, own in motion.items()}
+    """Derivatives with respect to all integrals, through the motion and at fixed motion."""
+    own = direct.integrals
+    return {name: own[name] + bar if name in own else bar for name, bar in motion.items()}
 
 
 def parts_of_gradient(
-    objective: Objective, trajectory: Trajectory | None, bodies: Bodies
-) -> tuple[dict[str, VolumeIntegrals], dict[str, VolumeIntegrals]]:
-    """Return the derivatives of an objective with respect to the integrals, in two parts.
+    objective: Objective, response: Response
+) -> tuple[Derivatives, dict[str, VolumeIntegrals]]:
+    """The derivatives of an objective, in two parts.
 
     Args:
         objective: The objective.
-        trajectory: The motion; None if the objective does not depend on it.
-        bodies: Volume integrals of all bodies, by name.
+        response: Motion, integrals and densities.
 
     Returns:
-        By name of the body, at fixed motion (bodies on which the objective does not depend directly
-        may be missing), and through the motion (all bodies).
+        The partial derivatives, and by name of the body those with respect to the integrals
+        through the motion (all bodies).
     """
-    bar, direct = objective.pullback(trajectory, bodies)  # type: ignore[arg-type]
+    direct = objective.derivatives(response)
+    bar, trajectory = direct.trajectory, response.trajectory
     if trajectory is not None and bar is not None and _matters(bar):
         return direct, adjoint(trajectory, bar)
-    return direct, {name: integrals.zeros_like() for name, integrals in bodies.items()}
+    return direct, {name: integrals.zeros_like() for name, integrals in response.bodies.items()}
 
 
 def _matters(bar: TrajectoryBar) -> bool:

@@ -4,28 +4,42 @@
 from __future__ import annotations
 
 from .adjoint import adjoint
-from .compiled import compile_kernels
 from .failures import SimulationError
-from .generalized_alpha import GeneralizedAlpha
 from .initial import initial_state
+from .integration.accuracy import coarser_run, run_to_tolerance
+from .integration.compiled import INTEGRATORS, compile_kernels, compiled_functions
+from .integration.generalized_alpha import GeneralizedAlpha
+from .integration.radau import RadauIIA
+from .integration.stages import stage_integrals
+from .memory import available_memory, check_memory, required_memory
 from .model import FlatModel, assemble_model
-from .radau import RadauIIA, compile_stage_kernels
-from .simulation import Integrator, SofteningWarning, simulate
-from .trajectory import Trajectory, TrajectoryBar
+from .simulation import integrate, simulate
+from .trajectory import Integrator, Trajectory, TrajectoryBar
+from .validity import LargeDeformationWarning, SofteningWarning, TimeStepWarning
 
 __all__ = [
+    "INTEGRATORS",
     "FlatModel",
     "GeneralizedAlpha",
     "Integrator",
+    "LargeDeformationWarning",
     "RadauIIA",
     "SimulationError",
     "SofteningWarning",
+    "TimeStepWarning",
     "Trajectory",
     "TrajectoryBar",
     "adjoint",
     "assemble_model",
+    "available_memory",
+    "check_memory",
+    "coarser_run",
     "compile_kernels",
-    "compile_stage_kernels",
+    "compiled_functions",
     "initial_state",
+    "integrate",
+    "required_memory",
+    "run_to_tolerance",
     "simulate",
+    "stage_integrals",
 ]

@@ -13,13 +13,14 @@ Numerical Optimization, 2nd ed., Springer 2006, section 4.3, doi:10.1007/978-0-3
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from .arrays import ModelArrays
-from .loops import kernels
 from .model import FlatModel
+from .planar import ModelArrays, equations_pullback, evaluate_equations
 
 __all__ = ["equilibrium_pullback", "static_equilibrium"]
 
@@ -33,6 +34,8 @@ _LAST = 1e-12
 #: Squared frequencies below this share of the largest stiffness over mass mean that nothing
 #: resists a motion.
 _NEUTRAL = 1e-13
+#: Least shift, in parts of the squared rate at which the forces would set the bodies moving.
+_LEAST = 1e-9
 
 
 class NoEquilibriumError(ValueError):
@@ -53,29 +56,29 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
     """
     arrays, n = _static_arrays(model), model.size
     y, lam = y.copy(), np.zeros(model.rows)
-    size = np.ones(n)  # one for lengths, and for angles the arc at the mechanism's size
-    size[arrays.first + 2] = length
-    rigid = np.concatenate([first + np.arange(3) for first in arrays.first])
+    # one for lengths, and for angles the arc at the mechanism's size
+    size = np.where(model.rotations, length, 1.0)
     residual, C, M, K = _evaluate(arrays, y, lam)
-    lam = _multipliers(C, residual[:n])
+    lam = _multipliers(C, M, residual[:n])
     step, converged = np.zeros(n), False
     for _ in range(_MAX_ITERATIONS):
         residual, C, M, K = _evaluate(arrays, y, lam)
         frequencies, shapes = _frequencies(C, M, K)
         neutral = _neutral(M, K)
+        force = residual[:n] - C.T @ lam
+        pull = float(np.max(np.abs(size * force / np.diag(M))[model.rigid])) / length
+        least = max(neutral, _LEAST * pull)
         shift = 0.0
         if frequencies.size and frequencies[0] <= neutral:
-            shift = max(-1.2 * frequencies[0], neutral, 1e-9)
+            shift = max(-1.2 * frequencies[0], least)
         while True:
-            matrix = np.block([[K + shift * M, C.T], [C, np.zeros((model.rows, model.rows))]])
-            force = residual[:n] - C.T @ lam
             rhs = -np.concatenate([force, residual[n : n + model.rows]])
-            solution = _solve(matrix, rhs)
+            solution = _solve(K + shift * M, C, M, rhs)
             step = solution[:n]
-            longest = float(np.max(np.abs(size * step)[rigid])) / length
-            if longest <= _LONGEST or not np.isfinite(longest):
+            longest = float(np.max(np.abs(size * step)[model.rigid])) / length
+            if longest <= _LONGEST or least == 0.0 or not np.isfinite(longest):
                 break
-            shift = max(4.0 * shift, neutral, 1e-9)
+            shift = max(4.0 * shift, least)
         y, lam = y + step, solution[n:]
         small = _LAST * length * np.sqrt(np.sum(arrays.mass))
         if abs(float(step @ M @ step)) < small**2:
@@ -113,14 +116,14 @@ def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Arra
         x . dr at this position.
     """
     arrays, n = _static_arrays(model), model.size
-    residual, C, _, _ = _evaluate(arrays, y, np.zeros(model.rows))
-    lam = _multipliers(C, residual[:n])
-    _, C, _, K = _evaluate(arrays, y, lam)
-    matrix = np.block([[K.T, C.T], [C, np.zeros((model.rows, model.rows))]])
-    solution = _solve(matrix, np.concatenate([y_bar, np.zeros(model.rows)]))
+    residual, C, M, _ = _evaluate(arrays, y, np.zeros(model.rows))
+    lam = _multipliers(C, M, residual[:n])
+    _, C, M, K = _evaluate(arrays, y, lam)
+    solution = _solve(K.T, C, M, np.concatenate([y_bar, np.zeros(model.rows)]))
     x, m2 = solution[:n].copy(), solution[n:].copy()
-    none, unused = np.zeros(model.rows), np.zeros(n)
-    kernels.transpose(arrays, 0, y, np.zeros(n), lam, x, m2, none, True, unused, markers)
+    adjoints = x, m2, np.zeros(model.rows)
+    _, bars = equations_pullback(arrays, (y, np.zeros(n), lam), adjoints, forces=True)
+    markers += bars
     return x
 
 
@@ -137,19 +140,34 @@ def _static_arrays(model: FlatModel) -> ModelArrays:
 def _evaluate(arrays: ModelArrays, y: Array, lam: Array) -> tuple[Array, Array, Array, Array]:
     """Residuals at rest, constraint Jacobian, mass matrix, derivative of the forces."""
     rest = np.zeros(y.size)
-    residual, C, M, K = kernels.evaluate(arrays, 0, y, rest, rest, lam)
+    residual, C, M, K = evaluate_equations(arrays, 0, y, rest, rest, lam)
     return residual, C, M, K
 
 
-def _multipliers(C: Array, force: Array) -> Array:
-    """Multipliers that hold a force best."""
-    return np.linalg.lstsq(C.T, -force, rcond=None)[0] if C.size else np.zeros(0)
+def _units(C: Array, M: Array) -> tuple[Array, Array]:
+    """Units of coordinates by mass, and of multipliers by what they hold, see set_units."""
+    unit = 1.0 / np.sqrt(np.diag(M))
+    reach = np.max(np.abs(C * unit), axis=1, initial=np.finfo(float).tiny)
+    return unit, 1.0 / reach
 
 
-def _solve(matrix: Array, rhs: Array) -> Array:
-    """Solution of a symmetrically scaled system; of a singular one, the shortest."""
+def _multipliers(C: Array, M: Array, force: Array) -> Array:
+    """Multipliers that hold a force best, by mass."""
+    unit, unit_of_row = _units(C, M)
+    matrix = unit[:, None] * C.T * unit_of_row
+    return unit_of_row * np.linalg.lstsq(matrix, -unit * force, rcond=None)[0]
+
+
+def _solve(K: Array, C: Array, M: Array, rhs: Array) -> Array:
+    """Solution with the matrix [[K, C^T], [C, 0]], scaled; if it is singular, the shortest."""
+    unit, unit_of_row = _units(C, M)
+    # The largest squared frequency makes the stiffness a number, like the constraints.
+    rate = math.sqrt(float(np.max(np.abs(unit[:, None] * K * unit)))) or 1.0
+    units = np.concatenate([unit / rate, unit_of_row * rate])
+    matrix = np.block([[K, C.T], [C, np.zeros((len(C), len(C)))]])
+    matrix = units[:, None] * matrix * units
     scale = 1.0 / np.sqrt(np.maximum(np.max(np.abs(matrix), axis=1), np.finfo(float).tiny))
-    scaled = scale[:, None] * matrix * scale
+    scaled, scale = scale[:, None] * matrix * scale, scale * units
     try:
         solution = np.linalg.solve(scaled, scale * rhs)
     except np.linalg.LinAlgError:
@@ -159,10 +177,11 @@ def _solve(matrix: Array, rhs: Array) -> Array:
 
 def _frequencies(C: Array, M: Array, K: Array) -> tuple[Array, Array]:
     """Squared frequencies of the motions that the joints leave, and these motions."""
-    scale = 1.0 / np.sqrt(np.diag(M))
+    scale, scale_of_row = _units(C, M)
     free = np.diag(scale)
     if C.shape[0]:
-        free = scale[:, None] * scipy.linalg.null_space(C * scale, rcond=1e-10)
+        rows = scale_of_row[:, None] * C * scale
+        free = scale[:, None] * scipy.linalg.null_space(rows, rcond=1e-10)
     if free.shape[1] == 0:
         return np.zeros(0), free
     stiffness, mass = free.T @ K @ free, free.T @ M @ free
@@ -178,5 +197,5 @@ def _neutral(M: Array, K: Array) -> float:
 
 def _moving_body(model: FlatModel, M: Array, step: Array) -> str:
     """Name of the body that moves the most."""
-    where = [model.coordinates(name) for name in model.bodies]
+    where = [model.coordinates(name).all for name in model.bodies]
     return list(model.bodies)[int(np.argmax([step[w] @ M[w, w] @ step[w] for w in where]))]

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from .arrays import ANGLE
-from .loops import SINGULAR, kernels
+from ..mechanism import RowKind
+from .integration.start import SINGULAR
 from .model import FlatModel
-from .trajectory import Trajectory
+from .planar import evaluate_equations
+from .trajectory import Integrator, Trajectory
 
 __all__ = ["SimulationError", "at_rest", "cut", "diagnosis"]
 
@@ -18,7 +20,7 @@ __all__ = ["SimulationError", "at_rest", "cut", "diagnosis"]
 class SimulationError(RuntimeError):
     """The time integration came to an end before its time."""
 
-    #: The trajectory up to the last good step.
+    #: The trajectory up to the last good step; None where another rank alone has it.
     trajectory: Trajectory
 
     def __init__(self, message: str, trajectory: Trajectory) -> None:
@@ -31,21 +33,25 @@ class SimulationError(RuntimeError):
         super().__init__(message)
         self.trajectory = trajectory
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What is sent to other ranks: the message; a motion may hold functions."""
+        return type(self), (str(self), None)
 
-def at_rest(model: FlatModel, steps: int, method: tuple[float, ...]) -> Trajectory:
+
+def at_rest(model: FlatModel, steps: int, integrator: Integrator) -> Trajectory:
     """A trajectory of zeros, to be filled in.
 
     Args:
         model: The compiled mechanism.
         steps: Number of instants after the start.
-        method: Parameters of the integration method.
+        integrator: The integration method.
     """
     y, v, w, a = (np.zeros((steps + 1, model.size)) for _ in range(4))
     multipliers, stabilization = (np.zeros((steps + 1, model.rows)) for _ in range(2))
     iterations, beginning = np.zeros(steps, dtype=np.int64), np.zeros((4, model.size))
     times = model.times[: steps + 1]
     return Trajectory(
-        times, y, v, w, a, multipliers, stabilization, iterations, beginning, model, method
+        times, y, v, w, a, multipliers, stabilization, iterations, beginning, model, integrator
     )
 
 
@@ -76,10 +82,10 @@ def diagnosis(
     """
     model, n = trajectory.model, trajectory.model.size
     rows = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w, trajectory.multipliers))
-    residual, *_ = kernels.evaluate(model.arrays, k, *rows)
+    residual = evaluate_equations(model.arrays, k, *rows).residual
     size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
     worst = int(np.argmax(size[:n]))
-    turning = worst in set(model.arrays.first + 2)
+    turning = model.rotations[worst]
     text = f"at t = {trajectory.t[k]:.6g} s ({where}) "
     if status == SINGULAR:
         text += "the mechanism is singular (joints redundant, or links in line)"
@@ -92,6 +98,6 @@ def diagnosis(
     if model.rows:
         gap = size[n : n + model.rows]
         row = int(np.argmax(gap))
-        unit = "rad" if model.arrays.kind[row] == ANGLE else "m"
+        unit = "rad" if model.arrays.kind[row] == RowKind.ANGLE else "m"
         text += f" and {gap[row]:.3g} {unit} in joint {model.joint_of_row(row)!r}"
     return text + f"; {remedy}look at the motion so far in the exception's trajectory"

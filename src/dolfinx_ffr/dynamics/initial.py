@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..start import Assembled, StaticEquilibrium
-from .arrays import ANGLE, SPRING
+from ..mechanism import ElementKind, RowKind
 from .equilibrium import equilibrium_pullback, static_equilibrium
-from .loops import kernels
 from .model import FlatModel
+from .planar import equations_pullback, evaluate_equations, length_of, place_markers
 
 __all__ = ["initial_state", "start_pullback"]
 
@@ -48,8 +45,8 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
     """
     closure = _Closure(model)
     y, v = closure.placed()
-    start = model.mechanism.start
-    if isinstance(start, StaticEquilibrium):
+    elastic, rate = _elastic_state(model)
+    if model.mechanism.start.in_equilibrium:
         y = closure.assembled(y, refuse=False)
         if model.rows:
             _refuse_redundant(model, closure.constraints(y, v)[2])
@@ -58,10 +55,9 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
         closure.refuse_open(y, "in the equilibrium")
     else:
         y = closure.assembled(y)
-        if start.elastic:
-            y = closure.deformed(y, _elastic(model, start.elastic))
-        if start.elastic_velocity:
-            v += _elastic(model, start.elastic_velocity)
+        if np.any(elastic):
+            y = closure.deformed(y, elastic)
+    v += rate
     if model.rows:
         v = closure.moving(y, v)
         _refuse_redundant(model, closure.constraints(y, v)[2])
@@ -86,29 +82,29 @@ def start_pullback(
         Adjoint x of the forces in the static equilibrium, shape (size,), or None for an assembled
         start, which depends on nothing but the markers.
     """
-    start, closure = model.mechanism.start, _Closure(model)
-    y_bar = y_bar.copy()
+    equilibrium, closure = model.mechanism.start.in_equilibrium, _Closure(model)
+    elastic, rate = _elastic_state(model)
+    if not (equilibrium or np.any(elastic) or np.any(rate)):
+        return None  # positions of markers alone, which are data
     placed, before = closure.placed()
-    if isinstance(start, Assembled):
-        if not start.elastic and not start.elastic_velocity:
-            return None  # positions of markers alone, which are data
-        before += _elastic(model, start.elastic_velocity)
     if model.rows:
-        closure.moving_pullback(y, before, v, v_bar, y_bar, markers)
-    if isinstance(start, StaticEquilibrium):
+        pulled, bars = closure.moving_pullback(y, before + rate, v, v_bar)
+        y_bar = y_bar + pulled
+        markers += bars
+    if equilibrium:
         return equilibrium_pullback(model, y, y_bar, markers)
-    if model.rows and start.elastic:
-        closure.deformed_pullback(closure.assembled(placed), y, y_bar, markers)
+    if model.rows and np.any(elastic):
+        markers += closure.deformed_pullback(closure.assembled(placed), y, y_bar)
     return None
 
 
-def _elastic(model: FlatModel, values: Mapping[str, ArrayLike]) -> Array:
-    """Vector of all coordinates with the given elastic ones and zeros elsewhere."""
-    out = np.zeros(model.size)
-    for name, part in values.items():
-        where = model.coordinates(name)
-        out[where.start + 3 : where.stop] = part
-    return out
+def _elastic_state(model: FlatModel) -> tuple[Array, Array]:
+    """Vectors of all coordinates and velocities, the elastic ones as given, zeros elsewhere."""
+    y, v = np.zeros(model.size), np.zeros(model.size)
+    for name, integrals in model.bodies.items():
+        elastic = model.coordinates(name).elastic
+        y[elastic], v[elastic] = model.mechanism.start.elastic_state(name, integrals.modes)
+    return y, v
 
 
 class _Closure:
@@ -117,26 +113,26 @@ class _Closure:
     def __init__(self, model: FlatModel) -> None:
         arrays = model.arrays
         self.model = model
-        self.length = _length(model)
-        self.rigid = np.concatenate([first + np.arange(3) for first in arrays.first])
+        self.length = length_of(arrays)
+        self.rigid = model.rigid
         # Angles count as the arc they sweep at the mechanism's size.
-        self.column = np.tile([1.0, 1.0, 1.0 / self.length], arrays.first.size)
-        self.row = np.where(arrays.kind == ANGLE, self.length, 1.0)
+        self.column = np.where(model.rotations[self.rigid], 1.0 / self.length, 1.0)
+        self.row = np.where(arrays.kind == RowKind.ANGLE, self.length, 1.0)
 
     def placed(self) -> tuple[Array, Array]:
         """Coordinates and velocities of the placements."""
-        y, v = np.zeros(self.model.size), np.zeros(self.model.size)
-        for name in self.model.bodies:
-            first = self.model.coordinates(name).start
-            placement = self.model.mechanism.placements[name]
-            y[first : first + 3] = *placement.position, placement.angle
-            v[first : first + 3] = *placement.velocity, placement.angular_velocity
+        model = self.model
+        y, v = np.zeros(model.size), np.zeros(model.size)
+        for name in model.bodies:
+            where, placement = model.coordinates(name), model.mechanism.placements[name]
+            y[where.position], y[where.rotation] = placement.position, placement.angle
+            v[where.position], v[where.rotation] = placement.velocity, placement.angular_velocity
         return y, v
 
     def constraints(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
         """Gaps of positions and velocities, and the constraint Jacobian."""
         zero = np.zeros(self.model.size), np.zeros(self.model.rows)
-        values, jacobian, *_ = kernels.evaluate(self.model.arrays, 0, y, v, *zero)
+        values, jacobian, *_ = evaluate_equations(self.model.arrays, 0, y, v, *zero)
         gaps = values[self.model.size :].reshape(2, -1)
         return gaps[0], gaps[1], jacobian
 
@@ -195,14 +191,20 @@ class _Closure:
         self.refuse_open(y, "with the given elastic coordinates")
         return y
 
-    def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array, markers: Array) -> None:
+    def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> Array:
         """Transpose of :meth:`deformed` with respect to the markers' shape functions."""
         left, right = self._directions(undeformed)
         _, jacobian = self.residual(y)
         pulled = right.T @ (self.column * y_bar[self.rigid])
         m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
-        self._transpose(y, zero, none, zero, m2, none, zero.copy(), markers)
+        return self._pullback((y, zero, none), (zero, m2, none))[1]
+
+    def _pullback(
+        self, state: tuple[Array, Array, Array], adjoints: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array]:
+        """Transpose of the constraints alone, see :func:`equations_pullback`."""
+        return equations_pullback(self.model.arrays, state, adjoints, forces=False)
 
     def _directions(self, y: Array) -> tuple[Array, Array]:
         """Combinations of rows that joints can close, and the motions that close them."""
@@ -222,8 +224,7 @@ class _Closure:
         v[self.rigid] += self.column * step
         _, rate, _ = self.constraints(y, v)
         speed = max(speed, float(np.max(self.row * (np.abs(full) @ np.abs(v)))))
-        start = model.mechanism.start
-        given = isinstance(start, Assembled) and start.elastic_velocity
+        given = np.any(np.delete(v, self.rigid))
         what = "set in motion with the " + (
             "given elastic velocities" if given else "elastic coordinates at rest"
         )
@@ -232,9 +233,11 @@ class _Closure:
         return v
 
     def moving_pullback(
-        self, y: Array, before: Array, v: Array, v_bar: Array, y_bar: Array, markers: Array
-    ) -> None:
-        """Transpose of :meth:`moving`, v = before - D C_y^T mu with C_y v + C_t = 0.
+        self, y: Array, before: Array, v: Array, v_bar: Array
+    ) -> tuple[Array, Array]:
+        """Transpose of :meth:`moving` with respect to y and the markers' shape functions.
+
+        The velocities are v = before - D C_y^T mu with C_y v + C_t = 0.
 
         With t = -(C_y D C_y^T)^-1 C_y D v_bar and x = -D (v_bar + C_y^T t), the derivative is that
         of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v.
@@ -246,27 +249,7 @@ class _Closure:
         t = -self.row * (inverse.T @ (self.column * v_bar[self.rigid]))
         x = np.zeros_like(y)
         x[self.rigid] = -(self.column**2) * (v_bar + full.T @ t)[self.rigid]
-        self._transpose(y, v, -mu, x, np.zeros(self.model.rows), -t, y_bar, markers)
-
-    def _transpose(
-        self,
-        y: Array,
-        v: Array,
-        lam: Array,
-        x: Array,
-        m2: Array,
-        m3: Array,
-        y_bar: Array,
-        markers: Array,
-    ) -> None:
-        kernels.transpose(self.model.arrays, 0, y, v, lam, x, m2, m3, False, y_bar, markers)
-
-
-def _length(model: FlatModel) -> float:
-    """Size of the bodies: largest distance of a marker from the origin of its body's frame."""
-    used = model.arrays.marker_body >= 0
-    length = float(np.max(np.linalg.norm(model.arrays.W[used, :, 0], axis=1), initial=0.0))
-    return length if length > 0.0 else 1.0
+        return self._pullback((y, v, -mu), (x, np.zeros(self.model.rows), -t))
 
 
 def _refuse_open(
@@ -276,7 +259,7 @@ def _refuse_open(
     worst = int(np.argmax(size))
     if size[worst] <= limit:
         return
-    unit = units[int(model.arrays.kind[worst] == ANGLE)]
+    unit = units[int(model.arrays.kind[worst] == RowKind.ANGLE)]
     involved = _joints_of(model, size)
     others = f" (joints involved: {involved})" if len(involved) > 1 else ""
     raise ValueError(
@@ -306,14 +289,14 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
 def _refuse_without_direction(model: FlatModel, y: Array) -> None:
     """Raise where the markers of a spring coincide, so that it does not know where to pull."""
     arrays = model.arrays
-    if not np.any(arrays.force_kind == SPRING):
+    if not np.any(arrays.force_kind == ElementKind.SPRING):
         return
-    positions = kernels.place(arrays, 0, y)
+    positions = place_markers(arrays, 0, y)
     for kind, (a, b), label in zip(
         arrays.force_kind, arrays.force_side, model.mechanism.force_names, strict=True
     ):
         gap = float(np.hypot(*(positions[a, :2] - positions[b, :2])))
-        if kind == SPRING and gap <= _OPEN * _length(model):
+        if kind == ElementKind.SPRING and gap <= _OPEN * length_of(arrays):
             raise ValueError(
                 f"force {label!r}: the markers coincide at the start, so that the spring has no "
                 "direction; length=0 makes it an elastic bearing"

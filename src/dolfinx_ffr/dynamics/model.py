@@ -12,23 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import Mechanism
-from ..motion import Motion, sample
-from ..points import Ground, Marker, Moving, marker_name
-from ..start import Assembled
-from .arrays import DISTANCE, ModelArrays
-from .layout import (
+from ..mechanism import (
     Element,
+    Ground,
+    Marker,
+    Mechanism,
+    Motion,
+    Moving,
     Row,
     Undeformed,
-    element_of_force,
-    rows_of_joint,
-    table_of_element,
+    marker_name,
+    sample,
+    tabulated,
 )
+from .planar import Coordinates, ModelArrays, coordinates_of
 
 __all__ = ["FlatModel", "assemble_model"]
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 #: Share of a step after which the accelerations are taken a second time to start the integration.
 START_OFFSET = 1e-4
@@ -101,22 +103,10 @@ class TimeTables:
                 table[:, 0] = *marker.position, marker.angle
             else:
                 for axis, motion in enumerate(marker.motions):
-                    table[:, :, axis] = _tabulate(motion, instants, where)
+                    table[:, :, axis] = tabulated(motion, instants, where).T
             prescribed.append(table)
-        drives = []
-        for row, label in self.rows:
-            drive = np.zeros((instants.size, 3))
-            if row.motion is not None:
-                drive += _tabulate(row.motion, instants, f"joint {label!r}")
-            drive[:, 0] += row.constant
-            if row.kind == DISTANCE and not np.min(drive[:, 0]) > 0.0:
-                k = int(np.argmax(~(drive[:, 0] > 0.0)))
-                raise ValueError(
-                    f"joint {label!r}: the length must be positive at all times, but it is "
-                    f"{drive[k, 0]:.6g} m at t = {instants[k]:.6g} s"
-                )
-            drives.append(drive)
-        pulls = [table_of_element(element, label, instants) for element, label in self.elements]
+        drives = [row.tabulate(instants, label) for row, label in self.rows]
+        pulls = [element.tabulate(instants, label) for element, label in self.elements]
         return {
             "gravity": _free_fall(self.mechanism, instants),
             "prescribed": _stack(prescribed, (instants.size, 3, 3)),
@@ -168,8 +158,8 @@ class FlatModel:
         """Number of scalar constraints."""
         return int(self.arrays.kind.size)
 
-    def coordinates(self, body: str) -> slice:
-        """Place of a body's coordinates (R_x, R_y, theta, q) among all coordinates.
+    def coordinates(self, body: str) -> Coordinates:
+        """Places of a body's position, rotation and elastic coordinates among all coordinates.
 
         Args:
             body: Name of the body.
@@ -177,9 +167,21 @@ class FlatModel:
         Raises:
             ValueError: If there is no such body; the message lists the bodies.
         """
-        b = self.body_index(body)
-        first = int(self.arrays.first[b])
-        return slice(first, first + 3 + int(self.arrays.modes[b]))
+        return coordinates_of(self.arrays, self.body_index(body))
+
+    @cached_property
+    def rigid(self) -> Integers:
+        """Places of the rigid coordinates of all bodies, shape (rigid,)."""
+        every = np.arange(self.size)
+        return np.concatenate([every[self.coordinates(name).rigid] for name in self.bodies])
+
+    @cached_property
+    def rotations(self) -> NDArray[np.bool_]:
+        """Which coordinates are angles of the bodies' frames, shape (size,)."""
+        angles = np.zeros(self.size, dtype=bool)
+        for name in self.bodies:
+            angles[self.coordinates(name).rotation] = True
+        return angles
 
     def body_index(self, body: str) -> int:
         """Number of a body.
@@ -225,17 +227,7 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
                 f"body {name!r} has no placement; placements are given for "
                 f"{list(mechanism.placements)}"
             )
-    if isinstance(mechanism.start, Assembled):
-        for what in ("elastic", "elastic_velocity"):
-            for name, values in getattr(mechanism.start, what).items():
-                if name not in bodies:
-                    raise ValueError(f"start: {what} of {name!r}, but the bodies are {names}")
-                shape, modes = np.shape(values), bodies[name].modes
-                if shape != (modes,):
-                    raise ValueError(
-                        f"start: {what} of body {name!r} must have shape {(modes,)}, but it has "
-                        f"shape {shape}"
-                    )
+    mechanism.start.validate({name: integrals.modes for name, integrals in bodies.items()})
     uses = [
         (f"joint {label!r}", marker)
         for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
@@ -257,14 +249,6 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
                 f"{what} refers to marker {marker!r} of body {body!r}, whose markers are "
                 f"{list(bodies[body].markers)}"
             )
-
-
-def _tabulate(motion: Motion, instants: Array, where: str) -> Array:
-    """Table (instants, 3) of a motion."""
-    try:
-        return motion.tabulate(instants).T
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
 
 
 def assemble_model(
@@ -311,12 +295,17 @@ def assemble_model(
         table.append(marker)
         return len(table) - 1
 
-    undeformed = Undeformed(mechanism.placements, bodies, instants[:1])
+    positions = {
+        (name, point): marker.position
+        for name, integrals in bodies.items()
+        for point, marker in integrals.markers.items()
+    }
+    undeformed = Undeformed(mechanism.placements, positions, instants[:1])
     rows: list[tuple[Row, str]] = []
     joints: dict[str, slice] = {}
     sides: list[tuple[int, int]] = []
     for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
-        own = rows_of_joint(joint, label, undeformed)
+        own = joint.rows(label, undeformed)
         joints[label] = slice(len(rows), len(rows) + len(own))
         user = f"joint {label!r}"
         sides += [(place(row.a, user), place(row.b, user)) for row in own]
@@ -324,7 +313,7 @@ def assemble_model(
     elements: list[tuple[Element, str]] = []
     ends: list[tuple[int, int]] = []
     for label, force in zip(mechanism.force_names, mechanism.forces, strict=True):
-        element = element_of_force(force, label, undeformed)
+        element = force.element(label, undeformed)
         elements.append((element, label))
         ends.append((place(element.a, f"force {label!r}"), place(element.b, f"force {label!r}")))
     tables = TimeTables(mechanism, prescribed, rows, elements)
@@ -333,21 +322,21 @@ def assemble_model(
 
     arrays = _body_arrays(mechanism, effective)
     modes = int(arrays["modes"].max())
-    W = np.zeros((len(table), 2, modes + 1))
+    shapes = np.zeros((len(table), 2, modes + 1))
     psi = np.zeros((len(table), modes))
     body_of, slot_of = np.full(len(table), -1), np.zeros(len(table), dtype=np.int64)
-    bent = np.full(len(table), -1)
+    stiffened = np.full(len(table), -1)
     bends: list[Array] = []
     slots = 0
     for number, known in enumerate(table):
         if isinstance(known, tuple):
             point_of_body = bodies[known[0]].markers[known[1]]
             r = bodies[known[0]].modes
-            W[number, :, : r + 1] = point_of_body.basis
+            shapes[number, :, : r + 1] = point_of_body.basis
             psi[number, :r] = point_of_body.rotation
             body_of[number] = list(bodies).index(known[0])
             if point_of_body.stiffening is not None and r:
-                bent[number] = len(bends)
+                stiffened[number] = len(bends)
                 bends.append(_padded_stiffening(point_of_body.stiffening, modes))
         else:
             slot_of[number] = slots
@@ -357,9 +346,10 @@ def assemble_model(
         **over_time,
         marker_body=body_of.astype(np.int64),
         marker_slot=slot_of,
-        W=W,
+        shapes=shapes,
         psi=psi,
-        bent=(bent.astype(np.int64), np.array(bends)) if bends else None,
+        marker_stiffened=stiffened.astype(np.int64),
+        marker_stiffening=np.array(bends).reshape(len(bends), 2, modes, modes),
         kind=np.array([row.kind for row, _ in rows], dtype=np.int64),
         side=np.array(sides, dtype=np.int64).reshape(-1, 2),
         normal=_pairs([row.normal for row, _ in rows]),
@@ -401,6 +391,13 @@ def _padded_stiffening(stiffening: Array, modes: int) -> Array:
     return out
 
 
+def _inverse(G: Array) -> Array:
+    """Inverse of a mass matrix, found at unit diagonal, where its units do not matter."""
+    scale = 1.0 / np.sqrt(np.diag(G))
+    inverse = np.outer(scale, scale) * np.linalg.inv(G * np.outer(scale, scale))
+    return 0.5 * (inverse + inverse.T)
+
+
 def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
     """Padded arrays of all bodies, by name of the field of ModelArrays."""
     count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
@@ -430,8 +427,7 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
         out["inverse"][b, :2, :2] = np.eye(2) / integrals.mass
         out["inverse"][b, 2, 2] = 1.0 / integrals.G[0, 0]
-        elastic = np.linalg.inv(out["G"][b, 1 : r + 1, 1 : r + 1])
-        out["inverse"][b, 3 : r + 3, 3 : r + 3] = 0.5 * (elastic + elastic.T)
+        out["inverse"][b, 3 : r + 3, 3 : r + 3] = _inverse(out["G"][b, 1 : r + 1, 1 : r + 1])
         if name in mechanism.damping:
             out["alpha"][b] = mechanism.damping[name].alpha
             out["beta"][b] = mechanism.damping[name].beta

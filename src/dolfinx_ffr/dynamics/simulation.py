@@ -1,48 +1,27 @@
 # SPDX-License-Identifier: MIT
-"""Simulation of a mechanism: start, time integration, and a look at the result."""
+"""Simulation of a mechanism: start, and time integration."""
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Iterable, Iterator, Mapping
-from typing import TypeAlias
+from collections.abc import Mapping
 
-import numpy as np
-import scipy.linalg
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from .. import validation
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
-from .accuracy import position_error, run_to_tolerance
-from .compiled import compile_kernels
 from .equilibrium import NoEquilibriumError
 from .failures import SimulationError, at_rest
-from .generalized_alpha import GeneralizedAlpha, integrate_with_constant_steps
 from .initial import initial_state
-from .loops import kernels
+from .integration.accuracy import position_error, run_to_tolerance
+from .integration.compiled import compile_kernels
+from .integration.radau import RadauIIA
+from .memory import check_memory
 from .model import assemble_model
-from .radau import RadauIIA, compile_stage_kernels, integrate_with_radau
-from .trajectory import Trajectory
+from .trajectory import Integrator, Trajectory
+from .validity import warn_of_limits
 
-__all__ = ["Integrator", "SofteningWarning", "one_thread", "simulate"]
-
-Array = NDArray[np.float64]
-Integrator: TypeAlias = GeneralizedAlpha | RadauIIA
-
-#: Steps whose stiffness is looked at together.
-_CHUNK = 2000
-
-
-class SofteningWarning(UserWarning):
-    """A body turns faster than its lowest frequency, where the linear theory fails.
-
-    Judged by the loads of the body's own inertia, and of point masses at markers with geometric
-    stiffness. Forces of joints, springs and others at such markers may take the warning back, where
-    they hold the body; that they alone buckle a body is not reported, as this depends on how its
-    neighbours hold it.
-    """
+__all__ = ["integrate", "one_thread", "simulate"]
 
 
 def simulate(
@@ -79,128 +58,71 @@ def simulate(
         ValueError: If a name does not exist, a number is not valid, or the mechanism cannot be
             assembled; see :func:`assemble_model` and :func:`initial_state`. Also if not exactly one
             of integrator and duration is given, or a duration without a tolerance.
+        MemoryError: If the motion would take more memory than the machine has.
         SimulationError: If Newton's method does not converge or the mechanism becomes singular;
             it names time, body and joint and keeps the trajectory so far. Likewise if a static
             equilibrium to start from is not found, or a tolerance is not reached.
 
     Warns:
         SofteningWarning: If a body turns faster than its lowest frequency.
+        LargeDeformationWarning: If a body is deformed beyond what linear theory describes.
+        TimeStepWarning: If given steps are too long for the motion.
 
     Example:
         >>> trajectory = simulate(mechanism, bodies, end_time=2.0, tolerance=1e-6)
         >>> trajectory.error  # estimate of what was reached
     """
+    validation.instance("simulate: the mechanism", mechanism, Mechanism, "a Mechanism")
     if (integrator is None) == (end_time is None):
         raise ValueError("simulate: give either an integrator, or end_time and a tolerance")
     if end_time is not None and tolerance is None:
         raise ValueError("simulate: end_time needs a tolerance; or give an integrator with steps")
-    method = integrator if integrator is not None else RadauIIA(float(end_time or math.nan))
+    method = RadauIIA(end_time) if end_time is not None else integrator
+    needed = "GeneralizedAlpha(...) or RadauIIA(...)"
+    method = validation.instance("simulate: the integrator", method, Integrator, needed)
     try:
         if tolerance is None:
-            trajectory = _simulate(mechanism, bodies, method)
+            trajectory = integrate(mechanism, bodies, method)
         else:
             _, trajectory = run_to_tolerance(
                 method,
                 tolerance,
-                lambda chosen: _simulate(mechanism, bodies, chosen),
+                lambda chosen: integrate(mechanism, bodies, chosen),
                 position_error,
                 "positions",
             )
     except SimulationError as error:
-        _warn_of_softening(error.trajectory)  # a likely reason
+        warn_of_limits(error.trajectory, complete=False)
         raise
-    _warn_of_softening(trajectory)
+    warn_of_limits(trajectory, steps_given=tolerance is None)
     return trajectory
 
 
-def _simulate(
+def integrate(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
 ) -> Trajectory:
+    """Motion of a mechanism with given steps, whatever becomes of it: without a warning.
+
+    Args:
+        mechanism: The mechanism.
+        bodies: Volume integrals of all bodies, by name.
+        integrator: Time integration.
+
+    Raises:
+        ValueError: As :func:`simulate` does.
+        MemoryError: As :func:`simulate` does.
+        SimulationError: As :func:`simulate` does.
+    """
+    validation.instances_by_name("bodies", bodies, VolumeIntegrals, "VolumeIntegrals")
+    check_memory(integrator, [body.modes for body in bodies.values()])
     model = assemble_model(mechanism, bodies, integrator.times)
-    stiffened = model.arrays.bent is not None
-    compile_kernels(stiffened_markers=stiffened)
-    if isinstance(integrator, RadauIIA):
-        compile_stage_kernels(stiffened_markers=stiffened)
+    compile_kernels(integrators=[type(integrator)])
     with one_thread():
         try:
             y0, v0 = initial_state(model)
         except NoEquilibriumError as error:
-            method = () if isinstance(integrator, RadauIIA) else integrator.parameters
-            raise SimulationError(str(error), at_rest(model, 0, method)) from error
-        if isinstance(integrator, RadauIIA):
-            return integrate_with_radau(model, integrator, y0, v0)
-        return integrate_with_constant_steps(model, integrator, y0, v0)
-
-
-def _warn_of_softening(trajectory: Trajectory) -> None:
-    """Warn once of each body whose stiffness less omega^2 G loses definiteness."""
-    model = trajectory.model
-    for b, name in enumerate(model.bodies):
-        n = int(model.arrays.modes[b])
-        if n == 0:
-            continue
-        G, K = model.arrays.G[b, 1 : n + 1, 1 : n + 1], model.arrays.K[b, :n, :n]
-        speed = np.abs(trajectory.v[:, model.coordinates(name).start + 2])
-        if model.arrays.stiffened[b]:
-            k = _first_unheld(trajectory, b, _softening(trajectory, b))
-            if k >= 0:
-                warnings.warn(
-                    f"body {name!r} loses its stiffness at t = {trajectory.t[k]:.4g} s, where it "
-                    f"turns with {speed[k]:.4g} rad/s, in spite of geometric stiffening: while "
-                    "that lasts, its deformation grows without bound",
-                    SofteningWarning,
-                    stacklevel=3,
-                )
-            continue
-        lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
-        fast = np.flatnonzero((speed**2 > lowest) & (lowest > 0.0))
-        k = _first_unheld(trajectory, b, fast)
-        if k >= 0:
-            warnings.warn(
-                f"body {name!r} turns with {speed[k]:.4g} rad/s at t = {trajectory.t[k]:.4g} s, "
-                f"faster than its lowest frequency of {math.sqrt(lowest):.4g} rad/s: without "
-                "geometric stiffening its deformation grows without bound",
-                SofteningWarning,
-                stacklevel=3,
-            )
-
-
-def _softening(trajectory: Trajectory, b: int) -> Iterator[int]:
-    """Steps at which K + B - omega^2 G is indefinite, B the stiffness by the body's inertia."""
-    arrays = trajectory.model.arrays
-    o, n = int(arrays.first[b]), int(arrays.modes[b])
-    G, T = arrays.G[b, 1 : n + 1, 1 : n + 1], arrays.stiffening[b, :, :n, :n]
-    # In the basis of the modes at rest, so that no unit hides a slip.
-    frequencies, modes = scipy.linalg.eigh(arrays.K[b, :n, :n], G)
-    parts = np.concatenate([T, -np.eye(n)[None]])
-    parts[:4] = modes.T @ T @ modes
-    fall = arrays.gravity[: trajectory.steps + 1]
-    c, s = np.cos(trajectory.y[:, o + 2]), np.sin(trajectory.y[:, o + 2])
-    ax, ay = (trajectory.w[:, o : o + 2] - fall).T
-    spin = trajectory.v[:, o + 2] ** 2
-    loads = np.stack([spin, trajectory.w[:, o + 2], c * ax + s * ay, c * ay - s * ax, spin], 1)
-    for start in range(0, len(loads), _CHUNK):
-        stiffness = np.diag(frequencies) + np.tensordot(loads[start : start + _CHUNK], parts, 1)
-        soft = np.linalg.eigvalsh(stiffness)[:, 0] < min(0.0, -1e-12 * frequencies[-1])
-        yield from start + np.flatnonzero(soft)
-
-
-def _first_unheld(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
-    """First of these steps at which forces at markers do not hold the body either; or -1."""
-    arrays = trajectory.model.arrays
-    elastic = slice(int(arrays.first[b]) + 3, int(arrays.first[b] + 3 + arrays.modes[b]))
-    stiffened = arrays.bent is not None and np.any(arrays.bent[0][arrays.marker_body == b] >= 0)
-    for k in steps:
-        if not stiffened:
-            return int(k)
-        state = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w))
-        *_, Ky = kernels.evaluate(arrays, int(k), *state, trajectory.multipliers[k])
-        stiffness = Ky[elastic, elastic] + Ky[elastic, elastic].T
-        scale = 1.0 / np.sqrt(np.diag(arrays.G[b])[1 : len(stiffness) + 1])
-        squares = np.linalg.eigvalsh(scale[:, None] * stiffness * scale)
-        if squares[0] < min(0.0, -1e-12 * squares[-1]):
-            return int(k)
-    return -1
+            raise SimulationError(str(error), at_rest(model, 0, integrator)) from error
+        return integrator.integrate(model, y0, v0)
 
 
 _controller: ThreadpoolController | None = None

@@ -1,21 +1,120 @@
 # SPDX-License-Identifier: MIT
-"""Result of a simulation, and derivatives with respect to it."""
+"""Time integration as a contract, its result, and derivatives with respect to that."""
 
 from __future__ import annotations
 
 import math
+import warnings
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .loops import kernels
+from .compilation import Compiled
 from .model import FlatModel
+from .planar import Samples, applied_forces
 
-__all__ = ["Trajectory", "TrajectoryBar"]
+__all__ = ["Integrator", "Trajectory", "TrajectoryBar", "TrajectoryPullback"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+class Integrator(ABC):
+    """A time integration method: integration, its exact transpose, and how its steps are refined.
+
+    A new method is one class; its loops work on the equations of motion of any kinematics, see
+    :mod:`dolfinx_ffr.dynamics.equations`.
+    """
+
+    #: Order of positions, velocities and objectives in the time step.
+    order: ClassVar[int]
+    #: Rows of a trajectory for each step.
+    stages: ClassVar[int] = 1
+    #: Compiled functions of the method.
+    compiled: ClassVar[tuple[Compiled, ...]]
+
+    #: Duration of the simulation, which starts at zero [s].
+    end_time: float
+
+    @property
+    @abstractmethod
+    def times(self) -> Array:
+        """Ends of fixed steps, shape (steps + 1,); of adaptive ones, begin and end only [s]."""
+
+    @property
+    @abstractmethod
+    def instants(self) -> int:
+        """Rows of a trajectory with given steps; zero where the steps follow from a tolerance."""
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether the steps follow from a tolerance."""
+        return False
+
+    @property
+    @abstractmethod
+    def coarser(self) -> Integrator:
+        """The method with steps about twice as long, for an estimate of the error."""
+
+    @property
+    @abstractmethod
+    def finer(self) -> Integrator:
+        """The method with steps half as long, or with a tenth of the tolerance."""
+
+    @property
+    def finest(self) -> bool:
+        """Whether a smaller tolerance would not be met."""
+        return False
+
+    @property
+    @abstractmethod
+    def remedy(self) -> str:
+        """What to do where an accuracy is out of reach."""
+
+    def with_steps_of(self, trajectory: Trajectory) -> Integrator:
+        """The method with the steps that a motion has taken.
+
+        Args:
+            trajectory: A motion that the method has computed.
+        """
+        return self
+
+    def toward(self, tolerance: float) -> Integrator:
+        """The method from which to seek steps for a tolerance.
+
+        Args:
+            tolerance: Largest error of the result that is allowed.
+        """
+        return self
+
+    @abstractmethod
+    def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
+        """Motion from a consistent start.
+
+        Args:
+            model: The compiled mechanism, tabulated at :attr:`times`.
+            y0: Coordinates at the start, shape (size,).
+            v0: Velocities at the start, shape (size,).
+
+        Raises:
+            SimulationError: If Newton's method does not converge, the mechanism becomes singular,
+                or the steps become too small.
+        """
+
+    @abstractmethod
+    def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
+        """Transpose of :meth:`integrate`.
+
+        Args:
+            trajectory: A motion that the method has computed.
+            bar: Derivatives of a number with respect to it.
+
+        Raises:
+            RuntimeError: If the matrix of a step is singular.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +147,24 @@ class Trajectory:
     beginning: Array
     #: The compiled mechanism.
     model: FlatModel
-    #: alpha_m, alpha_f, gamma, beta of the generalised-alpha method; empty for Radau IIA.
-    method: tuple[float, ...]
+    #: The method that made it.
+    integrator: Integrator
     #: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal rule.
     weights: Array | None = None
     #: Estimate of the relative error, NaN where there is none. Where `simulate` was given a
     #: tolerance, the error of the positions, see there. Else, with Radau IIA, the error that a
     #: single step adds, the largest of all; a motion that magnifies errors ends further off.
     error: float = math.nan
+
+    @property
+    def method(self) -> tuple[float, ...]:
+        """Parameters of the generalised-alpha method, else empty; use `integrator`."""
+        warnings.warn(
+            "Trajectory.method goes with the next release; use Trajectory.integrator",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return getattr(self.integrator, "parameters", ())
 
     @property
     def steps(self) -> int:
@@ -65,7 +174,7 @@ class Trajectory:
     @property
     def step_ends(self) -> Array:
         """Times at which steps end, the start included [s]."""
-        return self.t if self.method else self.t[::3]
+        return self.t[:: self.integrator.stages]
 
     def rigid(self, body: str) -> Array:
         """Position and angle of a body's frame over time, shape (steps + 1, 3) [m, m, rad].
@@ -73,8 +182,7 @@ class Trajectory:
         Args:
             body: Name of the body.
         """
-        first = self.model.coordinates(body).start
-        return self.y[:, first : first + 3]
+        return self.y[:, self.model.coordinates(body).rigid]
 
     def elastic(self, body: str) -> Array:
         """Elastic coordinates of a body over time, shape (steps + 1, modes).
@@ -82,8 +190,7 @@ class Trajectory:
         Args:
             body: Name of the body.
         """
-        where = self.model.coordinates(body)
-        return self.y[:, where.start + 3 : where.stop]
+        return self.y[:, self.model.coordinates(body).elastic]
 
     def pose(self, body: str, step: int) -> tuple[Array, float, Array]:
         """Position (2,) [m] and angle [rad] of a body's frame, elastic coordinates (modes,).
@@ -147,9 +254,7 @@ class Trajectory:
         names = self.model.mechanism.force_names
         if name not in names:
             raise ValueError(f"no force {name!r}; the forces are {names}")
-        forces = np.zeros((self.steps + 1, len(names), 3))
-        kernels.loads(self.model.arrays, self.y, self.v, forces)
-        return forces[:, names.index(name)]
+        return applied_forces(self.model.arrays, self.y, self.v)[:, names.index(name)]
 
     def kinetic_energy(self, body: str) -> Array:
         """Kinetic energy of a body and its point masses over time, shape (steps + 1,) [J].
@@ -209,11 +314,13 @@ class Trajectory:
     def _products(self, body: str) -> tuple:
         arrays, b = self.model.arrays, self.model.body_index(body)
         n, where = int(arrays.modes[b]) + 1, self.model.coordinates(body)
-        y, v = self.y[:, where], self.v[:, where]
-        qh, vh = y[:, 2:].copy(), v[:, 2:].copy()
-        qh[:, 0], vh[:, 0] = 1.0, 0.0
+        y, v = self.y, self.v
+        qh = np.column_stack([np.ones(len(y)), y[:, where.elastic]])
+        vh = np.column_stack([np.zeros(len(v)), v[:, where.elastic]])
         S, G, N = arrays.S[b, :n], arrays.G[b, :n, :n], arrays.N[b, :n, :n]
-        return arrays.mass[b], S, G, N, y[:, :2], y[:, 2], v[:, :2], v[:, 2], qh, vh
+        position, velocity = y[:, where.position], v[:, where.position]
+        angle, omega = y[:, where.rotation], v[:, where.rotation]
+        return arrays.mass[b], S, G, N, position, angle, velocity, omega, qh, vh
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +346,15 @@ class TrajectoryBar:
         y, v, w = (np.zeros_like(trajectory.y) for _ in range(3))
         return TrajectoryBar(y, v, w, np.zeros_like(trajectory.multipliers))
 
+    def scaled(self, factor: float) -> TrajectoryBar:
+        """The derivatives times a factor.
+
+        Args:
+            factor: The factor.
+        """
+        parts = (self.y, self.v, self.w, self.multipliers)
+        return TrajectoryBar(*(factor * part for part in parts))
+
     def __add__(self, other: TrajectoryBar) -> TrajectoryBar:
         """Sum entry by entry."""
         return TrajectoryBar(
@@ -247,6 +363,22 @@ class TrajectoryBar:
             self.w + other.w,
             self.multipliers + other.multipliers,
         )
+
+
+class TrajectoryPullback(NamedTuple):
+    """What the transpose of a time integration leaves to be gathered."""
+
+    #: States at which forces were evaluated, and the adjoint of the forces there.
+    samples: Samples
+    #: Vectors left and right over time, shape (instants, size) each: the metric D^-1 of the
+    #: position corrections has the derivative sum of left . dD^-1 right.
+    corrections: tuple[Array, Array]
+    #: Derivative with respect to the coordinates at the start, shape (size,).
+    y_bar: Array
+    #: Derivative with respect to the velocities at the start, shape (size,).
+    v_bar: Array
+    #: Derivatives with respect to the markers' shape functions, see :func:`marker_bar`.
+    marker_bars: Array
 
 
 def _rotated(vectors: Array, angles: Array) -> Array:

@@ -6,7 +6,15 @@ Objectives can be weighted and added (``0.3 * a + b``), and bounded by a :class:
 
 from __future__ import annotations
 
-from .base import Constraint, Objective, Sum
+from .base import (
+    Constraint,
+    DensityField,
+    Derivatives,
+    Objective,
+    Response,
+    Sum,
+    check_objective,
+)
 from .compliance import IntegralCompliance, PeakCompliance
 from .joints import JointForce
 from .markers import MarkerAcceleration, PathTracking
@@ -14,6 +22,8 @@ from .properties import Frequency, Mass, Volume
 
 __all__ = [
     "Constraint",
+    "DensityField",
+    "Derivatives",
     "Frequency",
     "IntegralCompliance",
     "JointForce",
@@ -22,6 +32,8 @@ __all__ = [
     "Objective",
     "PathTracking",
     "PeakCompliance",
+    "Response",
     "Sum",
     "Volume",
+    "check_objective",
 ]

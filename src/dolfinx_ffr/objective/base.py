@@ -1,28 +1,99 @@
 # SPDX-License-Identifier: MIT
-"""What all objectives have in common: value, pullback, weighted sums, bounds."""
+"""What all objectives have in common: value, derivatives, weighted sums, bounds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics.trajectory import Trajectory, TrajectoryBar
+from ..dynamics import Trajectory, TrajectoryBar
 
-__all__ = ["Constraint", "Objective", "Sum"]
+__all__ = ["Constraint", "DensityField", "Derivatives", "Objective", "Response", "Sum"]
 
+Array = NDArray[np.float64]
 Bodies = Mapping[str, VolumeIntegrals]
 #: Derivatives with respect to the trajectory (None: it does not matter), and to the integrals of
 #: the bodies at fixed trajectory (a body that is missing does not matter).
 Bars = tuple[TrajectoryBar | None, dict[str, VolumeIntegrals]]
 
 
-class Objective:
-    """A number psi that depends on the trajectory and on the volume integrals of the bodies.
+@dataclass(frozen=True, eq=False)
+class DensityField:
+    """The densities of a body's cells; each rank holds those of its own cells."""
 
-    An objective of one's own derives from this class and defines :meth:`value` and
-    :meth:`pullback`. Objectives are added, and multiplied by numbers, with the usual signs.
+    #: Densities, shape (cells,), in [0, 1].
+    values: Array
+    #: Areas of the cells, shape (cells,) [m^2].
+    areas: Array
+    #: Sum of an array over the cells of all ranks, the same on every rank; collective.
+    sum: Callable[[Array], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What objectives are functions of: a motion and the bodies that made it."""
+
+    #: The motion; None if neither objective nor constraints need it.
+    trajectory: Trajectory | None
+    #: Volume integrals of all bodies, by name.
+    bodies: Bodies
+    #: Densities of the bodies that have one, by name; none for bodies given by their integrals.
+    densities: Mapping[str, DensityField] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Partial derivatives of a number with respect to the three parts of a response."""
+
+    #: With respect to the trajectory, at fixed bodies; None where it does not matter.
+    trajectory: TrajectoryBar | None = None
+    #: With respect to the integrals, at fixed trajectory and densities, by name of the body; a body
+    #: that is missing does not matter.
+    integrals: Mapping[str, VolumeIntegrals] = field(default_factory=dict)
+    #: With respect to the densities of this rank's cells, shape (cells,), at fixed trajectory and
+    #: integrals, likewise.
+    densities: Mapping[str, Array] = field(default_factory=dict)
+
+    def scaled(self, factor: float) -> Derivatives:
+        """The derivatives times a factor.
+
+        Args:
+            factor: The factor.
+        """
+        return Derivatives(
+            None if self.trajectory is None else self.trajectory.scaled(factor),
+            {name: bar.scaled(factor) for name, bar in self.integrals.items()},
+            {name: factor * bar for name, bar in self.densities.items()},
+        )
+
+    def __add__(self, other: Derivatives) -> Derivatives:
+        """Sum part by part."""
+        ours, theirs = self.trajectory, other.trajectory
+        integrals, densities = dict(self.integrals), dict(self.densities)
+        for name, bar in other.integrals.items():
+            integrals[name] = integrals[name] + bar if name in integrals else bar
+        for name, part in other.densities.items():
+            densities[name] = densities[name] + part if name in densities else part
+        return Derivatives(
+            ours if theirs is None else theirs if ours is None else ours + theirs,
+            integrals,
+            densities,
+        )
+
+
+class Objective:
+    """A number psi that depends on the motion, the volume integrals and the densities of bodies.
+
+    An objective of one's own derives from this class. If it depends on trajectory and integrals it
+    defines :meth:`value` and :meth:`pullback`; if it depends on densities too, it defines
+    :meth:`evaluate` and :meth:`derivatives` instead. Objectives are added, and multiplied by
+    numbers, with the usual signs.
     """
 
     @property
@@ -30,32 +101,76 @@ class Objective:
         """Whether the number depends on the motion; without it nothing needs to be simulated."""
         return True
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The number.
+    def validate(self, densities: Collection[str]) -> None:
+        """Refuse to be used where a density that the number depends on does not exist.
 
         Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
+            densities: Names of the bodies with a density.
+
+        Raises:
+            ValueError: If a body has no density; the message lists those that have.
         """
-        raise NotImplementedError
+
+    def evaluate(self, response: Response) -> float:
+        """The number, the same on every rank.
+
+        Args:
+            response: Motion, integrals and densities; the motion is None for an objective that
+                does not need it.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        return float(self.value(response.trajectory, response.bodies))  # type: ignore[arg-type]
+
+    def derivatives(self, response: Response) -> Derivatives:
+        """Its partial derivatives with respect to trajectory, integrals and densities.
+
+        Args:
+            response: As for :meth:`evaluate`.
+
+        Raises:
+            ValueError: As :meth:`evaluate` does.
+        """
+        return Derivatives(*self.pullback(response.trajectory, response.bodies))  # type: ignore[arg-type]
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        """The number, as a function of trajectory and integrals alone.
+
+        Args:
+            trajectory: Result of the simulation; None for an objective that does not need it.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        raise NotImplementedError(f"{type(self).__name__} defines no value of the motion alone")
 
     def pullback(self, trajectory: Trajectory, bodies: Bodies) -> Bars:
         """Its derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
 
         Args:
-            trajectory: Result of the simulation.
+            trajectory: Result of the simulation; None for an objective that does not need it.
             bodies: Volume integrals of the bodies, by name.
 
         Returns:
             The derivative with respect to the trajectory, None where the number does not depend on
             it, and those with respect to the integrals by name of the body; a body that does not
             matter may be missing.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} defines no pullback to the motion alone")
+
+    def _summands(self) -> list[tuple[float, Objective]]:
+        """The objective as weights and terms of a sum."""
+        return [(1.0, self)]
 
     def __add__(self, other: Objective) -> Sum:
         """Sum of two objectives."""
-        return Sum([*_terms(self), *_terms(other)])
+        check_objective("sum of objectives: what is added", other)
+        return Sum([*self._summands(), *other._summands()])
 
     def __radd__(self, other: float) -> Objective:
         """Start of the built-in sum, which is zero."""
@@ -63,21 +178,19 @@ class Objective:
 
     def __sub__(self, other: Objective) -> Sum:
         """Difference of two objectives."""
+        check_objective("difference of objectives: what is subtracted", other)
         return self + (-1.0) * other
 
     def __mul__(self, weight: float) -> Sum:
         """The objective times a weight."""
-        return Sum([(weight * own, objective) for own, objective in _terms(self)])
+        weight = validation.number("weight of an objective", weight)
+        return Sum([(weight * own, objective) for own, objective in self._summands()])
 
     __rmul__ = __mul__
 
     def __neg__(self) -> Sum:
         """The objective with the opposite sign, to be maximised."""
         return self * -1.0
-
-
-def _terms(objective: Objective) -> list[tuple[float, Objective]]:
-    return objective.terms if isinstance(objective, Sum) else [(1.0, objective)]
 
 
 class Sum(Objective):
@@ -90,17 +203,25 @@ class Sum(Objective):
         terms: Pairs of weight and objective.
 
     Raises:
+        TypeError: If a term is no pair of a number and an objective.
         ValueError: If there are no terms, or a weight is not a finite number.
     """
 
     def __init__(self, terms: Iterable[tuple[float, Objective]]) -> None:
         #: Pairs of weight and objective.
-        self.terms = [(float(weight), objective) for weight, objective in terms]
+        self.terms: list[tuple[float, Objective]] = []
+        validation.instance("sum of objectives: terms", terms, Iterable, "a list of pairs")
+        for term in terms:
+            if not (isinstance(term, tuple | list) and len(term) == 2):
+                raise TypeError(
+                    "sum of objectives: each term must be a pair (weight, objective), but one is "
+                    f"{validation.described(term)}"
+                )
+            weight, given = term
+            objective = check_objective("sum of objectives: a term", given)
+            self.terms.append((validation.number(f"weight of {objective}", weight), objective))
         if not self.terms:
             raise ValueError("a sum of objectives needs at least one term")
-        for weight, objective in self.terms:
-            if not math.isfinite(weight):
-                raise ValueError(f"weight of {objective} is {weight}")
 
     def __repr__(self) -> str:
         """The terms with their weights."""
@@ -108,37 +229,28 @@ class Sum(Objective):
 
     @property
     def needs_trajectory(self) -> bool:
-        """Whether a term depends on the motion."""
         return any(objective.needs_trajectory for _, objective in self.terms)
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The weighted sum.
+    def validate(self, densities: Collection[str]) -> None:
+        for _, term in self.terms:
+            term.validate(densities)
 
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-        """
-        return sum(weight * term.value(trajectory, bodies) for weight, term in self.terms)
+    def evaluate(self, response: Response) -> float:
+        return sum(weight * term.evaluate(response) for weight, term in self.terms)
+
+    def derivatives(self, response: Response) -> Derivatives:
+        parts = (term.derivatives(response).scaled(weight) for weight, term in self.terms)
+        return sum(parts, Derivatives())
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        return self.evaluate(Response(trajectory, bodies))
 
     def pullback(self, trajectory: Trajectory, bodies: Bodies) -> Bars:
-        """The weighted sum of the derivatives of the terms.
+        found = self.derivatives(Response(trajectory, bodies))
+        return found.trajectory, dict(found.integrals)
 
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-        """
-        total: TrajectoryBar | None = None
-        bars: dict[str, VolumeIntegrals] = {}
-        for weight, term in self.terms:
-            part, direct = term.pullback(trajectory, bodies)
-            if part is not None:
-                arrays = (weight * a for a in (part.y, part.v, part.w, part.multipliers))
-                scaled = TrajectoryBar(*arrays)
-                total = scaled if total is None else total + scaled
-            for name, bar in direct.items():
-                own = bar.scaled(weight)
-                bars[name] = bars[name] + own if name in bars else own
-        return total, bars
+    def _summands(self) -> list[tuple[float, Objective]]:
+        return self.terms
 
 
 @dataclass(frozen=True)
@@ -163,16 +275,19 @@ class Constraint:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Check the bound."""
+        """Check kinds and bound."""
+        check_objective("constraint: the objective", self.objective)
+        validation.name("constraint: name", self.name)
         if (self.upper is None) == (self.lower is None):
             raise ValueError(
                 f"constraint {self.label!r} needs either an upper or a lower bound; for both, give "
                 "two constraints"
             )
-        if not math.isfinite(self.bound) or self.bound == 0.0:
+        given = self.lower if self.upper is None else self.upper
+        if validation.number(f"constraint {self.label!r}: the bound", given) == 0.0:
             raise ValueError(
-                f"constraint {self.label!r}: the bound is {self.bound}, but it must be a finite "
-                "number other than zero, which the values are compared with"
+                f"constraint {self.label!r}: the bound must be a number other than zero, which the "
+                "values are compared with"
             )
 
     @property
@@ -198,6 +313,20 @@ class Constraint:
             psi: Value of the objective.
         """
         return self.slope * (psi - self.bound)
+
+
+def check_objective(what: str, objective: object) -> Objective:
+    """The objective, or refuse what is none.
+
+    Args:
+        what: Name of the argument, for the message.
+        objective: What is given for it.
+
+    Raises:
+        TypeError: If it is no objective.
+    """
+    needed = "an objective, as IntegralCompliance()"
+    return validation.instance(what, objective, Objective, needed)
 
 
 def no_body(what: str, name: str, bodies: Bodies) -> ValueError:

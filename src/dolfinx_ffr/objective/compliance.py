@@ -7,17 +7,17 @@ and K its reduced stiffness.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics.trajectory import Trajectory, TrajectoryBar
+from ..dynamics import Trajectory, TrajectoryBar
 from .base import Bodies, Objective, no_body
-from .time_average import check_power, power_mean, time_weights
+from .time_average import power_mean, time_weights
 
 __all__ = ["IntegralCompliance", "PeakCompliance"]
 
@@ -34,10 +34,16 @@ class _Compliance(Objective):
     weights: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the weights."""
-        for name, weight in (self.weights or {}).items():
-            if not math.isfinite(weight):
-                raise ValueError(f"weight of body {name!r} is {weight}")
+        """Check bodies and weights."""
+        if self.bodies is not None and not validation.names(f"{self._what}: bodies", self.bodies):
+            raise ValueError(
+                f"{self._what}: bodies is an empty list, and nothing would count; leave it out to "
+                "take all"
+            )
+        if self.weights is not None:
+            what = f"{self._what}: weights"
+            for name, weight in validation.by_name(what, self.weights, "numbers").items():
+                validation.number(f"{what}: that of body {name!r}", weight)
 
     def _terms(self, bodies: Bodies) -> dict[str, float]:
         """Weights of the bodies that count."""
@@ -69,7 +75,7 @@ class _Compliance(Objective):
         for name, weight in self._terms(bodies).items():
             q, where = trajectory.elastic(name), trajectory.model.coordinates(name)
             scaled = weight * bar[:, None] * q
-            out.y[:, where.start + 3 : where.stop] = 2.0 * scaled @ bodies[name].K
+            out.y[:, where.elastic] = 2.0 * scaled @ bodies[name].K
             square = q.T @ scaled
             bars[name].K[:] = 0.5 * (square + square.T)
         return out, bars
@@ -94,29 +100,11 @@ class IntegralCompliance(_Compliance):
         return "integral compliance"
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The integral compliance [J s].
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a body does not exist; the message lists the bodies.
-        """
         return float(time_weights(trajectory) @ self._compliance(trajectory, bodies))
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a body does not exist; the message lists the bodies.
-        """
         return self._pullback(trajectory, bodies, time_weights(trajectory))
 
 
@@ -139,7 +127,7 @@ class PeakCompliance(_Compliance):
     def __post_init__(self) -> None:
         """Check the weights and the power."""
         super().__post_init__()
-        check_power(self._what, self.power, 1.0)
+        validation.number(f"{self._what}: the power", self.power, least=1.0)
         for name, weight in (self.weights or {}).items():
             if weight < 0.0:
                 raise ValueError(f"{self._what}: the weight of body {name!r} is negative: {weight}")
@@ -149,29 +137,11 @@ class PeakCompliance(_Compliance):
         return "peak compliance"
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The power mean of the compliance [J].
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a body does not exist; the message lists the bodies.
-        """
         return self._mean(trajectory, bodies)[0]
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a body does not exist; the message lists the bodies.
-        """
         return self._pullback(trajectory, bodies, self._mean(trajectory, bodies)[1])
 
     def _mean(self, trajectory: Trajectory, bodies: Bodies) -> tuple[float, Array]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics.arrays import ANGLE
-from ..dynamics.trajectory import Trajectory, TrajectoryBar
+from ..dynamics import Trajectory, TrajectoryBar
+from ..mechanism import RowKind
 from .base import Bodies, Objective
-from .time_average import check_power, check_window, power_mean, time_weights
+from .time_average import check_window, power_mean, time_weights
 
 __all__ = ["JointForce"]
 
@@ -45,8 +46,10 @@ class JointForce(Objective):
     window: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check power and window."""
-        check_power("joint force", self.power, 1.0)
+        """Check name, power and window."""
+        validation.name("joint force: joint", self.joint)
+        validation.flag("joint force: moment", self.moment)
+        validation.number("joint force: the power", self.power, least=1.0)
         if self.power == 1.0:
             raise ValueError(
                 "joint force: with a power of 1 the mean has a kink where the force vanishes; "
@@ -55,30 +58,12 @@ class JointForce(Objective):
         check_window("joint force", self.window)
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The power mean of the force [N], or of the moment [N m].
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If there is no such joint; the message lists the joints.
-        """
         size, weights = self._size(trajectory)
         return power_mean(size, weights, self.power)[0]
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the trajectory; the integrals matter only through it.
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If there is no such joint; the message lists the joints.
-        """
         size, weights = self._size(trajectory)
         size_bar = power_mean(size, weights, self.power)[1]
         rows = self._rows(trajectory)
@@ -99,7 +84,7 @@ class JointForce(Objective):
         if self.joint not in joints:
             raise ValueError(f"force of joint {self.joint!r}, but the joints are {list(joints)}")
         rows = np.arange(trajectory.model.rows)[joints[self.joint]]
-        turns = trajectory.model.arrays.kind[rows] == ANGLE
+        turns = trajectory.model.arrays.kind[rows] == RowKind.ANGLE
         if self.moment and not turns.any():
             raise ValueError(f"joint force: joint {self.joint!r} carries no moment")
         return rows[turns] if self.moment or turns.all() else rows[~turns]

@@ -15,14 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import validation
 from ..body import BodyMarker, VolumeIntegrals
-from ..dynamics.trajectory import Trajectory, TrajectoryBar
-from ..motion import Motion
+from ..dynamics import Trajectory, TrajectoryBar
+from ..mechanism import Motion, check_signal, evaluated
 from .base import Bodies, Objective, no_body
 from .time_average import check_window, time_weights
 
@@ -43,7 +45,11 @@ class _MarkerObjective(Objective):
     #: Name of the marker.
     marker: str
 
-    def _point(self, what: str, bodies: Bodies) -> BodyMarker:
+    def _check_names(self, what: str) -> None:
+        validation.name(f"{what}: body", self.body)
+        validation.name(f"{what}: marker", self.marker)
+
+    def _body_marker(self, what: str, bodies: Bodies) -> BodyMarker:
         if self.body not in bodies:
             raise no_body(what, self.body, bodies)
         markers = bodies[self.body].markers
@@ -84,8 +90,9 @@ class PathTracking(_MarkerObjective):
             the weight has the wrong shape or holds NaN, or a name does not exist.
     """
 
-    #: Pair (x, y) of motions, functions of an array of times or numbers; or an array of the
-    #: positions at the instants of the trajectory, shape (steps + 1, 2) [m].
+    #: Pair (x, y) of motions, functions of an array of times, numbers, or arrays of shape
+    #: (steps + 1,) if not both are; or an array of the positions at the instants of the trajectory,
+    #: shape (steps + 1, 2) [m].
     path: tuple[Coordinate, Coordinate] | Array
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
@@ -93,60 +100,53 @@ class PathTracking(_MarkerObjective):
     weight: Callable[[Array], ArrayLike] | Array | None = None
 
     def __post_init__(self) -> None:
-        """Check the window."""
+        """Check names, path and window."""
+        self._check_names("path tracking")
         check_window("path tracking", self.window)
+        if _is_pair_of_coordinates(self.path):
+            if len(self.path) != 2:
+                raise ValueError(
+                    f"path tracking: the path is a pair (x, y), not of {len(self.path)} entries"
+                )
+            for axis, along in zip("xy", self.path, strict=True):
+                if np.ndim(along) == 1:  # of a function it is zero
+                    validation.numbers(f"path tracking: the path along {axis}", along)
+                else:
+                    check_signal(f"path tracking: the path along {axis}", along)
+        else:
+            validation.numbers("path tracking: the path", self.path)
+        if self.weight is not None and not callable(self.weight):
+            validation.numbers("path tracking: the weight", self.weight)
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The integral of the squared distance [m^2 s].
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a name does not exist, or path or weight does not fit the time steps.
-        """
         distance = self._distance(trajectory, bodies)[0]
         return float(self._weights(trajectory) @ np.sum(distance**2, axis=1))
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a name does not exist, or path or weight does not fit the time steps.
-        """
         distance, w = self._distance(trajectory, bodies)
-        point = bodies[self.body].markers[self.marker]
+        marker = bodies[self.body].markers[self.marker]
         where = trajectory.model.coordinates(self.body)
-        theta, q = trajectory.y[:, where.start + 2], trajectory.elastic(self.body)
+        theta, q = trajectory.y[:, where.rotation], trajectory.elastic(self.body)
         bar = TrajectoryBar.zeros(trajectory)
         r_bar = 2.0 * self._weights(trajectory)[:, None] * distance
         local = _turned(r_bar, -theta)
-        bar.y[:, where.start : where.start + 2] = r_bar
-        bar.y[:, where.start + 2] = np.sum(local * _quarter(w), axis=1)
-        bar.y[:, where.start + 3 : where.stop] = _through(local, point.shapes_at(q))
+        bar.y[:, where.position] = r_bar
+        bar.y[:, where.rotation] = np.sum(local * _quarter(w), axis=1)
+        bar.y[:, where.elastic] = _through(local, marker.shapes_at(q))
         return bar, self._bars(bodies, local.T @ q, -0.5 * _products(local, q, q))
 
     def _distance(self, trajectory: Trajectory, bodies: Bodies) -> tuple[Array, Array]:
         """Vectors from path to marker, and the marker in the body's axes, (steps + 1, 2) [m]."""
-        point = self._point("path tracking", bodies)
+        marker = self._body_marker("path tracking", bodies)
         rigid = trajectory.rigid(self.body)
-        w = point.position + point.shift(trajectory.elastic(self.body))
+        w = marker.position + marker.shift(trajectory.elastic(self.body))
         return rigid[:, :2] + _turned(w, rigid[:, 2]) - self._target(trajectory.t), w
 
     def _target(self, t: Array) -> Array:
         """The path at the time steps, shape (steps + 1, 2) [m]."""
-        if any(isinstance(part, Motion | float | int) or callable(part) for part in self.path):
-            if len(self.path) != 2:
-                raise ValueError(
-                    f"path tracking: the path is a pair (x, y), not of {len(self.path)} entries"
-                )
+        if _is_pair_of_coordinates(self.path):
             return np.column_stack(
                 [
                     _tabulated(f"path tracking: the path along {axis}", along, t)
@@ -182,7 +182,8 @@ class MarkerAcceleration(_MarkerObjective):
     window: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the window."""
+        """Check names and window."""
+        self._check_names("marker acceleration")
         check_window("marker acceleration", self.window)
 
     def acceleration(self, trajectory: Trajectory, bodies: Bodies) -> Array:
@@ -195,61 +196,42 @@ class MarkerAcceleration(_MarkerObjective):
         Raises:
             ValueError: If a name does not exist; the message lists those that do.
         """
-        point = self._point("marker acceleration", bodies)
+        marker = self._body_marker("marker acceleration", bodies)
         where = trajectory.model.coordinates(self.body)
-        return trajectory.w[:, where][:, :2] + _turned(
-            self._relative(trajectory, point)[-1], trajectory.y[:, where.start + 2]
-        )
+        b, angle = self._relative(trajectory, marker)[-1], trajectory.y[:, where.rotation]
+        return trajectory.w[:, where.position] + _turned(b, angle)
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The integral of the squared acceleration [m^2/s^3].
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
         weights = time_weights(trajectory, self.window, "marker acceleration")
         return float(weights @ np.sum(self.acceleration(trajectory, bodies) ** 2, axis=1))
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
-
-        Args:
-            trajectory: Result of the simulation.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
-        point = self._point("marker acceleration", bodies)
+        marker = self._body_marker("marker acceleration", bodies)
         weights = time_weights(trajectory, self.window, "marker acceleration")
         where = trajectory.model.coordinates(self.body)
-        y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
-        omega, alpha = v[:, 2:3], w[:, 2:3]
-        place, drift, b = self._relative(trajectory, point)
+        y, v, w = trajectory.y, trajectory.v, trajectory.w
+        omega, alpha = (part[:, where.rotation, None] for part in (v, w))
+        place, drift, b = self._relative(trajectory, marker)
         a_bar = 2.0 * weights[:, None] * self.acceleration(trajectory, bodies)
-        b_bar = _turned(a_bar, -y[:, 2])
+        b_bar = _turned(a_bar, -y[:, where.rotation])
         # J^T = -J
         place_bar = -alpha * _quarter(b_bar) - omega**2 * b_bar
         drift_bar = -2.0 * omega * _quarter(b_bar)
         bar = TrajectoryBar.zeros(trajectory)
-        first, elastic = where.start, slice(where.start + 3, where.stop)
-        bar.w[:, first : first + 2] = a_bar
-        bar.w[:, first + 2] = np.sum(b_bar * _quarter(place), axis=1)
-        q, rate, growth = y[:, 3:], v[:, 3:], w[:, 3:]
-        shapes = point.shapes_at(q)
+        elastic, rotation = where.elastic, where.rotation
+        bar.w[:, where.position] = a_bar
+        bar.w[:, rotation] = np.sum(b_bar * _quarter(place), axis=1)
+        q, rate, growth = (part[:, elastic] for part in (y, v, w))
+        shapes = marker.shapes_at(q)
         bar.w[:, elastic] = _through(b_bar, shapes)
-        bar.v[:, first + 2] = np.sum(b_bar * 2.0 * (_quarter(drift) - omega * place), axis=1)
+        bar.v[:, rotation] = np.sum(b_bar * 2.0 * (_quarter(drift) - omega * place), axis=1)
         bar.v[:, elastic] = _through(drift_bar, shapes)
-        bar.y[:, first + 2] = np.sum(b_bar * _quarter(b), axis=1)
+        bar.y[:, rotation] = np.sum(b_bar * _quarter(b), axis=1)
         bar.y[:, elastic] = _through(place_bar, shapes)
-        if point.stiffening is not None:
-            T = point.stiffening
+        if marker.stiffening is not None:
+            T = marker.stiffening
             bar.v[:, elastic] -= 2.0 * np.einsum("td,djk,tk->tj", b_bar, T, rate)
             bar.y[:, elastic] -= np.einsum("td,djk,tk->tj", drift_bar, T, rate)
             bar.y[:, elastic] -= np.einsum("td,djk,tk->tj", b_bar, T, growth)
@@ -258,18 +240,26 @@ class MarkerAcceleration(_MarkerObjective):
         bends_bar += _products(b_bar, growth, q) + _products(b_bar, rate, rate)
         return bar, self._bars(bodies, shapes_bar, -bends_bar)
 
-    def _relative(self, trajectory: Trajectory, point: BodyMarker) -> tuple[Array, Array, Array]:
+    def _relative(self, trajectory: Trajectory, marker: BodyMarker) -> tuple[Array, Array, Array]:
         """The vectors w, (Phi - T q) q' and b of the module's formula, (steps + 1, 2) each."""
         where = trajectory.model.coordinates(self.body)
-        y, v, w = (part[:, where] for part in (trajectory.y, trajectory.v, trajectory.w))
-        omega, alpha = v[:, 2:3], w[:, 2:3]
-        shapes = point.shapes_at(y[:, 3:])
-        place = point.position + point.shift(y[:, 3:])
-        drift = np.einsum("tdj,tj->td", shapes, v[:, 3:])
-        b = alpha * _quarter(place) + np.einsum("tdj,tj->td", shapes, w[:, 3:])
-        if point.stiffening is not None:
-            b -= np.einsum("tj,djk,tk->td", v[:, 3:], point.stiffening, v[:, 3:])
+        y, v, w = trajectory.y, trajectory.v, trajectory.w
+        omega, alpha = (part[:, where.rotation, None] for part in (v, w))
+        q, rate, growth = (part[:, where.elastic] for part in (y, v, w))
+        shapes = marker.shapes_at(q)
+        place = marker.position + marker.shift(q)
+        drift = np.einsum("tdj,tj->td", shapes, rate)
+        b = alpha * _quarter(place) + np.einsum("tdj,tj->td", shapes, growth)
+        if marker.stiffening is not None:
+            b -= np.einsum("tj,djk,tk->td", rate, marker.stiffening, rate)
         return place, drift, b - omega**2 * place + 2.0 * omega * _quarter(drift)
+
+
+def _is_pair_of_coordinates(path: object) -> bool:
+    """Whether a path is given by its coordinates over time, not by an array of positions."""
+    return isinstance(path, tuple | list) and any(
+        isinstance(part, Motion | Real) or callable(part) for part in path
+    )
 
 
 def _through(bars: Array, shapes: Array) -> Array:
@@ -284,9 +274,10 @@ def _products(bars: Array, a: Array, b: Array) -> Array:
 
 def _tabulated(what: str, function: Coordinate | Array, t: Array) -> Array:
     """A function of time at the time steps, shape (steps + 1,)."""
-    if isinstance(function, Motion):
-        function = function.value
-    values = np.asarray(function(t) if callable(function) else function, dtype=np.float64)
+    if isinstance(function, Motion) or callable(function):
+        values = evaluated(function, t, what)
+    else:
+        values = np.asarray(function, dtype=np.float64)
     return _checked(what, np.broadcast_to(values, t.shape) if values.ndim == 0 else values, t.shape)
 
 

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Objectives of a body alone, which need no simulation: mass, natural frequency."""
+"""Objectives of a body alone, which need no simulation: mass, volume, natural frequency."""
 
 from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from .. import validation
 from ..body import QUARTER_TURN, VolumeIntegrals
-from ..dynamics.trajectory import Trajectory
-from .base import Bodies, Objective, no_body
+from ..dynamics import Trajectory
+from .base import Bodies, DensityField, Derivatives, Objective, Response, no_body
 
 __all__ = ["Frequency", "Mass", "Volume"]
 
@@ -25,95 +27,79 @@ _EQUAL = 1e-6
 
 @dataclass(frozen=True)
 class Mass(Objective):
-    """Mass of a body [kg], without the point masses of the mechanism."""
+    """Mass of a body [kg], without the point masses of the mechanism.
 
-    #: Name of the body.
-    body: str
-
-    @property
-    def needs_trajectory(self) -> bool:
-        """False: the motion does not matter."""
-        return False
-
-    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        """The mass [kg].
-
-        Args:
-            trajectory: Not used, may be None.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If the body does not exist; the message lists the bodies.
-        """
-        if self.body not in bodies:
-            raise no_body("mass", self.body, bodies)
-        return bodies[self.body].mass
-
-    def pullback(
-        self, trajectory: Trajectory | None, bodies: Bodies
-    ) -> tuple[None, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the integrals.
-
-        Args:
-            trajectory: Not used, may be None.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If the body does not exist; the message lists the bodies.
-        """
-        if self.body not in bodies:
-            raise no_body("mass", self.body, bodies)
-        return None, {self.body: replace(bodies[self.body].zeros_like(), mass=1.0)}
-
-
-@dataclass(frozen=True)
-class Volume(Objective):
-    """Filled share of a body's area, between 0 and 1; only as the objective of a constraint.
-
-    It is a number of the densities themselves: the bodies' integrals, all that objectives see, do
-    not hold it. A :class:`Problem` computes it as a constraint, without reduction or simulation.
-    :class:`Mass` is similar and may be used anywhere.
+    Raises:
+        ValueError: When the value is asked for, if the body does not exist.
     """
 
     #: Name of the body.
     body: str
 
+    def __post_init__(self) -> None:
+        """Check the name."""
+        validation.name("mass: body", self.body)
+
     @property
     def needs_trajectory(self) -> bool:
-        """False: the motion does not matter."""
         return False
 
     def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        """Refused: the integrals do not hold the volume.
-
-        Args:
-            trajectory: Not used.
-            bodies: Not used.
-
-        Raises:
-            ValueError: Always.
-        """
-        raise self._refusal()
+        return self._body(bodies).mass
 
     def pullback(
         self, trajectory: Trajectory | None, bodies: Bodies
     ) -> tuple[None, dict[str, VolumeIntegrals]]:
-        """Refused: the integrals do not hold the volume.
+        return None, {self.body: replace(self._body(bodies).zeros_like(), mass=1.0)}
 
-        Args:
-            trajectory: Not used.
-            bodies: Not used.
+    def _body(self, bodies: Bodies) -> VolumeIntegrals:
+        if self.body not in bodies:
+            raise no_body("mass", self.body, bodies)
+        return bodies[self.body]
 
-        Raises:
-            ValueError: Always.
-        """
-        raise self._refusal()
 
-    def _refusal(self) -> ValueError:
-        return ValueError(
-            f"volume of body {self.body!r}: it is known only to the constraints of a Problem with "
-            "densities; take Mass instead"
-        )
+@dataclass(frozen=True)
+class Volume(Objective):
+    """Filled share of the area of a body with a density, between 0 and 1.
+
+        psi = sum_cells area x / sum_cells area
+
+    It is a function of the densities alone. :class:`Mass` is similar and needs no density.
+
+    Raises:
+        ValueError: If the body has no density, when the problem is made.
+    """
+
+    #: Name of the body.
+    body: str
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        validation.name("volume: body", self.body)
+
+    @property
+    def needs_trajectory(self) -> bool:
+        return False
+
+    def validate(self, densities: Collection[str]) -> None:
+        if self.body not in densities:
+            raise ValueError(
+                f"volume of body {self.body!r}, but the bodies with a density are "
+                f"{sorted(densities)}; Mass is similar and needs no density"
+            )
+
+    def evaluate(self, response: Response) -> float:
+        self.validate(response.densities)
+        density = response.densities[self.body]
+        return density.sum(density.values * self._shares(density))
+
+    def derivatives(self, response: Response) -> Derivatives:
+        self.validate(response.densities)
+        return Derivatives(densities={self.body: self._shares(response.densities[self.body])})
+
+    def _shares(self, density: DensityField) -> Array:
+        """Share of each cell in the body's area, shape (cells,)."""
+        return density.areas / density.sum(density.areas)
 
 
 @dataclass(frozen=True)
@@ -127,9 +113,10 @@ class Frequency(Objective):
     that of the reference conditions. In a tangent frame the body is clamped at one interface and
     free otherwise; in a chord frame it is hinged at one interface while the other may slide along
     the chord. These are not the frequencies with all interfaces held, which belong to the basis of
-    the reduction. With ``free`` nothing is held: M is the mass matrix of the body with its frame,
-    and the three rigid-body motions are left out; this one does not depend on the frame. Other
-    bodies, joints and point masses of the mechanism play no part.
+    the reduction (`Evaluation.fixed_interface_frequencies`). With ``free`` nothing is held: M is
+    the mass matrix of the body with its frame, and the three rigid-body motions are left out; this
+    one does not depend on the frame. Other bodies, joints and point masses of the mechanism play no
+    part.
 
     A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
     none as long as the cluster stays apart from the frequencies beside it; for two to four it is
@@ -154,42 +141,22 @@ class Frequency(Objective):
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("number", "cluster"):
-            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < 1:
-                raise ValueError(
-                    f"frequency: {name} must be a whole number from 1, not {getattr(self, name)}"
-                )
+        validation.name("frequency: body", self.body)
+        validation.whole("frequency: number", self.number, least=1)
+        validation.whole("frequency: cluster", self.cluster, least=1)
+        validation.flag("frequency: free", self.free)
 
     @property
     def needs_trajectory(self) -> bool:
-        """False: the motion does not matter."""
         return False
 
     def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        """The frequency [Hz].
-
-        Args:
-            trajectory: Not used, may be None.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If the body does not exist or has no such frequency.
-        """
         eigenvalues = self._eigenpairs(bodies)[0][self._chosen]
         return math.sqrt(1.0 / float(np.mean(1.0 / eigenvalues))) / (2.0 * math.pi)
 
     def pullback(
         self, trajectory: Trajectory | None, bodies: Bodies
     ) -> tuple[None, dict[str, VolumeIntegrals]]:
-        """Derivatives with respect to the integrals.
-
-        Args:
-            trajectory: Not used, may be None.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If the body does not exist or has no such frequency.
-        """
         eigenvalues, vectors = self._eigenpairs(bodies)
         self._warn_of_neighbours(eigenvalues)
         own, v = eigenvalues[self._chosen], vectors[:, self._chosen]

@@ -7,31 +7,15 @@ order, and where a window cuts a step, by the integral of the polynomial through
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dynamics.stages import stage_integrals
-from ..dynamics.trajectory import Trajectory
+from .. import validation
+from ..dynamics import Trajectory, stage_integrals
 
-__all__ = ["check_power", "check_window", "power_mean", "time_weights", "trapezoidal_weights"]
+__all__ = ["check_window", "power_mean", "time_weights", "trapezoidal_weights"]
 
 Array = NDArray[np.float64]
-
-
-def check_power(what: str, power: float, least: float) -> None:
-    """Refuse a power that is too small, infinite or NaN.
-
-    Args:
-        what: Name of the objective, for the message.
-        power: The power.
-        least: Smallest power that is allowed.
-    """
-    if not (math.isfinite(power) and power >= least):
-        raise ValueError(
-            f"{what}: the power must be a number of at least {least:g}, but it is {power}"
-        )
 
 
 def check_window(what: str, window: tuple[float, float] | None) -> None:
@@ -41,7 +25,10 @@ def check_window(what: str, window: tuple[float, float] | None) -> None:
         what: Name of the objective, for the message.
         window: Begin and end [s]; None stands for the whole motion.
     """
-    if window is not None and not window[0] < window[1]:
+    if window is None:
+        return
+    begin, end = validation.real_array(f"{what}: the window", window, (2,), expected="two times")
+    if not begin < end:
         raise ValueError(
             f"{what}: the window must be (begin, end) with begin < end, but it is {window}"
         )

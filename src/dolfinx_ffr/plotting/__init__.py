@@ -7,15 +7,19 @@ gathered and writes the file, and all return its path.
 
 from __future__ import annotations
 
-from .design import plot_design
-from .diagrams import plot_crank_motion, plot_curves, plot_history
-from .gradients import plot_gradient_elements, plot_gradient_histories, plot_kernel
-from .modes import plot_modes
+from .diagrams import (
+    plot_crank_motion,
+    plot_curves,
+    plot_gradient_histories,
+    plot_history,
+    plot_kernel,
+)
+from .fields import mesh_grid, plot_design, plot_gradient_elements, plot_modes, plot_stress
 from .motion_pictures import animate_motion, plot_scene
-from .stress import plot_stress
 
 __all__ = [
     "animate_motion",
+    "mesh_grid",
     "plot_crank_motion",
     "plot_curves",
     "plot_design",

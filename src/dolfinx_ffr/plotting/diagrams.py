@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Diagrams over iterations and over time."""
+"""Diagrams over iterations and over time, and of radial basis functions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 
@@ -11,20 +12,36 @@ from mpi4py import MPI
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from ..design import Kernel
 from ..dynamics import Trajectory
 from ..io import read_history
-from ..mechanism import Moving
-from ..motion import Motion
-from .style import ACCENTS, BLUE, GRAY, RED, prefixed, save, styled_figure, tidy, writable, written
+from ..mechanism import Motion, Moving
+from .style import (
+    ACCENTS,
+    BLUE,
+    GRAY,
+    KINDS,
+    RED,
+    prefixed,
+    save,
+    styled_figure,
+    tidy,
+    writable,
+    written,
+)
 
-__all__ = ["plot_crank_motion", "plot_curves", "plot_history"]
+__all__ = [
+    "plot_crank_motion",
+    "plot_curves",
+    "plot_gradient_histories",
+    "plot_history",
+    "plot_kernel",
+]
 
 Array = NDArray[np.float64]
-
-_KINDS = (".png", ".pdf", ".svg")
 
 
 def plot_history(
@@ -44,59 +61,53 @@ def plot_history(
     stands above each panel.
 
     Args:
-        history: columns by name, or a CSV file with a line of names: ``iteration`` and any of
+        history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
             ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz], ``step``
             [knot spacings].
-        path: file to write, .png, .pdf or .svg.
-        psi_solid: objective of the solid body [J s]; the objective is then drawn relative to it.
-        volume_bound: largest volume allowed, in [0, 1].
-        title: heading.
-        comm: ranks that call this together; rank 0 reads and writes.
+        path: File to write, .png, .pdf or .svg.
+        psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
+        volume_bound: Largest volume allowed, in [0, 1].
+        title: Heading.
+        comm: Ranks that call this together; rank 0 reads and writes.
 
     Returns:
         The path, on every rank.
 
     Raises:
-        ValueError: on every rank, if the history has none of these columns or no line, or the kind
+        ValueError: On every rank, if the history has none of these columns or no line, or the kind
             of file is not known.
     """
-    path = writable(path, _KINDS)
+    path = writable(path, KINDS)
 
     def draw(file: Path) -> None:
         if isinstance(history, Mapping):
             columns = {name: np.asarray(v, dtype=np.float64) for name, v in history.items()}
         else:
             columns = read_history(history)
-        chosen = [name for name in _PANELS if name in columns]
+        chosen = [name for name in _COLUMNS if name in columns]
         if not chosen or not len(columns[chosen[0]]):
             raise ValueError(
                 f"plot_history: the history has the columns {sorted(columns)} and must have a line "
-                f"and at least one of {list(_PANELS)}"
+                f"and at least one of {list(_COLUMNS)}"
             )
         count = len(columns[chosen[0]])
         iteration = columns.get("iteration", np.arange(count, dtype=np.float64))
         across = {1: 1, 2: 2, 3: 3}.get(len(chosen), 2)
         rows = -(-len(chosen) // across)
-        with styled_figure({1: 6.0, 2: 9.6, 3: 13.0}[across], 2.6 * rows + 0.8) as figure:
-            panels = figure.subplots(rows, across, squeeze=False).ravel()
+        size = ({1: 6.0, 2: 9.6, 3: 13.0}[across], 2.6 * rows + 0.8)
+        with _panels(file, rows, across, size, title, "iteration") as panels:
             for axes, name in zip(panels, chosen, strict=True):
                 gray = columns.get("gray") if name == "volume" else None
                 _draw_column(axes, name, iteration, columns[name], psi_solid, volume_bound, gray)
-            for axes in panels[-across:]:
-                axes.set_xlabel("iteration")
-            if title:
-                figure.suptitle(title, fontsize=13)
-            figure.tight_layout(w_pad=3.0, h_pad=1.5)
-            save(figure, file)
 
     return written(comm, path, draw)
 
 
-#: heading and unit of each panel, by the name of the column
-_PANELS = {
+#: Heading and unit of each panel, by the name of the column
+_COLUMNS = {
     "psi": ("objective ψ", "J s"),
     "volume": ("volume, share of the body", ""),
-    "frequency": ("first frequency", "Hz"),
+    "frequency": ("first frequency, interfaces held", "Hz"),
     "step": ("size of the step / knot spacing", ""),
 }
 
@@ -111,7 +122,7 @@ def _draw_column(
     gray: Array | None,
 ) -> None:
     """Draw one column of the history, its last value in the upper right corner."""
-    heading, unit = _PANELS[name]
+    heading, unit = _COLUMNS[name]
     if name == "psi" and psi_solid is not None:
         values, unit = values / psi_solid, ""
         heading = "objective ψ / ψ of the solid body"
@@ -139,7 +150,6 @@ def _draw_column(
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     axes.set_title(f"{heading} [{unit}]" if unit else heading, loc="left")
     axes.set_title(f"{values[-1]:.4g}", loc="right", color=BLUE)
-    tidy(axes)
 
 
 def plot_crank_motion(
@@ -153,21 +163,21 @@ def plot_crank_motion(
     """Draw angle, angular velocity and angular acceleration of a prescribed crank over time.
 
     Args:
-        source: the motion of the angle [rad]; or a trajectory, of whose mechanism the first moving
+        source: The motion of the angle [rad]; or a trajectory, of whose mechanism the first moving
             marker with a changing angle is taken.
-        path: file to write, .png, .pdf or .svg.
-        end_time: end of the diagrams [s]; by default that of the trajectory.
-        title: heading.
-        comm: ranks that call this together; rank 0 writes.
+        path: File to write, .png, .pdf or .svg.
+        end_time: End of the diagrams [s]; by default that of the trajectory.
+        title: Heading.
+        comm: Ranks that call this together; rank 0 writes.
 
     Returns:
         The path, on every rank.
 
     Raises:
-        ValueError: on every rank, if there is no such marker, the end time is missing or not
+        ValueError: On every rank, if there is no such marker, the end time is missing or not
             positive, or the kind of file is not known.
     """
-    path = writable(path, _KINDS)
+    path = writable(path, KINDS)
     if isinstance(source, Trajectory):
         motion = _crank_angle(source)
         end = float(source.t[-1]) if end_time is None else end_time
@@ -178,35 +188,14 @@ def plot_crank_motion(
             f"plot_crank_motion: end_time = {end_time} must be given with a motion, and positive"
         )
 
-    def draw(file: Path) -> None:
-        t = np.linspace(0.0, end, 801)
-        angle, velocity, acceleration = motion.tabulate(t)
-        with styled_figure(6.4, 6.6) as figure:
-            panels = figure.subplots(3, 1, sharex=True)
-            rows = (
-                (angle, "angle φ [rad]"),
-                (velocity, "angular velocity dφ/dt [rad/s]"),
-                (acceleration, "angular acceleration d²φ/dt² [rad/s²]"),
-            )
-            for axes, (values, heading) in zip(panels, rows, strict=True):
-                tidy(axes)
-                axes.axhline(0.0, color=GRAY, linewidth=0.8)
-                axes.plot(t, values, color=BLUE)
-                axes.set_title(heading, loc="left")
-                axes.set_xlim(0.0, end)
-            turns = panels[0].secondary_yaxis(
-                "right", functions=(lambda a: a / (2.0 * np.pi), lambda n: n * (2.0 * np.pi))
-            )
-            turns.set_ylabel("revolutions")
-            turns.spines["right"].set_visible(False)
-            turns.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            panels[-1].set_xlabel("time [s]")
-            if title:
-                figure.suptitle(title, fontsize=13)
-            figure.tight_layout(h_pad=1.2)
-            save(figure, file)
-
-    return written(comm, path, draw)
+    t = np.linspace(0.0, end, 801)
+    headings = (
+        "angle φ [rad]",
+        "angular velocity dφ/dt [rad/s]",
+        "angular acceleration d²φ/dt² [rad/s²]",
+    )
+    curves = {h: {"": (t, values)} for h, values in zip(headings, motion.tabulate(t), strict=True)}
+    return plot_curves(curves, path, xlabel="time [s]", title=title, comm=comm)
 
 
 def plot_curves(
@@ -222,46 +211,178 @@ def plot_curves(
     """Draw curves in panels under each other.
 
     Args:
-        panels: by heading with unit, curves by name, each an abscissa and values of the same size.
-        path: file to write, .png, .pdf or .svg.
-        xlabel: what the abscissa is, with unit.
-        logarithmic: both axes logarithmic, with a mark at each point.
-        markers: a mark at each point of linear axes too.
-        title: heading of the picture.
-        comm: ranks that call this together; rank 0 writes.
+        panels: By heading with unit, curves by name, each an abscissa and values of the same size.
+        path: File to write, .png, .pdf or .svg.
+        xlabel: What the abscissa is, with unit.
+        logarithmic: Both axes logarithmic, with a mark at each point.
+        markers: A mark at each point of linear axes too.
+        title: Heading of the picture.
+        comm: Ranks that call this together; rank 0 writes.
 
     Returns:
         The path, on every rank.
 
     Raises:
-        ValueError: on every rank, if there is no panel, an abscissa does not fit its values, or the
+        ValueError: On every rank, if there is no panel, an abscissa does not fit its values, or the
             kind of file is not known.
     """
-    path = writable(path, _KINDS)
+    path = writable(path, KINDS)
     if not panels:
         raise ValueError("plot_curves: no panels to draw")
 
     def draw(file: Path) -> None:
-        with styled_figure(7.2, 2.5 * len(panels) + 0.8) as figure:
-            rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        size = (7.2, 2.5 * len(panels) + 0.8)
+        with _panels(file, len(panels), 1, size, title, xlabel) as rows:
             for axes, (heading, curves) in zip(rows, panels.items(), strict=True):
                 for (name, (x, y)), color in zip(curves.items(), cycle(ACCENTS), strict=False):
                     marker = "o" if logarithmic or markers else ""
-                    axes.plot(x, y, color=color, label=name, marker=marker, markersize=4.0)
+                    label = name if len(curves) > 1 else ""
+                    axes.plot(x, y, color=color, label=label, marker=marker, markersize=4.0)
                 if logarithmic:
                     axes.set_xscale("log")
                     axes.set_yscale("log")
                 axes.set_title(heading, loc="left")
-                tidy(axes)
-                if len(curves) > 1:
-                    axes.legend(loc="best")
-            rows[-1].set_xlabel(xlabel)
-            if title:
-                figure.suptitle(title, fontsize=13)
-            figure.tight_layout(h_pad=1.2)
+
+    return written(comm, path, draw)
+
+
+def plot_gradient_histories(
+    histories: Mapping[str, Mapping[str, ArrayLike]],
+    path: str | Path,
+    *,
+    psi_solid: float,
+    title: str = "",
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path:
+    """Draw what several gradients of one design problem have led to, over the iterations.
+
+    One sees the objective of all runs together, the number of elements with exact derivatives, and
+    the estimated and true errors of approximate gradients.
+
+    Args:
+        histories: By name of the run, the history of `optimize`.
+        path: File to write, .png, .pdf or .svg.
+        psi_solid: Objective of the solid body [J s].
+        title: Heading.
+        comm: Ranks that call this together; rank 0 writes.
+
+    Returns:
+        The path, on every rank.
+
+    Raises:
+        ValueError: On every rank, if the kind of file is not known.
+    """
+    path = writable(path, KINDS)
+
+    def draw(file: Path) -> None:
+        runs = {
+            name: {key: np.asarray(v, dtype=np.float64) for key, v in history.items()}
+            for name, history in histories.items()
+        }
+        with _panels(file, 1, 3, (12.6, 4.0), title, "iteration") as panels:
+            for (name, run), color, line in zip(
+                runs.items(), cycle(ACCENTS), cycle(["-", "--", "-."]), strict=False
+            ):
+                i = run["iteration"]
+                psi = run["psi"] / psi_solid
+                panels[0].plot(i, psi, line, color=color, label=f"{name}: {psi[-1]:.3f}")
+                if "gradient_elements" in run:
+                    panels[1].plot(i, run["gradient_elements"], line, color=color, label=name)
+                    _draw_errors(panels[2], run, color)
+            panels[0].set_title("objective ψ / ψ of the solid body", loc="left")
+            panels[0].set_yscale("log")
+            panels[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            panels[0].yaxis.set_minor_formatter(
+                lambda value, _: f"{value:g}" if str(f"{value:e}")[0] in "25" else ""
+            )
+            panels[1].set_title("elements with exact derivatives", loc="left")
+            panels[1].set_ylim(0.0, None)
+            panels[2].set_title("relative error of the gradient", loc="left")
+            panels[2].set_yscale("log")
+            low, high = panels[2].get_ylim()
+            panels[2].set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
+
+    return written(comm, path, draw)
+
+
+def _draw_errors(axes: Axes, run: Mapping[str, Array], color: str) -> None:
+    """Draw the estimate as a line, true errors as points."""
+    i = run["iteration"]
+    if np.any(run["gradient_estimate"] > 0.0):
+        axes.plot(i, run["gradient_estimate"], color=color, linewidth=1.2, label="estimate")
+    for key, marker, label in (
+        ("gradient_error", "o", "true"),
+        ("band_error", "^", "true, near the boundary"),
+    ):
+        known = np.isfinite(run[key])
+        if np.any(known):
+            axes.plot(i[known], run[key][known], marker, color=color, markersize=4.0, label=label)
+
+
+def plot_kernel(
+    kernel: Kernel,
+    path: str | Path,
+    *,
+    extent: float,
+    title: str = "",
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path:
+    """Draw a radial basis function as a surface over the plane around its knot.
+
+    Args:
+        kernel: The function.
+        path: File to write, .png, .pdf or .svg.
+        extent: Half the side of the square that is drawn [m].
+        title: Heading.
+        comm: Ranks that call this together; rank 0 writes.
+
+    Returns:
+        The path, on every rank.
+
+    Raises:
+        ValueError: On every rank, if the extent is not positive or the kind of file is not known.
+    """
+    path = writable(path, KINDS)
+    if not (np.isfinite(extent) and extent > 0.0):
+        raise ValueError(f"plot_kernel: extent = {extent} must be a positive length [m]")
+
+    def draw(file: Path) -> None:
+        side = np.linspace(-extent, extent, 101)
+        x, y = np.meshgrid(side, side)
+        unit, factor = prefixed(extent, "m")
+        with styled_figure(6.0, 4.6) as figure:
+            axes = figure.add_axes((0.0, 0.02, 0.92, 0.9), projection="3d")
+            axes.plot_surface(
+                factor * x, factor * y, kernel(np.hypot(x, y)), cmap="cividis", rcount=80, ccount=80
+            )
+            axes.set_xlabel(f"x [{unit}]")
+            axes.set_ylabel(f"y [{unit}]")
+            axes.set_title(title or repr(kernel), fontsize=11)
+            axes.set_zlabel("g")
+            axes.view_init(28, -55)
             save(figure, file)
 
     return written(comm, path, draw)
+
+
+@contextmanager
+def _panels(
+    file: Path, rows: int, across: int, size: tuple[float, float], title: str, xlabel: str
+) -> Iterator[list[Axes]]:
+    """Give axes, and write them with a quiet grid, legends, heading and name of the abscissa."""
+    with styled_figure(*size) as figure:
+        panels = list(figure.subplots(rows, across, squeeze=False, sharex=across == 1).ravel())
+        yield panels
+        for axes in panels:
+            tidy(axes)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(loc="best")
+        for axes in panels[-across:]:
+            axes.set_xlabel(xlabel)
+        if title:
+            figure.suptitle(title, fontsize=13)
+        figure.tight_layout(w_pad=3.0, h_pad=1.5)
+        save(figure, file)
 
 
 def _line(axes: Axes, value: float, color: str, label: str) -> None:
@@ -286,7 +407,7 @@ def _name_line(axes: Axes, value: float, color: str, label: str, *, left: bool =
 
 
 def _crank_angle(trajectory: Trajectory) -> Motion:
-    """Return the angle of the first moving marker that turns."""
+    """The angle of the first moving marker that turns."""
     for joint in trajectory.model.mechanism.joints:
         for marker in joint.markers:
             if isinstance(marker, Moving) and np.ptp(marker.angle.tabulate(trajectory.t)[0]) > 0.0:

@@ -10,8 +10,9 @@ import numpy as np
 from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
-from .. import _compat
-from ..domain import Domain
+from .. import validation
+from ..fem import Domain, _compat
+from ..parallel import announce, on_every_rank
 
 __all__ = ["DrawnMesh"]
 
@@ -33,7 +34,7 @@ class DrawnMesh:
     parents: Integers  #: (pieces,) cell of each piece
     outline: Integers  #: (lines, 2) ends of the lines on the boundary
     interfaces: dict[str, Integers]  #: (lines, 2) ends of the lines of each interface
-    domain: Domain  #: the body
+    domain: Domain  #: The body
     _order: Integers  #: (cells,) where each cell stands among those sent by the ranks
 
     @staticmethod
@@ -41,8 +42,10 @@ class DrawnMesh:
         """Gather a body.
 
         Args:
-            domain: its mesh and interfaces.
+            domain: Its mesh and interfaces.
         """
+        validation.instance("picture: domain", domain, Domain, "a Domain")
+        announce(domain.comm, "the drawing of a body")
         kind, degree, lattice, pieces = _reference(domain)
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
         x = domain.mesh.geometry.x[nodes][:, :, :2]
@@ -84,22 +87,32 @@ class DrawnMesh:
         )
 
     def cell_values(self, values: NDArray) -> NDArray:
-        """Return values of all cells on rank 0.
+        """Values of all cells on rank 0.
 
         Args:
-            values: of the cells owned by this rank, shape (cells, ...).
+            values: Of the cells owned by this rank, shape (cells, ...).
 
         Returns:
             Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
+
+        Raises:
+            ValueError: On every rank, if one does not give a value for each of its cells.
         """
-        sent = self.domain.comm.gather(values)
+        domain = self.domain
+        with on_every_rank(domain.comm, "the drawing of values"):
+            if len(values) != domain.n_cells:
+                raise ValueError(
+                    f"plotting: {len(values)} values on rank {domain.comm.rank}, which owns "
+                    f"{domain.n_cells} cells; give one for each"
+                )
+        sent = domain.comm.gather(values)
         return values[:0] if sent is None else np.concatenate(sent)[self._order]
 
     def displacements(self, block: Array) -> Array:
-        """Return displacement fields at the points on rank 0.
+        """Displacement fields at the points on rank 0.
 
         Args:
-            block: fields on the displacement dofs owned by this rank, shape (dofs, columns).
+            block: Fields on the displacement dofs owned by this rank, shape (dofs, columns).
 
         Returns:
             Shape (points, 2, columns) on rank 0, (0, 2, columns) elsewhere.
@@ -119,14 +132,14 @@ class DrawnMesh:
 
 
 def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
-    """Return kind and geometric degree of the cells, their lattice points and pieces."""
-    kind = getattr(basix.CellType, domain.mesh.ufl_cell().cellname())
+    """Kind and geometric degree of the cells, their lattice points and pieces."""
+    kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
     degree = int(_compat.coordinate_element(domain.mesh).degree)
     return kind, degree, *_lattice(kind, max(degree, domain.order))
 
 
 def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
-    """Return the values of the Lagrange shape functions of a cell, shape (points, functions)."""
+    """The values of the Lagrange shape functions of a cell, shape (points, functions)."""
     element = basix.create_element(
         basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
     )
@@ -134,7 +147,7 @@ def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
 
 
 def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
-    """Return points that cut each side of the reference cell into n, and the pieces between them.
+    """Points that cut each side of the reference cell into n, and the pieces between them.
 
     Returns:
         Points of shape (points, 2), and the points of each piece, shape (pieces, corners).
@@ -154,7 +167,7 @@ def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
 
 
 def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:
-    """Return the lines between lattice points along a facet of the reference cell, (lines, 2)."""
+    """The lines between lattice points along a facet of the reference cell, (lines, 2)."""
     a, b = basix.geometry(kind)[basix.topology(kind)[1][facet]][:, :2]
     along, across = b - a, np.array([a[1] - b[1], b[0] - a[0]])
     on = np.flatnonzero(np.abs((lattice - a) @ across) < 1e-9)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -14,9 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from ..forces import SpringDamper
-from ..joints import Distance, Gear, Joint, PointOnLine, PrescribedAngle, Translational, Weld
-from ..points import Ground, Marker
+from ..mechanism import Ground, Line, Pin, Slider, Spring, Square, Symbol
 from .scene import Arm, DrawnBody, Scene
 from .style import DARK, GRAY, LIGHT
 
@@ -24,24 +23,22 @@ __all__ = ["MechanismView"]
 
 Array = NDArray[np.float64]
 
-#: cells of less density are not drawn
+#: Cells of less density are not drawn
 VOID = 0.3
 _STEEL, _PALE = "#57606a", "#eef1f4"
-#: joints drawn as a block on a guide, and those that are not drawn
-_SLIDERS, _UNSEEN = (PointOnLine, Translational), (PrescribedAngle, Gear)
 
 
 class MechanismView:
     """Artists of a mechanism; `show` moves them to an instant.
 
     Args:
-        axes: where to draw; its limits and aspect are set here.
-        scene: the mechanism.
-        magnification: of the deformation.
-        colors: gives the colour value of each cell of a body at an instant.
-        cmap: colours.
-        norm: range of the values.
-        labels: whether to write the names of bodies and joints.
+        axes: Where to draw; its limits and aspect are set here.
+        scene: The mechanism.
+        magnification: Of the deformation.
+        colors: Gives the colour value of each cell of a body at an instant.
+        cmap: Colours.
+        norm: Range of the values.
+        labels: Whether to write the names of bodies and joints.
     """
 
     def __init__(
@@ -56,25 +53,26 @@ class MechanismView:
         labels: bool = False,
     ) -> None:
         self.axes, self.scene, self.magnification = axes, scene, magnification
-        self.moving: list[Artist] = []  #: artists that `show` changes, from back to front
+        self.moving: list[Artist] = []  #: Artists that `show` changes, from back to front
         self._updates: list[Callable[[int], None]] = []
         low, high = scene.box(magnification)
-        self.unit = 0.018 * float(np.max(high - low))  #: size of a pin [m]
+        self.unit = 0.018 * float(np.max(high - low))  #: Size of a pin [m]
         self._set_limits(low, high)
+        draw: dict[type[Symbol], Callable[[Any], None]] = {
+            Pin: self._add_supports,
+            Square: self._add_supports,
+            Slider: self._add_slider,
+            Line: self._add_link,
+            Spring: self._add_spring,
+        }
         for i, joint in enumerate(scene.mechanism.joints):
-            if isinstance(joint, _SLIDERS):
-                self._add_slider(joint)
-            elif not isinstance(joint, _UNSEEN):
-                for marker in joint.markers:
-                    if isinstance(marker, Ground):
-                        self._add_support(scene.position(marker, 0))
-            if isinstance(joint, Distance):
-                self._add_link(joint.a, joint.b, waves=0)
+            for symbol in joint.symbols:
+                draw[type(symbol)](symbol)
             if i in scene.arms:
                 self._add_arm(i, scene.arms[i])
         for force in scene.mechanism.forces:
-            if isinstance(force, SpringDamper):
-                self._add_link(force.a, force.b, waves=6)
+            for symbol in force.symbols:
+                draw[type(symbol)](symbol)
         for body in scene.bodies.values():
             if body.drawn is None:
                 self._add_bar(body)
@@ -175,6 +173,11 @@ class MechanismView:
 
         self._add(bar, update)
 
+    def _add_supports(self, symbol: Symbol) -> None:
+        for marker in symbol.markers:
+            if isinstance(marker, Ground):
+                self._add_support(self.scene.position(marker, 0))
+
     def _add_support(self, at: Array) -> None:
         """Draw the triangle that stands for the ground, hatched below."""
         u = self.unit
@@ -194,9 +197,13 @@ class MechanismView:
         self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=1.5))
         self._add(Line2D(*np.array([a, b]).T, color=DARK, linewidth=1.2, zorder=2))
 
-    def _add_link(self, a: Marker, b: Marker, waves: int) -> None:
+    def _add_spring(self, spring: Spring) -> None:
+        self._add_link(spring, waves=6)
+
+    def _add_link(self, symbol: Symbol, waves: int = 0) -> None:
         """Draw a line between two markers, with waves if it is a spring."""
         scene, count = self.scene, 2 * waves
+        a, b = symbol.markers
         way = np.r_[0.0, np.linspace(0.2, 0.8, count), 1.0]
         side = np.r_[0.0, 0.6 * self.unit * (-1.0) ** np.arange(count), 0.0]
         line = Line2D([], [], color=DARK, linewidth=1.2 if waves else 2.4, zorder=5)
@@ -209,14 +216,13 @@ class MechanismView:
 
         self._add(line, update)
 
-    def _add_slider(self, joint: Joint) -> None:
+    def _add_slider(self, slider: Slider) -> None:
         """Draw the block and, where the line stands still, the guide under it."""
-        assert isinstance(joint, _SLIDERS)
-        point, line = joint.markers
+        point, line = slider.markers
         u, scene = self.unit, self.scene
         half = np.array([2.6, 1.25]) * u
         corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        own = float(np.arctan2(joint.direction[1], joint.direction[0]))
+        own = float(np.arctan2(slider.direction[1], slider.direction[0]))
         block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=2.5)
 
         def update(instant: int) -> None:
@@ -242,10 +248,10 @@ class MechanismView:
         self._add(block, update)
 
     def _add_pins(self) -> None:
-        """Draw joints as pins (welds as squares) and point masses as discs."""
+        """Draw the signs of joints, and point masses as discs."""
         scene, mechanism = self.scene, self.scene.mechanism
-        joints = [j for j in mechanism.joints if not isinstance(j, _UNSEEN)]
-        sliders = [j.markers[0] for j in joints if isinstance(j, _SLIDERS)]
+        symbols = [symbol for joint in mechanism.joints for symbol in joint.symbols]
+        sliders = [symbol.markers[0] for symbol in symbols if isinstance(symbol, Slider)]
         masses = [p.marker for p in mechanism.point_masses if p.marker not in sliders]
 
         def markers(style: str, size: float, face: str) -> Line2D:
@@ -261,7 +267,7 @@ class MechanismView:
                 zorder=6,
             )
 
-        discs, pins, welds = (
+        discs, pins, squares = (
             markers("o", 15.0, _STEEL),
             markers("o", 8.5, "white"),
             markers("s", 8.5, GRAY),
@@ -271,26 +277,23 @@ class MechanismView:
             places = [scene.position(m, instant, self.magnification) for m in masses]
             discs.set_data(*np.reshape(places, (-1, 2)).T)
 
-        def update_pins(instant: int) -> None:
-            places = [arm.center for arm in scene.arms.values()]
-            places += [
-                scene.joint_position(joint, instant, self.magnification)
-                for joint in joints
-                if not isinstance(joint, Weld)
+        def places(sign: str, instant: int) -> list[Array]:
+            return [
+                scene.on_body(symbol.markers, instant, self.magnification)
+                for symbol in symbols
+                if symbol.sign == sign
             ]
-            pins.set_data(*np.reshape(places, (-1, 2)).T)
 
-        def update_welds(instant: int) -> None:
-            places = [
-                scene.joint_position(joint, instant, self.magnification)
-                for joint in joints
-                if isinstance(joint, Weld)
-            ]
-            welds.set_data(*np.reshape(places, (-1, 2)).T)
+        def update_pins(instant: int) -> None:
+            centers = [arm.center for arm in scene.arms.values()]
+            pins.set_data(*np.reshape(centers + places("pin", instant), (-1, 2)).T)
+
+        def update_squares(instant: int) -> None:
+            squares.set_data(*np.reshape(places("square", instant), (-1, 2)).T)
 
         self._add(discs, update_discs)
         self._add(pins, update_pins)
-        self._add(welds, update_welds)
+        self._add(squares, update_squares)
 
     def _add_labels(self) -> None:
         """Write names beside bodies and joints, at the first instant."""
@@ -318,11 +321,12 @@ class MechanismView:
             side = "center" if abs(across[0]) < 0.5 else "left" if across[0] > 0.0 else "right"
             write(middle + (top + 1.6 * u) * across, name, side)
         for i, joint in enumerate(scene.mechanism.joints):
-            if isinstance(joint, _UNSEEN):
+            if not joint.symbols:
                 continue
-            at = scene.joint_position(joint, 0, self.magnification)
+            at = scene.on_body(joint.markers, 0, self.magnification)
             name = getattr(joint, "name", "")
-            if isinstance(joint, _SLIDERS) or any(isinstance(m, Ground) for m in joint.markers):
+            slides = any(isinstance(symbol, Slider) for symbol in joint.symbols)
+            if slides or any(isinstance(m, Ground) for m in joint.markers):
                 write(at - [0.0, 3.3 * u], name)  # below the block or the support
                 continue
             away = sum(
@@ -343,5 +347,5 @@ class MechanismView:
 
 
 def _unit(vector: Array) -> Array:
-    """Return a vector of length one."""
+    """A vector of length one."""
     return vector / max(float(np.linalg.norm(vector)), 1e-300)

@@ -17,15 +17,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..sensitivity import Evaluation, Problem
+from ..problem import Evaluation, Problem
 from .mechanism_view import VOID, MechanismView
 from .scene import DrawnBody, Scene
 from .style import (
     BLUE,
-    DARK,
     GLOW,
     GRAY,
+    KINDS,
     RED,
+    color_bar,
     nice_number,
     prefixed,
     save,
@@ -39,7 +40,7 @@ __all__ = ["animate_motion", "plot_scene"]
 
 Array = NDArray[np.float64]
 
-#: shown deflection relative to the body, at the instant of the largest one
+#: Shown deflection relative to the body, at the instant of the largest one
 _SHOWN_DEFLECTION = 0.1
 
 
@@ -60,24 +61,24 @@ def plot_scene(
     supports, guides and sliders, joints as pins and welds as squares, names of bodies and joints.
 
     Args:
-        problem: bodies and mechanism.
-        evaluation: result of `Problem.value` or `Problem.gradient` at the design.
-        path: file to write, .png, .pdf or .svg.
-        time: instant [s]; by default that of the largest strain energy.
-        color: what the colour of the cells tells: ``"density"`` or ``"energy"`` (strain energy
+        problem: Bodies and mechanism.
+        evaluation: Result of `Problem.value` or `Problem.gradient` at the design.
+        path: File to write, .png, .pdf or .svg.
+        time: Instant [s]; by default that of the largest strain energy.
+        color: What the colour of the cells tells: ``"density"`` or ``"energy"`` (strain energy
             density relative to its largest value at this instant).
-        deformation_scale: factor by which the deformation is magnified; by default a round number
+        deformation_scale: Factor by which the deformation is magnified; by default a round number
             that makes it visible with ``"energy"``, and 1 with ``"density"``.
-        title: heading.
+        title: Heading.
 
     Returns:
         The path. The function is collective; rank 0 writes.
 
     Raises:
-        ValueError: on every rank, if the colour or the kind of file is not known, or the time lies
+        ValueError: On every rank, if the colour or the kind of file is not known, or the time lies
             outside the simulation.
     """
-    path = writable(path, (".png", ".pdf", ".svg"))
+    path = writable(path, KINDS)
     if color not in ("density", "energy"):
         raise ValueError(f"plot_scene: color = {color!r} must be 'density' or 'energy'")
     trajectory = evaluation.motion
@@ -105,7 +106,7 @@ def plot_scene(
             axes = figure.add_axes((0.1 / width, 0.1 / height, 8.8 / width, tall / height))
             if color == "energy":
                 norm, top = _energy_norm(scene)
-                _add_color_bar(figure, norm, top)
+                _add_color_bar(figure, top)
                 view = MechanismView(axes, scene, scale, _energy, GLOW, norm, labels=True)
             else:
                 view = MechanismView(
@@ -135,20 +136,20 @@ def animate_motion(
     Below, the strain energy of all flexible bodies runs along with time.
 
     Args:
-        problem: bodies and mechanism.
-        evaluation: result of `Problem.value` or `Problem.gradient` at the design.
-        path: file to write, .gif, or .mp4 where ffmpeg is installed.
-        deformation_scale: factor by which the deformation is magnified about the undeformed body
+        problem: Bodies and mechanism.
+        evaluation: Result of `Problem.value` or `Problem.gradient` at the design.
+        path: File to write, .gif, or .mp4 where ffmpeg is installed.
+        deformation_scale: Factor by which the deformation is magnified about the undeformed body
             laid through its joints; by default a round number that makes it visible.
-        frames: number of pictures, at equal intervals of time.
-        frames_per_second: of the film.
-        title: heading.
+        frames: Number of pictures, at equal intervals of time.
+        frames_per_second: Of the film.
+        title: Heading.
 
     Returns:
         The path. The function is collective; rank 0 writes.
 
     Raises:
-        ValueError: on every rank, if a number or the kind of file is out of range, or ffmpeg is
+        ValueError: On every rank, if a number or the kind of file is out of range, or ffmpeg is
             not there for .mp4.
     """
     path = writable(path, (".gif", ".mp4"))
@@ -185,7 +186,7 @@ def animate_motion(
 def _film(
     scene: Scene, flexible: list[str], scale: float | None, title: str
 ) -> list[NDArray[np.uint8]]:
-    """Return the pictures, each of shape (height, width, 3)."""
+    """The pictures, each of shape (height, width, 3)."""
     scale = scale or _visible_scale(scene)
     low, high = scene.box(scale)
     width, tall, head, foot = 9.0, _height_of_view(low, high, 8.8), 0.75, 1.45
@@ -195,7 +196,7 @@ def _film(
         norm, top = _energy_norm(scene)
         view = MechanismView(axes, scene, scale, _energy, GLOW, norm)
         stamp = _write(figure, _heading(title, scale), "")
-        _add_color_bar(figure, norm, top)
+        _add_color_bar(figure, top)
         below = figure.add_axes((0.6 / width, 0.5 / height, 8.15 / width, 0.75 / height))
         t = scene.trajectory.t
         total = np.sum([scene.trajectory.strain_energy(name) for name in flexible], axis=0)
@@ -241,14 +242,14 @@ def _density(body: DrawnBody, instant: int) -> Array:
 
 
 def _energy_norm(scene: Scene) -> tuple[Normalize, float]:
-    """Return the colour scale, and the largest strain energy density that is drawn [J/m^3]."""
+    """The colour scale, and the largest strain energy density that is drawn [J/m^3]."""
     drawn = [body.energy[:, body.density >= VOID] for body in scene.bodies.values()]
     top = float(max((np.max(energy, initial=0.0) for energy in drawn), default=0.0))
     return PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), top
 
 
 def _visible_scale(scene: Scene) -> float:
-    """Return a round magnification that makes the largest deflection visible."""
+    """A round magnification that makes the largest deflection visible."""
     instants = range(len(scene.steps))
     largest = max(
         (body.deflection(i) for body in scene.bodies.values() for i in instants), default=0.0
@@ -259,7 +260,7 @@ def _visible_scale(scene: Scene) -> float:
 
 
 def _height_of_view(low: Array, high: Array, width: float) -> float:
-    """Return the height [inches] of axes of a width that fit all that is drawn."""
+    """The height [inches] of axes of a width that fit all that is drawn."""
     margin = 2.0 * 3.2 * 0.018 * float(np.max(high - low))
     size = high - low + margin
     return float(np.clip(width * size[1] / size[0], 1.0, 7.0))
@@ -278,22 +279,16 @@ def _write(figure: Figure, heading: str, stamp: str) -> Any:
     )
 
 
-def _add_color_bar(figure: Figure, norm: Normalize, top: float) -> None:
-    width, height = figure.get_size_inches()
-    bar = figure.add_axes((1.0 - 3.2 / width, 1.0 - 0.46 / height, 2.9 / width, 0.13 / height))
-    relative = PowerNorm(0.5, 0.0, 1.0)
-    figure.colorbar(
-        ScalarMappable(relative, GLOW),
-        cax=bar,
-        orientation="horizontal",
+def _add_color_bar(figure: Figure, top: float) -> None:
+    unit, factor = prefixed(top, "J/m³")
+    color_bar(
+        figure,
+        ScalarMappable(PowerNorm(0.5, 0.0, 1.0), GLOW),
+        f"strain energy density / {top * factor:.3g} {unit}",
+        (0.645, 0.965, 0.46),
         ticks=[0.0, 0.05, 0.2, 0.5, 1.0],
         format="{x:g}",
     )
-    unit, factor = prefixed(top, "J/m³")
-    bar.set_title(
-        f"strain energy density / {top * factor:.3g} {unit}", fontsize=9, pad=4.0, color=DARK
-    )
-    bar.tick_params(labelsize=8, length=2.5, pad=2.0)
 
 
 # ---------------------------------------------------------------------- files

@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 
 from ..body import BodyMarker
 from ..dynamics import Trajectory
-from ..forces import TorsionalSpringDamper
-from ..joints import Gear, Joint, PrescribedAngle, Weld
-from ..mechanism import Mechanism
-from ..points import BodyPoint, Marker, Moving
-from ..sensitivity import Evaluation, Problem
+from ..mechanism import BodyPoint, Joint, Marker, Mechanism, Moving
+from ..problem import Evaluation, Problem
 from .drawn_mesh import DrawnMesh
 
 __all__ = ["Arm", "DrawnBody", "Scene"]
@@ -31,36 +28,36 @@ class DrawnBody:
     where they are, and the picture does not depend on the choice of the floating frame.
     """
 
-    name: str  #: name of the body
-    drawn: DrawnMesh | None  #: its mesh; None for a body given by its integrals alone
+    name: str  #: Name of the body
+    drawn: DrawnMesh | None  #: Its mesh; None for a body given by its integrals alone
     reference: Array  #: (points, 2) undeformed points in the body's frame [m]
     shapes: Array  #: (points, 2, r) their shape functions
-    markers: Mapping[str, BodyMarker]  #: markers in the body's frame
-    held: Sequence[str]  #: markers at which joints sit
-    welded: bool  #: whether its only joint is a weld
+    markers: Mapping[str, BodyMarker]  #: Markers in the body's frame
+    held: Sequence[str]  #: Markers at which joints sit
+    welded: bool  #: Whether its only joint is a weld
     rigid: Array  #: (instants, 3) position and angle of the frame [m, m, rad]
     elastic: Array  #: (instants, r) elastic coordinates
     density: Array  #: (cells,) density of the cells
     energy: Array  #: (instants, cells) strain energy density [J/m^3]; no columns if not asked for
 
     def points(self, instant: int, magnification: float = 1.0) -> Array:
-        """Return where the points are drawn, shape (points, 2) [m]."""
+        """Where the points are drawn, shape (points, 2) [m]."""
         return self._moved(
             self.reference, self.shapes @ self.elastic[instant], instant, magnification
         )
 
     def marker(self, name: str, instant: int, magnification: float = 1.0) -> Array:
-        """Return where a marker is drawn, shape (2,) [m]."""
+        """Where a marker is drawn, shape (2,) [m]."""
         marker = self.markers[name]
         displacement = marker.displacement @ self.elastic[instant]
         return self._moved(marker.position[None], displacement[None], instant, magnification)[0]
 
     def marker_angle(self, name: str, instant: int) -> float:
-        """Return the angle of a marker's axes [rad]."""
+        """The angle of a marker's axes [rad]."""
         return float(self.rigid[instant, 2] + self.markers[name].rotation @ self.elastic[instant])
 
     def deflection(self, instant: int) -> float:
-        """Return the largest distance of a point from the undeformed body [m]."""
+        """The largest distance of a point from the undeformed body [m]."""
         deformed = self.reference + self.shapes @ self.elastic[instant]
         away = deformed - self._undeformed(self.reference, instant)
         return float(np.max(np.linalg.norm(away, axis=1), initial=0.0))
@@ -98,19 +95,19 @@ class Arm:
 
     center: Array  #: (2,) centre of the circle [m]
     radius: float  #: [m]
-    name: str  #: name of the marker
+    name: str  #: Name of the marker
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The parts of a mechanism at chosen instants; meshes and fields are on rank 0 only."""
 
-    mechanism: Mechanism  #: joints and point masses
-    trajectory: Trajectory  #: the whole motion
+    mechanism: Mechanism  #: Joints and point masses
+    trajectory: Trajectory  #: The whole motion
     steps: NDArray[np.int64]  #: (instants,) time steps drawn
     times: Array  #: (instants,) their times [s]
-    bodies: dict[str, DrawnBody]  #: by name
-    arms: dict[int, Arm]  #: by number of the joint: the crank that drives it
+    bodies: dict[str, DrawnBody]  #: By name
+    arms: dict[int, Arm]  #: By number of the joint: the crank that drives it
 
     @staticmethod
     def gather(
@@ -119,10 +116,10 @@ class Scene:
         """Gather the bodies of an evaluation; collective.
 
         Args:
-            problem: bodies and mechanism.
-            evaluation: trajectory and shape functions at one design.
-            steps: time steps to be drawn.
-            energy: whether to compute the strain energy density of the cells.
+            problem: Bodies and mechanism.
+            evaluation: Trajectory and shape functions at one design.
+            steps: Time steps to be drawn.
+            energy: Whether to compute the strain energy density of the cells.
         """
         mechanism, trajectory = problem.mechanism, evaluation.motion
         bodies = {}
@@ -164,7 +161,7 @@ class Scene:
                 shapes=motion,
                 markers=integrals.markers,
                 held=list(held),
-                welded=all(isinstance(joint, Weld) for joint in own),
+                welded=all(joint.rigid for joint in own),
                 rigid=trajectory.rigid(name)[steps],
                 elastic=elastic,
                 density=density,
@@ -179,30 +176,30 @@ class Scene:
         return Scene(mechanism, trajectory, steps, trajectory.t[steps], bodies, arms)
 
     def position(self, marker: Marker, instant: int, magnification: float = 1.0) -> Array:
-        """Return where a marker is drawn, shape (2,) [m]."""
+        """Where a marker is drawn, shape (2,) [m]."""
         if isinstance(marker, tuple):
             return self.bodies[marker[0]].marker(marker[1], instant, magnification)
         at = self.times[instant : instant + 1]
         return np.array([motion.tabulate(at)[0, 0] for motion in marker.motions[:2]])
 
     def angle(self, marker: Marker, instant: int) -> float:
-        """Return the angle of a marker's axes [rad]."""
+        """The angle of a marker's axes [rad]."""
         if isinstance(marker, tuple):
             return self.bodies[marker[0]].marker_angle(marker[1], instant)
         return float(marker.motions[2].tabulate(self.times[instant : instant + 1])[0, 0])
 
-    def joint_position(self, joint: Joint, instant: int, magnification: float = 1.0) -> Array:
-        """Return where a joint is drawn, at its first marker on a body, shape (2,) [m]."""
-        marker = next(m for m in joint.markers if isinstance(m, tuple))
+    def on_body(self, markers: Sequence[Marker], instant: int, magnification: float = 1.0) -> Array:
+        """Where the first of some markers that is on a body is drawn, shape (2,) [m]."""
+        marker = next(m for m in markers if isinstance(m, tuple))
         return self.position(marker, instant, magnification)
 
     def size(self) -> float:
-        """Return the extent of the largest body [m]."""
+        """The extent of the largest body [m]."""
         extents = [np.ptp(body.reference, axis=0) for body in self.bodies.values()]
         return float(max((np.max(extent) for extent in extents), default=1.0)) or 1.0
 
     def box(self, magnification: float) -> Array:
-        """Return lower and upper corner of all that is drawn, shape (2, 2) [m]."""
+        """Lower and upper corner of all that is drawn, shape (2, 2) [m]."""
         corners = []
         for body in self.bodies.values():
             for i in range(len(self.steps)):
@@ -210,12 +207,9 @@ class Scene:
                 corners += [points.min(axis=0), points.max(axis=0)]
         for arm in self.arms.values():
             corners += [arm.center - arm.radius, arm.center + arm.radius]
-        # The place on the ground of what acts on angles alone means nothing.
-        places: list[Marker] = []
-        for joint in self.mechanism.joints:
-            places += [] if isinstance(joint, PrescribedAngle | Gear) else joint.markers
-        for force in self.mechanism.forces:
-            places += [] if isinstance(force, TorsionalSpringDamper) else force.markers
+        # What has no symbol acts on angles alone: its place on the ground means nothing.
+        connections = (*self.mechanism.joints, *self.mechanism.forces)
+        places = [m for part in connections for symbol in part.symbols for m in symbol.markers]
         corners += [self.position(m, 0) for m in places if not isinstance(m, tuple | Moving)]
         return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 

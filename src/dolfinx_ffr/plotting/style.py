@@ -14,10 +14,13 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from ..io import on_rank_0
+from .. import validation
+from ..body import named_in_errors
+from ..parallel import on_rank_0
 
 __all__ = [
     "ACCENTS",
@@ -25,8 +28,11 @@ __all__ = [
     "DARK",
     "GLOW",
     "GRAY",
+    "KINDS",
     "LIGHT",
+    "ORANGE",
     "RED",
+    "color_bar",
     "nice_number",
     "prefixed",
     "save",
@@ -36,11 +42,13 @@ __all__ = [
     "written",
 ]
 
+#: Files that matplotlib writes here
+KINDS = (".png", ".pdf", ".svg")
 DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
 BLUE, RED, GREEN, ORANGE = "#0b62a4", "#c8352b", "#2b8a4b", "#d9822b"
-#: told apart by readers with any colour vision, in this order (interfaces, bodies)
+#: Told apart by readers with any colour vision, in this order (interfaces, bodies)
 ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
-#: from cool steel to glowing: legible on white, its lightness falls and its warmth grows
+#: From cool steel to glowing: legible on white, its lightness falls and its warmth grows
 GLOW = LinearSegmentedColormap.from_list(
     "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
 )
@@ -77,9 +85,9 @@ def styled_figure(width: float, height: float, *, dpi: float = 150.0) -> Iterato
     """Give a figure that needs no screen, in the style of the package; settings are put back.
 
     Args:
-        width: in inches.
-        height: in inches.
-        dpi: pixels per inch.
+        width: In inches.
+        height: In inches.
+        dpi: Pixels per inch.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -96,18 +104,37 @@ def tidy(axes: Axes, *, grid: bool = True) -> None:
     axes.grid(grid)
 
 
+def color_bar(
+    figure: Figure,
+    colors: ScalarMappable,
+    label: str,
+    place: tuple[float, float, float],
+    **how: Any,
+) -> None:
+    """Draw a horizontal colour bar from left to right (shares), some inches below the top."""
+    height = figure.get_figheight()
+    left, right, below = place
+    bar = figure.add_axes((left, 1.0 - below / height, right - left, 0.13 / height))
+    figure.colorbar(colors, cax=bar, orientation="horizontal", **how)
+    bar.set_title(label, fontsize=9, pad=4.0, color=DARK)
+    bar.tick_params(labelsize=8, length=2.5, pad=2.0)
+    if "ticks" not in how:
+        bar.locator_params(nbins=5)
+
+
 def save(figure: Figure, path: Path) -> None:
     """Write a figure; its size in pixels is that of the figure."""
     figure.savefig(path, dpi=figure.dpi)
 
 
 def writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
-    """Return the path of a picture, or refuse its kind.
+    """The path of a picture, or refuse its kind.
 
     Raises:
-        ValueError: if the suffix is not one of ``suffixes``.
+        TypeError: If it is no path.
+        ValueError: If the suffix is not one of ``suffixes``.
     """
-    path = Path(path)
+    path = validation.path("picture", path)
     if path.suffix.lower() not in suffixes:
         raise ValueError(
             f"picture {str(path)!r}: the kind {path.suffix!r} is not known here; end the name in "
@@ -120,9 +147,9 @@ def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
     """Draw and write a picture on rank 0, while the others wait; an error is raised on all.
 
     Args:
-        comm: the ranks that make the picture together.
-        path: where to; missing directories are made.
-        draw: writes the file, called on rank 0.
+        comm: The ranks that make the picture together.
+        path: Where to; missing directories are made.
+        draw: Writes the file, called on rank 0.
 
     Returns:
         The path, on every rank.
@@ -130,14 +157,15 @@ def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
 
     def write() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw(path)
+        with named_in_errors(path):
+            draw(path)
 
     on_rank_0(comm, write)
     return path
 
 
 def nice_number(value: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
+    """The largest of 1, 2, 5 times a power of ten that does not exceed ``value``."""
     if not (np.isfinite(value) and value > 0.0):
         return 1.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -145,7 +173,7 @@ def nice_number(value: float) -> float:
 
 
 def prefixed(value: float, unit: str) -> tuple[str, float]:
-    """Return the unit with a prefix that suits a value, and the factor to it."""
+    """The unit with a prefix that suits a value, and the factor to it."""
     for prefix, size in (("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6)):
         if value >= size:
             return prefix + unit, 1.0 / size

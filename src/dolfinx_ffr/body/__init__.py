@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: MIT
+"""A body as the mechanism sees it: mass, volume integrals and markers, from arrays or files."""
+
+from __future__ import annotations
+
+from .file import named_in_errors
+from .marker import BodyMarker
+from .parametric import ParametricBody
+from .volume_integrals import QUARTER_TURN, VolumeIntegrals
+
+__all__ = [
+    "QUARTER_TURN",
+    "BodyMarker",
+    "ParametricBody",
+    "VolumeIntegrals",
+    "named_in_errors",
+]

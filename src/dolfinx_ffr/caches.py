@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: MIT
+"""Where compiled things are kept for a user whose own cache directory cannot be written."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+__all__ = ["spare_directory"]
+
+
+def spare_directory() -> Path | None:
+    """A directory among the temporary files that stays from run to run, this user's alone.
+
+    Compiled code is loaded from there, so nobody else may own it or write to it.
+
+    Returns:
+        None if there is no such directory and none can be made.
+    """
+    path = Path(tempfile.gettempdir()) / f"dolfinx_ffr-{os.getuid()}"
+    try:
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+    except OSError:
+        return None
+    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return path if ours and not others and os.access(path, os.W_OK | os.X_OK) else None

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Density filter and smoothed Heaviside projection: from design variables to densities.
+
+The filter replaces each value by a weighted mean over its neighbourhood, so that no detail is finer
+than its radius and no checkerboard of solid and void looks stiff,
+
+    y = D K D V z,     K_ef = max(0, R - |X_e - X_f|),     V = diag(areas of the cells),
+
+with the diagonal matrix D for which the rows sum to one. Because K is symmetric, the same D keeps
+the volume: sum_e V_e y_e = sum_e V_e z_e. (The usual filter divides by the sum of the row instead,
+and keeps the volume only far from the edges.) D is found by a fixed point,
+d <- sqrt(d / (K V d)), which is Sinkhorn's balancing of a symmetric matrix.
+
+The projection drives the mean towards void and solid,
+
+    x = (tanh(beta eta) + tanh(beta (y - eta))) / (tanh(beta eta) + tanh(beta (1 - eta))).
+
+References:
+    B. Bourdin, International Journal for Numerical Methods in Engineering 50 (2001),
+    doi:10.1002/nme.116 (filter).
+    F. Wang, B. S. Lazarov and O. Sigmund, Structural and Multidisciplinary Optimization 43 (2011),
+    doi:10.1007/s00158-010-0602-y (projection).
+    P. A. Knight, D. Ruiz and B. Ucar, SIAM Journal on Matrix Analysis 35 (2014),
+    doi:10.1137/110825753 (symmetric balancing).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .. import validation
+from ..fem import Domain
+
+__all__ = ["DensityFilter", "HeavisideProjection"]
+
+Array = NDArray[np.float64]
+
+
+class DensityFilter:
+    """Weighted means over round neighbourhoods; keeps constants and the volume.
+
+    Values are those of all cells, in the order of `Domain.everywhere`, on every rank: design
+    variables are replicated.
+
+    Args:
+        domain: The body.
+        radius: R [m]; two to three elements are usual, zero filters nothing.
+
+    Raises:
+        TypeError: If an argument is of a wrong kind.
+        ValueError: On every rank, if the radius is negative, NaN or infinite.
+
+    Warns:
+        UserWarning: If a radius above zero is not longer than the distance of neighbouring
+            centroids, so that nothing is filtered.
+    """
+
+    def __init__(self, domain: Domain, radius: float) -> None:
+        self.domain = validation.instance("density filter: domain", domain, Domain, "a Domain")
+        validation.number("density filter: radius", radius, least=0.0, unit="m")
+        #: Reach of the means [m]
+        self.radius = float(radius)
+        areas = domain.everywhere(domain.cell_volumes)
+        self._share = areas / areas.mean()
+        tree = cKDTree(domain.everywhere(domain.centroids))
+        near = tree.sparse_distance_matrix(tree, self.radius, output_type="ndarray")
+        weights = 1.0 - near["v"] / (self.radius or 1.0)
+        if self.radius > 0.0:
+            # at the radius itself the weight is round-off
+            self._warn_of_idle(tree, np.count_nonzero(weights > 1e-9))
+        n = domain.n_cells_global
+        kernel = scipy.sparse.coo_matrix((weights, (near["i"], near["j"])), shape=(n, n)).tocsr()
+        balance = _balance(kernel, self._share)
+        left, right = scipy.sparse.diags(balance), scipy.sparse.diags(balance * self._share)
+        #: (cells, cells) weights of the means; rows sum to one
+        self.matrix = scipy.sparse.csr_matrix(left @ kernel @ right)
+
+    def _warn_of_idle(self, tree: cKDTree, pairs: int) -> None:
+        """Warn if fewer than half of the cells have a neighbour within the radius."""
+        cells = self.domain.n_cells_global
+        if cells > 1 and pairs < 1.5 * cells:  # each cell is a pair with itself
+            nearest = float(np.median(tree.query(tree.data, k=2)[0][:, 1]))
+            warnings.warn(
+                f"density filter: radius = {self.radius:.4g} m is not longer than the "
+                f"distance of neighbouring cells, {nearest:.4g} m, and filters nothing; take "
+                f"{2.5 * nearest:.4g} m",
+                stacklevel=3,
+            )
+
+    def __call__(self, values: Array) -> Array:
+        """The means of ``values`` (cells of all ranks,), of the same shape."""
+        return np.asarray(self.matrix @ values)
+
+    def pullback(self, means_bar: Array) -> Array:
+        """The transpose of the derivative of the means.
+
+        Args:
+            means_bar: Derivative with respect to the means, shape (cells of all ranks,).
+
+        Returns:
+            Derivative with respect to the values, shape (cells of all ranks,).
+        """
+        return np.asarray(self.matrix.T @ means_bar)
+
+
+def _balance(kernel: scipy.sparse.csr_matrix, share: Array) -> Array:
+    """The positive d for which diag(d) kernel diag(d) share is one everywhere."""
+    d = np.ones(len(share))
+    for _ in range(500):
+        sums = kernel @ (share * d)
+        if np.max(np.abs(d * sums - 1.0)) < 1e-14:
+            break
+        d = np.sqrt(d / sums)
+    return d
+
+
+@dataclass(frozen=True)
+class HeavisideProjection:
+    """Smoothed step from void to solid, of [0, 1] onto itself.
+
+    Args:
+        beta: Steepness; below one nearly the identity, above sixteen nearly a step.
+        eta: Threshold, in (0, 1).
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+
+    beta: float
+    eta: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        validation.number("projection: beta", self.beta, above=0.0)
+        validation.number("projection: eta", self.eta, above=0.0, below=1.0)
+
+    def __call__(self, means: Array) -> Array:
+        """The projection of ``means``, of the same shape."""
+        low, high = np.tanh(self.beta * self.eta), np.tanh(self.beta * (1.0 - self.eta))
+        x = (low + np.tanh(self.beta * (means - self.eta))) / (low + high)
+        return np.clip(x, 0.0, 1.0)  # by round-off it may leave it
+
+    def pullback(self, means: Array, x_bar: Array) -> Array:
+        """The transpose of the derivative.
+
+        Args:
+            means: Where, any shape.
+            x_bar: Derivative with respect to the projection, of the same shape.
+
+        Returns:
+            Derivative with respect to the means, of the same shape.
+        """
+        low, high = np.tanh(self.beta * self.eta), np.tanh(self.beta * (1.0 - self.eta))
+        slope = 1.0 - np.tanh(self.beta * (means - self.eta)) ** 2
+        return np.asarray(x_bar * self.beta * slope / (low + high))

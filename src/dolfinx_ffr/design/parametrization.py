@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: MIT
+"""Designs: how bounded variables, alike on every rank, become the density of a body's elements.
+
+`DensityDesign` has one variable for each designed element,
+
+    variables z -> filter -> projection -> density x,
+
+and `LevelSetDesign` the coefficients of a `LevelSet`. Both become sharper in stages, and hand
+derivatives back by the exact transpose.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..fem import Domain
+from .density_filter import DensityFilter, HeavisideProjection
+from .rbf import finite_vector
+
+__all__ = [
+    "DensityDesign",
+    "Design",
+    "VolumeBisection",
+    "check_stages",
+    "check_volume",
+    "shrunk",
+]
+
+Array = NDArray[np.float64]
+
+
+class Design(ABC):
+    """From bounded variables to the density of one body, and back.
+
+    A design never changes: the sharper one of a later stage is another object.
+    """
+
+    domain: Domain  #: Of the body
+    lower: float  #: Smallest value of a variable
+    upper: float  #: Largest value of a variable
+    size: int  #: Number of variables
+    each: str  #: What there is one variable for
+    stages: int  #: Number of stages, each sharper than the one before
+    width: float  #: Of the smoothed step from void to solid
+
+    @abstractmethod
+    def at_stage(self, stage: int) -> Design:
+        """The design as sharp as in ``stage``, counted from 0."""
+
+    @abstractmethod
+    def density(self, variables: Array) -> Array:
+        """The density of this rank's cells, shape (cells,), at ``variables`` (size,)."""
+
+    @abstractmethod
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        """The transpose of the derivative of `density`, bit-identical on every rank.
+
+        Args:
+            variables: Where, shape (size,).
+            x_bar: Derivative with respect to the density of this rank's cells, shape (cells,).
+
+        Returns:
+            Derivative with respect to the variables, shape (size,).
+        """
+
+    @abstractmethod
+    def identity(self) -> dict[str, Any]:
+        """What a checkpoint and the run that reads it must have in common."""
+
+    def distance(self, variables: Array) -> Array | None:
+        """The distance of this rank's cells from the boundary at ``variables``, or None."""
+        return None
+
+    def check(self, start: ArrayLike) -> Array:
+        """``start`` as variables of shape (size,), within the bounds.
+
+        Raises:
+            ValueError: On every rank, if it has another size or is not finite.
+        """
+        variables = finite_vector(start, self.size, "design", f"variables, one a {self.each}")
+        return np.clip(variables, self.lower, self.upper)
+
+    def as_design(self) -> Design:
+        """The design itself; what else can be designed says here how its variables are bounded."""
+        return self
+
+
+class DensityDesign(Design):
+    """One variable in [0, 1] for each designed element, filtered and projected (SIMP).
+
+    Elements that are not designed stay solid, and enter the means of their neighbours as such.
+    Variables have the order of `Domain.everywhere`.
+
+    Args:
+        domain: The body.
+        radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
+            struts may hang together by corners of elements, which looks stiffer than it is. Zero
+            filters nothing.
+        betas: Steepness of the projection, one a stage.
+        eta: Threshold of the projection.
+
+    Raises:
+        ValueError: On every rank, if a number is out of range.
+    """
+
+    lower, upper, each = 0.0, 1.0, "designed cell"
+
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        radius: float | None = None,
+        betas: Sequence[float] = (2.0, 4.0, 8.0, 16.0, 32.0),
+        eta: float = 0.5,
+    ) -> None:
+        steepness = check_stages("density design: betas", betas)
+        self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
+        element = float(np.sqrt(domain.area / domain.n_cells_global))
+        self.filter = DensityFilter(domain, 2.5 * element if radius is None else radius)
+        #: Of the stages
+        self.projections = [HeavisideProjection(beta, eta) for beta in steepness]
+        self.stages = len(self.projections)
+        self.projection = self.projections[0]  #: Of this stage
+        self._designed = domain.everywhere(domain.design_cells)
+        self.size = int(np.count_nonzero(self._designed))
+
+    @property
+    def width(self) -> float:  # type: ignore[override]
+        """Inverse of the steepness of the projection."""
+        return 1.0 / self.projection.beta
+
+    def at_stage(self, stage: int) -> DensityDesign:
+        """The design with the projection of a ``stage``."""
+        other = copy(self)
+        other.projection = self.projections[stage]
+        return other
+
+    def even(self, value: float) -> Array:
+        """Variables that all have the same ``value`` in [0, 1], shape (designed cells,)."""
+        return np.full(
+            self.size, validation.number("density design: value", value, least=0, most=1)
+        )
+
+    def density(self, variables: Array) -> Array:
+        """The projected means of the ``variables``."""
+        x = np.where(self._designed, self.projection(self._means(variables)), 1.0)
+        return self.domain.owned(x)
+
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        """The transposes of projection and filter at ``variables``, applied to ``x_bar``."""
+        bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
+        means_bar = self.projection.pullback(self._means(variables), bar)
+        return np.asarray(self.filter.pullback(means_bar)[self._designed])
+
+    def identity(self) -> dict[str, Any]:
+        """Cells, filter and projections."""
+        return {
+            "cells": self.domain.n_cells_global,
+            "radius": self.filter.radius,
+            "betas": [projection.beta for projection in self.projections],
+            "eta": self.projection.eta,
+        }
+
+    def _means(self, variables: Array) -> Array:
+        values = np.ones(len(self._designed))
+        what = "density design: variables"
+        values[self._designed] = validation.real_array(what, variables, (self.size,))
+        return self.filter(values)
+
+
+@dataclass(frozen=True)
+class VolumeBisection:
+    """Smallest multiplier for which a volume stays below its bound.
+
+    Args:
+        bound: Upper bound of the volume (any unit; here a share of the body's area).
+        tolerance: How far below the bound the volume may end, in units of the bound.
+
+    Raises:
+        ValueError: If the bound is not positive.
+    """
+
+    bound: float
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        """Check the bound."""
+        validation.number("volume bound", self.bound, above=0.0)
+        validation.number("volume bisection: tolerance", self.tolerance, least=0.0, below=1.0)
+
+    def multiplier(self, volume: Callable[[float], float]) -> float:
+        """The smallest Lambda >= 0 with volume(Lambda) <= bound.
+
+        Args:
+            volume: Falling function of the multiplier.
+
+        Raises:
+            ValueError: If no multiplier brings the volume below its bound.
+        """
+        if volume(0.0) <= self.bound:
+            return 0.0
+        low, high = 0.0, 1.0
+        while volume(high) > self.bound:
+            low, high = high, 2.0 * high
+            if high > 1e12:
+                raise ValueError(
+                    f"the volume stays at {volume(high):.6g}, above its bound {self.bound:.6g}, "
+                    "whatever the multiplier: raise the bound or shrink the solid regions"
+                )
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            found = volume(middle)
+            if found > self.bound:
+                low = middle
+            else:
+                high = middle
+                if found >= self.bound * (1.0 - self.tolerance):
+                    break
+            if high - low <= 1e-14 * high:
+                break
+        return high
+
+
+def check_stages(what: str, values: Sequence[float]) -> list[float]:
+    """Positive numbers, one for each stage of a design.
+
+    Args:
+        what: Their name, for the message.
+        values: The numbers.
+
+    Raises:
+        TypeError: If they are no list of numbers.
+        ValueError: If there are none, or one is not positive and finite.
+    """
+    stages = validation.real_array(what, values, (None,), expected="a number for each stage")
+    if not stages.size:
+        raise ValueError(f"{what} must have a number for each stage, but it is empty")
+    for value in stages:
+        validation.number(what, value, above=0.0)
+    return [float(value) for value in stages]
+
+
+def check_volume(domain: Domain, volume: float) -> None:
+    """Refuse a volume bound that leaves nothing to design.
+
+    Args:
+        domain: The body.
+        volume: Upper bound of the filled share of its area.
+
+    Raises:
+        ValueError: On every rank, if it is no share in (0, 1], or not above that of the cells that
+            stay solid.
+    """
+    validation.number("design: volume", volume, above=0.0, most=1.0)
+    solid = domain.sum(domain.cell_volumes * ~domain.design_cells) / domain.area
+    if volume <= solid * (1.0 + 1e-9):
+        raise ValueError(
+            f"design: volume = {volume:.4g} leaves nothing to design: the solid regions alone fill "
+            f"{solid:.4g} of the body"
+        )
+
+
+def shrunk(design: Design, variables: Array, volume: float) -> Array:
+    """Variables lowered evenly until the volume bound holds.
+
+    Args:
+        design: Gives the volume.
+        variables: Within the bounds of the design.
+        volume: Upper bound of the filled share of the body.
+
+    Raises:
+        ValueError: On every rank, if the bound is out of range, or the body exceeds it even with
+            all variables at their lower bound.
+    """
+    domain = design.domain
+    check_volume(domain, volume)
+
+    def lowered(shift: float) -> Array:
+        range_ = design.upper - design.lower
+        return np.asarray(np.clip(variables - shift * range_, design.lower, design.upper))
+
+    def filled(shift: float) -> float:
+        x = design.density(lowered(shift))
+        return domain.sum(x * domain.cell_volumes) / domain.area
+
+    return lowered(VolumeBisection(volume).multiplier(filled))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Time integration and its discrete adjoint, whatever the kinematics."""

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: MIT
+"""Compilation of time integration at a chosen moment, and its announcement."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+
+from ..compilation import Compiled
+from ..planar import COMPILED
+from ..trajectory import Integrator
+from .generalized_alpha import GeneralizedAlpha
+from .radau import RadauIIA
+
+__all__ = ["INTEGRATORS", "compile_kernels", "compiled_functions"]
+
+#: All integrators.
+INTEGRATORS: tuple[type[Integrator], ...] = (GeneralizedAlpha, RadauIIA)
+
+#: Seconds of silence before a compilation is announced; loading from disk takes less.
+_PATIENCE = 1.5
+
+
+def compiled_functions(integrators: Iterable[type[Integrator]] = INTEGRATORS) -> list[Compiled]:
+    """Compiled functions that integrators need, those of the kinematics included, each once.
+
+    Args:
+        integrators: The integrators.
+    """
+    own = [function for integrator in integrators for function in integrator.compiled]
+    return list(dict.fromkeys([*COMPILED, *own]))
+
+
+def compile_kernels(
+    announce: Callable[[str], None] | None = None,
+    *,
+    integrators: Iterable[type[Integrator]] = (GeneralizedAlpha,),
+    stiffened_markers: bool | None = None,
+) -> float:
+    """Compile time integration and its adjoint, or load them from disk.
+
+    Compilation happens once on a machine; later runs load the result. The simulation itself calls
+    this; call it beforehand to choose the moment.
+
+    Args:
+        announce: Called with one line of text if it takes long; by default the line goes to the
+            standard error. Under MPI, silence all ranks but one with ``lambda text: None``.
+        integrators: The integrators that will be used.
+        stiffened_markers: Without effect; goes with the next release.
+
+    Returns:
+        Seconds taken.
+    """
+    if stiffened_markers is not None:
+        warnings.warn(
+            "compile_kernels: stiffened_markers has no effect any more and goes with the next "
+            "release",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+    waiting = [function for function in compiled_functions(integrators) if not function.ready]
+    if not waiting:
+        return 0.0
+    began = time.perf_counter()
+    with _announced(announce):
+        for function in waiting:
+            function.compile()
+    return time.perf_counter() - began
+
+
+@contextmanager
+def _announced(announce: Callable[[str], None] | None) -> Iterator[None]:
+    """Context that says so if what is done in it takes long."""
+    text = "dolfinx_ffr: compiling the time integration; this happens once and takes a while ..."
+    say = announce if announce is not None else lambda line: print(line, file=sys.stderr)
+    timer = threading.Timer(_PATIENCE, say, args=(text,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

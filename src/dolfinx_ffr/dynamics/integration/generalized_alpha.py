@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+"""Stabilised index-2 generalised-alpha method with constant steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import validation
+from ..compilation import Compiled, Table
+from ..failures import SimulationError, at_rest, cut, diagnosis
+from ..model import FlatModel
+from ..planar import Kinematics, Samples
+from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
+from .linear import linear_system
+from .start import (
+    CONVERGED,
+    accelerations,
+    accelerations_pullback,
+    start_accelerations,
+    start_accelerations_pullback,
+)
+from .steps import Steps, backward, march, step_bars
+
+__all__ = ["GeneralizedAlpha"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(Integrator):
+    """Stabilised index-2 generalised-alpha method with constant steps.
+
+    Second-order accurate in positions, velocities and multipliers; constraints hold to round-off
+    in positions and in velocities. The parameters follow from the spectral radius at infinite
+    frequency: 1 keeps all oscillations, 0 removes in one step those that the step does not resolve.
+
+    References:
+        J. Chung, G. M. Hulbert, A time integration algorithm for structural dynamics with improved
+        numerical dissipation: the generalized-alpha method, Journal of Applied Mechanics 60 (1993),
+        doi:10.1115/1.2900803.
+        M. Arnold, O. Brüls, A. Cardona, Error analysis of generalized-alpha Lie group time
+        integration methods for constrained mechanical systems, Numerische Mathematik 129 (2015),
+        doi:10.1007/s00211-014-0633-1.
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+
+    order: ClassVar[int] = 2
+    compiled: ClassVar[tuple[Compiled, ...]] = (
+        accelerations,
+        accelerations_pullback,
+        march,
+        backward,
+    )
+
+    #: Duration of the simulation, which starts at zero [s].
+    end_time: float
+    #: Number of time steps.
+    steps: int
+    #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
+    #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
+    #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
+    spectral_radius: float = 0.8
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        validation.number("end_time", self.end_time, above=0.0, unit="s")
+        validation.whole("steps", self.steps, least=1)
+        validation.number("spectral_radius", self.spectral_radius, least=0.0, most=1.0)
+
+    @property
+    def step(self) -> float:
+        """Time step [s]."""
+        return self.end_time / int(self.steps)
+
+    @property
+    def times(self) -> Array:
+        return np.linspace(0.0, self.end_time, int(self.steps) + 1)
+
+    @property
+    def instants(self) -> int:
+        return int(self.steps) + 1
+
+    @property
+    def coarser(self) -> GeneralizedAlpha:
+        return replace(self, steps=max(int(self.steps) // 2, 1))
+
+    @property
+    def finer(self) -> GeneralizedAlpha:
+        return replace(self, steps=2 * int(self.steps))
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """The parameters alpha_m, alpha_f, gamma and beta of the method."""
+        rho = float(self.spectral_radius)
+        alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        gamma = 0.5 + alpha_f - alpha_m
+        return alpha_m, alpha_f, gamma, 0.25 * (gamma + 0.5) ** 2
+
+    @property
+    def remedy(self) -> str:
+        return (
+            f"ask for less, or take RadauIIA({self.end_time:g}), whose error falls with the "
+            "fifth power of the step"
+        )
+
+    def toward(self, tolerance: float) -> GeneralizedAlpha:
+        # An even number, half of which are whole steps.
+        return replace(self, steps=2 * math.ceil(int(self.steps) / 2))
+
+    def _late_start(self, offset: float) -> float:
+        """Share of the change of the accelerations shortly after the start in the method's first.
+
+        a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, w_1 the accelerations there.
+        """
+        alpha_m, alpha_f, *_ = self.parameters
+        return (alpha_m - alpha_f) * self.step / offset
+
+    def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
+        count, offset, kinematics = int(self.steps), model.offset, Kinematics(model.arrays)
+        trajectory = at_rest(model, count, self)
+        y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
+        beginning, multipliers = trajectory.beginning, trajectory.multipliers
+        y[0], v[0] = y0, v0
+        found = start_accelerations(kinematics, 0, y0, v0)
+        after = None
+        if found is not None:
+            w[0], multipliers[0] = found
+            beginning[0] = y0 + offset * v0 + 0.5 * offset * offset * w[0]
+            beginning[1] = v0 + offset * w[0]
+            # The tables of the mechanism end with the instant shortly after the start.
+            after = start_accelerations(kinematics, count + 1, beginning[0], beginning[1])
+        if after is None:
+            raise SimulationError(
+                "the accelerations at the start cannot be found: the mass matrix of the bodies "
+                "and the joints together are singular",
+                cut(trajectory, 0),
+            )
+        beginning[2], beginning[3, : model.rows] = after
+        a[0] = w[0] + self._late_start(offset) * (beginning[2] - w[0])
+        steps = _steps(trajectory)
+        system = Table(linear_system(model.size + 2 * model.rows))
+        status = march(kinematics.table, Table(steps), system, self.step, *self.parameters)
+        if status != CONVERGED:
+            last = int(steps.last[0])
+            k = last + 1
+            where, remedy = f"step {k} of {count}", "take smaller steps, or "
+            iterations = int(trajectory.iterations[last])
+            text = diagnosis(trajectory, k, where, iterations, status, remedy)
+            raise SimulationError(text, cut(trajectory, last))
+        return trajectory
+
+    def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
+        model, kinematics = trajectory.model, Kinematics(trajectory.model.arrays)
+        h, offset = float(model.times[1] - model.times[0]), model.offset
+        steps, bars = _steps(trajectory), step_bars(bar.y, bar.v, bar.w, bar.multipliers)
+        system = Table(linear_system(model.size + 2 * model.rows))
+        tables = Table(steps), Table(bars), system
+        if backward(kinematics.table, *tables, h, *self.parameters) != CONVERGED:
+            t = trajectory.t[steps.last[0]]
+            raise RuntimeError(f"the matrix of the step at t = {t:.6g} s is singular")
+        y_bar, v_bar, w_bar, a_bar = bars.start
+        share = self._late_start(offset)
+        y_bar, v_bar = y_bar + bars.y[0], v_bar + bars.v[0]
+        w_bar = w_bar + ((1.0 - share) * a_bar + bars.w[0])
+        # The tables of the mechanism end with the instant shortly after the start.
+        instant = len(model.arrays.drive) - 1
+        ye, ve, after = start_accelerations_pullback(
+            kinematics,
+            instant,
+            _state(trajectory.beginning, model),
+            share * a_bar,
+            0.0 * bars.lam[0],
+        )
+        w_bar = w_bar + (0.5 * offset * offset * ye + offset * ve)
+        y_bar, v_bar = y_bar + ye, v_bar + (offset * ye + ve)
+        first = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
+        ye, ve, bars.adjoint[0] = start_accelerations_pullback(
+            kinematics, 0, first, w_bar, bars.lam[0]
+        )
+        samples = Samples(
+            np.append(np.arange(trajectory.steps + 1), instant),
+            np.vstack([trajectory.y, trajectory.beginning[0]]),
+            np.vstack([trajectory.v, trajectory.beginning[1]]),
+            np.vstack([trajectory.w, trajectory.beginning[2]]),
+            np.vstack([bars.adjoint, after]),
+        )
+        corrections = h * bars.left, bars.right
+        return TrajectoryPullback(
+            samples, corrections, y_bar + ye, v_bar + ve, kinematics.marker_bars
+        )
+
+
+def _state(beginning: Array, model: FlatModel) -> tuple[Array, Array, Array, Array]:
+    y, v, w, multipliers = beginning
+    return y, v, w, multipliers[: model.rows]
+
+
+def _steps(trajectory: Trajectory) -> Steps:
+    """Arrays of a motion for the compiled loops, without copies."""
+    n, rows = trajectory.model.size, trajectory.model.rows
+    return Steps(
+        trajectory.y,
+        trajectory.v,
+        trajectory.w,
+        trajectory.a,
+        trajectory.multipliers,
+        trajectory.stabilization,
+        trajectory.iterations,
+        np.zeros(1, dtype=np.int64),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(rows),
+    )

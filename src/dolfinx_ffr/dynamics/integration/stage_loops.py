@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: MIT
+"""Time loop of the Radau IIA method and its transpose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compilation import compiled, kernel
+from ..equations import (
+    BODY_FORCES,
+    CONSTRAINTS,
+    METRIC,
+    OTHER_FORCES,
+    ROWS,
+    Equations,
+    evaluate,
+    measure,
+    pullback,
+)
+from .linear import LinearSystem, lu_factor, lu_solve, lu_solve_transposed
+from .stages import (
+    AA,
+    NODES,
+    A,
+    Stages,
+    begin_step,
+    estimate_error,
+    load_stage,
+    stage_jacobian,
+    stage_residual,
+    stage_states,
+)
+from .start import CONVERGED, DIVERGED, SINGULAR
+from .steps import MAX_ITERATIONS, StepBars
+
+#: Outcome of the loop, beside those of start.py: the error of a step is too large.
+REJECTED = 3
+
+#: Largest angle by which a body turns in one step of a length that is free to choose [rad].
+LARGEST_TURN = 1.0
+
+#: Two lengths of steps are the same up to this share, and may share their factors.
+SAME_LENGTH = 1e-9
+
+#: Ratio of two corrections up to which factors serve the next step, and from which those of earlier
+#: steps are given up: the step begins anew, for corrections that hardly shrink may have led astray.
+STEADY, ASTRAY = 0.02, 0.3
+#: Ratio from which factors are made anew within a step.
+SLOW = 0.05
+
+#: Newton's method ends when the correction is round-off beside the largest acceleration, and
+#: beside positions and velocities as they show in accelerations.
+NEGLIGIBLE, ROUND_OFF = 1e-13, 4e-16
+#: It ends as well when corrections shrink by this factor at least, and all that follow would add
+#: up to less than this share.
+SHRINKING, REST = 0.5, 1e-14
+#: From the fourth iteration on corrections of this size which shrink no more than this, in spite of
+#: fresh factors, are round-off that no iteration makes any better.
+MAGNIFIED, MAGNIFIED_ROUND_OFF, STALLED = 1e-9, 1e-12, 0.1
+
+
+@kernel
+def solved(
+    iteration: int, fresh: bool, change: float, ratio: float, largest: float, round_off: float
+) -> bool:
+    """Whether Newton's method is done after a correction, `ratio` times the one before.
+
+    `fresh` tells whether the factors are of this step.
+    """
+    if change <= NEGLIGIBLE * largest + ROUND_OFF * round_off:
+        return True
+    if ratio < SHRINKING and change * ratio / (1.0 - ratio) <= REST * largest:
+        return True
+    if fresh and iteration > 2 and ratio > STALLED:
+        return change <= MAGNIFIED * largest + MAGNIFIED_ROUND_OFF * round_off
+    return False
+
+
+@kernel
+def predict(eq: Equations, stages: Stages, at: int, h: float, before: float) -> None:
+    """First guess of the unknowns of a step.
+
+    The polynomial through the stages of the step before goes on, where there is one; `before` is
+    its length. Else accelerations and multipliers are those of the start.
+    """
+    n, rows, w, lam = eq.r.size, eq.value.size, stages.w, stages.lam
+    for i in range(3):
+        for c in range(rows):
+            stages.eta[at + i, c] = 0.0
+            lam[at + i, c] = 0.0 if before > 0.0 else lam[at - 1, c]
+        for p in range(n):
+            w[at + i, p] = 0.0 if before > 0.0 else w[at - 1, p]
+        if before > 0.0:
+            x = 1.0 + NODES[i] * h / before
+            for j in range(3):
+                factor = 1.0
+                for m in range(3):
+                    if m != j:
+                        factor *= (x - NODES[m]) / (NODES[j] - NODES[m])
+                first = at == 1
+                for p in range(n):
+                    w[at + i, p] += factor * (stages.w_before[j, p] if first else w[at - 3 + j, p])
+                for c in range(rows):
+                    old = stages.lam_before[j, c] if first else lam[at - 3 + j, c]
+                    lam[at + i, c] += factor * old
+
+
+@kernel
+def iterate(
+    eq: Equations, stages: Stages, system: LinearSystem, k: int, h: float, renew: bool
+) -> int:
+    """Newton's method for step k from a first guess; `renew` asks for factors of its own.
+
+    It goes on with the Jacobian at the predicted stages, also of steps before of the same length,
+    as long as it converges quickly. Leaves sigma in the rows of eta.
+    """
+    n, rows, at, weight, rhs = eq.r.size, eq.value.size, 3 * k + 1, stages.weight, system.rhs
+    size = n + 2 * rows
+    previous, fresh = 0.0, False
+    stages.kept[1] = 1.0
+    for iteration in range(MAX_ITERATIONS):
+        stage_states(eq, stages, at, h)
+        if renew:
+            stage_jacobian(eq, stages, system, at, h)
+            if not lu_factor(system, 3 * size):
+                stages.kept[0] = 0.0
+                return SINGULAR
+            stages.kept[0], fresh = h, True
+        stage_residual(eq, stages, system, at, h)
+        lu_solve(system, 3 * size)
+        change = largest = round_off = 0.0
+        finite = True
+        for i in range(3):
+            o = i * size
+            for c in range(rows):
+                stages.lam[at + i, c] -= rhs[o + n + c]
+                stages.eta[at + i, c] -= rhs[o + n + rows + c]
+            for p in range(n):
+                shift = 0.0
+                for c in range(rows):
+                    shift += eq.correction[c, p] * rhs[o + n + rows + c]
+                delta = rhs[o + p]
+                finite = finite and np.isfinite(delta)
+                stages.w[at + i, p] -= delta
+                y, v = abs(stages.y[at + i, p]), abs(stages.v[at + i, p])
+                change = max(change, weight[p] * max(abs(delta), abs(shift)))
+                largest = max(largest, weight[p] * abs(stages.w[at + i, p]))
+                round_off = max(round_off, weight[p] * (y / h + v) / h)
+        stages.iterations[k] = iteration + 1
+        if not finite:
+            return DIVERGED
+        ratio = change / previous if previous > 0.0 else 1.0
+        if solved(iteration, fresh, change, ratio, largest, round_off):
+            return CONVERGED
+        if not fresh and iteration > 0 and ratio > ASTRAY:
+            return DIVERGED
+        renew = iteration > 0 and ratio > SLOW
+        if iteration > 0 and ratio > STEADY:
+            stages.kept[1] = 0.0
+        previous = change
+    return DIVERGED
+
+
+@kernel
+def judge(
+    eq: Equations, stages: Stages, system: LinearSystem, k: int, h: float, limit: float
+) -> int:
+    """Whether the error of a step that was solved lets it pass; keeps the sizes up to date."""
+    at = 3 * k + 1
+    if not estimate_error(eq, stages, system, at, h):
+        return SINGULAR
+    for i in range(3):
+        stages.errors[k, i] = eq.sizes[i]
+    load_stage(eq, stages, at + 2)
+    for p in range(eq.r.size):
+        eq.reference[p] = stages.reference[p]
+    measure(eq)
+    for i in range(3):
+        eq.sizes[i] = max(stages.sizes[i], eq.sizes[i])
+        if not stages.errors[k, i] <= limit * eq.sizes[i]:
+            return REJECTED
+    own = eq.sizes[0], eq.sizes[1], eq.sizes[2]
+    # Where a body turns too far, the method may find another motion, and sees no error.
+    if limit < np.inf:
+        for p in range(eq.r.size):
+            eq.reference[p] = stages.y[at - 1, p]
+        measure(eq)
+        if not eq.sizes[3] <= LARGEST_TURN:
+            return REJECTED
+    stages.sizes[0], stages.sizes[1], stages.sizes[2] = own
+    return CONVERGED
+
+
+@compiled(Equations, Stages, LinearSystem, LinearSystem, float, float)
+def march(
+    eq: Equations,
+    stages: Stages,
+    system: LinearSystem,
+    small: LinearSystem,
+    before: float,
+    limit: float,
+) -> int:
+    """Steps of the given lengths from row 0; gives the outcome.
+
+    `system` holds the last factors of three stages; `small` is one of the size of a single stage.
+    `before` is the length of the step before the first one, zero if there is none; a step whose
+    error exceeds `limit` is rejected.
+    """
+    for k in range(stages.lengths.size):
+        h, at = stages.lengths[k], 3 * k + 1
+        stages.last[0] = k
+        begin_step(eq, stages, at - 1)
+        if k > 0:
+            before = stages.lengths[k - 1]
+        status = DIVERGED
+        # Factors of steps before may do. Where the polynomial is far off, the accelerations of
+        # the start may.
+        if stages.kept[1] >= 1.0 and abs(h - stages.kept[0]) <= SAME_LENGTH * h:
+            predict(eq, stages, at, h, before)
+            status = iterate(eq, stages, system, k, h, False)
+        if status != CONVERGED:
+            predict(eq, stages, at, h, before)
+            status = iterate(eq, stages, system, k, h, True)
+        if status != CONVERGED and before > 0.0:
+            predict(eq, stages, at, h, 0.0)
+            status = iterate(eq, stages, system, k, h, True)
+        stage_states(eq, stages, at, h)
+        for i in range(3):
+            for c in range(eq.value.size):
+                stages.eta[at + i, c] = h * stages.eta[at + i, c]
+        if status != CONVERGED:
+            return status
+        status = judge(eq, stages, small, k, h, limit)
+        if status != CONVERGED:
+            return status
+        stages.last[0] = k + 1
+    return CONVERGED
+
+
+@compiled(Equations, Stages, StepBars, LinearSystem)
+def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem) -> int:
+    """Transpose of all steps; gives the outcome.
+
+    Fills in what the bars leave open, rows of the start excepted; the derivative with respect to an
+    integral is minus the sum over time of adjoint . dr.
+    """
+    n, rows, rhs = eq.r.size, eq.value.size, system.rhs
+    block = n + 2 * rows
+    y0b, v0b = bars.start[0], bars.start[1]
+    for c in range(rows):
+        eq.on_accelerations[c] = 0.0
+    for p in range(n):
+        y0b[p] = v0b[p] = 0.0
+    for k in range(stages.lengths.size - 1, -1, -1):
+        h, at = stages.lengths[k], 3 * k + 1
+        begin_step(eq, stages, at - 1)
+        stage_jacobian(eq, stages, system, at, h)
+        if not lu_factor(system, 3 * block):
+            stages.last[0] = at
+            return SINGULAR
+        for p in range(n):
+            bars.y[at + 2, p] += y0b[p]
+            bars.v[at + 2, p] += v0b[p]
+        for j in range(3):
+            o = j * block
+            for p in range(n):
+                total = bars.w[at + j, p]
+                for i in range(3):
+                    total += h * A[i, j] * bars.v[at + i, p] + h * h * AA[i, j] * bars.y[at + i, p]
+                rhs[o + p] = total
+            for c in range(rows):
+                rhs[o + n + c] = bars.lam[at + j, c]
+                total = 0.0
+                for p in range(n):
+                    total += eq.correction[c, p] * bars.y[at + j, p]
+                rhs[o + n + rows + c] = -h * h * total
+        lu_solve_transposed(system, 3 * block)
+        for p in range(n):
+            y0b[p] = v0b[p] = 0.0
+        for i in range(3):
+            o, row = i * block, at + i
+            load_stage(eq, stages, row)
+            for p in range(n):
+                bars.adjoint[row, p] = eq.adjoint[p] = rhs[o + p]
+                eq.y_bar[p], eq.v_bar[p] = bars.y[row, p], bars.v[row, p]
+            for c in range(rows):
+                eq.on_values[c] = rhs[o + n + c] / (h * h)
+                eq.on_rates[c] = rhs[o + n + rows + c] / h
+            evaluate(eq, row, 0.0, CONSTRAINTS)
+            pullback(eq, row, BODY_FORCES | OTHER_FORCES | ROWS)
+            for p in range(n):
+                bars.y[row, p] = eq.y_bar[p]
+                y0b[p] += eq.y_bar[p]
+                v0b[p] += eq.v_bar[p] + NODES[i] * h * eq.y_bar[p]
+        # The share of Y_i = ... - h^2 D C_y(y)^T sigma_i through D and C_y at the beginning.
+        load_stage(eq, stages, at - 1)
+        evaluate(eq, at - 1, 0.0, CONSTRAINTS)
+        for p in range(n):
+            eq.y_bar[p] = y0b[p]
+        for c in range(rows):
+            eq.on_values[c] = eq.on_rates[c] = 0.0
+        for i in range(3):
+            row = at + i
+            for c in range(rows):
+                eq.lam[c] = h * stages.eta[row, c]
+            for p in range(n):
+                eq.adjoint[p] = bars.y[row, p]
+                total = 0.0
+                for c in range(rows):
+                    total += eq.correction[c, p] * eq.lam[c]
+                bars.right[row, p] = total
+            pullback(eq, at - 1, ROWS | METRIC)
+            for p in range(n):
+                bars.left[row, p] = eq.adjoint[p]
+        for p in range(n):
+            y0b[p] = eq.y_bar[p]
+    return CONVERGED

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: MIT
+"""Time steps of the generalised-alpha method, and their transpose.
+
+The stabilised index-2 form of the generalised-alpha method advances coordinates y, velocities v,
+accelerations w and the method's own accelerations a by
+
+    y' = y + h v + h^2 [(1/2 - beta) a + beta a'] - h D C_y(y)^T eta
+    v' = v + h [(1 - gamma) a + gamma a']
+    (1 - alpha_m) a' + alpha_m a = (1 - alpha_f) w' + alpha_f w
+    r(y', v', w') + C_y(y')^T lam' = 0,    C(y', t') = 0,    C_y(y') v' + C_t(y', t') = 0
+
+(M. Arnold, O. Brüls, A. Cardona, Error analysis of generalized-alpha Lie group time integration
+methods for constrained mechanical systems, Numerische Mathematik 129 (2015),
+doi:10.1007/s00211-014-0633-1). D is the inverse of a mass matrix, as in the original stabilisation
+(C. W. Gear, B. Leimkuhler, G. K. Gupta, Automatic integration of Euler-Lagrange equations with
+constraints, Journal of Computational and Applied Mathematics 12-13 (1985),
+doi:10.1016/0377-0427(85)90008-1), which makes the result independent of the basis of the elastic
+coordinates; it suffices to take the constant blocks m, m, G_00 and G_jk. The unknowns of a step are
+(w', lam', h eta / c_y), c_y and c_v the derivatives of y' and v' with respect to w'.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compilation import IntVector, Matrix, Vector, compiled, kernel
+from ..equations import (
+    BODY_FORCES,
+    CONSTRAINTS,
+    CORRECTIONS,
+    FORCES,
+    METRIC,
+    OTHER_FORCES,
+    ROWS,
+    TANGENT,
+    Equations,
+    evaluate,
+    pullback,
+)
+from .linear import LinearSystem, lu_factor, lu_solve, lu_solve_transposed
+from .start import CONVERGED, DIVERGED, SINGULAR, set_units
+
+Array = NDArray[np.float64]
+
+#: Most Newton iterations of one step.
+MAX_ITERATIONS = 25
+
+#: Newton's method ends when the correction is negligible beside the largest acceleration, and
+#: beside the round-off of positions and velocities as it shows in accelerations.
+NEGLIGIBLE, ROUND_OFF = 1e-10, 2e-15
+#: It ends as well when the correction has fallen by this factor at least and the next one, which
+#: falls likewise, would be below this share. Less would do for the motion, but the adjoint is that
+#: of steps solved exactly.
+FAST, NEXT = 1e-2, 1e-14
+#: From the third iteration on corrections of this size, relative to accelerations and to round-off,
+#: are round-off that a nearly singular position magnifies; from the ninth on no iteration makes
+#: them any better.
+MAGNIFIED, MAGNIFIED_ROUND_OFF, STALLED = 1e-8, 1e-10, 1e-8
+
+
+class Steps(NamedTuple):
+    """Motion in constant steps, and vectors of one step."""
+
+    y: Matrix  # (steps + 1, n) coordinates
+    v: Matrix  # (steps + 1, n) velocities
+    w: Matrix  # (steps + 1, n) accelerations
+    a: Matrix  # (steps + 1, n) accelerations of the method
+    lam: Matrix  # (steps + 1, rows) multipliers
+    eta: Matrix  # (steps + 1, rows) multipliers of the position corrections
+    iterations: IntVector  # (steps,) Newton iterations
+    last: IntVector  # (1,) last good step, or the one whose transpose is singular
+    y_known: Vector  # (n,) part of y' that the unknowns do not change
+    v_known: Vector  # (n,)
+    pushes: Vector  # (rows,) h eta / cy
+
+
+class StepBars(NamedTuple):
+    """Derivatives with respect to a motion, and their transposes, an adjoint for each instant."""
+
+    y: Matrix  # (instants, n) derivatives with respect to coordinates
+    v: Matrix  # (instants, n) velocities
+    w: Matrix  # (instants, n) accelerations
+    lam: Matrix  # (instants, rows) multipliers
+    adjoint: Matrix  # (instants, n) adjoint of the forces, to be filled in
+    left: Matrix  # (instants, n) D y_bar, to be filled in
+    right: Matrix  # (instants, n) D C_y^T times the multipliers of corrections, to be filled in
+    start: Matrix  # (4, n) derivatives with respect to y, v, w, a at the start, to be filled in
+
+
+def step_bars(y: Array, v: Array, w: Array, lam: Array) -> StepBars:
+    """Copies of the derivatives with respect to a motion, with room for their transposes.
+
+    Args:
+        y: With respect to coordinates, shape (instants, n).
+        v: With respect to velocities, shape (instants, n).
+        w: With respect to accelerations, shape (instants, n).
+        lam: With respect to multipliers, shape (instants, rows).
+    """
+
+    def copy(part: Array) -> Array:
+        return np.array(part, dtype=np.float64, order="C")
+
+    adjoint, left, right = (np.zeros(y.shape) for _ in range(3))
+    start = np.zeros((4, y.shape[1]))
+    return StepBars(copy(y), copy(v), copy(w), copy(lam), adjoint, left, right, start)
+
+
+@kernel
+def coefficients(
+    h: float, alpha_m: float, alpha_f: float, gamma: float, beta: float
+) -> tuple[float, float, float, float, float]:
+    """Coefficients of a' = a0 w + a1 w' - a2 a; derivatives cy, cv of y', v' in w'."""
+    a0, a1 = alpha_f / (1.0 - alpha_m), (1.0 - alpha_f) / (1.0 - alpha_m)
+    return a0, a1, alpha_m / (1.0 - alpha_m), h * h * beta * a1, h * gamma * a1
+
+
+@kernel
+def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv: float) -> None:
+    """Residual (system.rhs) and Jacobian (system.A) of one step in (w, lam, h eta / cy).
+
+    cy and cv are the derivatives of y and v with respect to w; the rows of the constraints are
+    divided by them, which makes the matrix well conditioned for any step.
+    """
+    evaluate(eq, instant, cv, CONSTRAINTS | FORCES | TANGENT)
+    n, rows, A, rhs = eq.r.size, eq.value.size, system.A, system.rhs
+    M, Ky, C, D, correction, lam = eq.M, eq.Ky, eq.C, eq.D, eq.correction, eq.lam
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = M[i, j] + cy * Ky[i, j]
+        total = eq.r[i]
+        for c in range(rows):
+            total += C[c, i] * lam[c]
+            A[i, n + c] = C[c, i]
+            push = 0.0
+            for j in range(n):
+                push += Ky[i, j] * correction[c, j]
+            A[i, n + rows + c] = -cy * push
+        rhs[i] = total
+    ratio = cy / cv
+    for i in range(rows):
+        p, q = n + i, n + rows + i
+        rhs[p] = eq.value[i] / cy
+        rhs[q] = eq.rate[i] / cv
+        for j in range(n):
+            A[p, j] = C[i, j]
+            A[q, j] = C[i, j] + ratio * D[i, j]
+        for c in range(rows):
+            A[p, n + c] = A[q, n + c] = 0.0
+            first = second = 0.0
+            for j in range(n):
+                first += C[i, j] * correction[c, j]
+                second += D[i, j] * correction[c, j]
+            A[p, n + rows + c] = -first
+            A[q, n + rows + c] = -ratio * second
+
+
+@kernel
+def solved(
+    iteration: int, change: float, previous: float, largest: float, round_off: float
+) -> bool:
+    """Whether Newton's method is done after a correction, `previous` being the one before."""
+    if change <= NEGLIGIBLE * largest + ROUND_OFF * round_off:
+        return True
+    if iteration > 0 and change <= FAST * previous:
+        return change * (change / previous) <= NEXT * largest
+    if iteration > 1 and change <= MAGNIFIED * largest + MAGNIFIED_ROUND_OFF * round_off:
+        return True
+    return iteration > 7 and change <= STALLED * (largest + round_off)
+
+
+@compiled(Equations, Steps, LinearSystem, float, float, float, float, float)
+def march(
+    eq: Equations,
+    steps: Steps,
+    system: LinearSystem,
+    h: float,
+    alpha_m: float,
+    alpha_f: float,
+    gamma: float,
+    beta: float,
+) -> int:
+    """All time steps from row 0 of the arrays; gives the outcome."""
+    a0, a1, a2, cy, cv = coefficients(h, alpha_m, alpha_f, gamma, beta)
+    n, rows = eq.r.size, eq.value.size
+    y, v, w, lam, s, rhs = eq.y, eq.v, eq.w, eq.lam, steps.pushes, system.rhs
+    yp, vp, M, Ky, correction = steps.y_known, steps.v_known, eq.M, eq.Ky, eq.correction
+    for i in range(n):
+        y[i], v[i] = steps.y[0, i], steps.v[0, i]
+    evaluate(eq, 0, 0.0, CONSTRAINTS | CORRECTIONS)
+    for k in range(steps.iterations.size):
+        for i in range(n):
+            wk, ak = steps.w[k, i], steps.a[k, i]
+            rest = a0 * wk - a2 * ak
+            yp[i] = steps.y[k, i] + h * steps.v[k, i] + h * h * ((0.5 - beta) * ak + beta * rest)
+            vp[i] = steps.v[k, i] + h * ((1.0 - gamma) * ak + gamma * rest)
+            w[i] = wk
+            y[i], v[i] = yp[i] + cy * wk, vp[i] + cv * wk
+        for c in range(rows):
+            lam[c], s[c] = steps.lam[k, c], 0.0
+        status, previous = DIVERGED, 0.0
+        for iteration in range(MAX_ITERATIONS):
+            step_system(eq, system, k + 1, cy, cv)
+            if iteration == 0:
+                set_units(eq, system, cy)
+            if not lu_factor(system, n + 2 * rows):
+                status = SINGULAR
+                break
+            lu_solve(system, n + 2 * rows)
+            for c in range(rows):
+                lam[c] -= rhs[n + c]
+                s[c] -= rhs[n + rows + c]
+            change = largest = round_off = 0.0
+            finite = True
+            for i in range(n):
+                shift = pushed = 0.0
+                for c in range(rows):
+                    shift += correction[c, i] * rhs[n + rows + c]
+                    pushed += correction[c, i] * s[c]
+                # Weights that make corrections in metres, radians and modal units comparable.
+                weight = np.sqrt(abs(M[i, i] + cy * Ky[i, i]))
+                delta = rhs[i]
+                finite = finite and np.isfinite(delta)
+                w[i] -= delta
+                y[i], v[i] = yp[i] + cy * (w[i] - pushed), vp[i] + cv * w[i]
+                change = max(change, weight * max(abs(delta), abs(delta - shift)))
+                largest = max(largest, weight * abs(w[i]))
+                round_off = max(round_off, weight * (abs(y[i]) / cy + abs(v[i]) / cv))
+            steps.iterations[k] = iteration + 1
+            if not finite:
+                break
+            if solved(iteration, change, previous, largest, round_off):
+                status = CONVERGED
+                break
+            previous = change
+        for c in range(rows):
+            steps.lam[k + 1, c], steps.eta[k + 1, c] = lam[c], s[c] * cy / h
+        for i in range(n):
+            steps.y[k + 1, i], steps.v[k + 1, i], steps.w[k + 1, i] = y[i], v[i], w[i]
+            steps.a[k + 1, i] = a1 * w[i] + a0 * steps.w[k, i] - a2 * steps.a[k, i]
+        steps.last[0] = k
+        if status != CONVERGED:
+            return status
+        evaluate(eq, k + 1, 0.0, CONSTRAINTS | CORRECTIONS)
+        steps.last[0] = k + 1
+    return CONVERGED
+
+
+@compiled(Equations, Steps, StepBars, LinearSystem, float, float, float, float, float)
+def backward(
+    eq: Equations,
+    steps: Steps,
+    bars: StepBars,
+    system: LinearSystem,
+    h: float,
+    alpha_m: float,
+    alpha_f: float,
+    gamma: float,
+    beta: float,
+) -> int:
+    """Transpose of :func:`march`; gives the outcome.
+
+    Fills in what the bars leave open, rows of the start excepted; the derivative with respect to an
+    integral is minus the sum over time of adjoint . dr.
+    """
+    a0, a1, a2, cy, cv = coefficients(h, alpha_m, alpha_f, gamma, beta)
+    n, rows, rhs = eq.r.size, eq.value.size, system.rhs
+    yb, vb, wb, ab = eq.y_bar, eq.v_bar, bars.start[2], bars.start[3]
+    for c in range(rows):
+        eq.on_accelerations[c] = 0.0
+    for i in range(n):
+        yb[i] = vb[i] = wb[i] = ab[i] = 0.0
+    for k in range(steps.iterations.size, 0, -1):
+        for i in range(n):
+            eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
+        evaluate(eq, k - 1, 0.0, CONSTRAINTS | CORRECTIONS)
+        for i in range(n):
+            eq.y[i], eq.v[i], eq.w[i] = steps.y[k, i], steps.v[k, i], steps.w[k, i]
+        for c in range(rows):
+            eq.lam[c] = steps.lam[k, c]
+        step_system(eq, system, k, cy, cv)
+        set_units(eq, system, cy)
+        if not lu_factor(system, n + 2 * rows):
+            steps.last[0] = k
+            return SINGULAR
+        for i in range(n):
+            yb[i] += bars.y[k, i]
+            vb[i] += bars.v[k, i]
+            wb[i] += bars.w[k, i]
+            rhs[i] = wb[i] + a1 * ab[i] + cy * yb[i] + cv * vb[i]
+        for c in range(rows):
+            rhs[n + c] = bars.lam[k, c]
+            total = 0.0
+            for i in range(n):
+                total += eq.correction[c, i] * yb[i]
+            rhs[n + rows + c] = -cy * total
+        lu_solve_transposed(system, n + 2 * rows)
+        for i in range(n):
+            bars.adjoint[k, i] = eq.adjoint[i] = rhs[i]
+        for c in range(rows):
+            eq.on_values[c] = rhs[n + c] / cy
+            eq.on_rates[c] = rhs[n + rows + c] / cv
+        pullback(eq, k, BODY_FORCES | OTHER_FORCES | ROWS)
+        # The share of y' = ... - h D C_y^T eta, with the constraints where the step began.
+        for i in range(n):
+            eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
+            eq.adjoint[i] = yb[i]
+            total = ab[i] + h * h * beta * yb[i] + h * gamma * vb[i]
+            wb[i] = a0 * total
+            ab[i] = h * h * (0.5 - beta) * yb[i] + h * (1.0 - gamma) * vb[i] - a2 * total
+            vb[i] += h * yb[i]
+            total = 0.0
+            for c in range(rows):
+                total += eq.correction[c, i] * steps.eta[k, c]
+            bars.right[k, i] = total
+        for c in range(rows):
+            eq.lam[c] = h * steps.eta[k, c]
+            eq.on_values[c] = eq.on_rates[c] = 0.0
+        evaluate(eq, k - 1, 0.0, CONSTRAINTS)
+        pullback(eq, k - 1, ROWS | METRIC)
+        for i in range(n):
+            bars.left[k, i] = eq.adjoint[i]
+    for i in range(n):
+        bars.start[0, i], bars.start[1, i] = yb[i], vb[i]
+    return CONVERGED

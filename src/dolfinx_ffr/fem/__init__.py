@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: MIT
+"""Meshes with named interfaces, laws of the material, assembled matrices."""
+
+from __future__ import annotations
+
+from .domain import Domain, Interface
+from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
+from .material import (
+    RAMP,
+    SIMP,
+    BoundMaterial,
+    ElasticMaterial,
+    Interpolation,
+    LinearMass,
+    PlaneStrain,
+    PlaneStress,
+    SuppressedVoidMass,
+)
+
+__all__ = [
+    "RAMP",
+    "SIMP",
+    "Block",
+    "BoundMaterial",
+    "CellFields",
+    "Domain",
+    "ElasticMaterial",
+    "Elasticity",
+    "Interface",
+    "Interpolation",
+    "LinearMass",
+    "Matrices",
+    "PlaneStrain",
+    "PlaneStress",
+    "SuppressedVoidMass",
+    "rigid_fields",
+    "rotated",
+]

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+"""Differences between DOLFINx releases, in one place.
+
+The package is written in the current DOLFINx spelling. Where an installed release says it
+differently, the function here says it for both. Releases are told apart by what they offer, never
+by version number, so that dropping a release means deleting lines. No other module may ask which
+DOLFINx is installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx.fem.petsc  # noqa: F401  (a release may not load it by itself)
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from numpy.typing import NDArray
+
+__all__ = [
+    "cell_geometry",
+    "cell_name",
+    "compiled_expression",
+    "coordinate_element",
+    "create_mesh",
+    "dofmap_array",
+    "entity_vertices",
+    "evaluate_expression",
+    "function_space",
+    "gmsh_model_to_mesh",
+    "interpolation_points",
+    "petsc_vector",
+    "set_form_cache",
+]
+
+
+def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
+    """The Lagrange or DG space of scalars (``shape=()``) or vectors."""
+    if hasattr(fem, "functionspace"):
+        element = (family, degree, shape) if shape else (family, degree)
+        return fem.functionspace(domain, element)
+    name = {"Lagrange": "CG"}.get(family, family)
+    if name == "DG" and degree > 0 and cell_name(domain) == "quadrilateral":
+        name = "DQ"
+    if not shape:
+        return fem.FunctionSpace(domain, (name, degree))
+    return fem.VectorFunctionSpace(domain, (name, degree), dim=shape[0])
+
+
+def cell_name(domain: mesh.Mesh) -> str:
+    """The name of the mesh's cells, ``"triangle"`` or ``"quadrilateral"``."""
+    name = domain.ufl_cell().cellname
+    return name() if callable(name) else name
+
+
+def petsc_vector(function: fem.Function) -> PETSc.Vec:
+    """The PETSc vector that shares memory with ``function``."""
+    if hasattr(function.x, "petsc_vec"):
+        return function.x.petsc_vec
+    return function.vector
+
+
+def _as_table(adjacency: Any) -> NDArray[np.int32]:
+    """A regular adjacency list as a table, whichever way it is stored."""
+    if isinstance(adjacency, np.ndarray):
+        return adjacency
+    array = np.asarray(adjacency.array)  # a rank may hold no cells
+    return array.reshape(adjacency.num_nodes, len(array) // max(adjacency.num_nodes, 1))
+
+
+def dofmap_array(space: Any) -> NDArray[np.int32]:
+    """The (blocked) dofs of each local cell, shape (cells, dofs per cell)."""
+    return _as_table(space.dofmap.list)
+
+
+def cell_geometry(domain: mesh.Mesh) -> NDArray[np.int32]:
+    """The geometry nodes of each local cell, shape (cells, nodes per cell)."""
+    geometry = domain.geometry
+    if hasattr(geometry, "dofmaps") and not callable(geometry.dofmaps):
+        return _as_table(geometry.dofmaps[0])
+    return _as_table(geometry.dofmap)
+
+
+def coordinate_element(domain: mesh.Mesh) -> Any:
+    """The element that maps the reference cell to physical cells."""
+    geometry = domain.geometry
+    if hasattr(geometry, "cmaps"):
+        return geometry.cmaps[0]
+    return geometry.cmap
+
+
+def interpolation_points(space: Any) -> NDArray[np.float64]:
+    """The reference points of an element's interpolation operator."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points
+
+
+def evaluate_expression(
+    expression: ufl.core.expr.Expr,
+    points: NDArray[np.float64],
+    domain: mesh.Mesh,
+    cells: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """Evaluate a UFL expression without arguments at reference points of cells.
+
+    Returns:
+        Array of shape (cells, points, components).
+    """
+    return compiled_expression(expression, points, domain)(cells)
+
+
+def compiled_expression(
+    expression: ufl.core.expr.Expr, points: NDArray[np.float64], domain: mesh.Mesh
+) -> Callable[[NDArray[np.int32]], NDArray[np.float64]]:
+    """A function that evaluates a UFL expression as `evaluate_expression` does.
+
+    It takes the values that the expression's functions have when it is called.
+    """
+    compiled = fem.Expression(expression, points)
+    components = int(np.prod(expression.ufl_shape))
+
+    def evaluate(cells: NDArray[np.int32]) -> NDArray[np.float64]:
+        try:
+            values = compiled.eval(domain, cells)
+        except TypeError:  # before 0.7 the mesh was not an argument
+            values = compiled.eval(cells)
+        return np.asarray(values).reshape(len(cells), len(points), components)
+
+    return evaluate
+
+
+def entity_vertices(domain: mesh.Mesh, dim: int) -> NDArray[np.int32]:
+    """The vertices of each local edge (``dim=1``) or cell (``dim=2``), one row each."""
+    domain.topology.create_entities(dim)
+    domain.topology.create_connectivity(dim, 0)
+    return _as_table(domain.topology.connectivity(dim, 0))
+
+
+def gmsh_model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[mesh.Mesh, Any, Any]:
+    """Mesh, cell tags and facet tags of a gmsh model in the plane."""
+    try:
+        from dolfinx.io import gmshio
+    except ImportError:  # renamed in 0.10, and its result became a record
+        from dolfinx.io import gmsh as gmshio
+    result = gmshio.model_to_mesh(model, comm, rank, gdim=2)
+    if isinstance(result, tuple) and len(result) == 3:
+        return result
+    return result.mesh, result.cell_tags, result.facet_tags
+
+
+def set_form_cache(directory: Path) -> None:
+    """Make DOLFINx keep compiled forms in ``directory`` from now on."""
+    import dolfinx.jit as jit
+
+    # named ..._PARAMETERS before 0.6
+    names = ("DOLFINX_DEFAULT_JIT_OPTIONS", "DOLFINX_DEFAULT_JIT_PARAMETERS")
+    defaults = next(getattr(jit, name) for name in names if hasattr(jit, name))
+    defaults["cache_dir"] = (directory, defaults["cache_dir"][1])
+
+
+def create_mesh(
+    comm: MPI.Comm, cells: NDArray[np.int64], x: NDArray[np.float64], cell: str, degree: int
+) -> mesh.Mesh:
+    """A mesh in the plane from cell nodes and node positions.
+
+    Args:
+        comm: Communicator; ranks may hold no cells.
+        cells: Nodes of each cell, shape (cells, nodes per cell), DOLFINx ordering.
+        x: Node positions, shape (nodes, 2) [m].
+        cell: ``"triangle"`` or ``"quadrilateral"``.
+        degree: Of the geometry.
+    """
+    import inspect
+
+    try:
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(2,))
+    except ImportError:
+        element = ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=2), degree)
+    names = list(inspect.signature(mesh.create_mesh).parameters)
+    given = {names[0]: comm, "cells": cells, "x": x}
+    rest = next(n for n in names[1:] if n not in given)  # "domain" or "e"
+    given[rest] = ufl.Mesh(element) if rest == "domain" else element
+    return mesh.create_mesh(**given)

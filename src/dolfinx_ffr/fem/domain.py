@@ -1,0 +1,573 @@
+# SPDX-License-Identifier: MIT
+"""The mesh of one body with its interfaces, and its design and non-design regions.
+
+An interface is a set of boundary facets that moves as a rigid body: a bearing surface, a clamped
+end. Interfaces are named by a predicate on coordinates, by facets, or by the physical groups of a
+gmsh file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..parallel import gathered, on_every_rank
+from . import _compat
+from .circles import fit_circle
+from .form_cache import claim_form_cache
+from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
+from .mesh_copy import MeshCopy
+from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
+
+__all__ = ["Domain", "Interface"]
+
+Predicate = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Boundary facets that move as one rigid body."""
+
+    name: str  #: How joints and frames refer to it
+    facets: NDArray[np.int32]  #: Local facets on this rank, ghosts included
+    dofs: NDArray[np.int32]  #: Local (blocked) dofs on this rank, ghosts included
+    #: (2,) reference point of the rigid motion [m], the same on every rank
+    center: NDArray[np.float64]
+    extent: float  #: Diagonal of the box around its nodes [m], the same on every rank
+
+
+class Domain:
+    """The mesh of one body in the plane, with named interfaces and solid (non-design) cells.
+
+    Args:
+        domain: DOLFINx mesh of triangles or quadrilaterals with two coordinates [m], distributed
+            over its communicator.
+        interfaces: For each name either a predicate on coordinates ``(3, points) -> bool`` (picks
+            boundary facets all of whose vertices fulfil it), or an array of local facets on this
+            rank, or a mask over them.
+        solid: Cells that are not designed and stay solid: a predicate on coordinates (cells all of
+            whose vertices fulfil it), an array of local cells or a mask over them, or None.
+            Numbers and masks may count this rank's own facets and cells alone, or its ghosts too.
+        order: Polynomial order of the displacements.
+        centers: Reference points of interfaces [m]; by default the centre of the circle on which
+            an interface's nodes lie (a bore, or an arc of at least a sixth of one), or else the
+            centroid of its facets.
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if an interface is missing, empty, a single point, or shares
+            nodes with another, if a number of a facet or cell does not exist on its rank, if a
+            piece of the mesh touches no interface, or if cells are inverted or hanging.
+    """
+
+    def __init__(
+        self,
+        domain: mesh.Mesh,
+        interfaces: Mapping[str, Predicate | ArrayLike],
+        solid: Predicate | ArrayLike | None = None,
+        *,
+        order: int = 1,
+        centers: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        validation.instance("domain: the mesh", domain, mesh.Mesh, "a DOLFINx mesh")
+        if domain.topology.dim != 2 or domain.geometry.dim != 2:
+            raise ValueError(
+                f"domain: the mesh has topological dimension {domain.topology.dim} in "
+                f"{domain.geometry.dim} dimensions; a body in the plane needs 2 in 2 (with "
+                f"gmsh, read with gdim=2)"
+            )
+        degree = validation.whole("domain: order", order, least=1)
+        claim_form_cache(domain.comm)
+        self.mesh = domain
+        self.order = degree
+        self.comm: MPI.Comm = domain.comm
+        domain.topology.create_entities(1)
+        domain.topology.create_connectivity(1, 2)
+        domain.topology.create_connectivity(2, 1)
+        domain.topology.create_connectivity(2, 0)
+        self.space = _compat.function_space(domain, "Lagrange", self.order, (2,))  #: Displacements
+        self.density_space = _compat.function_space(domain, "DG", 0)  #: One density a cell
+        cells = domain.topology.index_map(2)
+        #: Cells owned by this rank, cells on all ranks
+        self.n_cells, self.n_cells_global = int(cells.size_local), int(cells.size_global)
+        if not np.array_equal(
+            _compat.dofmap_array(self.density_space).ravel(),
+            np.arange(cells.size_local + cells.num_ghosts),
+        ):
+            raise RuntimeError(
+                "domain: DG0 dofs are not numbered like cells in this DOLFINx release"
+            )
+        check_cells(domain)
+        self.interfaces = self._find_interfaces(
+            validation.by_name("domain: interfaces", interfaces, "predicates or facets"),
+            validation.by_name("domain: centers", centers or {}, "points"),
+        )
+        check_hanging_nodes(domain)
+        check_held(domain, [part.facets for part in self.interfaces.values()])
+        self.design_cells = self._find_design_cells(solid)
+
+    # ------------------------------------------------------------------ built-in and file meshes
+
+    @classmethod
+    def rectangle(
+        cls,
+        comm: MPI.Comm,
+        length: float,
+        height: float,
+        *,
+        elements: tuple[int, int],
+        cell: str = "quadrilateral",
+        order: int = 1,
+        solid_columns: int = 2,
+    ) -> Domain:
+        """A straight rod along x with the rigid interfaces ``"left"`` and ``"right"``.
+
+        The rod spans 0 <= x <= length and -height/2 <= y <= height/2.
+
+        Args:
+            comm: Communicator over which the mesh is distributed.
+            length: Extent in x [m].
+            height: Extent in y [m].
+            elements: Numbers of elements in x and y. With triangles each of these rectangles is
+                cut into four, so that the mesh has the symmetries of the rod.
+            cell: ``"quadrilateral"`` or ``"triangle"``.
+            order: Polynomial order of the displacements.
+            solid_columns: Element columns at each end that are not designed.
+
+        Raises:
+            TypeError: If an argument is of a wrong kind.
+            ValueError: If a number is out of range.
+        """
+        validation.instance("rectangle: comm", comm, MPI.Comm, "an MPI communicator")
+        length = validation.number("rectangle: length", length, above=0.0, unit="m")
+        height = validation.number("rectangle: height", height, above=0.0, unit="m")
+        validation.real_array("rectangle: elements", elements, (2,), expected="two numbers")
+        nx, ny = (validation.whole("rectangle: elements", n, least=1) for n in elements)
+        if 2 * validation.whole("rectangle: solid_columns", solid_columns) >= nx:
+            raise ValueError(
+                f"rectangle: solid_columns = {solid_columns} leaves nothing to design among "
+                f"{nx} element columns"
+            )
+        kinds = {"quadrilateral": mesh.CellType.quadrilateral, "triangle": mesh.CellType.triangle}
+        validation.choice("rectangle: cell", cell, kinds)
+        corners = [np.array([0.0, -height / 2]), np.array([length, height / 2])]
+        options = {"diagonal": mesh.DiagonalType.crossed} if cell == "triangle" else {}
+        domain = mesh.create_rectangle(comm, corners, [nx, ny], kinds[cell], **options)
+        eps = 1e-6 * length / nx
+        inner = solid_columns * length / nx
+        return cls(
+            domain,
+            {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps},
+            (lambda x: (x[0] < inner + eps) | (x[0] > length - inner - eps))
+            if solid_columns
+            else None,
+            order=order,
+        )
+
+    @classmethod
+    def from_gmsh(
+        cls,
+        comm: MPI.Comm,
+        path: str | Path,
+        *,
+        interfaces: Sequence[str] = ("left", "right"),
+        solid: Sequence[str] | None = None,
+        order: int = 1,
+        centers: Mapping[str, Sequence[float]] | None = None,
+    ) -> Domain:
+        """Read a body from a gmsh file (``.msh``) by the names of its physical groups.
+
+        Args:
+            comm: Communicator over which the mesh is distributed; rank 0 reads the file.
+            path: The file; it holds physical groups of curves (interfaces) and of surfaces
+                (material).
+            interfaces: Names of the physical curves that are rigid interfaces.
+            solid: Names of physical surfaces that are not designed; by default the one that is
+                called "solid", if the file has it.
+            order: Polynomial order of the displacements.
+            centers: Reference points of interfaces [m]; by default as described for `Domain`.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: On every rank, if the file lacks a named interface or surface (the message
+                lists the groups that are there), holds volumes, or leaves the plane.
+        """
+        validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
+        file = validation.path("from_gmsh: path", path)
+        return cls._from_tags(read_gmsh(comm, file), interfaces, solid, order, centers)
+
+    @classmethod
+    def from_gmsh_model(
+        cls,
+        comm: MPI.Comm,
+        model: Any,
+        *,
+        interfaces: Sequence[str] = ("left", "right"),
+        solid: Sequence[str] | None = None,
+        order: int = 1,
+        centers: Mapping[str, Sequence[float]] | None = None,
+    ) -> Domain:
+        """Take a body from gmsh's current model, as `from_gmsh` does from a file.
+
+        Args:
+            comm: Communicator over which the mesh is distributed.
+            model: ``gmsh.model`` with a mesh on rank 0; not used on the others.
+            interfaces: Names of the physical curves that are rigid interfaces.
+            solid: Names of physical surfaces that are not designed; by default the one that is
+                called "solid", if the model has it.
+            order: Polynomial order of the displacements.
+            centers: Reference points of interfaces [m]; by default as described for `Domain`.
+
+        Raises:
+            ValueError: On every rank, if the model lacks a named interface or surface, has no mesh,
+                has a surface in several physical groups, holds volumes, or leaves the plane.
+        """
+        return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, order, centers)
+
+    @classmethod
+    def _from_tags(
+        cls,
+        read: TaggedMesh,
+        interfaces: Sequence[str],
+        solid: Sequence[str] | None,
+        order: int,
+        centers: Mapping[str, Sequence[float]] | None,
+    ) -> Domain:
+        curves, surfaces = read.groups(1), read.groups(2)
+        held = validation.names(f"{read.source}: interfaces", interfaces)
+        if solid is None:
+            solid = [name for name in ("solid",) if name in surfaces]
+        kept = validation.names(f"{read.source}: solid", solid)
+        for kind, wanted, there in (("curve", held, curves), ("surface", kept, surfaces)):
+            missing = [name for name in wanted if name not in there]
+            if missing:
+                raise ValueError(
+                    f"{read.source}: no physical {kind} named {', '.join(map(repr, missing))}; it "
+                    f"has the physical curves {sorted(curves) or 'none'} and the physical surfaces "
+                    f"{sorted(surfaces) or 'none'}. Name the groups in gmsh, or pass "
+                    f"{'interfaces' if kind == 'curve' else 'solid'}=[...]"
+                )
+        tags = read.facet_tags
+        facets = {name: tags.indices[tags.values == curves[name]] for name in held}
+        solid_tags = [surfaces[name] for name in kept]
+        cells = read.cell_tags.indices[np.isin(read.cell_tags.values, solid_tags)]
+        return cls(read.mesh, facets, cells, order=order, centers=centers)
+
+    # ------------------------------------------------------------------ copies
+
+    def __reduce__(self) -> tuple[Callable[..., Domain], tuple[Any, ...]]:
+        """How pickle makes the domain anew in another process, on its own communicator."""
+        held = self.interfaces.values()
+        facets = {part.name: part.facets for part in held}
+        centers = {part.name: part.center for part in held}
+        copied = MeshCopy.of(self.mesh), facets, ~self.design_cells, self.order, centers
+        return _from_copy, (type(self), *copied)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
+        """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
+        return self
+
+    # ------------------------------------------------------------------ geometry
+
+    @cached_property
+    def cell_volumes(self) -> NDArray[np.float64]:
+        """Area of each cell owned by this rank, shape (cells,) [m^2]."""
+        return self._cell_integral(1.0)
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroid of each cell owned by this rank, shape (cells, 2) [m]."""
+        points, weights = self.quadrature_points(2)
+        return np.einsum("cqd,cq->cd", points, weights)
+
+    @cached_property
+    def bounding_box(self) -> NDArray[np.float64]:
+        """Lower and upper corner of the body, shape (2, 2) [m], the same on every rank."""
+        x = self.mesh.geometry.x[:, :2]
+        low = np.min(x, axis=0, initial=np.inf)
+        high = np.max(x, axis=0, initial=-np.inf)
+        box = np.empty((2, 2))
+        self.comm.Allreduce(low, box[0], MPI.MIN)
+        self.comm.Allreduce(high, box[1], MPI.MAX)
+        return box
+
+    @property
+    def area(self) -> float:
+        """Area of the whole body [m^2], the same on every rank."""
+        return self.sum(self.cell_volumes)
+
+    def sum(self, values: NDArray[np.float64]) -> float:
+        """The sum of ``values`` over all ranks, bit-identical on every rank."""
+        return float(sum(gathered(self.comm, "a sum over the cells", float(np.sum(values)))))
+
+    def everywhere(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of all cells on every rank, in the order in which the mesh was made.
+
+        Args:
+            values: Of the cells owned by this rank, shape (cells, ...).
+
+        Returns:
+            Shape (cells of all ranks, ...), whatever the number of ranks.
+        """
+        parts = gathered(self.comm, "the values of all cells", np.asarray(values))
+        return np.asarray(np.concatenate(parts)[self._order[0]])
+
+    def owned(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The part that this rank owns of values of all cells, the inverse of `everywhere`.
+
+        Args:
+            values: Of all cells, shape (cells of all ranks, ...).
+        """
+        return np.asarray(values[self._order[1]])
+
+    @cached_property
+    def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where each cell stands among those sent by the ranks; where this rank's cells stand."""
+        number = np.asarray(self.mesh.topology.original_cell_index)[: self.n_cells]
+        parts = self.comm.allgather(number)
+        order = np.argsort(np.concatenate(parts), kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        first = sum(len(part) for part in parts[: self.comm.rank])
+        return order, place[first : first + self.n_cells]
+
+    def quadrature_points(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points in each cell of this rank with weights that average over the cell.
+
+        Args:
+            n: Points in each direction (triangles: a rule of degree 2 n - 1).
+
+        Returns:
+            Points of shape (cells, q, 2) [m] and weights of shape (cells, q) with sum 1 in each
+            cell.
+        """
+        n = validation.whole("quadrature points: n", n, least=1)
+        cell = getattr(basix.CellType, _compat.cell_name(self.mesh))
+        reference, weights = basix.make_quadrature(cell, 2 * n - 1)
+        cells = np.arange(self.n_cells, dtype=np.int32)
+        points = self._evaluate(ufl.SpatialCoordinate(self.mesh), reference, cells)
+        jacobian = self._evaluate(ufl.JacobianDeterminant(self.mesh), reference, cells)[:, :, 0]
+        averaging = weights[None, :] * np.abs(jacobian)
+        return points, averaging / averaging.sum(axis=1, keepdims=True)
+
+    def _evaluate(
+        self, expression: Any, points: NDArray[np.float64], cells: NDArray[np.int32]
+    ) -> Any:
+        return _compat.evaluate_expression(expression, np.asarray(points), self.mesh, cells)
+
+    def _cell_integral(self, integrand: Any) -> NDArray[np.float64]:
+        test = ufl.TestFunction(self.density_space)
+        form = fem.form(integrand * test * ufl.dx(domain=self.mesh))
+        return np.array(fem.assemble_vector(form).array[: self.n_cells])
+
+    # ------------------------------------------------------------------ densities
+
+    def check_density(self, x: ArrayLike, name: str = "density") -> NDArray[np.float64]:
+        """``x`` as an array, or raise the same clear error on every rank.
+
+        Args:
+            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
+            name: What the message calls it.
+
+        Raises:
+            TypeError: If it holds something else than real numbers.
+            ValueError: If the size is wrong, or a value is NaN or outside [0, 1].
+        """
+        with on_every_rank(self.comm, f"the check of the {name}"):
+            array = validation.numbers(name, x)
+            if array.shape != (self.n_cells,):
+                raise ValueError(
+                    f"{name}: has shape {array.shape} on rank {self.comm.rank}, expected "
+                    f"({self.n_cells},), one value for "
+                    "each cell owned by the rank; start from numpy.ones(domain.n_cells)"
+                )
+        bad = int(self.comm.allreduce(int(np.count_nonzero(~np.isfinite(array)))))
+        if bad:
+            raise ValueError(f"{name}: {bad} of {self.n_cells_global} values are NaN or infinite")
+        low = self.comm.allreduce(float(np.min(array, initial=np.inf)), MPI.MIN)
+        high = self.comm.allreduce(float(np.max(array, initial=-np.inf)), MPI.MAX)
+        if low < 0.0 or high > 1.0:
+            raise ValueError(
+                f"{name}: values from {low:.6g} to {high:.6g} leave [0, 1]; clip them first"
+            )
+        return array
+
+    # ------------------------------------------------------------------ checks
+
+    def _anywhere(self, condition: Any) -> bool:
+        return bool(self.comm.allreduce(bool(condition), MPI.LOR))
+
+    def _find_interfaces(
+        self,
+        interfaces: Mapping[str, Predicate | ArrayLike],
+        centers: Mapping[str, Sequence[float]],
+    ) -> dict[str, Interface]:
+        if not interfaces:
+            raise ValueError(
+                "domain: no interfaces given; a body needs at least one rigid interface to be "
+                "held by"
+            )
+        unknown = sorted(set(centers) - set(interfaces))
+        if unknown:
+            raise ValueError(
+                f"domain: centers for unknown interfaces {unknown}; there are {sorted(interfaces)}"
+            )
+        found: dict[str, Interface] = {}
+        owner: dict[str, NDArray[np.int32]] = {}
+        coordinates = self.space.tabulate_dof_coordinates()
+        for name, where in interfaces.items():
+            facets = self._located(f"interface {name!r}", where, 1, mesh.locate_entities_boundary)
+            if self.comm.allreduce(len(facets)) == 0:
+                low, high = self.bounding_box
+                raise ValueError(
+                    f"interface {name!r} has no facets: its predicate or tag picks no boundary "
+                    f"facet of the body, which "
+                    f"spans x from {low[0]:.6g} to {high[0]:.6g} m and y from {low[1]:.6g} to "
+                    f"{high[1]:.6g} m"
+                )
+            dofs = np.asarray(fem.locate_dofs_topological(self.space, 1, facets), dtype=np.int32)
+            for other, taken in owner.items():
+                shared = np.intersect1d(dofs, taken)
+                if self._anywhere(len(shared)):
+                    raise ValueError(
+                        f"interfaces {other!r} and {name!r} overlap: they share nodes, and a "
+                        f"node cannot follow two "
+                        "rigid motions; leave at least one free facet between them or join them "
+                        "into one"
+                    )
+            points = self.comm.allgather(coordinates[dofs][:, :2])
+            extent = float(np.linalg.norm(np.ptp(np.vstack(points), axis=0)))
+            if not extent > 0.0:
+                raise ValueError(
+                    f"interface {name!r} is a single point: it cannot hold the body against "
+                    f"rotation"
+                )
+            if name in centers:
+                center = np.array(validation.pair(f"interface {name!r}: center", centers[name]))
+            else:
+                center = self._center(facets)
+            owner[name] = dofs
+            found[name] = Interface(name, facets, dofs, center, extent)
+        return found
+
+    def _located(
+        self,
+        what: str,
+        where: Predicate | ArrayLike,
+        dim: int,
+        locate: Callable[[mesh.Mesh, int, Predicate], NDArray[np.int32]],
+    ) -> NDArray[np.int32]:
+        """Local facets (``dim`` 1) or cells (2) by a predicate, by their numbers or by a mask."""
+        if callable(where):
+            points = self.mesh.geometry.x.T
+            with on_every_rank(self.comm, what):
+                _check_predicate(what, where, points)
+            return np.asarray(locate(self.mesh, dim, where), dtype=np.int32)
+        entities = self.mesh.topology.index_map(dim)
+        sizes = entities.size_local, entities.size_local + entities.num_ghosts
+        kind = "facets" if dim == 1 else "cells"
+        with on_every_rank(self.comm, what):
+            found = _numbers_of(what, where, kind, sizes)
+        return found
+
+    def _center(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+        circle = fit_circle(facet_points(self.mesh, facets))
+        return self._facet_centroid(facets) if circle is None else circle
+
+    def _facet_centroid(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+        tags = mesh.meshtags(self.mesh, 1, np.sort(facets), np.full(len(facets), 1, dtype=np.int32))
+        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
+        x = ufl.SpatialCoordinate(self.mesh)
+        one = fem.Constant(self.mesh, np.float64(1.0))
+        moments = [
+            self.comm.allreduce(fem.assemble_scalar(fem.form(f * ds)))
+            for f in (one, one * x[0], one * x[1])
+        ]
+        return np.array(moments[1:]) / moments[0]
+
+    def _find_design_cells(self, solid: Predicate | ArrayLike | None) -> NDArray[np.bool_]:
+        design = np.ones(self.n_cells, dtype=bool)
+        if solid is not None:
+            cells = self._located("domain: solid", solid, 2, mesh.locate_entities)
+            design[cells[cells < self.n_cells]] = False
+        if not self._anywhere(np.any(design)):
+            raise ValueError(
+                "domain: all cells are solid, nothing is left to design; make the solid region "
+                "smaller"
+            )
+        return design
+
+
+def _from_copy(
+    kind: type[Domain],
+    copied: MeshCopy,
+    facets: Mapping[str, NDArray[np.int32]],
+    solid: NDArray[np.bool_],
+    order: int,
+    centers: Mapping[str, Sequence[float]],
+) -> Domain:
+    """A domain as it was before it was pickled."""
+    claim_form_cache(MPI.COMM_SELF)
+    return kind(copied.build(), facets, solid, order=order, centers=centers)
+
+
+def _check_predicate(what: str, predicate: Predicate, points: NDArray[np.float64]) -> None:
+    """Refuse a predicate that does not say yes or no for each point, shape (3, points)."""
+    try:
+        given = predicate(points)
+    except Exception as error:
+        raise ValueError(f"{what}: the predicate fails on an array of points: {error}") from error
+    found = np.asarray(given)
+    if found.dtype != np.bool_ or found.shape != points.shape[1:]:
+        raise ValueError(
+            f"{what}: the predicate must give True or False for each of {points.shape[1]} points, "
+            f"but it gives an array of shape {found.shape} of {found.dtype}; write a comparison, "
+            "as lambda x: x[0] < 0.01"
+        )
+
+
+def _numbers_of(
+    what: str, given: ArrayLike, kind: str, sizes: tuple[int, int]
+) -> NDArray[np.int32]:
+    """The numbers of facets or cells, or those where a mask is true.
+
+    Args:
+        what: Who asks, for the message.
+        given: Numbers, or a mask.
+        kind: "facets" or "cells".
+        sizes: How many the rank owns, and with its ghosts.
+    """
+    array = np.asarray(given)
+    if array.ndim == 1 and array.size == 0:  # a rank may have none
+        return np.zeros(0, dtype=np.int32)
+    if array.dtype == np.bool_ and array.ndim == 1:
+        if array.size not in sizes:
+            raise ValueError(
+                f"{what}: a mask must have one entry for each of the rank's {sizes[0]} {kind} "
+                f"({sizes[1]} with ghosts), but it has {array.size}"
+            )
+        return np.flatnonzero(array).astype(np.int32)
+    if array.dtype.kind not in "iu" or array.ndim != 1:
+        raise TypeError(
+            f"{what} must be a predicate, numbers of {kind} or a mask over them, but it is "
+            f"{validation.described(given)}"
+        )
+    outside = array[(array < 0) | (array >= sizes[1])]
+    if outside.size:
+        raise ValueError(
+            f"{what}: {kind[:-1]} {outside[0]} does not exist; the rank has the {kind} 0 to "
+            f"{sizes[1] - 1}"
+        )
+    return np.unique(array).astype(np.int32)

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: MIT
+"""Elastic materials in the plane and their interpolation with the density.
+
+A material gives the stress of the solid; an interpolation scales stiffness and mass with the
+density field ``x`` in [0, 1]. Both are handed to UFL with their numbers as `dolfinx.fem.Constant`,
+so that another steel or another exponent compiles nothing anew.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+
+from .. import validation
+
+__all__ = [
+    "RAMP",
+    "SIMP",
+    "BoundMaterial",
+    "ElasticMaterial",
+    "Interpolation",
+    "LinearMass",
+    "MassLaw",
+    "PlaneStrain",
+    "PlaneStress",
+    "SuppressedVoidMass",
+]
+
+
+class BoundMaterial(Protocol):
+    """A material on a mesh, times the thickness of the part."""
+
+    @property
+    def density(self) -> ufl.core.expr.Expr:
+        """Mass of the solid by area, a scalar that does not depend on time [kg/m^2]."""
+        ...
+
+    def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The stress resultant sigma(u) of the solid.
+
+        It is linear in u, and a(u, v) = int sigma(u) : eps(v) dX is symmetric and positive but for
+        rigid motions: the stiffness is factored by Cholesky's method, and the pullback takes it for
+        its own transpose.
+
+        Args:
+            displacement: u, a field of two components: a `dolfinx.fem.Function`, or the trial or
+                test function of a form [m].
+
+        Returns:
+            Symmetric, of shape (2, 2), in the axes of the mesh [N/m].
+        """
+        ...
+
+
+class ElasticMaterial(Protocol):
+    """What a body must know of its solid.
+
+    Any class with these three serves; it need not derive from this one. `PlaneStress` and
+    `PlaneStrain` do, and CONTRIBUTING.md has an orthotropic one.
+
+    An element of density x has E(x) times the stress and rho(x) times the mass that are given here
+    (`Interpolation`). Derivatives are taken with respect to x alone, by UFL; a material has none to
+    give, and does not depend on x.
+    """
+
+    @property
+    def thickness(self) -> float:
+        """Extent perpendicular to the plane, by which resultants are divided for stresses [m]."""
+        ...
+
+    @property
+    def out_of_plane(self) -> float:
+        """Stress perpendicular to the plane over the sum of the normal stresses in it [-].
+
+        Zero in plane stress. It enters the von Mises stress and nothing else.
+        """
+        ...
+
+    def on(self, domain: mesh.Mesh) -> BoundMaterial:
+        """This material as UFL on a mesh.
+
+        Numbers should be `dolfinx.fem.Constant`, so that others compile nothing anew. Fields of
+        `ufl.SpatialCoordinate` serve as well; they are integrated by the rule that is exact for the
+        displacements.
+
+        Args:
+            domain: The mesh, in metres.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class _Isotropic(ABC):
+    """Isotropic linear elasticity of a flat part."""
+
+    young: float
+    poisson: float
+    density: float
+    thickness: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("young", "density", "thickness"):
+            validation.number(f"material: {name}", getattr(self, name), above=0.0)
+        validation.number("material: poisson", self.poisson, above=-1.0, below=0.5)
+
+    @property
+    @abstractmethod
+    def lame(self) -> tuple[float, float]:
+        """Lame's constants of the plane problem (lambda, mu) [Pa]."""
+
+    @property
+    @abstractmethod
+    def out_of_plane(self) -> float:
+        """Stress perpendicular to the plane over the sum of the normal stresses in it [-]."""
+
+    def on(self, domain: mesh.Mesh) -> BoundMaterial:
+        """This material as UFL on the mesh ``domain``."""
+        lame_lambda, lame_mu = self.lame
+        return _BoundIsotropic(
+            fem.Constant(domain, np.float64(lame_lambda * self.thickness)),
+            fem.Constant(domain, np.float64(lame_mu * self.thickness)),
+            fem.Constant(domain, np.float64(self.density * self.thickness)),
+        )
+
+
+@dataclass(frozen=True)
+class _BoundIsotropic:
+    """Isotropic linear elasticity on a mesh, times the thickness."""
+
+    lame_lambda: fem.Constant  #: [N/m]
+    lame_mu: fem.Constant  #: [N/m]
+    density: fem.Constant  #: [kg/m^2]
+
+    def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        strain = ufl.sym(ufl.grad(displacement))
+        return self.lame_lambda * ufl.tr(strain) * ufl.Identity(2) + 2 * self.lame_mu * strain
+
+
+@dataclass(frozen=True)
+class PlaneStress(_Isotropic):
+    """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts).
+
+    Args:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+        thickness: Extent perpendicular to the plane [m].
+
+    Raises:
+        ValueError: If a number is not finite or out of its range.
+    """
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        mu = self.young / (2.0 * (1.0 + self.poisson))
+        return self.young * self.poisson / (1.0 - self.poisson**2), mu
+
+    @property
+    def out_of_plane(self) -> float:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class PlaneStrain(_Isotropic):
+    """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts).
+
+    Args:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+        thickness: Extent perpendicular to the plane [m].
+
+    Raises:
+        ValueError: If a number is not finite or out of its range.
+    """
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        mu = self.young / (2.0 * (1.0 + self.poisson))
+        return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson)), mu
+
+    @property
+    def out_of_plane(self) -> float:
+        return self.poisson
+
+
+class MassLaw(Protocol):
+    """Share of the solid's mass that an element of density x has."""
+
+    def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The mass factor as UFL of the density field ``x`` on ``domain``."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinearMass:
+    """Mass proportional to the density.
+
+    Below a density of about 0.1 the stiffness of SIMP falls faster than this mass, and void
+    elements get vibrations of their own among the first frequencies. Use it for densities that
+    stay away from zero; `SuppressedVoidMass` otherwise.
+    """
+
+    def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The mass factor as UFL of the density field ``x`` on ``domain``."""
+        return x
+
+
+@dataclass(frozen=True)
+class SuppressedVoidMass:
+    """Mass proportional to the density, fading faster than the stiffness below a threshold.
+
+    m(x) = x above the threshold t, and 6 x^6/t^5 - 5 x^7/t^6 below it: continuous with its first
+    derivative. For t = 0.1 this is the law of Du and Olhoff, doi:10.1007/s00158-007-0101-y.
+
+    Args:
+        threshold: Density t below which the mass fades, in (0, 1).
+    """
+
+    threshold: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check the threshold."""
+        validation.number("mass law: threshold", self.threshold, above=0.0, below=1.0)
+
+    def on(self, domain: mesh.Mesh, x: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+        """The mass factor as UFL of the density field ``x`` on ``domain``."""
+        t = fem.Constant(domain, np.float64(self.threshold))
+        s = x / t
+        return ufl.conditional(ufl.lt(x, t), t * s**6 * (6 - 5 * s), x)
+
+
+class Interpolation(Protocol):
+    """Stiffness and mass of an element between void (x = 0) and solid (x = 1)."""
+
+    def on(
+        self, domain: mesh.Mesh, x: ufl.core.expr.Expr
+    ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+        """The factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
+        ...
+
+
+def _check_law(floor: float, mass: MassLaw) -> None:
+    validation.provider("interpolation: mass", mass, ["on"], "a law of mass, as LinearMass()")
+    # a void without any stiffness makes the equations singular
+    validation.number("interpolation: floor", floor, above=0.0, below=1.0)
+
+
+@dataclass(frozen=True)
+class SIMP:
+    """Solid isotropic material with penalisation: E(x)/E = floor + (1 - floor) x^p.
+
+    Args:
+        exponent: p >= 1; 3 is usual (Bendsoe and Sigmund, doi:10.1007/s004190050248).
+        floor: Stiffness of void relative to the solid, in (0, 1).
+        mass: Law of the mass.
+    """
+
+    exponent: float = 3.0
+    floor: float = 1e-6
+    mass: MassLaw = field(default_factory=SuppressedVoidMass)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        validation.number("SIMP: exponent", self.exponent, least=1.0)
+        _check_law(self.floor, self.mass)
+
+    def on(
+        self, domain: mesh.Mesh, x: ufl.core.expr.Expr
+    ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+        """The factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
+        floor = fem.Constant(domain, np.float64(self.floor))
+        exponent = fem.Constant(domain, np.float64(self.exponent))
+        return floor + (1 - floor) * x**exponent, self.mass.on(domain, x)
+
+
+@dataclass(frozen=True)
+class RAMP:
+    """Rational interpolation: E(x)/E = floor + (1 - floor) x / (1 + q (1 - x)).
+
+    Its slope at x = 0 is finite, so that void elements have no low frequencies of their own even
+    with `LinearMass` (Stolpe and Svanberg, doi:10.1007/s001580100129).
+
+    Args:
+        penalty: q >= 0.
+        floor: Stiffness of void relative to the solid, in (0, 1).
+        mass: Law of the mass.
+    """
+
+    penalty: float = 8.0
+    floor: float = 1e-6
+    mass: MassLaw = field(default_factory=LinearMass)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        validation.number("RAMP: penalty", self.penalty, least=0.0)
+        _check_law(self.floor, self.mass)
+
+    def on(
+        self, domain: mesh.Mesh, x: ufl.core.expr.Expr
+    ) -> tuple[ufl.core.expr.Expr, ufl.core.expr.Expr]:
+        """The factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
+        floor = fem.Constant(domain, np.float64(self.floor))
+        penalty = fem.Constant(domain, np.float64(self.penalty))
+        return floor + (1 - floor) * x / (1 + penalty * (1 - x)), self.mass.on(domain, x)

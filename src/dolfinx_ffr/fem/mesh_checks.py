@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""What is refused in a mesh before any long work: folded cells, hanging nodes, floating pieces.
+
+All checks are collective and raise the same error on every rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import mesh
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from . import _compat
+
+__all__ = ["check_cells", "check_hanging_nodes", "check_held", "facet_points"]
+
+
+def check_cells(domain: mesh.Mesh) -> None:
+    """Refuse cells of ``domain`` whose map from the reference cell folds over.
+
+    Raises:
+        ValueError: Naming how many there are, and where.
+    """
+    kind = getattr(basix.CellType, _compat.cell_name(domain))
+    reference = np.vstack([basix.geometry(kind), basix.make_quadrature(kind, 3)[0]])
+    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    jacobian = _compat.evaluate_expression(
+        ufl.JacobianDeterminant(domain), reference, domain, cells
+    )[:, :, 0]
+    scale = np.max(np.abs(jacobian), axis=1, initial=0.0)
+    smallest = np.min(jacobian * np.sign(jacobian[:, :1]), axis=1, initial=np.inf)
+    folded = smallest <= 1e-12 * scale
+    bad = int(domain.comm.allreduce(int(np.count_nonzero(folded))))
+    if bad:
+        nodes = _compat.cell_geometry(domain)[cells[folded]]
+        where = [_point(p[:, :2].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
+        where = [p for part in domain.comm.allgather(where) for p in part][:3]
+        raise ValueError(
+            f"mesh: {bad} cells are inverted or without area, the first near {', '.join(where)} m; "
+            "repair the mesh (in gmsh: another algorithm, or straighter high-order cells)"
+        )
+
+
+def check_hanging_nodes(domain: mesh.Mesh) -> None:
+    """Refuse a vertex of ``domain`` in the middle of another cell's edge.
+
+    Two cells that meet in this way only seem to be joined.
+
+    Raises:
+        ValueError: Naming the place of the first such vertex.
+    """
+    segments = _boundary_segments(domain)
+    middle = segments.mean(axis=1)
+    direction = segments[:, 1] - segments[:, 0]
+    length = np.linalg.norm(direction, axis=1)
+    vertices = segments.reshape(-1, 2)
+    near = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
+    for i, candidates in enumerate(near):
+        offset = vertices[candidates] - middle[i]
+        across = np.abs(offset[:, 0] * direction[i, 1] - offset[:, 1] * direction[i, 0])
+        hits = np.flatnonzero(across < 1e-9 * length[i] ** 2)
+        if len(hits):
+            raise ValueError(
+                f"mesh: hanging node at {_point(vertices[candidates][hits[0]])} m, in the middle "
+                "of another cell's edge; refine so that neighbouring cells share whole edges"
+            )
+
+
+def check_held(domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]]) -> None:
+    """Refuse pieces of a mesh that touch no interface and would float away.
+
+    Args:
+        domain: The mesh.
+        facets: Local facets of each interface on this rank.
+
+    Raises:
+        ValueError: Naming how many pieces float.
+    """
+    table = _compat.entity_vertices(domain, 2)
+    vertex_map = domain.topology.index_map(0)
+    n_local = int(table.max(initial=-1)) + 1
+    global_vertices = vertex_map.local_to_global(np.arange(n_local, dtype=np.int32))
+    held = np.zeros(n_local, dtype=bool)
+    facet_vertices = _compat.entity_vertices(domain, 1)
+    for part in facets:
+        held[facet_vertices[part].ravel()] = True
+    # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
+    rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
+    piece = _components(n_local, rows, table[:, 1:].ravel())
+    n = int(vertex_map.size_global)
+    first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
+    np.minimum.at(first, piece, global_vertices)
+    edges = np.vstack(domain.comm.allgather(np.column_stack([global_vertices, first[piece]])))
+    held_global = np.concatenate(domain.comm.allgather(global_vertices[held]))
+    label = _components(n, edges[:, 0], edges[:, 1])
+    count = int(label.max(initial=-1)) + 1
+    floating = np.setdiff1d(np.arange(count), label[held_global])
+    if len(floating):
+        raise ValueError(
+            f"mesh: {len(floating)} of {count} separate pieces of the body touch no interface and "
+            "would float; give each piece an interface, or merge coincident nodes"
+        )
+
+
+def _components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The number of the connected component of each of n vertices."""
+    graph = coo_matrix((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n, n))
+    return connected_components(graph, directed=False)[1]
+
+
+def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
+    """The ends of all boundary edges, shape (edges, 2, 2), the same on every rank."""
+    domain.topology.create_connectivity(1, 2)
+    boundary = mesh.locate_entities_boundary(domain, 1, lambda x: np.full(x.shape[1], True))
+    owned = boundary[boundary < domain.topology.index_map(1).size_local]
+    ends = _facet_nodes(domain, owned)
+    return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :2]))
+
+
+def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+    """The vertices of facets, the same on every rank; some stand several times.
+
+    Args:
+        domain: The mesh.
+        facets: Local facets on this rank, ghosts included.
+
+    Returns:
+        Shape (points, 2) [m].
+    """
+    points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, :2]
+    return np.vstack(domain.comm.allgather(points))
+
+
+def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The geometry nodes at both ends of facets, shape (facets, 2)."""
+    cell_vertices = _compat.entity_vertices(domain, 2)
+    node = np.zeros(cell_vertices.max(initial=-1) + 1, dtype=np.int32)
+    # vertices come first among a cell's geometry nodes, in the same order
+    node[cell_vertices] = _compat.cell_geometry(domain)[:, : cell_vertices.shape[1]]
+    return node[_compat.entity_vertices(domain, 1)[facets].reshape(-1, 2)]
+
+
+def _point(point: NDArray[np.float64]) -> str:
+    return f"({point[0]:.6g}, {point[1]:.6g})"

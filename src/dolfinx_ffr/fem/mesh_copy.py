@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: MIT
+"""A mesh as arrays, from which the same mesh is made in another process."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import mesh
+from numpy.typing import NDArray
+
+from . import _compat
+
+__all__ = ["MeshCopy"]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshCopy:
+    """A mesh of one rank as it was before DOLFINx numbered it, and how it was numbered then."""
+
+    cells: NDArray[np.int64]  #: (cells, nodes per cell) in the order in which the mesh was made
+    points: NDArray[np.float64]  #: (nodes, 2) likewise [m]
+    cell: str  #: "triangle" or "quadrilateral"
+    degree: int  #: Of the geometry
+    order: NDArray[np.int64]  #: (cells,) place of each numbered cell among `cells`
+    corners: NDArray[np.int32]  #: (cells, vertices per cell) of the numbered cells
+
+    @staticmethod
+    def of(domain: mesh.Mesh) -> MeshCopy:
+        """The arrays of a mesh.
+
+        Args:
+            domain: The mesh.
+
+        Raises:
+            PicklingError: If it is distributed over several ranks.
+        """
+        if domain.comm.size > 1:
+            raise pickle.PicklingError(
+                f"a Domain on {domain.comm.size} ranks cannot be pickled, as each rank holds a "
+                "part of its mesh; make it on MPI.COMM_SELF to hand it to other processes, or "
+                "pickle the densities and the history of a Result alone"
+            )
+        order = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
+        number = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+        nodes = number[_compat.cell_geometry(domain)]
+        cells = np.empty_like(nodes)
+        cells[order] = nodes
+        points = np.zeros((int(number.max(initial=-1)) + 1, 2))
+        points[number] = domain.geometry.x[:, :2]
+        degree = int(_compat.coordinate_element(domain).degree)
+        corners = np.array(_compat.entity_vertices(domain, 2))
+        return MeshCopy(cells, points, _compat.cell_name(domain), degree, order, corners)
+
+    def build(self) -> mesh.Mesh:
+        """The mesh, with the same numbers of cells and vertices, on this process alone.
+
+        Raises:
+            RuntimeError: If this release of DOLFINx numbers them otherwise.
+        """
+        shape = self.cell, self.degree
+        domain = _compat.create_mesh(MPI.COMM_SELF, self.cells, self.points, *shape)
+        same = np.array_equal(domain.topology.original_cell_index, self.order)
+        if not (same and np.array_equal(_compat.entity_vertices(domain, 2), self.corners)):
+            raise RuntimeError(
+                "mesh: this release of DOLFINx numbers cells otherwise than that which has pickled "
+                "the mesh; make the Domain anew, as it was made there"
+            )
+        return domain

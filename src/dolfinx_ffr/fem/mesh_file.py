@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""Meshes from gmsh, with the names of their physical groups."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import mesh
+
+from . import _compat
+
+__all__ = ["TaggedMesh", "read_gmsh", "read_gmsh_model"]
+
+#: Largest distance from the plane, relative to the size of a surface, that counts as round-off
+FLAT = 1e-6
+
+Groups = dict[tuple[int, str], int]
+
+
+@dataclass(frozen=True)
+class TaggedMesh:
+    """A planar mesh with its physical groups."""
+
+    source: str  #: What error messages call it
+    mesh: mesh.Mesh  #: Distributed over its communicator
+    cell_tags: Any  #: Number of the physical surface of each cell
+    facet_tags: Any  #: Number of the physical curve of each facet
+    numbers: Groups  #: Number of each physical group by dimension and name
+
+    def groups(self, dim: int) -> dict[str, int]:
+        """The numbers of the physical curves (``dim`` 1) or surfaces (2) by name."""
+        return {name: tag for (d, name), tag in self.numbers.items() if d == dim}
+
+
+def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
+    """Read a planar mesh from a file.
+
+    Args:
+        comm: Communicator over which the mesh is distributed; rank 0 reads the file.
+        path: The ``.msh`` file.
+
+    Raises:
+        FileNotFoundError: On every rank, if there is no such file.
+        ValueError: On every rank, if gmsh cannot read it, it has no named physical groups, or a
+            surface belongs to several of them.
+    """
+    gmsh = None
+
+    def open_() -> Any:
+        nonlocal gmsh
+        gmsh = _open_gmsh(path)
+        return gmsh.model
+
+    try:
+        return _distribute(comm, open_, str(path))
+    finally:
+        if gmsh is not None:
+            gmsh.finalize()
+
+
+def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
+    """Take a planar mesh from gmsh's current model.
+
+    Args:
+        comm: Communicator over which the mesh is distributed.
+        model: ``gmsh.model`` on rank 0; not used on the others.
+
+    Raises:
+        ValueError: On every rank, if the model has no mesh or no named physical groups, or a
+            surface belongs to several of them.
+    """
+    return _distribute(comm, lambda: model, "gmsh model")
+
+
+def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
+    model, groups, error = None, {}, None
+    if comm.rank == 0:
+        try:
+            model = get()
+            groups = _groups(model, source)
+        except (OSError, ValueError, ImportError) as exc:
+            error = exc
+    groups, error = comm.bcast((groups, error), root=0)
+    if error is not None:
+        raise error
+    domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0)
+    return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
+
+
+def _open_gmsh(path: Path) -> Any:
+    if not path.is_file():
+        raise FileNotFoundError(f"mesh file {path} does not exist")
+    try:
+        import gmsh
+    except ImportError as exc:
+        raise ImportError(
+            f"reading {path} needs gmsh's Python module (Debian: python3-gmsh)"
+        ) from exc
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(path))
+    except Exception as exc:
+        gmsh.finalize()
+        raise ValueError(f"{path} is not a mesh that gmsh can read: {exc}") from exc
+    return gmsh
+
+
+def _groups(model: Any, source: str) -> Groups:
+    """The numbers of a model's physical groups, or refuse the model."""
+    volumes = [model.getPhysicalName(3, tag) for _, tag in model.getPhysicalGroups(3)]
+    if volumes:
+        raise ValueError(
+            f"{source}: holds the physical volumes {sorted(volumes)}, and bodies are planar; mesh "
+            "a section of the part in the x-y plane, and make physical groups of its surfaces and "
+            "curves alone"
+        )
+    groups = {(dim, model.getPhysicalName(dim, tag)): tag for dim, tag in model.getPhysicalGroups()}
+    names = {dim: [name for d, name in groups if d == dim] for dim in (1, 2)}
+    if not names[1] or not names[2]:
+        raise ValueError(
+            f"{source}: needs physical groups of curves (interfaces) and of surfaces (material); "
+            f"it has the curves "
+            f"{sorted(names[1]) or 'none'} and the surfaces {sorted(names[2]) or 'none'}"
+        )
+    for _, surface in model.getEntities(2):
+        of = [model.getPhysicalName(2, tag) for tag in model.getPhysicalGroupsForEntity(2, surface)]
+        if len(of) > 1:
+            raise ValueError(
+                f"{source}: surface {surface} belongs to the physical surfaces {sorted(of)}, and "
+                "its cells would count more than once; leave it in one of them"
+            )
+        if of and not len(model.mesh.getElementTypes(2, surface)):
+            raise ValueError(
+                f"{source}: surface {surface} has no mesh; call gmsh.model.mesh.generate(2) first"
+            )
+        if of:
+            _check_plane(model, surface, source)
+    return groups
+
+
+def _check_plane(model: Any, surface: int, source: str) -> None:
+    """Refuse a surface that is not parallel to the x-y plane: its nodes lose their z."""
+    coordinates = model.mesh.getNodes(2, surface, includeBoundary=True)[1]
+    extent = np.ptp(np.reshape(coordinates, (-1, 3)), axis=0)
+    if extent[2] > FLAT * max(extent):
+        raise ValueError(
+            f"{source}: surface {surface} leaves the x-y plane: its z spans {extent[2]:.4g} m; "
+            "bodies are planar, turn the part into the x-y plane"
+        )

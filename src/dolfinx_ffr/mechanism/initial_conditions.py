@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: MIT
+"""Ways in which the motion of a mechanism begins.
+
+Either way the joints close at the start: positions hold C(y, 0) = 0 and velocities dC/dt = 0, and
+the accelerations follow from the equations of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from .marker import Pair
+
+__all__ = ["Assembled", "Placement", "Start", "StaticEquilibrium"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a body starts, roughly: position and velocity are corrected so that the joints close.
+
+    The correction is the smallest one in position and angle (velocities alike).
+    """
+
+    #: Position of the origin of the body's frame [m].
+    position: Pair = (0.0, 0.0)
+    #: Angle of the body's frame [rad].
+    angle: float = 0.0
+    #: Velocity of the origin of the body's frame [m/s].
+    velocity: Pair = (0.0, 0.0)
+    #: Angular velocity [rad/s].
+    angular_velocity: float = 0.0
+
+    def validate(self, what: str) -> None:
+        """Check the numbers.
+
+        Args:
+            what: Name for the message.
+
+        Raises:
+            TypeError: If something else than numbers is given.
+            ValueError: If there are too many or too few, or one is NaN or infinite.
+        """
+        for part in ("position", "velocity"):
+            validation.pair(f"{what}: {part}", getattr(self, part))
+        for part in ("angle", "angular_velocity"):
+            validation.number(f"{what}: {part}", getattr(self, part))
+
+
+class Start:
+    """A way in which the motion begins."""
+
+    #: Whether the static equilibrium is sought from the placements, instead of staying close.
+    in_equilibrium: ClassVar[bool] = False
+
+    def validate(self, modes: Mapping[str, int]) -> None:
+        """Refuse what does not fit the bodies.
+
+        Args:
+            modes: Number of elastic coordinates by name of the body.
+
+        Raises:
+            ValueError: If a body does not exist or has another number of elastic coordinates.
+        """
+
+    def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
+        """Elastic coordinates of a body at the start and their velocities, shape (modes,) each.
+
+        Args:
+            body: Name of the body.
+            modes: Number of its elastic coordinates.
+        """
+        return np.zeros(modes), np.zeros(modes)
+
+    def resized(self, modes: Mapping[str, int]) -> Start:
+        """The same start of bodies with more or fewer shape functions, the first of them alike.
+
+        Args:
+            modes: Number of elastic coordinates by name of the body.
+        """
+        return self
+
+
+@dataclass(frozen=True)
+class Assembled(Start):
+    """The placements, corrected so that the joints close; elastic coordinates zero or given.
+
+    The corrections of position and angle, and of their velocities, are the smallest ones. First
+    the undeformed bodies are put together, then the given deformation is made up for.
+
+    Raises:
+        ValueError: If an elastic coordinate is not a finite number.
+    """
+
+    #: Elastic coordinates at the start, shape (modes,), by name of the body; zero where not given.
+    elastic: Mapping[str, ArrayLike] = field(default_factory=dict)
+    #: Their velocities, shape (modes,) [1/s times the unit of the coordinates], likewise.
+    elastic_velocity: Mapping[str, ArrayLike] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for what in ("elastic", "elastic_velocity"):
+            given = validation.by_name(f"start: {what}", getattr(self, what), "arrays")
+            for name, values in given.items():
+                validation.real_array(f"start: {what} of body {name!r}", values)
+
+    def validate(self, modes: Mapping[str, int]) -> None:
+        for what in ("elastic", "elastic_velocity"):
+            for name, values in getattr(self, what).items():
+                if name not in modes:
+                    raise ValueError(f"start: {what} of {name!r}, but the bodies are {list(modes)}")
+                if np.shape(values) != (modes[name],):
+                    raise ValueError(
+                        f"start: {what} of body {name!r} must have shape {(modes[name],)}, but it "
+                        f"has shape {np.shape(values)}"
+                    )
+
+    def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
+        none = np.zeros(modes)
+        parts = (self.elastic.get(body, none), self.elastic_velocity.get(body, none))
+        elastic, velocity = (np.array(part, dtype=np.float64) for part in parts)
+        return elastic, velocity
+
+    def resized(self, modes: Mapping[str, int]) -> Assembled:
+        def sized(given: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+            arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+            return {
+                name: np.append(array[: modes[name]], np.zeros(max(0, modes[name] - array.size)))
+                for name, array in arrays.items()
+            }
+
+        return Assembled(sized(self.elastic), sized(self.elastic_velocity))
+
+
+@dataclass(frozen=True)
+class StaticEquilibrium(Start):
+    """The static equilibrium under gravity and the forces at t = 0, the bodies deformed by them.
+
+    It holds r(y, 0, 0) + C_y^T lambda = 0 and C(y, 0) = 0, dampers and inertia left aside, and is
+    sought from the placements downhill, so that a pendulum comes to hang. The velocities are those
+    of the placements, corrected so that the joints close; the elastic coordinates start at rest.
+    Its dependence on the bodies counts in the gradient.
+    """
+
+    in_equilibrium: ClassVar[bool] = True

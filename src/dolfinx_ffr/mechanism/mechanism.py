@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""Description of a planar mechanism: placements, joints, forces, point masses, gravity, damping.
+
+A mechanism says how bodies are put together; the bodies themselves come as volume integrals, so
+one mechanism serves all designs. Joints and forces act between markers (:mod:`.marker`); their
+kinds are described in :mod:`.joints` and :mod:`.forces`.
+
+Example:
+    >>> crank = Moving.circle((0.0, 0.0), 0.1, Motion.smooth_step(distance=62.8, duration=2.0))
+    >>> slider_crank = Mechanism(
+    ...     placements={"rod": Placement(position=(0.3, 0.0))},
+    ...     joints=[
+    ...         Revolute(("rod", "left"), crank),
+    ...         PointOnLine(("rod", "right"), Ground(), name="slider"),
+    ...     ],
+    ...     point_masses=[PointMass(("rod", "right"), 0.5)],
+    ...     forces=[SpringDamper(("rod", "right"), Ground((0.7, 0.0)), stiffness=500.0)],
+    ... )
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from .. import validation
+from .forces import AppliedForce
+from .initial_conditions import Assembled, Placement, Start
+from .joints import Joint
+from .marker import BodyPoint, check_marker, marker_name
+from .motion import Signal, check_signal
+
+__all__ = ["Mechanism", "PointMass", "RayleighDamping"]
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A point mass fixed to a marker of a body."""
+
+    #: Name of the body and name of the marker.
+    marker: BodyPoint
+    #: Mass [kg].
+    mass: float
+
+
+@dataclass(frozen=True)
+class RayleighDamping:
+    """Damping of the elastic coordinates, alpha times their mass plus beta times the stiffness."""
+
+    #: Mass-proportional coefficient [1/s].
+    alpha: float = 0.0
+    #: Stiffness-proportional coefficient [s].
+    beta: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A planar mechanism.
+
+    Raises:
+        TypeError: If an argument is of a wrong kind.
+        ValueError: If a number is out of range, a joint lacks a body, or a name stands twice.
+    """
+
+    #: Start of every body, by name of the body.
+    placements: Mapping[str, Placement]
+    #: Joints, in the order of their rows in the multipliers.
+    joints: Sequence[Joint] = ()
+    #: Point masses.
+    point_masses: Sequence[PointMass] = ()
+    #: Acceleration of free fall [m/s^2], for instance (0, -9.81); numbers or functions of time.
+    gravity: tuple[Signal, Signal] = (0.0, 0.0)
+    #: Damping, by name of the body.
+    damping: Mapping[str, RayleighDamping] = field(default_factory=dict)
+    #: Forces, springs and dampers.
+    forces: Sequence[AppliedForce] = ()
+    #: Acceleration of the ground [m/s^2], numbers or functions of time. All positions are then
+    #: counted from the moving ground, on which the bodies feel the opposite acceleration.
+    ground_acceleration: tuple[Signal, Signal] = (0.0, 0.0)
+    #: How the motion begins: assembled from the placements, or from the static equilibrium.
+    start: Start = field(default_factory=Assembled)
+    #: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it [s],
+    #: beside the :attr:`Motion.jumps`; :class:`RadauIIA` ends steps there.
+    jumps: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        """Check kinds and numbers."""
+        for what in ("gravity", "ground_acceleration"):
+            given = validation.listed(what, getattr(self, what), "a pair")
+            if len(given) != 2:
+                raise ValueError(f"{what} must have two components, but it has {len(given)}")
+            for axis, signal in zip("xy", given, strict=True):
+                check_signal(f"{what} along {axis}", signal)
+            object.__setattr__(self, what, tuple(given))
+        validation.real_array("jumps", self.jumps, (None,))
+        placements = validation.instances_by_name(
+            "placements", self.placements, Placement, "Placement(...)"
+        )
+        for name, placement in placements.items():
+            placement.validate(f"placement of body {name!r}")
+        point_masses = validation.instances(
+            "point_masses", self.point_masses, PointMass, "point masses"
+        )
+        for point in point_masses:
+            check_marker("point mass", point.marker)
+            what = f"point mass at {marker_name(point.marker)}: the mass"
+            validation.number(what, point.mass, above=0.0, unit="kg")
+        damping = validation.instances_by_name(
+            "damping", self.damping, RayleighDamping, "RayleighDamping(...)"
+        )
+        for name, coefficients in damping.items():
+            for part in ("alpha", "beta"):
+                what = f"damping of body {name!r}: {part}"
+                validation.number(what, getattr(coefficients, part), least=0.0)
+        validation.instance("start", self.start, Start, "Assembled(...) or StaticEquilibrium()")
+        joints = validation.instances("joints", self.joints, Joint, "joints, as Revolute(...)")
+        forces = validation.instances("forces", self.forces, AppliedForce, "forces, as Force(...)")
+        for what, entries in (
+            ("joints", joints),
+            ("forces", forces),
+            ("point_masses", point_masses),
+        ):
+            object.__setattr__(self, what, entries)
+        for joint, label in zip(self.joints, self.joint_names, strict=True):
+            joint.validate(label)
+        for force, label in zip(self.forces, self.force_names, strict=True):
+            force.validate(label)
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints; names made from the markers are numbered where they repeat.
+
+        Raises:
+            ValueError: If two joints have been given the same name.
+        """
+        return _names(self.joints, "joints")
+
+    @property
+    def force_names(self) -> list[str]:
+        """Names of the forces; names made from the markers are numbered where they repeat.
+
+        Raises:
+            ValueError: If two forces have been given the same name.
+        """
+        return _names(self.forces, "forces")
+
+
+def _names(things: Sequence[Joint] | Sequence[AppliedForce], what: str) -> list[str]:
+    names: list[str] = []
+    for thing in things:
+        label, count = thing.label, 1
+        while label in names:
+            if getattr(thing, "name", ""):
+                raise ValueError(f"two {what} have the name {label!r}")
+            count += 1
+            label = f"{thing.label} #{count}"
+        names.append(label)
+    return names

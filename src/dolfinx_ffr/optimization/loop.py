@@ -1,0 +1,519 @@
+# SPDX-License-Identifier: MIT
+"""What every design loop needs, whatever updates the design: history, checkpoints, interruption.
+
+An optimiser (`LevelSetEvolution`, `MMA`) decides which densities are tried next. The `DesignLoop`
+evaluates them, writes a row of the history for each, keeps a checkpoint from which a killed run
+goes on, shows the progress, calls back, and says when the user wants to stop.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from ..design import Design, LevelSet
+from ..dynamics import LargeDeformationWarning, SofteningWarning, TimeStepWarning
+from ..fem import Domain
+from ..gradients import Distance, GradientErrors, GradientMethod, GradientReport
+from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
+from ..parallel import check_alike, on_every_rank, on_rank_0, same
+from ..problem import Evaluation, Problem
+from ..reduction import RoundOffWarning
+from .result import DesignWarning, Result, gray_fraction, only
+
+__all__ = [
+    "COLUMNS",
+    "GRADIENT_COLUMNS",
+    "AnyDesign",
+    "DesignLoop",
+    "Optimizer",
+]
+
+Array = NDArray[np.float64]
+Row = dict[str, float]
+Callback = Callable[[int, Any, Evaluation], None]
+AnyDesign = LevelSet | Design
+
+#: Columns of the history, one row an iteration; of several bodies the worst or the sum
+COLUMNS = [
+    "iteration",  # number, 0 is the start
+    "psi",  # objective of the design that is kept
+    "volume",  # filled share of the bodies
+    "frequency",  # first fixed-interface frequency [Hz]
+    "gray",  # share of the bodies' area between void and solid
+    "accepted",  # 1 if the step was kept
+    "step",  # size of the step (level set: spacings; MMA: largest change, share of the bounds)
+    "multiplier",  # of the volume bound
+    "width",  # of the smoothed Heaviside function (level set: [m]; density: 1 / beta)
+    "outer_gap",  # relative gap of eigenvalues beyond the last mode
+    "solver_iterations",  # of the last pullback
+    "seconds",  # since the start
+]
+#: Columns that approximate gradients add
+GRADIENT_COLUMNS = [
+    "gradient_elements",  # elements with exact derivatives
+    "gradient_estimate",  # estimated relative error of the gradient
+    "gradient_error",  # true relative error of the gradient, where it was measured
+    "gradient_cosine",  # of the angle to the exact gradient
+    "gradient_worst",  # largest error of an element relative to the largest derivative
+    "band_error",  # the same three near the active boundary
+    "band_cosine",
+    "band_worst",
+]
+#: Columns that each of several bodies has of its own, "volume of rod"
+OF_BODY = ["volume", "frequency", "gray"]
+
+#: Relative difference from which on a resumed psi counts as another problem's; the number of ranks
+#: and the release of DOLFINx change less
+SAME = 1e-6
+#: Constraints hold to this, relative to their bounds
+FEASIBLE = 1e-8
+#: Share of a body's area between void and solid from which on a design is no part yet
+GRAY = 0.1
+#: Warnings that speak of one motion, and hardly differ from design to design
+LIMITS = (LargeDeformationWarning, RoundOffWarning, SofteningWarning, TimeStepWarning)
+#: A text in quotes, or a number
+_NUMBER = re.compile(r"('[^']*')|\d[\d.]*(?:e[-+]?\d+)?")
+_UNKNOWN = GradientErrors(float("nan"), float("nan"), float("nan"))
+
+
+class DesignLoop:
+    """Evaluations, history, checkpoint, progress and interruption of one run.
+
+    Args:
+        problem: What is minimised.
+        domains: Of the designed bodies by name.
+        gradient: How derivatives are found.
+        iterations: Steps at most.
+        output: Folder for ``history.csv`` and ``checkpoint``; None writes nothing.
+        resume: Go on from the checkpoint in ``output``; a `DesignWarning` says if there is none.
+        progress: Show a progress bar on rank 0.
+        callback: Called after each iteration with its number, densities and evaluation.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        domains: Mapping[str, Domain],
+        *,
+        gradient: GradientMethod,
+        iterations: int,
+        output: Path | None = None,
+        resume: bool = False,
+        progress: bool = True,
+        callback: Callback | None = None,
+    ) -> None:
+        self.problem = problem
+        self.domains = dict(domains)
+        self.gradient = gradient
+        self.iterations = iterations
+        self.comm: MPI.Comm = next(iter(self.domains.values())).comm
+        self.rows: list[Row] = []
+        #: Iterations of a stage at most, see `plan`
+        self.stage_iterations = float("nan")
+        self._columns: list[str] = []
+        self._reports: dict[str, GradientReport] = {}
+        self._output, self._resume = output, resume
+        self._callback = callback
+        self._interrupted: Callable[[], bool] = lambda: False
+        self._began = perf_counter()
+        self._bar = tqdm(
+            total=iterations,
+            disable=not progress or self.comm.rank > 0,
+            unit="iteration",
+            dynamic_ncols=True,
+        )
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Show the progress, catch signals, and warn of each limit once within this context."""
+        with self._bar, _beside(self._bar), _interruptible(self.comm) as self._interrupted:
+            yield
+
+    def interrupted(self) -> bool:
+        """Whether the user wants to stop, alike on every rank."""
+        return self._interrupted()
+
+    # ------------------------------------------------------------------ evaluations
+
+    def value(self, densities: Mapping[str, Array]) -> Evaluation:
+        """Objective and constraints.
+
+        Args:
+            densities: Of this rank's cells by body, shape (cells,).
+
+        Raises:
+            SimulationError: On every rank, if the motion cannot be computed.
+        """
+        return self.problem.value(densities if len(densities) > 1 else only(densities))
+
+    def differentiate(
+        self, evaluation: Evaluation, distance: Distance, iteration: int
+    ) -> Evaluation:
+        """An evaluation with its gradient, whose report goes into the history.
+
+        Args:
+            evaluation: What `value` returned, at any time.
+            distance: From the active boundary, by name of the body, see `GradientMethod`.
+            iteration: Number of the iteration.
+        """
+        found, self._reports = self.gradient(self.problem, evaluation, distance, iteration)
+        return found
+
+    # ------------------------------------------------------------------ files
+
+    def earlier(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
+        """The state of the run that is to be resumed; None if there is none.
+
+        Args:
+            identity: What a checkpoint and the run that reads it must have in common.
+
+        Raises:
+            ValueError: On every rank, if what the ranks identify differs.
+            CheckpointError: On every rank, if the checkpoint is damaged or of another problem.
+        """
+        check_alike(self.comm, "optimize", identity)
+        self._identity = dict(identity)
+        path = self._checkpoint
+        if path is None or not self._resume:
+            return None
+        if not on_rank_0(self.comm, path.is_file):
+            warnings.warn(
+                f"optimize: there is no checkpoint {path} to go on from: the run begins anew",
+                DesignWarning,
+                stacklevel=4,
+            )
+            return None
+        data = load_checkpoint(self.comm, path)
+        for key, value in self._identity.items():
+            if key not in data or not same(data[key], value):
+                raise self._other_problem(f"it differs in {key!r}")
+        self.stage_iterations = float(data.get("stage_iterations", np.nan))
+        self._columns = [str(name) for name in data["columns"]]
+        self.rows = [dict(zip(self._columns, map(float, row), strict=True)) for row in data["rows"]]
+        return data
+
+    def plan(self, stages: int, each: int | None) -> None:
+        """Share out the iterations among the stages, where an earlier run has not done so.
+
+        So the stages of a run end alike, however often it is interrupted and resumed, and with
+        however many iterations.
+
+        Args:
+            stages: Their number.
+            each: Iterations of a stage at most; None shares out those of the run.
+        """
+        if each is not None:
+            self.stage_iterations = float(each)
+        elif math.isnan(self.stage_iterations):
+            self.stage_iterations = self.iterations / stages
+
+    def resumed(self, evaluation: Evaluation) -> None:
+        """Check that a design evaluates as it did in the earlier run, and go on with its history.
+
+        Args:
+            evaluation: Of the design that was kept last.
+
+        Raises:
+            CheckpointError: On every rank, if it does not.
+        """
+        before = self.rows[-1]["psi"]
+        found = self._columns
+        self._columns = self._all_columns(evaluation)
+        names = [set(columns) - set(GRADIENT_COLUMNS) for columns in (found, self._columns)]
+        if names[0] != names[1]:
+            raise self._other_problem("it differs in the names of bodies or constraints")
+        if not abs(evaluation.psi - before) <= SAME * abs(before):
+            raise self._other_problem(
+                f"psi of its design was {before:.8g} and is {evaluation.psi:.8g} here"
+            )
+        # the earlier run may have approximated its gradient, or this one may begin to do so
+        self._columns += [name for name in found if name not in self._columns]
+        self.rows = [{n: row.get(n, float("nan")) for n in self._columns} for row in self.rows]
+        self._began = perf_counter() - self.rows[-1]["seconds"]
+        self._bar.update(int(self.rows[-1]["iteration"]))
+        self._write_history()
+
+    def _other_problem(self, why: str) -> CheckpointError:
+        return CheckpointError(
+            f"checkpoint {self._checkpoint} is of another problem: {why}. Delete it to start "
+            "anew, or write into another folder"
+        )
+
+    @property
+    def _checkpoint(self) -> Path | None:
+        return None if self._output is None else self._output / "checkpoint"
+
+    def _write_history(self) -> None:
+        if self._output is not None:
+            write_history(self.comm, self._output / "history.csv", self._columns, self.rows)
+
+    # ------------------------------------------------------------------ records
+
+    def record(
+        self,
+        iteration: int,
+        densities: Mapping[str, Array],
+        evaluation: Evaluation,
+        *,
+        accepted: bool,
+        step: float,
+        width: float,
+        multiplier: float = float("nan"),
+        state: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Add an iteration to history, checkpoint and progress, and call back.
+
+        Args:
+            iteration: Its number; 0 is the start, from which the clock runs.
+            densities: Of the design that is kept, this rank's cells by body.
+            evaluation: Of the design that is kept.
+            accepted: Whether it is the one that was tried.
+            step: Size of the step.
+            width: Of the smoothed Heaviside function.
+            multiplier: Of the volume bound.
+            state: What a later run needs to go on; None writes no checkpoint.
+        """
+        if iteration == 0:
+            self._began = perf_counter()
+        if not self._columns:
+            self._columns = self._all_columns(evaluation)
+        found = {
+            **self._row(densities, evaluation),
+            "iteration": iteration,
+            "accepted": int(accepted),
+            "step": step,
+            "width": width,
+            "multiplier": multiplier,
+            "seconds": self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0),
+        }
+        row = {name: found[name] for name in self._columns}
+        self.rows.append(row)
+        self._write_history()
+        path = self._checkpoint
+        if path is not None and state is not None:
+            table = np.array([[row[name] for name in self._columns] for row in self.rows])
+            save_checkpoint(
+                self.comm,
+                path,
+                {
+                    **state,
+                    **self._identity,
+                    "stage_iterations": self.stage_iterations,
+                    "columns": self._columns,
+                    "rows": table,
+                },
+            )
+        if iteration == 0:
+            return
+        self._bar.update()
+        self._bar.set_postfix_str(
+            f"psi {row['psi']:.4g}, volume {row['volume']:.3f}, "
+            f"first frequency (interfaces held) {row['frequency']:.4g} Hz"
+            + (f", gradient to {error:.1%}" if (error := found["gradient_estimate"]) else "")
+        )
+        x = dict(densities)
+        with on_every_rank(self.comm, "the callback of a design loop"):
+            if self._callback is not None:
+                self._callback(iteration, x if len(x) > 1 else only(x), evaluation)
+
+    def _all_columns(self, evaluation: Evaluation) -> list[str]:
+        several = list(self.domains) if len(self.domains) > 1 else []
+        return [
+            *COLUMNS,
+            *([] if self.gradient.exact else GRADIENT_COLUMNS),
+            *(f"{column} of {name}" for name in several for column in OF_BODY),
+            *(f"constraint {label}" for label in evaluation.constraints),
+        ]
+
+    def _row(self, densities: Mapping[str, Array], evaluation: Evaluation) -> Row:
+        """What a design's evaluation says, and the report of the last gradient."""
+        area = {name: domain.area for name, domain in self.domains.items()}
+        gray = {
+            name: gray_fraction(domain, densities[name]) for name, domain in self.domains.items()
+        }
+        held = evaluation.fixed_interface_frequencies
+        first = {
+            name: float(held[name][0]) if len(held[name]) else float("nan") for name in self.domains
+        }
+        total = sum(area.values())
+        several = len(self.domains) > 1
+        reports = list(self._reports.values())
+        worst = max(reports, key=lambda report: report.estimate)
+        true, band = worst.errors or _UNKNOWN, worst.band_errors or _UNKNOWN
+        row = {
+            "psi": evaluation.psi,
+            "volume": sum(evaluation.volume[name] * area[name] for name in area) / total,
+            "frequency": min(first.values()),
+            "gray": sum(gray[name] * area[name] for name in area) / total,
+            "outer_gap": min(evaluation.outer_gap[name] for name in area),
+            "solver_iterations": sum(evaluation.solver_iterations.values()),
+            "gradient_elements": sum(report.elements for report in reports),
+            "gradient_estimate": worst.estimate,
+            "gradient_error": true.l2,
+            "gradient_cosine": true.cosine,
+            "gradient_worst": true.worst,
+            "band_error": band.l2,
+            "band_cosine": band.cosine,
+            "band_worst": band.worst,
+        }
+        if several:
+            for name in area:
+                row[f"volume of {name}"] = evaluation.volume[name]
+                row[f"frequency of {name}"] = first[name]
+                row[f"gray of {name}"] = gray[name]
+        for label, constraint in evaluation.constraints.items():
+            row[f"constraint {label}"] = constraint.value
+        return row
+
+    def result(
+        self,
+        designs: Mapping[str, Design],
+        variables: Mapping[str, Array],
+        evaluation: Evaluation,
+        reason: str,
+        volume: Mapping[str, float] | None = None,
+    ) -> Result:
+        """The design that was kept last, with the history.
+
+        A `DesignWarning` says which constraints it violates, and if more than a tenth of a body is
+        gray.
+
+        Args:
+            designs: By body, as sharp as in the last stage.
+            variables: By body.
+            evaluation: Of the design.
+            reason: Why the loop ended.
+            volume: Upper bounds of the filled shares by body, if there are any.
+        """
+        over = {
+            f"volume of {name}": evaluation.volume[name] / bound - 1.0
+            for name, bound in (volume or {}).items()
+        }
+        over |= {name: found.value for name, found in evaluation.constraints.items()}
+        # what is not a number is no value below a bound
+        violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
+        if violations:
+            reason = "interrupted" if reason == "interrupted" else "infeasible"
+            said = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
+            warnings.warn(
+                f"optimize: the design violates {said} of the bound, after "
+                f"{int(self.rows[-1]['iteration'])} iterations ({reason}): relax the bound, give "
+                "more volume or more iterations",
+                DesignWarning,
+                stacklevel=4,
+            )
+        history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
+        densities = {name: design.density(variables[name]) for name, design in designs.items()}
+        if reason != "interrupted":
+            self._warn_of_gray(designs, densities)
+        return Result(
+            densities, dict(variables), evaluation, history, reason, dict(designs), violations
+        )
+
+    def _warn_of_gray(self, designs: Mapping[str, Design], densities: Mapping[str, Array]) -> None:
+        """Say which bodies are no parts yet, and what helps."""
+        for name, design in designs.items():
+            gray = gray_fraction(design.domain, densities[name])
+            if gray > GRAY:
+                unfinished = design.width > design.at_stage(design.stages - 1).width
+                warnings.warn(
+                    f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
+                    "and no part can be cut out of that: "
+                    + (
+                        "give more iterations, as the last stages, which make it sharp, were not "
+                        "reached (resume=True goes on from here)"
+                        if unfinished
+                        else "end with a sharper stage (smaller widths, larger betas), or take "
+                        "smaller elements"
+                    ),
+                    DesignWarning,
+                    stacklevel=5,
+                )
+
+
+class Optimizer(Protocol):
+    """Updates designs, by the services of a `DesignLoop`."""
+
+    def run(
+        self,
+        loop: DesignLoop,
+        designs: Mapping[str, Any],
+        start: Mapping[str, Array],
+        volume: Mapping[str, float],
+    ) -> Result:
+        """The last design that was kept.
+
+        Args:
+            loop: Evaluates and records.
+            designs: By name of the body.
+            start: Variables by name of the body.
+            volume: Upper bound of the filled share by name of the body.
+
+        Raises:
+            ValueError: On every rank, if the parts do not fit each other.
+            SimulationError: On every rank, if not even the motion of the start can be computed.
+        """
+        ...
+
+
+@contextmanager
+def _beside(bar: tqdm) -> Iterator[None]:
+    """Context in which warnings stand on lines of their own, above the progress bar.
+
+    What the motion of each design says anew, with other numbers, is shown once.
+    """
+    show = warnings.showwarning
+    known: set[tuple[type[Warning], str]] = set()
+
+    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
+        if issubclass(category, LIMITS):
+            # names of bodies are quoted, and keep their numbers
+            said = category, _NUMBER.sub(lambda found: found[1] or "", str(message))
+            if said in known:
+                return
+            known.add(said)
+        with nullcontext() if bar.disable else bar.external_write_mode(file=sys.stderr):
+            show(message, category, *rest, **options)
+
+    warnings.showwarning = shown
+    try:
+        yield
+    finally:
+        warnings.showwarning = show
+
+
+@contextmanager
+def _interruptible(comm: MPI.Comm) -> Iterator[Callable[[], bool]]:
+    """Give a function that tells, alike on every rank, whether the user wants to stop."""
+    asked = threading.Event()
+    previous: dict[signal.Signals, Any] = {}
+
+    def handle(number: int, frame: Any) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            previous[number] = signal.signal(number, handle)
+    try:
+        yield lambda: bool(comm.allreduce(asked.is_set(), MPI.LOR))
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

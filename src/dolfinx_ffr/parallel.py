@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: MIT
+"""What all ranks of a communicator must have in common: the way they take, and what they are given.
+
+Code of users (callbacks, objectives, motions, laws of the material) runs on every rank, and may
+fail on one of them alone. The others would then wait for it for ever, in the next call that takes
+all ranks. So what such code is called from is a section (`on_every_rank`): at its end the ranks
+tell each other how it went, and an error of one is raised on all. Whatever takes all ranks within a
+section announces itself beforehand (`announce`), and learns there that a rank has already left.
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["ROUND_OFF", "announce", "check_alike", "gathered", "on_every_rank", "on_rank_0", "same"]
+
+#: More than the relative difference of two sums over the cells that are distributed differently: n
+#: positive terms in two orders differ by less than n times 2.3e-16, and bodies have less than 4e6
+#: cells
+ROUND_OFF = 1e-9
+#: A number in a text, whatever its last digits
+_NUMBER = re.compile(r"(\d+\.?\d*(?:e[-+]?\d+)?)")
+#: Characters of a long text that a message shows about the first difference
+_SHOWN = 60
+
+
+class _Alone(RuntimeError):
+    """A call that takes all ranks, and that not all of them make."""
+
+
+# ---------------------------------------------------------------------- errors
+
+
+def _meeting(comm: MPI.Comm) -> MPI.Comm:
+    """Where ranks meet that come by different ways: each mesh has a communicator of its own."""
+    alike = MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT)
+    return MPI.COMM_WORLD if alike else comm
+
+
+def announce(comm: MPI.Comm, call: str) -> None:
+    """Go on with a call that takes all ranks, if all make it.
+
+    Args:
+        comm: Its ranks.
+        call: Its name, alike on every rank.
+
+    Raises:
+        RuntimeError: On the ranks that make the call, if others make another one, or have left
+            their section (`on_every_rank`), for example by an error.
+    """
+    gathered(comm, call, None)
+
+
+def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
+    """The values of all ranks, alike on every one of them, if all make a call.
+
+    Args:
+        comm: Its ranks.
+        call: Its name, alike on every rank.
+        value: This rank's.
+
+    Raises:
+        RuntimeError: As `announce` does.
+    """
+    if comm.size == 1:
+        return [value]
+    said = _meeting(comm).allgather((call, value))
+    calls = [other for other, _ in said]
+    if calls != [call] * comm.size:
+        here = [rank for rank, other in enumerate(calls) if other == call]
+        raise _Alone(
+            f"{call} was called on rank {', '.join(map(str, here))} of {comm.size} only; it takes "
+            "all ranks: call it outside of conditions that differ between ranks"
+        )
+    return [other for _, other in said]
+
+
+@contextmanager
+def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
+    """A section at whose end an error that was raised on any rank is raised on all.
+
+    Args:
+        comm: All its ranks enter.
+        what: Its name.
+
+    Raises:
+        RuntimeError: As `announce` does.
+        BaseException: On every rank, that of the lowest rank that fails, also where it leaves by
+            `sys.exit` or is interrupted; where all fail by the same kind of error, each raises its
+            own.
+    """
+    if comm.size == 1:
+        yield
+        return
+    announce(comm, what)
+    comm = _meeting(comm)
+    mine: BaseException | None = None
+    try:
+        yield
+    except BaseException as caught:  # whoever leaves by `sys.exit` would be waited for, too
+        mine = caught
+    # a rank that is still inside is told so by its next call that takes all ranks
+    kind = "" if mine is None else _kind(mine)
+    said = comm.allgather((None, kind))
+    while any(call is not None for call, _ in said):
+        said = comm.allgather((None, kind))
+    kinds = [other for _, other in said]
+    failed = [rank for rank, kind in enumerate(kinds) if kind]
+    if not failed:
+        return
+    # those that were left alone follow from another error, if there is one
+    source = min(failed, key=lambda rank: (kinds[rank] == _kind(_Alone()), rank))
+    if mine is not None and kinds == [kind] * comm.size:
+        raise mine
+    sent = _portable(mine) if comm.rank == source else None
+    error = comm.bcast(sent, root=source)
+    if sent is None:
+        error.add_note(f"raised on rank {source} of {comm.size}")
+        raise error
+    if sent is mine:
+        raise sent
+    raise sent from mine
+
+
+def _kind(error: BaseException) -> str:
+    return f"{type(error).__module__}.{type(error).__qualname__}"
+
+
+def _portable(error: BaseException | None) -> BaseException | None:
+    """An error that can be sent: itself, or its message where it holds what cannot."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # whatever pickle meets within it
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
+    """What ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises.
+
+    Raises:
+        Exception: On every rank, whatever ``action`` raises on rank 0.
+    """
+    found = None
+    with on_every_rank(comm, "writing or reading a file"):
+        if comm.rank == 0:
+            found = action()
+    return comm.bcast(found, root=0)
+
+
+# ---------------------------------------------------------------------- arguments
+
+
+def check_alike(
+    comm: MPI.Comm,
+    where: str,
+    arguments: Mapping[str, Any],
+    tolerance: float = ROUND_OFF,
+) -> None:
+    """Refuse arguments that differ between the ranks by more than round-off.
+
+    Args:
+        comm: All its ranks call.
+        where: Who asks.
+        arguments: By name. Arrays are compared by their size, their norm and another sum; of other
+            objects the numbers and texts count that they hold as mappings, sequences and
+            dataclasses.
+        tolerance: Largest difference of numbers, relative to them, and of arrays to their norm.
+
+    Raises:
+        ValueError: On every rank; the message names the first that differs, with its values.
+    """
+    if comm.size == 1:
+        return
+    said = gathered(comm, where, {name: _Digest.of(value) for name, value in arguments.items()})
+    for name in dict.fromkeys(name for digests in said for name in digests):
+        first = said[0].get(name, _NOTHING)
+        for rank, digests in enumerate(said):
+            other = digests.get(name, _NOTHING)
+            if not first.fits(other, tolerance):
+                here, there = first.beside(other)
+                raise ValueError(
+                    f"{where}: {name} differs between the ranks: {here} on rank 0, and {there} on "
+                    f"rank {rank}; give the same on every rank"
+                )
+
+
+def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool:
+    """Whether two arrays or texts are the same but for the round-off of the numbers in them.
+
+    Args:
+        one: Numbers of any shape, or a text.
+        other: Likewise.
+        tolerance: Largest difference of two numbers, relative to the largest of their array. Whole
+            numbers are the same only where they are equal.
+    """
+    a, b = np.asarray(one), np.asarray(other)
+    if a.shape != b.shape:
+        return False
+    if a.dtype.kind == "U" and b.dtype.kind == "U":
+        ours, theirs = (_NUMBER.split(str(text)) for text in (a, b))
+        numbers = zip(ours[1::2], theirs[1::2], strict=False)
+        return ours[::2] == theirs[::2] and all(
+            # whole numbers count something, and have no round-off
+            a == b or (not (a.isdigit() and b.isdigit()) and same(float(a), float(b), tolerance))
+            for a, b in numbers
+        )
+    if a.dtype.kind != "f" or b.dtype.kind != "f":
+        return bool(np.array_equal(a, b))
+    if np.array_equal(a, b, equal_nan=True):
+        return True
+    return bool(np.max(np.abs(a - b)) <= tolerance * np.max(np.abs(b)))
+
+
+@dataclass(frozen=True)
+class _Digest:
+    """A text, or a few numbers, that tell two values apart."""
+
+    text: str
+    norm: float = 0.0  #: Of the numbers; 0 for a text
+    sum: float = 0.0  #: Of the numbers with different weights; a single one's is its value
+
+    @staticmethod
+    def of(value: Any) -> _Digest:
+        """What is compared of a value."""
+        if isinstance(value, float) or (
+            isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
+        ):
+            x = np.asarray(value, dtype=np.float64).ravel()
+            weighted = float(x @ np.cos(np.arange(x.size)))
+            count = "a number" if x.size == 1 else f"{x.size} numbers"
+            return _Digest(count, float(np.sqrt(x @ x)), weighted)
+        return _Digest(_text(value))
+
+    def fits(self, other: _Digest, tolerance: float) -> bool:
+        """Whether two values are the same but for round-off, relative to their norm."""
+        ours, theirs = (np.array([digest.norm, digest.sum]) for digest in (self, other))
+        return same(self.text, other.text, tolerance) and (
+            np.array_equal(ours, theirs, equal_nan=True)
+            or bool(np.max(np.abs(ours - theirs)) <= tolerance * self.norm)
+        )
+
+    def beside(self, other: _Digest) -> tuple[str, str]:
+        """How two values that differ are shown."""
+        pairs = zip(self.text, other.text, strict=False)
+        first = next((i for i, (a, b) in enumerate(pairs) if a != b), 0)
+        cut = slice(max(0, first - _SHOWN), first + _SHOWN)
+        here, there = (digest._shown(cut) for digest in (self, other))
+        return here, there
+
+    def _shown(self, cut: slice) -> str:
+        if self.text == "a number":
+            return f"{self.sum:.10g}"
+        return f"{self.text} of norm {self.norm:.10g}" if self.norm else self.text[cut]
+
+
+#: Of what one rank gives and another does not
+_NOTHING = _Digest("nothing")
+
+
+def _text(value: Any) -> str:
+    """Numbers and texts in an object, and the kinds of what else it consists of."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k!r}: {_text(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return "(" + ", ".join(map(_text, value)) + ")"
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
+        given = ", ".join(f"{name}={_text(part)}" for name, part in parts.items())
+        return f"{type(value).__name__}({given})"
+    if isinstance(value, np.generic):  # whose type NumPy 2 writes into the text
+        value = value.item()
+    if isinstance(value, str | bytes | int | float | complex) or value is None:
+        return repr(value)
+    return type(value).__qualname__

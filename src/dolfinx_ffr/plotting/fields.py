@@ -1,0 +1,466 @@
+# SPDX-License-Identifier: MIT
+"""Fields on a body: designs, selected elements, stress, shape functions.
+
+Pictures are drawn by matplotlib; `mesh_grid` hands a body to PyVista, to be looked at from all
+sides or written for other programs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize, to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from ..fem import Domain
+from ..parallel import on_every_rank
+from ..postprocessing import StressEnvelope
+from ..reduction import FlexibleBody, ReducedBody
+from .drawn_mesh import DrawnMesh
+from .mechanism_view import VOID
+from .style import (
+    ACCENTS,
+    DARK,
+    GLOW,
+    GRAY,
+    KINDS,
+    LIGHT,
+    ORANGE,
+    color_bar,
+    nice_number,
+    prefixed,
+    save,
+    styled_figure,
+    writable,
+    written,
+)
+
+if TYPE_CHECKING:
+    import pyvista
+
+__all__ = ["mesh_grid", "plot_design", "plot_gradient_elements", "plot_modes", "plot_stress"]
+
+Array = NDArray[np.float64]
+
+#: Largest displacement shown, relative to the body's extent
+_SHOWN = 0.07
+#: Share of the solid cells whose stress the colours tell apart; the few above are at the end
+_TOLD_APART = 99.7
+
+
+def plot_design(
+    domain: Domain,
+    x: ArrayLike | Mapping[str, ArrayLike],
+    path: str | Path,
+    *,
+    title: str = "",
+    backend: str = "matplotlib",
+) -> Path:
+    """Draw one design, or several under each other: solid is black, void is white.
+
+    One sees the density of each cell in shades of gray, the outline of the body, its rigid
+    interfaces in colour, and a measure. The scale is the same along both axes.
+
+    Args:
+        domain: Mesh and interfaces of the body.
+        x: One density for each cell owned by this rank, shape (cells,), in [0, 1]; or several
+            designs by title.
+        path: File to write, .png, .pdf or .svg.
+        title: Heading; with several designs the heading of them all.
+        backend: Deprecated, matplotlib draws in any case.
+
+    Returns:
+        The path. The function is collective; rank 0 writes.
+
+    Raises:
+        ValueError: On every rank, if a density is not usable or the kind of file is not known.
+    """
+    if backend != "matplotlib":
+        warnings.warn(
+            f"plot_design: backend = {backend!r} goes with the next release: matplotlib draws; "
+            "mesh_grid gives a grid to PyVista",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+    path = writable(path, KINDS)
+    designs = dict(x) if isinstance(x, Mapping) else {"": x}
+    if not designs:
+        raise ValueError("plot_design: no design given")
+    drawn = DrawnMesh.of(domain)
+    shades = {
+        name: _gray(drawn, domain.check_density(density, f"design {name!r}" if name else "x"))
+        for name, density in designs.items()
+    }
+
+    def draw(file: Path) -> None:
+        with _panels(drawn, list(shades), title, width=10.4, foot=0.75) as (figure, panels, unit):
+            for axes, colors in zip(panels, shades.values(), strict=True):
+                _draw_body(axes, drawn, facecolors=colors[drawn.parents])
+                for ends, color in zip(drawn.interfaces.values(), cycle(ACCENTS), strict=False):
+                    _draw_lines(axes, drawn.points[ends], color, 4.0)
+            _draw_legend(figure, drawn, unit)
+            save(figure, file)
+
+    return written(domain.comm, path, draw)
+
+
+def plot_gradient_elements(
+    domain: Domain,
+    selections: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    path: str | Path,
+    *,
+    title: str = "",
+) -> Path:
+    """Draw which elements get exact derivatives, over the designs for which they were selected.
+
+    One sees each design in shades of gray, and the selected elements in orange.
+
+    Args:
+        domain: The body.
+        selections: By heading, a design (cells,) in [0, 1] and which elements are selected
+            (cells,), both for the cells owned by this rank.
+        path: File to write, .png, .pdf or .svg.
+        title: Heading of the picture.
+
+    Returns:
+        The path, on every rank.
+
+    Raises:
+        ValueError: On every rank, if a design does not fit the domain or the kind of file is not
+            known.
+    """
+    path = writable(path, KINDS)
+    drawn = DrawnMesh.of(domain)
+    shades = {}
+    for name, (x, selected) in selections.items():
+        shades[name] = _gray(drawn, 0.75 * domain.check_density(x, name))
+        chosen = drawn.cell_values(np.asarray(selected, dtype=bool))
+        shades[name][chosen] = 0.55 * shades[name][chosen] + 0.45 * np.array(to_rgb(ORANGE))
+
+    def draw(file: Path) -> None:
+        with _panels(drawn, list(shades), title, width=9.6) as (figure, panels, _):
+            for axes, colors in zip(panels, shades.values(), strict=True):
+                _draw_body(axes, drawn, facecolors=colors[drawn.parents])
+            save(figure, file)
+
+    return written(domain.comm, path, draw)
+
+
+def plot_stress(
+    domain: Domain,
+    stress: StressEnvelope | ArrayLike,
+    path: str | Path,
+    *,
+    solid: ArrayLike | None = None,
+    title: str = "",
+) -> Path:
+    """Draw the von Mises stress in the undeformed body.
+
+    One sees the stress of each cell in colour, with void left out, the outline of the body, its
+    rigid interfaces, and a ring where the stress is largest. The colours end where 0.3 % of the
+    cells have a larger stress, so that a single corner does not hide all the rest.
+
+    Args:
+        domain: Mesh and interfaces of the body.
+        stress: A worst case from `worst_stress`, or the stress of each cell owned by this rank,
+            shape (cells,) [Pa].
+        path: File to write, .png, .pdf or .svg.
+        solid: Cells that are drawn, shape (cells,); by default those of the worst case, or all.
+        title: Heading.
+
+    Returns:
+        The path. The function is collective; rank 0 writes.
+
+    Raises:
+        ValueError: On every rank, if an array does not have one finite value a cell, no cell is
+            solid, or the kind of file is not known.
+    """
+    path = writable(path, KINDS)
+    note = ""
+    if isinstance(stress, StressEnvelope):
+        note = f" at t = {stress.largest_time:.3f} s"
+        solid = stress.solid if solid is None else solid
+        stress = stress.stress
+    with on_every_rank(domain.comm, "plot_stress"):
+        own = np.asarray(stress, dtype=np.float64)
+        every = np.ones(domain.n_cells, dtype=bool)
+        chosen = every if solid is None else np.asarray(solid, dtype=bool)
+        for name, array in (("stress", own), ("solid", chosen)):
+            if array.shape != (domain.n_cells,) or not np.all(np.isfinite(array)):
+                raise ValueError(f"plot_stress: {name} must have one finite value for each cell")
+    if not any(domain.comm.allgather(bool(np.any(chosen)))):
+        raise ValueError("plot_stress: no cell is solid, there is nothing to draw")
+    drawn = DrawnMesh.of(domain)
+    values, chosen = drawn.cell_values(own), drawn.cell_values(chosen)
+
+    def draw(file: Path) -> None:
+        largest = int(np.argmax(np.where(chosen, values, -np.inf)))
+        unit, factor = prefixed(float(values[largest]), "Pa")
+        top = float(np.percentile(values[chosen], _TOLD_APART)) * factor
+        norm = Normalize(0.0, top if top > 0.0 else 1.0)
+        with _panels(drawn, [""], margin=0.02, head=0.85) as (figure, (axes,), _):
+            _draw_body(
+                axes,
+                drawn,
+                shown=chosen[drawn.parents],
+                array=(values * factor)[drawn.parents],
+                cmap=GLOW,
+                norm=norm,
+            )
+            for ends in drawn.interfaces.values():
+                _draw_lines(axes, drawn.points[ends], DARK, 2.5)
+            at = drawn.points[drawn.pieces[drawn.parents == largest]].mean(axis=(0, 1))
+            axes.plot(
+                *at, "o", markersize=11, markerfacecolor="none", markeredgecolor=DARK, mew=1.4
+            )
+            height = figure.get_figheight()
+            figure.text(0.022, 1.0 - 0.28 / height, title, va="center", fontsize=11.5)
+            found = f"○ largest: {values[largest] * factor:.3g} {unit}{note}"
+            figure.text(0.022, 1.0 - 0.58 / height, found, va="center", fontsize=10)
+            color_bar(
+                figure,
+                ScalarMappable(norm, GLOW),
+                f"von Mises stress [{unit}]",
+                (0.62, 0.98, 0.5),
+                extend="max" if values[largest] * factor > top else "neither",
+            )
+            save(figure, file)
+
+    return written(domain.comm, path, draw)
+
+
+def plot_modes(
+    body: FlexibleBody, reduced: ReducedBody, path: str | Path, *, title: str = ""
+) -> Path:
+    """Draw the shape functions of a body: static modes, then normal modes with their frequencies.
+
+    One sees each mode as the deformed body, coloured by the amount of the displacement relative to
+    the largest one of the mode, with the undeformed outline behind. Cells of density below 0.3 are
+    left out. The sign of a mode has no meaning; it is chosen so that the picture is always the
+    same.
+
+    Args:
+        body: The body.
+        reduced: Its shape functions, from `FlexibleBody.reduce`.
+        path: File to write, .png, .pdf or .svg.
+        title: Heading.
+
+    Returns:
+        The path. The function is collective; rank 0 writes.
+
+    Raises:
+        ValueError: On every rank, if the kind of file is not known.
+    """
+    path = writable(path, KINDS)
+    drawn = DrawnMesh.of(body.domain)
+    shapes = drawn.displacements(reduced.basis.shapes)
+    shown = drawn.cell_values(reduced.density)[drawn.parents] >= VOID
+    names = _names(body, reduced)
+
+    def draw(file: Path) -> None:
+        size = np.ptp(drawn.points, axis=0)
+        layout: dict[str, Any] = {
+            "across": 3 if size[0] > 2.0 * size[1] else 4,
+            "width": 12.0,
+            "margin": _SHOWN + 0.02,
+            "head": 1.15 if title else 0.8,
+        }
+        norm = Normalize(0.0, 1.0)
+        with _panels(drawn, names, title, **layout) as (figure, panels, _):
+            for axes, field in zip(panels, np.moveaxis(shapes, 2, 0), strict=True):
+                amount = np.linalg.norm(field, axis=1)
+                largest = float(amount.max()) or 1.0
+                scale = _sign(drawn.points, field) * _SHOWN * float(np.max(size)) / largest
+                _draw_body(
+                    axes,
+                    drawn,
+                    points=drawn.points + scale * field,
+                    shown=shown,
+                    outline=LIGHT,
+                    array=(amount / largest)[drawn.pieces].mean(axis=1),
+                    cmap="viridis",
+                    norm=norm,
+                )
+            color_bar(
+                figure,
+                ScalarMappable(norm, "viridis"),
+                "displacement, relative to its maximum",
+                (0.365, 0.635, 0.82 if title else 0.47),
+            )
+            save(figure, file)
+
+    return written(body.domain.comm, path, draw)
+
+
+def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.UnstructuredGrid | None:
+    """A body with values on its cells as a grid of PyVista, for interactive views and exports.
+
+    Args:
+        domain: The body.
+        fields: By name, values of this rank's cells, shape (cells, ...).
+
+    Returns:
+        The grid on rank 0, with straight-sided cells; None elsewhere.
+
+    Examples:
+        >>> grid = mesh_grid(domain, {"density": x})
+        >>> grid.plot(scalars="density", cmap="gray_r", cpos="xy")
+        >>> grid.save("design.vtu")
+    """
+    drawn = DrawnMesh.of(domain)
+    values = {name: drawn.cell_values(np.asarray(field)) for name, field in fields.items()}
+    if domain.comm.rank > 0:
+        return None
+    import pyvista  # takes a while
+
+    count, corners = drawn.pieces.shape
+    kind = pyvista.CellType.TRIANGLE if corners == 3 else pyvista.CellType.QUAD
+    grid = pyvista.UnstructuredGrid(
+        np.column_stack([np.full(count, corners), drawn.pieces]).ravel(),
+        np.full(count, kind),
+        np.column_stack([drawn.points, np.zeros(len(drawn.points))]),
+    )
+    for name, field in values.items():
+        grid.cell_data[name] = field[drawn.parents]
+    return grid
+
+
+# ---------------------------------------------------------------------- parts
+
+
+@contextmanager
+def _panels(
+    drawn: DrawnMesh,
+    headings: Sequence[str],
+    title: str = "",
+    *,
+    across: int = 1,
+    width: float = 9.0,
+    margin: float = 0.0,
+    head: float | None = None,
+    foot: float = 0.1,
+) -> Iterator[tuple[Figure, list[Axes], float]]:
+    """Give a figure with axes for the body under each heading, and the inches of a metre.
+
+    A metre has the same length everywhere; the margin is a share of the body's extent, all other
+    lengths are inches.
+    """
+    low, size = drawn.points.min(axis=0), np.ptp(drawn.points, axis=0)
+    around = margin * float(np.max(size))
+    low, size = low - around, size + 2.0 * around
+    wide = width / across
+    unit = (wide - 0.4) / max(size[0], 0.8 * size[1])
+    row = unit * size[1] + (0.42 if any(headings) else 0.1)
+    top = (0.55 if title else 0.15) if head is None else head
+    height = top + row * -(-len(headings) // across) + foot
+    with styled_figure(width, height) as figure:
+        if title:
+            figure.text(0.5, 1.0 - 0.3 / height, title, ha="center", va="center", fontsize=13)
+        panels = []
+        for k, heading in enumerate(headings):
+            i, j = divmod(k, across)
+            left, bottom = (j + 0.5) * wide - 0.5 * unit * size[0], height - top - (i + 1) * row
+            axes = figure.add_axes(
+                (left / width, bottom / height, unit * size[0] / width, unit * size[1] / height)
+            )
+            axes.set_title(heading, **({"loc": "left"} if across == 1 else {"fontsize": 10}))
+            axes.set_xlim(low[0], low[0] + size[0])
+            axes.set_ylim(low[1], low[1] + size[1])
+            axes.set_axis_off()
+            panels.append(axes)
+        yield figure, panels, unit
+
+
+def _draw_body(
+    axes: Axes,
+    drawn: DrawnMesh,
+    *,
+    points: Array | None = None,
+    shown: NDArray[np.bool_] | None = None,
+    outline: str = GRAY,
+    **colors: Any,
+) -> None:
+    """Draw the pieces that are shown, with colours of each, and the undeformed outline."""
+    pieces = (drawn.points if points is None else points)[drawn.pieces]
+    if shown is not None:
+        pieces, colors["array"] = pieces[shown], colors["array"][shown]
+    _draw_lines(axes, drawn.points[drawn.outline], outline, 1.0, above=points is None)
+    axes.add_collection(PolyCollection(pieces, edgecolors="face", linewidths=0.4, **colors))
+
+
+def _draw_lines(axes: Axes, ends: Array, color: str, width: float, *, above: bool = True) -> None:
+    """Draw straight lines, shape (lines, 2, 2), above or below the cells."""
+    axes.add_collection(
+        LineCollection(
+            ends,
+            colors=color,
+            linewidths=width,
+            clip_on=False,
+            zorder=2.0 if above else 0.5,
+        )
+    )
+
+
+def _draw_legend(figure: Figure, drawn: DrawnMesh, unit: float) -> None:
+    """Draw shades of gray, interfaces and a measure in one line below, in inches."""
+    width, height = figure.get_size_inches()
+    axes = figure.add_axes((0.2 / width, 0.15 / height, 1.0 - 0.4 / width, 0.4 / height))
+    axes.set_xlim(0.0, width - 0.4)
+    axes.set_ylim(-0.2, 0.2)
+    axes.set_axis_off()
+    text = {"va": "center", "fontsize": 11}
+    axes.text(0.0, 0.0, "void", **text)
+    box = (0.55, 1.95, -0.08, 0.08)
+    axes.imshow(np.linspace(0.0, 1.0, 40)[None], cmap="gray_r", extent=box, aspect="auto")
+    axes.plot(np.take(box, [0, 1, 1, 0, 0]), np.take(box, [2, 2, 3, 3, 2]), color=GRAY, lw=1.0)
+    axes.text(2.05, 0.0, "solid", **text)
+    at = 3.0
+    for name, color in zip(drawn.interfaces, cycle(ACCENTS), strict=False):
+        axes.plot([at, at + 0.3], [0.0, 0.0], color=color, linewidth=4.0, solid_capstyle="butt")
+        axes.text(at + 0.4, 0.0, name, **text)
+        at += 0.75 + 0.1 * len(name)
+    measure = nice_number(0.3 * float(np.ptp(drawn.points[:, 0])))
+    ends = width - 0.4 - np.array([measure * unit, 0.0])
+    axes.plot(ends, [-0.06, -0.06], "|-", color=DARK, linewidth=1.5, markersize=9.0, mew=1.5)
+    length = f"{measure:g} m" if measure >= 1.0 else f"{1e3 * measure:g} mm"
+    axes.text(ends.mean(), 0.1, length, ha="center", **text)
+
+
+def _gray(drawn: DrawnMesh, density: Array) -> Array:
+    """Colours from white (0) to black (1) on rank 0, shape (cells, 3)."""
+    return np.repeat(1.0 - drawn.cell_values(density)[:, None], 3, axis=1)
+
+
+def _names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:
+    """A title for each shape function."""
+    names = []
+    for interface, motions in body.reduction.motions.items():
+        for x, y, angle in motions:
+            if angle:
+                kind = "rotation"
+            elif abs(y) < 1e-9:
+                kind = "x displacement"
+            elif abs(x) < 1e-9:
+                kind = "y displacement"
+            else:
+                kind = "displacement along the chord"
+            names.append(f"static: {kind} of {interface!r}")
+    frequencies = reduced.basis.frequencies
+    return names + [f"normal {i}: {f:.4g} Hz" for i, f in enumerate(frequencies, 1)]
+
+
+def _sign(points: Array, field: Array) -> float:
+    """+1 or -1 so that the mode moves up, its left part counting most."""
+    position = (points - points.min(axis=0)) / max(float(np.max(np.ptp(points, axis=0))), 1e-300)
+    weight = 1.0 - 0.7 * position[:, 0] + 0.1 * position[:, 1]
+    return -1.0 if float(weight @ (field[:, 1] + 0.5 * field[:, 0])) < 0.0 else 1.0

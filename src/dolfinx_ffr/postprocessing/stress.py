@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: MIT
+"""Stress of a flexible body in motion, recovered from its elastic coordinates.
+
+The stress is linear in the displacement, so each shape function has a stress mode, and the stress
+at time t is their sum: sigma(X, t) = sum_j q_j(t) sigma(phi_j)(X). The von Mises stress,
+
+    s_v^2 = sx^2 + sy^2 + sz^2 - sx sy - sy sz - sz sx + 3 txy^2,      sz = k (sx + sy),
+
+with k = 0 in plane stress and k = nu in plane strain, is found at all points and time steps by
+matrix products.
+
+**Where.** At points of each cell in which derivatives converge faster than elsewhere: the middle of
+cells of order 1, the 2 x 2 Gauss points of quadrilaterals of order 2, the three points of the rule
+of degree 2 in triangles of order 2. These points lie inside, so that a peak on the boundary is
+reached only as the mesh is refined.
+
+**Static correction.** Normal modes that were left out still follow the inertia forces statically.
+With b the acceleration of the body's points in its frame,
+
+    b = A^T (a_R - g) + alpha J w + sum_j q''_j w_j - omega^2 w + 2 omega J sum_j q'_j w_j,
+
+the displacement gets (K^-1 - sum_i phi_i phi_i^T / lambda_i) (-M b), interfaces held (the method of
+mode accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300). b is a combination of a few
+fields that do not depend on time, so this costs one more solution with several right-hand sides.
+The error falls from O(omega^2 / lambda) to its square, with lambda the first eigenvalue left out.
+Forces on points of the body other than interfaces are not corrected.
+
+**Densities between void and solid.** Given is x^s times the stress of the solid at the element's
+strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
+relaxation of the stress constraint of the qp approach, with p the exponent of SIMP (M. Bruggi,
+Structural and Multidisciplinary Optimization 36 (2008), doi:10.1007/s00158-007-0203-6); s = 1/2 is
+that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has no stress.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..dynamics import Trajectory
+from ..fem import Block, Domain, _compat, rotated
+from ..parallel import announce, gathered, on_every_rank
+from ..problem import Evaluation
+from ..reduction import FlexibleBody, ReducedBody
+
+__all__ = ["StressEnvelope", "StressModes", "von_mises", "worst_stress"]
+
+Array = NDArray[np.float64]
+
+#: Cells of less density are void
+VOID = 0.3
+#: Numbers in one block of stresses over time
+_BLOCK = 2_000_000
+
+
+@dataclass(frozen=True)
+class StressModes:
+    """Stress of a body for unit coordinates, at points of each cell.
+
+    The coordinates z are the elastic ones and, with static correction, those of inertia; see
+    `coordinates`.
+    """
+
+    points: Array  #: (cells, points, 2) where the stress is given, undeformed, mesh coordinates [m]
+    values: Array  #: (cells, points, 3, coordinates) s_x, s_y, t_xy in the body's frame [Pa]
+    out_of_plane: float  #: s_z / (s_x + s_y) [-]
+    solid: NDArray[np.bool_]  #: (cells,) cells that are not void; the others have no stress
+    n_elastic: int  #: Number of elastic coordinates
+    n_constraint: int  #: Number of constraint modes among them
+    domain: Domain  #: The body's mesh
+
+    @staticmethod
+    def of(
+        body: FlexibleBody,
+        reduced: ReducedBody,
+        *,
+        correction: bool = True,
+        relaxation: float = 0.0,
+        void: float = VOID,
+    ) -> StressModes:
+        """The stress modes of a body at one design.
+
+        Args:
+            body: The body.
+            reduced: Its shape functions, from `FlexibleBody.reduce` or an evaluation, at any time:
+                if the body has been worked at another design since, its matrices are made again.
+            correction: Whether to add the modes of the static correction.
+            relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
+            void: Cells of less density have no stress.
+
+        Raises:
+            ValueError: If ``relaxation`` or ``void`` is out of range.
+        """
+        validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
+        validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
+        validation.flag("stress: correction", correction)
+        validation.number("stress: relaxation", relaxation, least=0.0)
+        validation.number("stress: void", void, least=0.0, most=1.0)
+        announce(body.domain.comm, "the stress of a body")
+        fields = reduced.basis.shapes
+        if correction:
+            fields = np.hstack([fields, _static_correction(body, reduced)])
+        solid = reduced.density >= void
+        points, values = _stresses(body, fields)
+        scale = np.where(solid, reduced.density**relaxation, 0.0) / body.material.thickness
+        return StressModes(
+            points=points,
+            values=values * scale[:, None, None, None],
+            out_of_plane=body.material.out_of_plane,
+            solid=solid,
+            n_elastic=reduced.basis.shapes.shape[1],
+            n_constraint=reduced.basis.n_constraint,
+            domain=body.domain,
+        )
+
+    def coordinates(self, trajectory: Trajectory, name: str) -> Array:
+        """The coordinates z over time, shape (steps + 1, coordinates).
+
+        These are the elastic coordinates and, with static correction, the factors of the fields
+        e_x, e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b.
+
+        Args:
+            trajectory: The motion.
+            name: Of the body.
+        """
+        q = trajectory.elastic(name)
+        if self.values.shape[3] == self.n_elastic:
+            return q
+        where = trajectory.model.coordinates(name)
+        velocity, acceleration = trajectory.v, trajectory.w
+        angle, omega = trajectory.y[:, where.rotation], velocity[:, where.rotation, None]
+        alpha = acceleration[:, where.rotation, None]
+        force = acceleration[:, where.position] - trajectory.model.arrays.gravity[: len(q)]
+        c, s = np.cos(angle), np.sin(angle)
+        k = self.n_constraint
+        return np.column_stack(
+            [
+                q,
+                c * force[:, 0] + s * force[:, 1],
+                c * force[:, 1] - s * force[:, 0],
+                -(omega**2),
+                alpha,
+                acceleration[:, where.elastic][:, :k] - omega**2 * q[:, :k],
+                alpha * q + 2.0 * omega * velocity[:, where.elastic],
+            ]
+        )
+
+    def stress(self, z: ArrayLike) -> Array:
+        """s_x, s_y, t_xy and s_z at the points, shape (cells, points, 4) [Pa].
+
+        Args:
+            z: Coordinates at one instant, shape (coordinates,); the elastic ones alone leave the
+                static correction out.
+
+        Raises:
+            ValueError: If there are neither as many as coordinates nor as elastic ones.
+        """
+        given = validation.real_array("stress: coordinates", z)
+        if given.shape not in ((self.n_elastic,), self.values.shape[3:]):
+            raise ValueError(
+                f"stress: coordinates of shape {given.shape}, expected ({self.n_elastic},) elastic "
+                f"ones or all {self.values.shape[3]} of StressModes.coordinates"
+            )
+        plane = self.values[..., : len(given)] @ given
+        normal = self.out_of_plane * (plane[..., 0] + plane[..., 1])
+        return np.concatenate([plane, normal[..., None]], axis=-1)
+
+    def von_mises(self, z: ArrayLike) -> Array:
+        """The von Mises stress at the points at one instant, shape (cells, points) [Pa].
+
+        Args:
+            z: As for `stress`.
+        """
+        stress = np.moveaxis(self.stress(z), -1, 0)
+        return np.sqrt(self._squared(stress[0], stress[1], stress[2]))
+
+    def worst(self, z: Array, times: Array) -> StressEnvelope:
+        """The largest von Mises stress of each cell over time; collective.
+
+        Args:
+            z: Coordinates over time, shape (steps, coordinates), from `coordinates`.
+            times: Shape (steps,) [s].
+        """
+        cells, points, _, n = self.values.shape
+        worst, step = np.zeros((cells, points)), np.zeros((cells, points), dtype=np.int64)
+        chosen = np.flatnonzero(self.solid)
+        several = max(1, _BLOCK // (3 * points * len(z)))
+        history = np.ascontiguousarray(z.T)
+        for first in range(0, len(chosen), several):
+            part = chosen[first : first + several]
+            # component by component, so that each is contiguous in time
+            modes = np.moveaxis(self.values[part], 2, 0).reshape(-1, n)
+            sx, sy, txy = (modes @ history).reshape(3, len(part), points, len(z))
+            squared = self._squared(sx, sy, txy)
+            step[part] = np.argmax(squared, axis=2)
+            worst[part] = np.take_along_axis(squared, step[part][..., None], axis=2)[..., 0]
+        at = np.argmax(worst, axis=1)
+        row = np.arange(cells)
+        return StressEnvelope.of(
+            self.domain,
+            np.sqrt(worst[row, at]),
+            step[row, at],
+            np.asarray(times),
+            self.points[row, at],
+            self.solid,
+        )
+
+    def _squared(self, sx: Array, sy: Array, txy: Array) -> Array:
+        """The square of the von Mises stress."""
+        k = self.out_of_plane * (self.out_of_plane - 1.0)
+        squared = (1.0 + k) * (sx * sx + sy * sy) + (2.0 * k - 1.0) * (sx * sy) + 3.0 * (txy * txy)
+        return np.maximum(squared, 0.0)
+
+
+@dataclass(frozen=True)
+class StressEnvelope:
+    """The largest von Mises stress of each cell over a motion, and where and when it is largest."""
+
+    stress: Array  #: (cells,) of the cells owned by this rank; 0 in void [Pa]
+    step: NDArray[np.int64]  #: (cells,) time step at which it occurs
+    time: Array  #: (cells,) time at which it occurs [s]
+    solid: NDArray[np.bool_]  #: (cells,) cells that are not void
+    largest: float  #: Of all cells, the same on every rank [Pa]
+    largest_time: float  #: When it occurs [s]
+    largest_step: int  #: Time step at which it occurs
+    largest_position: Array  #: (2,) where it occurs, undeformed, mesh coordinates [m]
+
+    @staticmethod
+    def of(
+        domain: Domain,
+        stress: Array,
+        step: NDArray[np.int64],
+        times: Array,
+        positions: Array,
+        solid: NDArray[np.bool_],
+    ) -> StressEnvelope:
+        """Find the largest of all cells; collective.
+
+        Args:
+            domain: The body's mesh.
+            stress: Largest von Mises stress of each cell over time, shape (cells,) [Pa].
+            step: Time step at which it occurs, shape (cells,).
+            times: Of all steps, shape (steps,) [s].
+            positions: Point of each cell at which it occurs, shape (cells, 2) [m].
+            solid: Cells that are not void, shape (cells,).
+        """
+        mine = (0.0, 0, np.zeros(2))
+        if len(stress):
+            i = int(np.argmax(stress))
+            mine = (float(stress[i]), int(step[i]), positions[i])
+        found = gathered(domain.comm, "the largest stress of a body", mine)
+        largest, first, position = max(found, key=lambda each: each[0])
+        return StressEnvelope(
+            stress, step, times[step], solid, largest, float(times[first]), first, position
+        )
+
+
+def von_mises(
+    body: FlexibleBody,
+    reduced: ReducedBody,
+    q: ArrayLike,
+    *,
+    relaxation: float = 0.0,
+    void: float = VOID,
+) -> Array:
+    """The von Mises stress of each cell for elastic coordinates, shape (cells,) [Pa].
+
+    It is the largest one at the points of the cell that this module's description names. Inertia
+    forces are not known here; for a body in motion `worst_stress` is more accurate.
+
+    Args:
+        body: The body.
+        reduced: Its shape functions, from `FlexibleBody.reduce`.
+        q: Elastic coordinates, shape (modes,).
+        relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
+        void: Cells of less density have no stress.
+
+    Raises:
+        ValueError: If the coordinates do not fit, or a number is out of range.
+    """
+    modes = StressModes.of(body, reduced, correction=False, relaxation=relaxation, void=void)
+    return np.asarray(np.max(modes.von_mises(q), axis=1))
+
+
+def worst_stress(
+    body: FlexibleBody,
+    evaluation: Evaluation,
+    name: str,
+    *,
+    correction: bool = True,
+    relaxation: float = 0.0,
+    void: float = VOID,
+) -> StressEnvelope:
+    """The largest von Mises stress of each cell over a whole motion, and when it occurs.
+
+    All time steps count. The function is collective.
+
+    Args:
+        body: The body.
+        evaluation: Result of `Problem.value` or `Problem.gradient`, at any time.
+        name: Of the body in the mechanism.
+        correction: Whether modes that were left out follow the inertia forces statically.
+        relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
+        void: Cells of less density have no stress.
+
+    Raises:
+        ValueError: On every rank, if there is no such body or a number is out of range.
+    """
+    validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
+    validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")
+    with on_every_rank(body.domain.comm, "worst_stress"):
+        if name not in evaluation.bodies:
+            raise ValueError(
+                f"worst_stress: no flexible body {name!r}; there are {sorted(evaluation.bodies)}"
+            )
+    modes = StressModes.of(
+        body, evaluation.bodies[name], correction=correction, relaxation=relaxation, void=void
+    )
+    trajectory = evaluation.motion
+    return modes.worst(modes.coordinates(trajectory, name), trajectory.t)
+
+
+def _stresses(body: FlexibleBody, fields: Block) -> tuple[Array, Array]:
+    """Points (cells, points, 2) and stress resultants (cells, points, 3, columns) there."""
+    domain = body.domain
+    kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
+    triangle = kind == basix.CellType.triangle
+    degree = max(1, 2 * domain.order - (2 if triangle else 1))
+    reference = np.asarray(basix.make_quadrature(kind, degree)[0])
+    cells = np.arange(domain.n_cells, dtype=np.int32)
+    position = ufl.SpatialCoordinate(domain.mesh)
+    points = _compat.evaluate_expression(position, reference, domain.mesh, cells)
+    displacement = fem.Function(domain.space)
+    stress = body.material.on(domain.mesh).stress(displacement)
+    evaluate = _compat.compiled_expression(
+        ufl.as_vector([stress[0, 0], stress[1, 1], stress[0, 1]]), reference, domain.mesh
+    )
+    values = np.empty((len(cells), len(reference), 3, fields.shape[1]))
+    for i, column in enumerate(fields.T):
+        displacement.x.array[: len(column)] = column
+        displacement.x.scatter_forward()
+        values[..., i] = evaluate(cells)
+    return points, values
+
+
+def _static_correction(body: FlexibleBody, reduced: ReducedBody) -> Block:
+    """What the modes left out do statically under -M b, for each field of b."""
+    elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
+    factored = body.factored(reduced)
+    k = basis.n_constraint
+    unit, reference = reduction.unit_translations, reduction.reference[:, None]
+    fields = np.hstack(
+        [unit, reference, rotated(reference), basis.shapes[:, :k], rotated(basis.shapes)]
+    )
+    load = -elasticity.apply(factored.matrices.mass, fields)
+    load[reduction.held] = 0.0
+    normal = basis.shapes[:, k:]
+    modal = elasticity.inner(normal, load) / basis.eigenvalues[:, None]
+    return np.asarray(factored.solve(load) - normal @ modal)

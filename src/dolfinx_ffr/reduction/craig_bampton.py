@@ -1,0 +1,368 @@
+# SPDX-License-Identifier: MIT
+"""Craig-Bampton reduction of one body: shape functions by SLEPc, and the derivative of their span.
+
+Interfaces move as rigid bodies. With the interfaces' nodes held, K and M below are the matrices of
+the remaining (interior) dofs.
+
+- Constraint modes psi_k: K psi_k = 0 in the interior, unit rigid motion on one interface, zero on
+  the others. A frame of reference drops the motions that it fixes.
+- Fixed-interface normal modes phi_i: K phi_i = lambda_i M phi_i, phi_i^T M phi_i = 1.
+
+K is factored once for each density (CHOLMOD on one rank, MUMPS on several) and serves the
+constraint modes, the eigenvalue problem (shift-invert about zero) and the pullback.
+
+References:
+    R. R. Craig and M. C. C. Bampton, AIAA Journal 6 (1968), doi:10.2514/3.4741.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation
+from ..fem import Block, Domain, Elasticity, Matrices, rigid_fields
+from .factored_body import FactoredBody, direct_solver
+from .frame import Frame
+from .normal_modes import EigenSolver, NormalModes
+
+__all__ = ["CraigBampton", "ReducedBasis"]
+
+#: Bounds of the solvers' tolerance: round-off leaves no less, and beyond no digit would be right.
+TIGHTEST, LOOSEST = 1e-14, 1e-2
+
+
+@dataclass(frozen=True)
+class ReducedBasis:
+    """Shape functions of one body at one density."""
+
+    shapes: Block  #: (dofs of this rank, r) constraint modes, then normal modes [-]
+    n_constraint: int  #: Number of constraint modes
+    eigenvalues: NDArray[np.float64]  #: (modes,) fixed-interface lambda_i [rad^2/s^2]
+    mass_times_normal: Block = field(repr=False)  #: (dofs, modes) M phi_i, interior
+    #: (k,) eigenvalues that follow: found with the others, but left out [rad^2/s^2]
+    outer_eigenvalues: NDArray[np.float64]
+    outer_modes: Block = field(repr=False)  #: (dofs, k) their modes
+    mass_times_outer: Block = field(repr=False)  #: (dofs, k) M times them, interior
+
+    @property
+    def frequencies(self) -> NDArray[np.float64]:
+        """Fixed-interface natural frequencies, shape (modes,) [Hz]."""
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2.0 * np.pi)
+
+    @property
+    def outer_eigenvalue(self) -> float:
+        """The first eigenvalue left out [rad^2/s^2]; inf if no mode was asked for."""
+        return float(self.outer_eigenvalues[0]) if len(self.outer_eigenvalues) else np.inf
+
+    @property
+    def outer_gap(self) -> float:
+        """Relative gap between the last eigenvalue kept and the first one left out."""
+        if len(self.eigenvalues) == 0:
+            return np.inf
+        return self.outer_eigenvalue / float(self.eigenvalues[-1]) - 1.0
+
+
+class CraigBampton:
+    """Constraint modes and fixed-interface normal modes, and the pullback of their span.
+
+    Nothing here belongs to one density: what does is returned (`factor`, `basis`) and handed on.
+
+    Args:
+        elasticity: Stiffness and mass of the body.
+        frame: Reference conditions, `ChordFrame` or `TangentFrame`.
+        modes: Number of normal modes.
+        tolerance: Relative residual of the eigenvalue problem, and of the adjoint systems.
+
+    Raises:
+        ValueError: On every rank, if the frame names an interface that is not there or leaves the
+            frame undetermined, or if there are more modes than interior degrees of freedom.
+    """
+
+    def __init__(
+        self, elasticity: Elasticity, frame: Frame, modes: int, *, tolerance: float = 1e-11
+    ) -> None:
+        validation.instance("reduction: elasticity", elasticity, Elasticity, "an Elasticity")
+        needed = "ChordFrame(...) or TangentFrame(...)"
+        validation.provider("body: frame", frame, ("origin", "retained"), needed)
+        validation.number("body: tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
+        self.elasticity = elasticity
+        self.frame = frame
+        self.modes = validation.whole("reduction: modes", modes, least=-np.inf)
+        self.tolerance = tolerance
+        domain = elasticity.domain
+        self.origin = frame.origin(domain)
+        self.motions = frame.retained(domain)
+        n = elasticity.n_dofs
+        self.held = np.zeros(n, dtype=bool)
+        for interface in domain.interfaces.values():
+            nodes = interface.dofs[interface.dofs < n // 2]
+            self.held[2 * nodes] = self.held[2 * nodes + 1] = True
+        self._eigensolver = EigenSolver(elasticity, self.held, tolerance)
+        free = self._eigensolver.freedoms
+        if not 0 <= self.modes < free:
+            raise ValueError(
+                f"reduction: modes = {modes} must be between 0 and {free - 1}: the mesh has {free} "
+                "degrees of freedom inside the interfaces; take fewer modes or a finer mesh"
+            )
+        self._lifted = self._lift(domain)
+        self.n_constraint = self._lifted.shape[1]
+        if self.n_constraint + self.modes == 0:
+            raise ValueError("reduction: no shape functions at all; take at least one normal mode")
+        coordinates = elasticity.coordinates()
+        self.reference = (coordinates - self.origin).ravel()  #: w_0 of this rank's dofs [m]
+        self._held_rows = np.flatnonzero(self.held).astype(np.int32)
+
+    def __reduce__(self) -> tuple[Callable[..., CraigBampton], tuple[Any, ...]]:
+        """How pickle and copy make it anew."""
+        made = partial(type(self), tolerance=self.tolerance)
+        return made, (self.elasticity, self.frame, self.modes)
+
+    def _lift(self, domain: Domain) -> Block:
+        """The retained interface motions as fields that vanish off their interface."""
+        coordinates = self.elasticity.coordinates()
+        columns = []
+        for name, motions in self.motions.items():
+            interface = domain.interfaces[name]
+            nodes = interface.dofs[interface.dofs < len(coordinates)]
+            rigid = rigid_fields(coordinates, interface.center) @ motions.T
+            field_ = np.zeros_like(rigid)
+            for rows in (2 * nodes, 2 * nodes + 1):
+                field_[rows] = rigid[rows]
+            columns.append(field_)
+        return np.hstack(columns) if columns else np.zeros((2 * len(coordinates), 0))
+
+    @property
+    def unit_translations(self) -> Block:
+        """The body's displacements by one metre along x and along y, shape (dofs, 2) [m]."""
+        block = np.zeros((self.elasticity.n_dofs, 2))
+        block[0::2, 0] = block[1::2, 1] = 1.0
+        return block
+
+    def interface_motion(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacement and rotation of the constraint modes at an interface's center.
+
+        They do not depend on the density. Normal modes leave interfaces where they are.
+
+        Args:
+            name: Of the interface.
+
+        Returns:
+            Phi_P of shape (2, k) [-] and Psi_P of shape (k,) [1/m] of k constraint modes.
+        """
+        motion = np.zeros((3, self.n_constraint))
+        column = 0
+        for interface, motions in self.motions.items():
+            if interface == name:
+                motion[:, column : column + len(motions)] = motions.T
+            column += len(motions)
+        return motion[:2], motion[2]
+
+    # ------------------------------------------------------------------ forward
+
+    def factor(self, matrices: Matrices) -> FactoredBody:
+        """The matrices with all interfaces held, and the factor of the stiffness.
+
+        Args:
+            matrices: Of the body at one density.
+
+        Raises:
+            RuntimeError: On every rank, if the held stiffness is singular.
+        """
+        held = []
+        for source, diagonal in ((matrices.stiffness, 1.0), (matrices.mass, 0.0)):
+            target = self.elasticity.new_matrix()
+            source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            target.zeroRowsColumnsLocal(self._held_rows, diagonal)
+            held.append(target)
+        ksp = PETSc.KSP().create(self.elasticity.comm)
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("cholesky")
+        pc.setFactorSolverType(direct_solver(self.elasticity.comm.size))
+        ksp.setErrorIfNotConverged(True)
+        ksp.setOperators(held[0])
+        try:
+            ksp.setUp()
+        except PETSc.Error as error:
+            for item in (ksp, *held):
+                item.destroy()
+            matrices.destroy()
+            raise RuntimeError(
+                "reduction: the stiffness with all interfaces held is singular: a part of the body "
+                "can move without strain (nodes joined in one point only, or a void without floor)"
+            ) from error
+        return FactoredBody(self.elasticity, matrices, held[0], held[1], ksp)
+
+    def basis(self, factored: FactoredBody) -> ReducedBasis:
+        """The shape functions at one density.
+
+        Args:
+            factored: The body at this density.
+
+        Warns:
+            UserWarning: If the number of modes cuts through a cluster of frequencies.
+
+        Raises:
+            RuntimeError: On every rank, if a solver fails.
+        """
+        load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
+        load[self.held] = 0.0
+        constraint = self._lifted - factored.solve(load)
+        n = self.modes
+        eigenvalues, normal = np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        if n:
+            found = self._eigensolver.lowest(factored, n)
+            self._warn_about_cluster(found)
+            eigenvalues, normal = found.eigenvalues, found.fields
+        mass_normal = self.elasticity.apply(factored.held_mass, normal) if n else normal
+        return ReducedBasis(
+            shapes=np.hstack([constraint, normal[:, :n]]),
+            n_constraint=self.n_constraint,
+            eigenvalues=eigenvalues[:n],
+            mass_times_normal=mass_normal[:, :n],
+            outer_eigenvalues=eigenvalues[n:],
+            outer_modes=normal[:, n:],
+            mass_times_outer=mass_normal[:, n:],
+        )
+
+    def _warn_about_cluster(self, found: NormalModes) -> None:
+        if self.modes in found.uncut:
+            return
+        possible = range(1, self._eigensolver.freedoms)
+        advice = " or ".join(str(number) for number in found.uncut if number in possible)
+        pair = np.sqrt(found.eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
+        warnings.warn(
+            f"reduction: modes = {self.modes} cuts through a cluster of frequencies "
+            f"({pair[0]:.6g} and {pair[1]:.6g} Hz): the gradient is ill-defined; take modes = "
+            f"{advice}",
+            stacklevel=4,
+        )
+
+    # ------------------------------------------------------------------ pullback
+
+    def pullback(self, factored: FactoredBody, basis: ReducedBasis, shapes_bar: Block) -> Pullback:
+        """The fields through which the span of the shape functions depends on the density.
+
+        Psi must not depend on the choice of basis within the span. With
+        K z_k = -Phi_bar_k for the constraint modes, and
+        (K - lambda_i M) z_i = -(Phi_bar_i projected off the retained modes), z_i M-orthogonal to
+        them, the derivative of psi is  sum_k z_k^T dK psi_k + sum_i z_i^T (dK - lambda_i dM) phi_i.
+        The second systems are solved together by conjugate gradients, preconditioned with the
+        factor of K and deflated by the retained modes.
+
+        Args:
+            factored: The body at one density.
+            basis: Its shape functions.
+            shapes_bar: Derivative of psi with respect to the shape functions at fixed K and M,
+                shape (dofs, r).
+
+        Returns:
+            The adjoint fields and how long the iteration took.
+
+        Raises:
+            RuntimeError: On every rank, if the iteration does not converge.
+        """
+        right = -shapes_bar
+        right[self.held] = 0.0
+        fields = np.zeros_like(right)
+        k = basis.n_constraint
+        fields[:, :k] = factored.solve(right[:, :k])
+        fields[:, k:], iterations = self.solve_shifted(
+            factored, basis, right[:, k:], basis.eigenvalues
+        )
+        return Pullback(fields, iterations)
+
+    def solve_shifted(
+        self,
+        factored: FactoredBody,
+        basis: ReducedBasis,
+        right: Block,
+        shifts: NDArray[np.float64],
+    ) -> tuple[Block, int]:
+        """Solve (K - shift_j M) z_j = right_j on the complement of the retained modes.
+
+        All columns go through the conjugate gradients side by side, so that the factor serves
+        several right-hand sides at once; a column that has converged stays as it is. Along the
+        modes that the eigenvalue solver found beyond the retained ones the solution is known.
+
+        Args:
+            factored: The body at one density.
+            basis: Its shape functions.
+            right: Right-hand sides, zero where the body is held, shape (dofs, columns); their part
+                along the retained modes is projected off.
+            shifts: Retained eigenvalues, one a column, shape (columns,) [rad^2/s^2].
+
+        Returns:
+            Solutions M-orthogonal to the retained modes, shape (dofs, columns), and the number of
+            iterations.
+
+        Raises:
+            RuntimeError: On every rank, if the iteration does not converge.
+        """
+        inner = self.elasticity.inner
+        if right.shape[1] == 0:
+            return np.zeros_like(right), 0
+        outer = basis.outer_modes
+        solution = outer @ (inner(outer, right) / (basis.outer_eigenvalues[:, None] - shifts))
+        normal = np.hstack([basis.shapes[:, basis.n_constraint :], outer])
+        mass_normal = np.hstack([basis.mass_times_normal, basis.mass_times_outer])
+        residual = right - mass_normal @ inner(normal, right)
+        active = np.arange(right.shape[1])
+        direction = np.zeros_like(right)
+        energy = np.ones(right.shape[1])
+        target = np.zeros(right.shape[1])
+        for iteration in range(MAX_ITERATIONS):
+            z = factored.solve(residual[:, active])
+            z -= normal @ inner(mass_normal, z)
+            new_energy = self._column_products(residual[:, active], z)
+            if iteration == 0:
+                target = self.tolerance**2 * np.abs(new_energy)
+                beta = np.zeros(len(active))
+            else:
+                beta = new_energy / energy[active]
+            energy[active] = new_energy
+            open_ = new_energy > target[active]
+            direction[:, active] = z + beta * direction[:, active]
+            active = active[open_]
+            if len(active) == 0:
+                return solution, iteration
+            d = direction[:, active]
+            image = self.elasticity.apply(factored.held_stiffness, d)
+            image -= shifts[active] * self.elasticity.apply(factored.held_mass, d)
+            # the images lie off the modes' range only up to round-off, which would grow
+            image -= mass_normal @ inner(normal, image)
+            curvature = self._column_products(d, image)
+            if np.any(curvature <= 0.0):
+                break
+            step = energy[active] / curvature
+            solution[:, active] += step * d
+            residual[:, active] -= step * image
+        raise RuntimeError(
+            f"reduction: the adjoint of the normal modes did not converge in {MAX_ITERATIONS} "
+            f"iterations (relative gap to the first frequency left out {basis.outer_gap:.1e}); "
+            "choose a number of modes that does not cut through close frequencies"
+        )
+
+    def _column_products(self, a: Block, b: Block) -> NDArray[np.float64]:
+        return self.elasticity.sum(np.einsum("ij,ij->j", a, b))
+
+
+#: Conjugate gradient iterations after which the pullback gives up
+MAX_ITERATIONS = 500
+
+
+@dataclass(frozen=True)
+class Pullback:
+    """Adjoint fields of the shape functions."""
+
+    fields: Block  #: (dofs of this rank, r) z of constraint modes, then of normal modes
+    iterations: int  #: Conjugate gradient iterations

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: MIT
+"""A flexible body: from the density of its elements to the few arrays that the mechanism sees."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from threading import RLock
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..body import VolumeIntegrals
+from ..fem import SIMP, Domain, Elasticity, ElasticMaterial, Interpolation
+from ..parallel import check_alike
+from .craig_bampton import CraigBampton, ReducedBasis
+from .factored_body import FactoredBody
+from .frame import Frame
+from .geometric_stiffness import GeometricStiffening
+from .integrals import volume_integrals, volume_integrals_pullback
+from .point_marker import PointMarker
+
+__all__ = ["FlexibleBody", "ReducedBody"]
+
+
+@dataclass(frozen=True)
+class ReducedBody:
+    """A flexible body at one density, reduced to its shape functions.
+
+    It holds arrays only. Matrices and factor of its density are those of `FlexibleBody.factored`.
+    """
+
+    integrals: VolumeIntegrals  #: What the mechanism sees, bit-identical on every rank
+    basis: ReducedBasis  #: Shape functions of this rank's dofs, frequencies
+    density: NDArray[np.float64]  #: (cells,) of this rank, not to be written to
+    seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
+
+
+class FlexibleBody:
+    """An elastic body with one density for each cell.
+
+    Forward, a density becomes shape functions and volume integrals (`reduce`); backward, the
+    derivative with respect to the integrals becomes one with respect to each cell's density
+    (`pullback`). The cost of both does not depend on how many densities are designed.
+
+    A body may stand in several places of a mechanism and in several problems. It keeps matrices and
+    factor of one density, the last one that was worked at; those of another are made again where
+    they are asked for (`factored`), so that every reduction can be differentiated at any time.
+    Several threads may call `reduce` and `pullback`, and so `Problem.value` and `gradient`; one of
+    them works at a time. All else that needs matrices (`factored`, derivatives of modes, residual
+    modes, stresses) belongs into one thread.
+
+    Args:
+        domain: Mesh, interfaces and solid regions.
+        material: The solid.
+        interpolation: Stiffness and mass between void and solid.
+        frame: Reference conditions of the floating frame.
+        modes: Number of fixed-interface normal modes.
+        markers: Markers besides the interfaces: name and position in the coordinates of the mesh,
+            shape (2,) [m].
+        tolerance: Relative residual of the eigenvalue problem and of the adjoint systems.
+        stiffening: Loads whose geometric stiffness is modelled (`GeometricStiffening`): some of
+            ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia, and
+            ``"markers"`` for the forces of joints, springs and others at markers, and the inertia
+            of point masses there; none by default.
+        points: The name of ``markers`` in the release before; goes with the next one.
+
+    Raises:
+        TypeError: If an argument is of a wrong kind.
+        ValueError: On every rank, if frame, modes or markers do not fit the domain, or a number is
+            out of range.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        material: ElasticMaterial,
+        *,
+        frame: Frame,
+        modes: int = 8,
+        interpolation: Interpolation | None = None,
+        markers: Mapping[str, Sequence[float]] | None = None,
+        tolerance: float = 1e-11,
+        stiffening: Sequence[str] = (),
+        points: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        if points is not None:
+            _warn_of_points()
+            markers = {**points, **(markers or {})}
+        self.domain = validation.instance("body: domain", domain, Domain, "a Domain")
+        check_alike(
+            domain.comm,
+            "body",
+            {
+                "modes": modes,
+                "frame": frame,
+                "material": material,
+                "interpolation": interpolation,
+                "markers": markers,
+                "tolerance": tolerance,
+                "stiffening": stiffening,
+            },
+        )
+        self.material = material
+        self.interpolation = SIMP() if interpolation is None else interpolation
+        validation.by_name("body: markers", markers or {}, "positions")
+        validation.names("body: stiffening", stiffening)
+        clash = sorted(set(markers or {}) & set(domain.interfaces))
+        if clash:
+            raise ValueError(f"body: markers {clash} have the names of interfaces; rename them")
+        #: Markers besides the interfaces
+        self.markers = {
+            name: PointMarker.at(domain, position, name)
+            for name, position in (markers or {}).items()
+        }
+        self.elasticity = Elasticity(domain, material, self.interpolation)
+        self.reduction = CraigBampton(self.elasticity, frame, modes, tolerance=tolerance)
+        self.stiffening = (
+            GeometricStiffening(self.reduction, stiffening, self.markers) if stiffening else None
+        )
+        self._latest: FactoredBody | None = None
+        #: One thread at a time works with the matrices and with what fills them.
+        self._working = RLock()
+
+    def with_modes(self, modes: int) -> FlexibleBody:
+        """The same body with another number of normal modes.
+
+        Args:
+            modes: Number of fixed-interface normal modes.
+        """
+        return type(self)(self.domain, self.material, **{**self._options, "modes": modes})
+
+    def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
+        """How pickle and copy make the body anew, without matrices of a density."""
+        return partial(type(self), **self._options), (self.domain, self.material)
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        """The arguments by which the body differs from others of its domain and material."""
+        return {
+            "frame": self.reduction.frame,
+            "modes": self.modes,
+            "interpolation": self.interpolation,
+            "markers": {name: point.position.tolist() for name, point in self.markers.items()},
+            "tolerance": self.reduction.tolerance,
+            "stiffening": () if self.stiffening is None else self.stiffening.loads,
+        }
+
+    @property
+    def modes(self) -> int:
+        """Number of fixed-interface normal modes."""
+        return self.reduction.modes
+
+    @property
+    def n_elastic(self) -> int:
+        """Number of elastic coordinates: constraint modes and normal modes."""
+        return self.reduction.n_constraint + self.reduction.modes
+
+    @property
+    def points(self) -> dict[str, PointMarker]:
+        """The name of `markers` in the release before."""
+        _warn_of_points()
+        return self.markers
+
+    def volume(self, x: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+        """The filled share of the body's area, and its derivative.
+
+        Args:
+            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
+
+        Returns:
+            The share, the same on every rank, and its derivative with respect to the density of
+            each cell owned by this rank, shape (cells,).
+
+        Raises:
+            ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1].
+        """
+        domain = self.domain
+        share = domain.cell_volumes / domain.area
+        return domain.sum(domain.check_density(x) * share), share
+
+    def reduce(self, x: ArrayLike) -> ReducedBody:
+        """Shape functions and volume integrals at a density.
+
+        Args:
+            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
+
+        Raises:
+            TypeError: On every rank, if the density holds something else than real numbers.
+            ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1],
+                or if the body has no mass.
+            RuntimeError: On every rank, if a solver fails.
+        """
+        density = np.array(self.domain.check_density(x))
+        density.setflags(write=False)
+        with self._working:
+            return self._reduce(density)
+
+    def _reduce(self, density: NDArray[np.float64]) -> ReducedBody:
+        """Shape functions and volume integrals at a density that has been checked."""
+        start = perf_counter()
+        self._release()
+        matrices = self.elasticity.assemble(density)
+        if not matrices.mass.norm() > 0.0:
+            matrices.destroy()
+            raise ValueError(
+                "body: the design is empty: no cell has a mass, with densities up to "
+                f"{self.elasticity.largest(density):.3g}; give at least a part of it material"
+            )
+        assembled = perf_counter()
+        self._latest = self.reduction.factor(matrices)
+        basis = self.reduction.basis(self._latest)
+        reduced = perf_counter()
+        integrals = self.integrals(self._latest, basis)
+        return ReducedBody(
+            integrals,
+            basis,
+            density,
+            {
+                "assembly": assembled - start,
+                "reduction": reduced - assembled,
+                "integrals": perf_counter() - reduced,
+            },
+        )
+
+    def factored(self, reduced: ReducedBody) -> FactoredBody:
+        """Matrices and factor at the density of a reduction.
+
+        They are made again if the body has been worked at another density since, and live until it
+        is the next time. Collective, in the same order on all ranks.
+
+        Args:
+            reduced: What `reduce` returned, at any time.
+
+        Raises:
+            RuntimeError: On every rank, if a solver fails.
+        """
+        # The array itself is the mark, not its values: all ranks decide alike without asking.
+        if self._latest is None or self._latest.matrices.density is not reduced.density:
+            self._release()
+            matrices = self.elasticity.assemble(reduced.density)
+            self._latest = self.reduction.factor(matrices)
+        return self._latest
+
+    def _release(self) -> None:
+        """Free matrices and factor on all ranks together; garbage collection would not be so."""
+        if self._latest is not None:
+            self._latest.destroy()
+            self._latest = None
+
+    def integrals(self, factored: FactoredBody, basis: ReducedBasis) -> VolumeIntegrals:
+        """What the mechanism sees of the body at one density.
+
+        Args:
+            factored: The body at this density.
+            basis: Its shape functions.
+        """
+        found = volume_integrals(self.reduction, factored.matrices, basis, self.markers)
+        if self.stiffening is None:
+            return found
+        return self.stiffening.stiffened(factored, basis, found)
+
+    def pullback(
+        self, reduced: ReducedBody, bar: VolumeIntegrals
+    ) -> tuple[NDArray[np.float64], dict[str, float]]:
+        """The derivative with respect to each density, given that to the integrals.
+
+        Args:
+            reduced: What `reduce` returned, at any time. If the body has been worked at another
+                density since, its matrices are assembled and factored again.
+            bar: Derivative of psi with respect to the integrals; psi must not depend on the choice
+                of basis within the span of the shape functions, as no physical quantity does.
+
+        Returns:
+            Derivative for each cell owned by this rank, shape (cells,), and what was learnt:
+            ``iterations`` of the adjoint systems and seconds spent.
+        """
+        with self._working:
+            return self._pullback(reduced, bar)
+
+    def _pullback(
+        self, reduced: ReducedBody, bar: VolumeIntegrals
+    ) -> tuple[NDArray[np.float64], dict[str, float]]:
+        """The pullback while no other thread works with the body."""
+        start = perf_counter()
+        factored = self.factored(reduced)
+        pull = volume_integrals_pullback(
+            self.reduction, factored.matrices, reduced.basis, self.markers, bar
+        )
+        shapes_bar, stiff = pull.shapes, None
+        if self.stiffening is not None:
+            stiff = self.stiffening.pullback(factored, reduced.basis, bar)
+            shapes_bar = shapes_bar + stiff.shapes
+        before = perf_counter()
+        adjoint = self.reduction.pullback(factored, reduced.basis, shapes_bar)
+        solved = perf_counter()
+        shapes, k = reduced.basis.shapes, reduced.basis.n_constraint
+        w, y, kappa = pull.w, pull.y, pull.kappa + adjoint.fields
+        y[:, 1 + k : -1] -= reduced.basis.eigenvalues * adjoint.fields[:, k:]
+        if stiff is not None:
+            w, y = np.hstack([w, stiff.loads]), np.hstack([y, stiff.adjoints])
+            shapes = np.hstack([shapes, stiff.displacements])
+            kappa = np.hstack([kappa, -stiff.adjoints])
+        gradient = self.elasticity.density_gradient(reduced.density, w, y, shapes, kappa)
+        if stiff is not None:
+            gradient += stiff.direct
+        return gradient, {
+            "iterations": adjoint.iterations,
+            "reduction pullback": solved - before,
+            "integrals pullback": perf_counter() - solved + before - start,
+        }
+
+
+def _warn_of_points() -> None:
+    warnings.warn(
+        "FlexibleBody: points is now called markers; the old name goes with the next release",
+        DeprecationWarning,
+        stacklevel=3,
+    )

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: MIT
+"""The lowest fixed-interface normal modes of a body, with all copies of repeated frequencies.
+
+A Krylov space that grows from one vector holds one vector of each eigenspace: further copies of an
+eigenvalue come in by round-off, late or not at all. Bodies with symmetries have pairs, equal blades
+on a rigid hub as many copies as there are blades. So what SLEPc finds is certified by counting: by
+Sylvester's law of inertia the factor of K - sigma M has as many negative pivots as there are
+eigenvalues below sigma. As long as some are missing, SLEPc goes on from a scattered start in the
+complement of what it has found.
+
+The count costs one factor. A block method would find pairs at once, but not more copies than its
+block is wide, and would have to be certified just the same; so would a second search without a
+count.
+
+References:
+    R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse
+    symmetric generalized eigenproblems, SIAM Journal on Matrix Analysis and Applications 15 (1994),
+    doi:10.1137/S0895479888151111.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from petsc4py import PETSc
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from slepc4py import SLEPc
+
+from ..fem import Block, Elasticity
+from .factored_body import FactoredBody
+
+__all__ = ["CLUSTER", "EigenSolver", "NormalModes"]
+
+#: Relative distance below which neighbouring eigenvalues count as one cluster. A kept mode holds a
+#: share of about solver tolerance / distance of the first one left out: a thousandth at 1e-6
+CLUSTER = 1e-3
+#: How far below the first eigenvalue left out is counted, relative to it: more than the round-off
+#: of ill-conditioned bodies
+ROOM = 1e-2
+
+
+@dataclass(frozen=True)
+class NormalModes:
+    """Eigenpairs of a body with all interfaces held, ascending; none is missing in ``uncut``."""
+
+    eigenvalues: NDArray[np.float64]  #: (k,) lambda_i [rad^2/s^2]
+    fields: Block = field(repr=False)  #: (dofs of this rank, k) phi_i, phi_i^T M phi_i = 1
+    #: Numbers of modes that keep the cluster around the last mode asked for together: the largest
+    #: below the number asked for, and the least that is not below it
+    uncut: tuple[int, int]
+
+
+class EigenSolver:
+    """Lowest eigenpairs of K phi = lambda M phi with all interfaces held.
+
+    Nothing here belongs to one density.
+
+    Args:
+        elasticity: The body.
+        held: Whether a dof of this rank belongs to an interface, shape (dofs,).
+        tolerance: Relative residual.
+    """
+
+    def __init__(self, elasticity: Elasticity, held: NDArray[np.bool_], tolerance: float) -> None:
+        self.elasticity = elasticity
+        self.tolerance = tolerance
+        self._held = held
+        free = int(np.count_nonzero(~held))
+        self.freedoms = elasticity.comm.allreduce(free)  #: Number of dofs that are not held
+        box = elasticity.domain.bounding_box
+        self._place = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
+        self._smooth = self._start(_smooth_field(self._place))
+
+    def lowest(self, factored: FactoredBody, number: int) -> NormalModes:
+        """The lowest modes, and those that follow to the end of the last one's cluster and beyond.
+
+        Args:
+            factored: The body at one density.
+            number: How many are asked for, at least one.
+
+        Raises:
+            RuntimeError: On every rank, if modes do not converge or remain missing.
+        """
+        eigenvalues, fields = self._search(factored, self._smooth, number + 1)
+        while True:
+            last, end = _cluster(eigenvalues, number)
+            if end == self.freedoms:
+                break
+            missing, below = len(eigenvalues), np.inf
+            if end < len(eigenvalues):
+                following = eigenvalues[end]
+                below = following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following)
+                missing = factored.count_below(below) - end
+            if missing == 0:
+                break
+            # A few at a time: each further copy of the low ones brings the last one asked for, and
+            # with it what is missing, further down.
+            wanted = min(missing, max(4, number // 4), self.freedoms - len(eigenvalues))
+            start = self._start(_scattered_field(self._place, len(eigenvalues)))
+            found, others = self._search(factored, start, wanted, fields)
+            if not np.any(found < below):
+                raise RuntimeError(
+                    f"reduction: {end} normal modes were found below "
+                    f"{np.sqrt(below) / (2.0 * np.pi):.6g} Hz, and {end + missing} were counted: "
+                    "the body is too ill-conditioned to tell; a void with more stiffness, or "
+                    "another number of modes, may help"
+                )
+            eigenvalues, fields = self._ritz(factored, np.hstack([fields, others]))
+        return NormalModes(eigenvalues, fields, (last, end))
+
+    def _search(
+        self, factored: FactoredBody, start: Block, number: int, known: Block | None = None
+    ) -> tuple[NDArray[np.float64], Block]:
+        """At least ``number`` eigenpairs, the lowest ones in the complement of known ones."""
+        if number < 1:
+            return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        eps = SLEPc.EPS().create(self.elasticity.comm)
+        transform = eps.getST()
+        own = transform.getKSP()
+        vector = factored.held_stiffness.createVecRight()
+        starts = _vectors(factored, start)
+        deflated = [] if known is None else _vectors(factored, known)
+        try:
+            eps.setOperators(factored.held_stiffness, factored.held_mass)
+            eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+            eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+            eps.setTarget(0.0)
+            eps.setDimensions(number)
+            eps.setTolerances(self.tolerance, 200)
+            transform.setType(SLEPc.ST.Type.SINVERT)
+            transform.setShift(0.0)
+            transform.setKSP(factored.ksp)
+            # SLEPc's purification stays on: where there is void there is no mass, and round-off of
+            # the Krylov space grows there without bound as modes become many
+            eps.setInitialSpace(starts)
+            if deflated:
+                eps.setDeflationSpace(deflated)
+            eps.solve()
+            converged = eps.getConverged()
+            if converged < number:
+                before = len(deflated)
+                raise RuntimeError(
+                    f"reduction: only {before + converged} of {before + number} normal modes "
+                    f"converged in {eps.getIterationNumber()} iterations; the mesh may be too "
+                    "coarse for so many modes, or the design may have fallen apart"
+                )
+            eigenvalues = np.empty(converged)
+            fields = np.empty((self.elasticity.n_dofs, converged))
+            for i in range(converged):
+                eigenvalues[i] = eps.getEigenpair(i, vector).real
+                fields[:, i] = vector.getArray()
+        finally:
+            # Give the factor back, which would go with the solver; and destroy all by name, as
+            # PETSc keeps what Python drops last until the end of the program.
+            transform.setKSP(own)
+            for item in (own, transform, eps, vector, *starts, *deflated):
+                item.destroy()
+        # all ranks decide by the same numbers, to the last bit
+        eigenvalues = self.elasticity.comm.bcast(eigenvalues)
+        order = np.argsort(eigenvalues, kind="stable")
+        fields = fields[:, order]
+        # the held rows have no mass: what the solver leaves there has no meaning
+        fields[self._held] = 0.0
+        return eigenvalues[order], fields
+
+    def _ritz(self, factored: FactoredBody, fields: Block) -> tuple[NDArray[np.float64], Block]:
+        """The best eigenpairs in the span of fields."""
+        projected = [
+            self.elasticity.inner(fields, self.elasticity.apply(matrix, fields))
+            for matrix in (factored.held_stiffness, factored.held_mass)
+        ]
+        pairs = scipy.linalg.eigh(*(0.5 * (a + a.T) for a in projected))
+        # bases of repeated eigenvalues are arbitrary: all ranks must take the same
+        eigenvalues, vectors = self.elasticity.comm.bcast(pairs)
+        return eigenvalues, fields @ vectors
+
+    def _start(self, field_: NDArray[np.float64]) -> Block:
+        field_[self._held] = 0.0
+        return field_[:, None]
+
+
+def _cluster(eigenvalues: NDArray[np.float64], number: int) -> tuple[int, int]:
+    """The numbers before the cluster of the last one of ``number`` modes and up to its end."""
+    apart = np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]
+    ends = np.array([0, *(np.flatnonzero(apart) + 1), len(eigenvalues)])
+    return int(ends[ends < number][-1]), int(ends[ends >= number][0])
+
+
+def _vectors(factored: FactoredBody, block: Block) -> list[PETSc.Vec]:
+    vectors = []
+    for column in block.T:
+        vectors.append(factored.held_stiffness.createVecRight())
+        vectors[-1].setArray(column)
+    return vectors
+
+
+# Starting the eigenvalue solver from fields that do not depend on the mesh's partition gives the
+# same modes on any number of ranks.
+
+
+def _smooth_field(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A field without symmetries."""
+    x, y = place.T
+    field_ = np.empty((len(place), 2))
+    field_[:, 0] = np.sin(7.3 * x + 0.4) + np.cos(23.1 * x + 17.9 * y + 1.1)
+    field_[:, 1] = np.cos(5.1 * x + 0.7) + np.sin(19.7 * x - 29.3 * y + 0.3)
+    return field_.ravel()
+
+
+def _scattered_field(place: NDArray[np.float64], number: int) -> NDArray[np.float64]:
+    """A field of noise: the fractions of large numbers, others for each ``number``."""
+    waves = np.array([[129.898, 393.467], [782.33, 113.517]])
+    angles = place @ waves + number * np.array([1.7, 2.9])
+    return np.ravel(1e4 * np.sin(angles) % 1.0 - 0.5)
