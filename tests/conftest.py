@@ -3,13 +3,17 @@
 
 Every rank runs the same session, so that collective calls meet:
 
-* with more than one rank only the tests marked ``mpi`` are selected;
+* with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
+  case of each: the others have run on two;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
   by an exception. After a grace time the run is aborted and every rank prints where it stood.
 
 After each test garbage is collected on all ranks together: PETSc's destructors are collective.
+
+Serial tests may run in several workers of pytest-xdist at once, each of which is an MPI process by
+itself. The tests of a module stay together there, with what they share.
 """
 
 from __future__ import annotations
@@ -28,6 +32,8 @@ from mpi4py import MPI
 
 import pytest
 from hypothesis import settings
+
+from dolfinx_ffr.fem.form_cache import claim_form_cache
 
 #: Longest duration of one phase of one test before it counts as hanging [s].
 HANGING = 600.0
@@ -57,10 +63,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With more than one rank, deselect the tests that are not marked ``mpi``."""
+    """With several ranks, select the tests marked ``mpi``; beyond two, the first case of each.
+
+    Among several workers modules with slow ones come first: none is left with one at the end.
+    """
     if AGREEMENT.size == 1:
+        if os.environ.get("PYTEST_XDIST_WORKER"):
+            items.sort(key=lambda item: item.get_closest_marker("slow") is None)
         return
     chosen = [item for item in items if item.get_closest_marker("mpi")]
+    if AGREEMENT.size > 2:
+        first: dict[str, pytest.Item] = {}
+        for item in chosen:
+            first.setdefault(item.nodeid.partition("[")[0], item)
+        chosen = list(first.values())
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen
     names = AGREEMENT.allgather([item.nodeid for item in items])
@@ -69,7 +85,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _agree(failed: bool, reason: str, config: pytest.Config, nodeid: str) -> list[str]:
-    """Return what the ranks on which the phase failed say of it; abort the run if a rank hangs."""
+    """What the ranks on which the phase failed say of it; abort the run if a rank hangs."""
     request = AGREEMENT.Ibarrier()
     limit = time.monotonic() + (GRACE if failed else HANGING)
     while not request.Test():
@@ -115,6 +131,19 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         return (yield)
     finally:
         faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _form_cache() -> None:
+    """Keep compiled forms, also those of tests that compile some without a domain."""
+    claim_form_cache(MPI.COMM_WORLD)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _frozen() -> None:
+    """Let the collection of garbage pass over what was there before the tests of a module."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

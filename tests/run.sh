@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The whole test suite: all tests serially, then those marked `mpi` with 2 and with 3 ranks. All three sessions
-# run even when one fails. Arguments go to pytest; a session in which they select nothing is then no failure,
-# unless they select nothing in any. Called by `make test`, which does the set-up first.
+# The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with 2 ranks,
+# and the first case of each with 3. All three sessions run even when one fails. Arguments go to pytest; a session in which they
+# select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
+# tests that are not marked `slow` alone. Called by `make test` and `make test-fast`, which do the set-up first.
 set -uo pipefail
 
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -11,24 +12,33 @@ clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$clone" || exit 1
 python=$clone/.venv/bin/python
 
-# Compiled forms of this session only: nothing that an earlier, killed run left can matter, nor can this one
-# leave anything. Removed at the end, and also when interrupted.
-XDG_CACHE_HOME=$(mktemp -d "${TMPDIR:-/tmp}/dolfinx_ffr-tests.XXXXXX") || exit 1
-export XDG_CACHE_HOME
-trap 'rm -rf "$XDG_CACHE_HOME"' EXIT
+sessions=("serial" "2 ranks" "3 ranks")
+selection=()
+if [ "${1:-}" = --fast ]; then
+    shift
+    sessions=("serial")
+    selection=(-m "not slow")
+fi
+
+# Compiled forms stay in the clone from run to run. Each session holds a directory of its own there and
+# removes what a killed one has left half done, see fem/form_cache.py.
+export XDG_CACHE_HOME=$clone/.venv/cache
+mkdir -p "$XDG_CACHE_HOME" || exit 1
+# Without its files of bytecode pytest would prepare each test module anew in each process.
+unset PYTHONDONTWRITEBYTECODE
 trap 'exit 130' INT TERM HUP
 
-names=("serial" "2 ranks" "3 ranks")
 results=()
 status=0
 ran=0
-for ranks in 1 2 3; do
-    printf '\n== tests, %s\n' "${names[ranks - 1]}"
+for session in "${sessions[@]}"; do
+    printf '\n== tests, %s\n' "$session"
     start=$SECONDS
-    if [ "$ranks" = 1 ]; then
-        "$python" -m pytest "$@"
+    if [ "$session" = serial ]; then
+        "$python" -m pytest -n 2 --dist loadscope --no-loadscope-reorder "${selection[@]}" "$@"
     else
-        mpirun -n "$ranks" "$python" -m pytest -m mpi "$@"
+        # more ranks than cores: those that wait let the others work
+        OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${session% *}" "$python" -m pytest -m mpi "$@" -n 0
     fi
     code=$?
     if [ $code = 0 ]; then
@@ -41,11 +51,14 @@ for ranks in 1 2 3; do
         status=1
         ran=1
     fi
-    results+=("$(printf '%-8s %-24s %4d s' "${names[ranks - 1]}" "$verdict" $((SECONDS - start)))")
+    results+=("$(printf '%-8s %-24s %4d s' "$session" "$verdict" $((SECONDS - start)))")
 done
 
 printf '\n== summary of the tests (%s, Python %s)\n' "$(. /etc/os-release && printf '%s' "$PRETTY_NAME")" \
     "$("$python" -c 'import platform; print(platform.python_version())')"
 printf '   %s\n' "${results[@]}"
+if [ ${#sessions[@]} = 1 ]; then
+    printf '   left out: the tests marked slow, and 2 and 3 MPI ranks; make test runs all\n'
+fi
 [ $ran = 1 ] || status=5
 exit $status

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import Scene, four_bar, moved, random_direction
+from shared.scenes import Scene, four_bar, moved, random_direction
 
 from dolfinx_ffr import mechanical_problem
-from dolfinx_ffr.body import VolumeIntegrals
+from dolfinx_ffr.body.parametric import ParametricBody
+from dolfinx_ffr.body.volume_integrals import VolumeIntegrals
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.objective import (
     Constraint,
@@ -20,7 +21,6 @@ from dolfinx_ffr.objective import (
     Mass,
     PeakCompliance,
 )
-from dolfinx_ffr.parametric_body import ParametricBody
 from dolfinx_ffr.verification import assert_taylor_order, central_difference, taylor_test
 
 CONSTRAINTS = [
@@ -165,7 +165,7 @@ def test_parametric_body_refuses() -> None:
     body = ParametricBody(crank, lambda p: crank_jacobian(p)[:1])
     with pytest.raises(ValueError, match="finite numbers"):
         body([0.3, float("nan")])
-    with pytest.raises(ValueError, match="the mass must be positive"):
+    with pytest.raises(ValueError, match="mass must be positive"):
         body([-0.3, 0.0])
     with pytest.raises(ValueError, match=r"2 parameters, but derivatives of shape \(1,\)"):
         body.pullback([0.3, 0.0], body([0.3, 0.0]).zeros_like())

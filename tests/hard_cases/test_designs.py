@@ -3,45 +3,30 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
-from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.body_compliance import body_compliance
+from shared.meshes import prongs
+from shared.problems import slider_crank
+from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-from body_compliance import body_compliance
-from meshes import prongs
-from slider_crank import reference_problem
-
 STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 
 
-def scene(
-    comm: MPI.Intracomm,
-    interpolation: ffr.material.Interpolation | None = None,
-    elements: tuple[int, int] = (40, 8),
-    domain: ffr.Domain | None = None,
-) -> ffr.Problem:
+def scene(comm: MPI.Intracomm, **of_the_rod: Any) -> ffr.Problem:
     """The slider-crank at a coarse mesh, with any interpolation.
 
     A density belongs to its mesh: a second one of the same size may be partitioned otherwise.
     """
-    problem = reference_problem(comm, elements, modes=5, steps=300, domain=domain)
-    if interpolation is None:
-        return problem
-    rod = problem.flexible["rod"]
-    body = ffr.FlexibleBody(
-        rod.domain, rod.material, frame=rod.reduction.frame, modes=5, interpolation=interpolation
-    )
-    return ffr.Problem({"rod": body}, problem.mechanism, problem.integrator, problem.objective)
+    return slider_crank(comm, modes=5, steps=300, **of_the_rod)
 
 
 def check_gradient(problem: ffr.Problem, x: np.ndarray, comm: MPI.Intracomm) -> float:
@@ -67,7 +52,7 @@ def check_gradient(problem: ffr.Problem, x: np.ndarray, comm: MPI.Intracomm) -> 
 
 
 def solid_ends(domain: ffr.Domain, x: np.ndarray) -> np.ndarray:
-    """Return a design whose cells outside the design region are solid."""
+    """A design whose cells outside the design region are solid."""
     return np.where(domain.design_cells, x, 1.0)
 
 
@@ -75,14 +60,14 @@ def solid_ends(domain: ffr.Domain, x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("floor", [1e-6, 1e-9])
 def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
     """A strip in a void of next to no stiffness: psi of the strip alone, and an exact gradient."""
-    problem = scene(comm, ffr.SIMP(floor=floor))
+    problem = scene(comm, interpolation=ffr.SIMP(floor=floor))
     domain = problem.flexible["rod"].domain
     strip = solid_ends(domain, np.where(np.abs(domain.centroids[:, 1]) < 0.01, 1.0, 0.0))
     psi = check_gradient(problem, strip, comm)
     # the void bears a share of the load in proportion to its stiffness, from both sides of a strip
     # of half the height, at up to twice its lever: psi changes by some times that stiffness
     stiffer = 1e3 * floor
-    other = scene(comm, ffr.SIMP(floor=stiffer), domain=domain).value(strip).psi
+    other = scene(comm, interpolation=ffr.SIMP(floor=stiffer), domain=domain).value(strip).psi
     assert other < psi
     assert psi == pytest.approx(other, rel=10.0 * stiffer)
 
@@ -107,7 +92,7 @@ def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
 @pytest.mark.parametrize("floor", [1e-6, 1e-9])
 def test_checkerboard(comm: MPI.Intracomm, floor: float) -> None:
     """Bilinear elements take it for stiffer than it is; value and gradient are sound."""
-    problem = scene(comm, ffr.SIMP(floor=floor))
+    problem = scene(comm, interpolation=ffr.SIMP(floor=floor))
     domain = problem.flexible["rod"].domain
     low = domain.bounding_box[0]
     i, j = np.floor((domain.centroids - low) / [0.01, 0.005]).astype(int).T
@@ -170,7 +155,7 @@ def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm) -> None:
     """Cutting through a pair of equal frequencies is reported, with a number that does not."""
     domain = prongs(comm)
     body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=3)
-    with pytest.warns(UserWarning, match=r"cuts through a cluster.*take modes = [24]"):
+    with pytest.warns(UserWarning, match=r"cuts through a cluster.*take modes = 2 or 4"):
         body.reduce(np.ones(domain.n_cells))
 
 

@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from beam_bodies import beam
-from scenes import moved
+import scipy.linalg
+from shared import scenes
+from shared.beams import beam
+from shared.scenes import Scene, moved, slider_crank_mechanism
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
@@ -27,14 +25,17 @@ Method = Callable[[float, int], Integrator]
 
 
 def generalized_alpha(end_time: float, steps: int) -> Integrator:
-    """Return the method with equal steps."""
+    """The method with equal steps."""
     return ffr.GeneralizedAlpha(end_time, steps)
 
 
 def radau(end_time: float, steps: int) -> Integrator:
-    """Return the method with a quarter of the steps, each of which costs more."""
+    """The method with a quarter of the steps, each of which costs more."""
     return ffr.RadauIIA(end_time, steps=max(steps // 4, 1))
 
+
+#: Of a crank [rad].
+EVEN_TURN = ffr.Motion.polynomial([0.0, 3.0])
 
 both_methods = pytest.mark.parametrize("method", [generalized_alpha, radau])
 
@@ -54,13 +55,13 @@ def flexible_pendulum(
 
 
 def energy(trajectory: ffr.Trajectory) -> np.ndarray:
-    """Return the total energy of the bar [J]."""
+    """The total energy of the bar [J]."""
     parts = (trajectory.kinetic_energy, trajectory.strain_energy, trajectory.potential_energy)
     return sum(part("bar") for part in parts)
 
 
 def softer_and_heavier(body: ffr.VolumeIntegrals) -> ffr.VolumeIntegrals:
-    """Return a change of a body that does not depend on the signs of its shape functions."""
+    """A change of a body that does not depend on the signs of its shape functions."""
     heavier = body.scaled(0.7)
     fixed = {
         name: ffr.BodyMarker(0.0 * m.position, 0.0 * m.displacement, 0.0 * m.rotation)
@@ -91,6 +92,7 @@ def check_gradient(
     assert_taylor_order(result)
 
 
+@pytest.mark.slow
 def test_energy_over_a_hundred_thousand_steps() -> None:
     """Without damping, physical or numerical, the energy stays where it is."""
     mechanism, bodies = flexible_pendulum()
@@ -125,6 +127,8 @@ def test_very_soft_and_very_stiff(stiffness: float, method: Method) -> None:
 
 
 @both_methods
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")  # of motions far from any
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.LargeDeformationWarning")
 def test_steps_far_too_large(method: Method) -> None:
     """The result is finite or the error is clear; no NaN is handed on."""
     mechanism, bodies = flexible_pendulum()
@@ -135,6 +139,62 @@ def test_steps_far_too_large(method: Method) -> None:
             assert "take smaller steps" in str(error) and "t = " in str(error)
             trajectory = error.trajectory
         assert np.all(np.isfinite(trajectory.y)) and np.all(np.isfinite(trajectory.multipliers))
+
+
+@pytest.mark.parametrize(
+    ("integrator", "message"),
+    [
+        (ffr.GeneralizedAlpha(0.5, 1), r"of its positions, .* error of 0\.\d in .* instead of 1,"),
+        (ffr.GeneralizedAlpha(0.5, 5), r"of its positions, .* error of 0\.\d in .* instead of 5,"),
+        (ffr.RadauIIA(0.5, steps=1), r"of its positions, .* error of \S+ in .* instead of 1,"),
+    ],
+)
+@pytest.mark.filterwarnings("error::dolfinx_ffr.TimeStepWarning")
+def test_too_few_steps_are_reported(integrator: Integrator, message: str) -> None:
+    """The number of steps that the message advises is accepted."""
+    rod = beam(modes=2, elements=4)
+    mechanism = slider_crank_mechanism(ffr.Motion.smooth_step(10.0 * math.pi, 2.0))
+    with pytest.warns(ffr.TimeStepWarning, match=message) as caught:
+        ffr.simulate(mechanism, {"rod": rod}, integrator)
+    enough = int(str(caught[0].message).split("take ")[1].split(" steps")[0])
+    ffr.simulate(mechanism, {"rod": rod}, replace(integrator, steps=enough))
+
+
+@pytest.mark.parametrize(("name", "steps"), [("robot", 16), ("robot", 32), ("slider_crank", 32)])
+@pytest.mark.filterwarnings("error::dolfinx_ffr.TimeStepWarning")
+def test_too_few_steps_for_vibrations_are_reported(name: str, steps: int) -> None:
+    """Where psi is off by 16, 24 and 6 percent, though the rigid motion is well resolved."""
+    shipped: Scene = getattr(scenes, name)()
+    with pytest.warns(ffr.TimeStepWarning, match=r"of its deformations, an estimated") as caught:
+        ffr.simulate(shipped.mechanism, shipped.bodies, replace(shipped.integrator, steps=steps))
+    enough = int(str(caught[0].message).split("take ")[1].split(" steps")[0])
+    # that many and the shipped ones are silent
+    ffr.simulate(shipped.mechanism, shipped.bodies, replace(shipped.integrator, steps=enough))
+    ffr.simulate(shipped.mechanism, shipped.bodies, shipped.integrator)
+
+
+@pytest.mark.filterwarnings("error::dolfinx_ffr.TimeStepWarning")
+def test_vibrations_that_nothing_excites_are_not_reported() -> None:
+    """A rod on a crank from rest to rest: five of its modes are above what the steps resolve."""
+    rod = beam(modes=6)
+    mechanism = slider_crank_mechanism(ffr.Motion.smooth_step(math.pi, 4.0))
+    highest = scipy.linalg.eigh(rod.K, rod.G[1:, 1:], eigvals_only=True)[-5:]
+    assert np.all(np.sqrt(highest) * 4.0 / 60 > math.pi)
+    ffr.simulate(mechanism, {"rod": rod}, ffr.GeneralizedAlpha(4.0, 60))
+
+
+@both_methods
+def test_a_rod_driven_at_both_ends_is_reported(method: Method) -> None:
+    """A linear rod may be stretched to any length, which the warning says in numbers."""
+    rod = beam(modes=4, elements=4)
+    mechanism = slider_crank_mechanism(ffr.Motion.polynomial([0.0, 2.0]))
+    held = ffr.Revolute(("rod", "right"), ffr.Ground((0.5, 0.0)))
+    mechanism = replace(mechanism, joints=[mechanism.joints[0], held], point_masses=[])
+    integrator = method(math.pi / 2.0, 400)
+    # At the end it reaches over 0.6 m, a half more, by quarter of a sine: a half over root two.
+    message = r"body 'rod' is deformed by 0\.35 of its length \(root mean square\) at t = 1\.571 s"
+    with pytest.warns(ffr.LargeDeformationWarning, match=message):
+        ffr.simulate(mechanism, {"rod": rod}, integrator)
 
 
 @both_methods
@@ -220,25 +280,13 @@ def test_start_with_inconsistent_velocities(method: Method) -> None:
     check_gradient(mechanism, bodies, method(0.2, 400))
 
 
-def short_slider_crank(length: float) -> ffr.Mechanism:
-    """A slider-crank whose rod is hardly longer than its crank of 0.1 m."""
-    crank = ffr.Moving.circle((0.0, 0.0), 0.1, ffr.Motion.polynomial([0.0, 3.0]))
-    return ffr.Mechanism(
-        placements={"rod": ffr.Placement((0.1 + 0.5 * length, 0.0))},
-        joints=[
-            ffr.Revolute(("rod", "left"), crank, name="crank pin"),
-            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
-        ],
-    )
-
-
+@pytest.mark.slow
 @both_methods
 @pytest.mark.parametrize("length", [0.1001, 0.101, 0.12])
 def test_crank_nearly_as_long_as_the_rod(length: float, method: Method) -> None:
     """The slider-crank turns through its dead centres, where the rod stands across."""
     rod = beam(length, 0.01, 0.01, elements=8, modes=3, frame="chord")
-    mass = ffr.PointMass(("rod", "right"), 0.1)
-    mechanism = replace(short_slider_crank(length), point_masses=[mass])
+    mechanism = slider_crank_mechanism(EVEN_TURN, rod=length, slider=0.1)
     integrator = method(2.2, 4400)
     trajectory = ffr.simulate(mechanism, {"rod": rod}, integrator)
     slider = trajectory.marker_path("rod", "right")
@@ -255,7 +303,7 @@ def test_adaptive_steps_through_dead_centres() -> None:
     """Where the rod stands across, steps become short; around it they are long."""
     length = 0.101
     rod = beam(length, 0.01, 0.01, elements=8, modes=2, frame="chord")
-    mechanism = short_slider_crank(length)
+    mechanism = replace(slider_crank_mechanism(EVEN_TURN, rod=length), point_masses=[])
     trajectory = ffr.simulate(mechanism, {"rod": rod}, end_time=2.2, tolerance=1e-5)
     lengths = np.diff(trajectory.step_ends)
     shortest = trajectory.step_ends[np.argmin(lengths[5:]) + 5]

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: MIT
+"""The model that the benchmarks hand to other packages is ours; none of them is needed here."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import scipy.sparse
+import scipy.sparse.linalg
+from shared import TOP
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+BENCHMARKS = TOP / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def peers() -> ModuleType:
+    import peers
+
+    return peers
+
+
+def test_the_rod_handed_over_has_our_volume_integrals(peers: ModuleType) -> None:
+    from scene import slider_crank
+
+    problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=4, steps=120)
+    body = problem.flexible["rod"]
+    x = 0.5 + 0.5 * np.random.default_rng(0).random(body.domain.n_cells)
+    reduced = body.reduce(x)
+    rod = peers.exudyn_rod(body, reduced, 0.0)
+    n, r = len(rod.positions), rod.modes.shape[1]
+    fields = np.column_stack([rod.positions.ravel(), rod.modes]).reshape(n, 3, r + 1)
+    assert np.all(fields[:, 2] == 0.0)  # in the plane
+    units = np.zeros((n, 3, 3))
+    units[:] = np.eye(3)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    turned = np.einsum("ij,njr->nir", quarter, fields)
+    w, e, j = (block.reshape(3 * n, -1) for block in (fields, units, turned))
+    mass_w = rod.mass @ w
+    ours = reduced.integrals
+    size = float(np.abs(ours.G).max())
+    assert np.allclose(e.T @ (rod.mass @ e), ours.mass * np.eye(3), rtol=1e-12, atol=1e-15)
+    assert np.allclose(w.T @ (rod.mass @ e)[:, :2], ours.S, rtol=0.0, atol=1e-12 * ours.mass)
+    assert np.allclose(w.T @ mass_w, ours.G, rtol=0.0, atol=1e-12 * size)
+    assert np.allclose(j.T @ mass_w, ours.N, rtol=0.0, atol=1e-12 * size)
+    stiffness = rod.modes.T @ (rod.stiffness @ rod.modes)
+    assert np.allclose(stiffness, ours.K, rtol=0.0, atol=1e-12 * np.abs(ours.K).max())
+
+
+def test_the_point_mass_sits_at_the_right_interface(peers: ModuleType, tmp_path: Path) -> None:
+    from peer_exudyn import load_rod, save_rod
+    from scene import slider_crank
+
+    problem = slider_crank(MPI.COMM_SELF, (10, 2), modes=2, steps=120)
+    body = problem.flexible["rod"]
+    reduced = body.reduce(np.ones(body.domain.n_cells))
+    without, rod = (peers.exudyn_rod(body, reduced, m) for m in (0.0, 0.5))
+    expected = np.zeros(rod.mass.shape[0])
+    expected[-3:] = 0.5
+    assert np.array_equal((rod.mass - without.mass).toarray(), np.diag(expected))
+    marker = reduced.integrals.markers["right"]
+    assert np.array_equal(rod.positions[-1], [*marker.position, 0.0])
+    assert np.array_equal(rod.modes[-3:-1], marker.displacement)
+    save_rod(tmp_path / "rod.npz", rod)
+    again = load_rod(tmp_path / "rod.npz")
+    assert np.array_equal(again.positions, rod.positions)
+    assert np.array_equal(again.modes, rod.modes)
+    assert (again.mass != rod.mass).nnz == 0 and (again.stiffness != rod.stiffness).nnz == 0
+
+
+def test_the_crank_pin_moves_as_ours() -> None:
+    from peer_exudyn import Crank, crank_pin
+
+    crank = Crank(0.1, 5.0, 2.0)
+    angle = ffr.Motion.smooth_step(2.0 * np.pi * crank.turns, crank.duration)
+    pin = crank_pin(SimpleNamespace(symbolic=np), crank)
+    times = np.linspace(0.0, 2.0, 9)
+    for t, phi, speed in zip(times, *angle.tabulate(times)[:2], strict=True):
+        turned = np.array([np.cos(phi) - 1.0, np.sin(phi)])
+        moving = speed * np.array([-np.sin(phi), np.cos(phi)])
+        for (position, velocity), place, rate in zip(pin, turned, moving, strict=True):
+            assert position(None, t, 0, 0.0) == pytest.approx(crank.radius * place, abs=1e-14)
+            assert velocity(None, t, 0, 0.0) == pytest.approx(crank.radius * rate, abs=1e-12)
+
+
+def test_the_plate_has_the_compliance_of_its_finite_elements(peers: ModuleType) -> None:
+    from peer_pymoto import Plate, random_density
+
+    plate = Plate((9, 4))
+    problem = peers.plate_problem(MPI.COMM_SELF, plate)
+    body = problem.flexible["plate"]
+    x = random_density(plate.elements)
+    evaluation = problem.value(x)
+    stiffness = body.elasticity.assemble(x).stiffness
+    K = scipy.sparse.csr_matrix(stiffness.getValuesCSR()[::-1], shape=stiffness.getSize())
+    nodes = body.domain.interfaces["right"].dofs
+    u = np.zeros(body.elasticity.n_dofs)
+    u[2 * nodes + 1] = 1.0
+    free = ~body.reduction.held
+    u[free] = scipy.sparse.linalg.spsolve(K[free][:, free], -(K @ u)[free])
+    assert evaluation.psi == pytest.approx(plate.force**2 / (u @ (K @ u)), rel=1e-10)
+
+    exact = problem.gradient(0.9 * x).gradient
+    assert exact is not None
+    direction = np.random.default_rng(1).uniform(-1.0, 1.0, len(x))
+    assert_taylor_order(
+        taylor_test(
+            lambda y: problem.value(y).psi,
+            lambda d: float(exact["plate"] @ d),
+            0.9 * x,
+            direction,
+        )
+    )
+
+
+def test_cells_are_put_row_after_row(peers: ModuleType) -> None:
+    from peer_pymoto import Plate
+
+    plate = Plate((5, 3))
+    domain = peers.plate_problem(MPI.COMM_SELF, plate).flexible["plate"].domain
+    place = peers.row_after_row(plate, domain.centroids)
+    assert sorted(place) == list(range(15))
+    ordered = np.empty_like(domain.centroids)
+    ordered[place] = domain.centroids
+    assert np.all(np.diff(ordered[:5, 0]) > 0.0) and np.allclose(ordered[:5, 1], ordered[0, 1])
+    assert np.all(np.diff(ordered[::5, 1]) > 0.0)
+
+
+def test_equal_error_is_interpolated_along_the_measured_line() -> None:
+    import peer_report as peers
+
+    rows = [{"seconds": 1e-3 * n, "error": 4.0 * n**-2.0} for n in (10.0, 40.0, 160.0)]
+    assert peers.seconds_to_reach(rows, 0.01, "error") == pytest.approx(0.02, rel=1e-12)
+    assert peers.seconds_to_reach(rows, 1.0, "error") == pytest.approx(0.01)  # the coarsest
+    assert np.isnan(peers.seconds_to_reach(rows, 1e-6, "error"))
+
+
+def test_missing_peers_are_named_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import peer_packages
+    import run
+
+    monkeypatch.setattr(peer_packages, "FOLDER", tmp_path / "peers")
+    monkeypatch.setattr(peer_packages, "PEERS", {"surely_not_installed": "1.0"})
+    before = list(sys.path)
+    with pytest.raises(SystemExit, match=r"surely_not_installed.*make benchmark-peers"):
+        run.parse(["--only", "peers"])
+    options = run.parse([])  # all the others
+    assert "peers" not in options.only and "growth" in options.only
+    monkeypatch.setattr(sys, "path", before)
+
+
+def test_peers_come_last_on_the_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import peer_packages
+
+    (tmp_path / "numpy.py").write_text("raise ImportError('the wrong NumPy')")
+    monkeypatch.setattr(peer_packages, "FOLDER", tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    peer_packages.use_peers()
+    assert sys.path[-1] == str(tmp_path) and peer_packages.importlib.util.find_spec("numpy").origin
+    found = peer_packages.importlib.machinery.PathFinder.find_spec("numpy", sys.path)
+    assert found is not None and not str(found.origin).startswith(str(tmp_path))
+
+
+@pytest.mark.slow
+def test_reports_hold_what_was_measured(peers: ModuleType, tmp_path: Path) -> None:
+    jobs = {job.function + str(job.parameters): job for job in peers.peers_jobs(quick=True)}
+    results = [(job, made_up(peers, job)) for job in jobs.values()]
+    tables = peers.report_peers(results, tmp_path)
+    for table in tables:
+        with (tmp_path / f"{table.name}.csv").open() as file:
+            assert len(list(csv.DictReader(file))) == len(table.rows) > 0
+    page = (tmp_path / "peers.md").read_text()
+    assert "extrapolated" in page and "(peers.png)" in page and (tmp_path / "peers.png").exists()
+    equal = {table.name: table for table in tables}["peers_equal_error"]
+    for row in equal.rows:
+        # made up so that the peer takes four times as long for each step
+        assert row["ratio_alpha"] == pytest.approx(4.0)
+
+
+def made_up(peers: ModuleType, job: Any) -> dict[str, Any]:
+    """Results of a job as they might be."""
+    if job.function == "slider_crank_times":
+        rows = []
+        for code, method, slow in (
+            (peers.OURS, peers.ALPHA, 1.0),
+            (peers.EXUDYN, peers.ALPHA, 4.0),
+            (peers.EXUDYN, peers.TRAPEZOIDAL, 3.0),
+            (peers.OURS, peers.RADAU, 5.0),
+        ):
+            for n in (500, 4000):
+                error = 300.0 * n**-2.0
+                rows.append(
+                    {
+                        "code": code,
+                        "method": method,
+                        "steps": n,
+                        "seconds": 1e-5 * slow * n,
+                        "error_psi": error,
+                        "error_deflection": 0.5 * error,
+                    }
+                )
+        names = ("psi", "reference_error_psi", "reference_error_deflection", "deflection", "value")
+        names += ("gradient", "exudyn_value", "reduction", "exudyn_setup")
+        numbers = dict.fromkeys(names, 1e-3)
+        return {
+            "rows": rows,
+            "elements": 360,
+            "modes": 11,
+            "steps": 2000,
+            "reference": 9,
+            **numbers,
+        }
+    if job.function == "plate_times":
+        return {
+            "seconds": {peers.OURS: 0.1, "SuperLU": 0.3, "CHOLMOD": 0.2},
+            "differences": {"SuperLU": (1e-12, 2e-12), "CHOLMOD": (1e-12, 2e-12)},
+            "compliance": 1.0,
+            "unknowns": 100,
+        }
+    if job.function == "plate_designs":
+        run = {"seconds": [0.1, 0.2, 0.3], "compliance": [8.0, 4.0, 2.0], "volume": 0.5}
+        return {"runs": {"a": run, "b": run, "c": run}, "solid": 1.0, "mesh": "3x1"}
+    return {"base": 100.0, "beyond": 3.0}

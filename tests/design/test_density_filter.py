@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""Density filter and projection: invariants, transposes, the same on any number of ranks."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+
+def rod(comm: MPI.Intracomm, cell: str = "triangle") -> ffr.Domain:
+    """A short rod; its triangles have corners of different angles at the edges."""
+    return ffr.Domain.rectangle(comm, 0.2, 0.05, elements=(24, 6), cell=cell)
+
+
+def waves(domain: ffr.Domain) -> np.ndarray:
+    """Values of all cells in [0, 1] that vary in both directions."""
+    c = domain.everywhere(domain.centroids)
+    return np.asarray(0.5 + 0.45 * np.sin(90.0 * c[:, 0]) * np.cos(160.0 * c[:, 1] + 0.4))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize("elements", [0.0, 1.5, 3.0])
+def test_constants_and_volume_are_kept(comm: MPI.Intracomm, cell: str, elements: float) -> None:
+    domain = rod(comm, cell)
+    density_filter = ffr.DensityFilter(domain, elements * 0.2 / 24)
+    z = waves(domain)
+    areas = domain.everywhere(domain.cell_volumes)
+    np.testing.assert_allclose(density_filter(np.full(len(z), 0.3)), 0.3, rtol=1e-13)
+    y = density_filter(z)
+    assert areas @ y == pytest.approx(areas @ z, rel=1e-13)
+    assert z.min() - 1e-13 < y.min() and y.max() < z.max() + 1e-13
+
+
+def test_a_radius_that_filters_nothing_is_reported_but_zero() -> None:
+    domain = rod(MPI.COMM_SELF, "quadrilateral")
+    z = waves(domain)
+    np.testing.assert_allclose(ffr.DensityFilter(domain, 0.0)(z), z, rtol=1e-14)
+    for share, radius in ((0.9, "0.0075"), (1.0, "0.008333")):  # at the radius the weight is zero
+        told = rf"radius = {radius} m .* 0\.008333 m, and filters nothing"
+        with pytest.warns(UserWarning, match=told):
+            means = ffr.DensityFilter(domain, share * 0.2 / 24)(z)
+        np.testing.assert_allclose(means, z, rtol=1e-13)
+
+
+def test_no_value_reaches_beyond_the_radius() -> None:
+    domain = rod(MPI.COMM_SELF)
+    radius = 0.02
+    z = np.zeros(domain.n_cells)
+    z[70] = 1.0
+    c = domain.everywhere(domain.centroids)
+    distance = np.linalg.norm(c - c[70], axis=1)
+    y = ffr.DensityFilter(domain, radius)(z)
+    np.testing.assert_array_equal(y > 0.0, distance < radius)
+
+
+@pytest.mark.mpi
+def test_the_same_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
+    found, alone = rod(comm), rod(MPI.COMM_SELF)
+    means = ffr.DensityFilter(found, 0.02)(waves(found))
+    np.testing.assert_allclose(means, ffr.DensityFilter(alone, 0.02)(waves(alone)), rtol=1e-12)
+
+
+@pytest.mark.mpi
+def test_pullback_of_the_filter_is_its_transpose(comm: MPI.Intracomm) -> None:
+    domain = rod(comm)
+    density_filter = ffr.DensityFilter(domain, 0.02)
+    rng = np.random.default_rng(3)
+    z, bar = rng.random((2, domain.n_cells_global))
+    assert bar @ density_filter(z) == pytest.approx(density_filter.pullback(bar) @ z, rel=1e-13)
+
+
+@pytest.mark.parametrize(("beta", "eta"), [(0.5, 0.5), (4.0, 0.3), (16.0, 0.6)])
+def test_taylor_order_of_filter_and_projection(beta: float, eta: float) -> None:
+    domain = rod(MPI.COMM_SELF)
+    density_filter = ffr.DensityFilter(domain, 0.02)
+    projection = ffr.HeavisideProjection(beta, eta)
+    z = waves(domain)
+    weights = np.random.default_rng(4).random(len(z))
+
+    def value(z: np.ndarray) -> float:
+        return float(weights @ projection(density_filter(z)) ** 2)
+
+    means = density_filter(z)
+    bar = density_filter.pullback(projection.pullback(means, 2.0 * weights * projection(means)))
+    direction = np.random.default_rng(5).standard_normal(len(z))
+    assert_taylor_order(taylor_test(value, lambda d: float(bar @ d), z, direction))
+
+
+@pytest.mark.parametrize("beta", [1e-3, 1.0, 64.0])
+def test_projection_maps_the_interval_onto_itself(beta: float) -> None:
+    projection = ffr.HeavisideProjection(beta, 0.4)
+    y = np.linspace(0.0, 1.0, 101)
+    x = projection(y)
+    assert x[0] == 0.0 and x[-1] == 1.0
+    assert np.all(np.diff(x) >= 0.0)
+    if beta < 0.01:
+        np.testing.assert_allclose(x, y, atol=1e-6)
+    if beta > 50.0:
+        np.testing.assert_allclose(x[y < 0.3], 0.0, atol=1e-4)
+        np.testing.assert_allclose(x[y > 0.5], 1.0, atol=1e-4)
+
+
+def test_bad_numbers_are_refused() -> None:
+    domain = rod(MPI.COMM_SELF)
+    for radius in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="must not be negative"):
+            ffr.DensityFilter(domain, radius)
+    with pytest.raises(ValueError, match="beta must be positive"):
+        ffr.HeavisideProjection(0.0)
+    with pytest.raises(ValueError, match="eta must lie between"):
+        ffr.HeavisideProjection(1.0, 1.0)

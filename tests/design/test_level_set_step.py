@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Explicit steps of the level set: descent, bounds, the volume's multiplier."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dolfinx_ffr as ffr
+
+
+def levelset_on(comm: MPI.Intracomm, **options: Any) -> ffr.LevelSet:
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(40, 8))
+    return ffr.LevelSet(domain, **options)
+
+
+def loads(domain: ffr.Domain) -> np.ndarray:
+    """A gradient with both signs, in proportion to the cells, a function of position alone."""
+    c = domain.centroids
+    return domain.cell_volumes * np.sin(31.0 * c[:, 0] + 0.3) * np.cos(40.0 * c[:, 1] - 0.2)
+
+
+# ---------------------------------------------------------------------- bisection
+
+
+@given(bound=st.floats(0.01, 0.99))
+def test_bisection_finds_the_multiplier(bound: float) -> None:
+    """For the volume 1 / (1 + Lambda) it is 1 / bound - 1."""
+    found = ffr.VolumeBisection(bound, tolerance=1e-12).multiplier(lambda m: 1.0 / (1.0 + m))
+    assert found == pytest.approx(1.0 / bound - 1.0, rel=1e-9)
+    assert 1.0 / (1.0 + found) <= bound
+
+
+@given(bound=st.floats(0.1, 1.0), volume=st.floats(0.0, 1.0))
+def test_multiplier_is_zero_where_the_bound_holds(bound: float, volume: float) -> None:
+    multiplier = ffr.VolumeBisection(bound).multiplier(lambda m: volume * math.exp(-m))
+    assert multiplier >= 0.0
+    assert (multiplier == 0.0) == (volume <= bound)
+
+
+def test_bisection_takes_the_feasible_side_of_a_jump() -> None:
+    found = ffr.VolumeBisection(0.5).multiplier(lambda m: 0.8 if m < 3.7 else 0.2)
+    assert found == pytest.approx(3.7)
+    assert found >= 3.7
+
+
+def test_a_bound_out_of_reach_is_named() -> None:
+    with pytest.raises(ValueError, match=r"stays at 0\.6, above its bound 0\.5"):
+        ffr.VolumeBisection(0.5).multiplier(lambda m: 0.6 + 0.3 * math.exp(-m))
+    for bound in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="must be positive"):
+            ffr.VolumeBisection(bound)
+
+
+# ---------------------------------------------------------------------- steps
+
+
+@pytest.mark.mpi
+def test_start_is_a_signed_distance_within_bounds(comm: MPI.Intracomm) -> None:
+    levelset = levelset_on(comm)
+    evolution = ffr.Evolution(levelset, 0.6, band=2.0)
+    phi = evolution.start(levelset.with_holes(6, 2, 0.012))
+    # shrunk by a shift, which moves both ends of the band alike
+    assert np.ptp(phi) <= 2 * 2.0 * levelset.spacing * (1 + 1e-12)
+    volume = levelset.volume(levelset.interpolate(phi))
+    assert volume <= 0.6
+    assert volume == pytest.approx(0.6, rel=1e-5)
+
+
+@pytest.mark.mpi
+def test_start_below_the_bound_is_left_alone(comm: MPI.Intracomm) -> None:
+    levelset = levelset_on(comm)
+    phi = ffr.Evolution(levelset, 0.95).start(levelset.with_holes(6, 2, 0.012))
+    distance = levelset.signed_distance(levelset.at_knots(levelset.with_holes(6, 2, 0.012)))
+    assert np.array_equal(phi, np.clip(distance, -0.03, 0.03))
+
+
+@pytest.mark.mpi
+def test_a_solid_start_becomes_even_gray(comm: MPI.Intracomm) -> None:
+    levelset = levelset_on(comm)
+    phi = ffr.Evolution(levelset, 0.5).start(levelset.interpolate(np.ones(len(levelset.knots))))
+    assert np.ptp(phi) == 0.0
+    alpha = levelset.interpolate(phi)
+    assert levelset.volume(alpha) == pytest.approx(0.5, rel=1e-5)
+    design = levelset.fill_fraction(alpha)[levelset.domain.design_cells]
+    # radial basis functions do not hold a constant exactly
+    assert design == pytest.approx(0.44, abs=0.06)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("size", [1.0, 0.3])
+def test_a_step_keeps_the_cfl_and_the_volume_bound(comm: MPI.Intracomm, size: float) -> None:
+    levelset = levelset_on(comm)
+    evolution = ffr.Evolution(levelset, 0.7)
+    phi = evolution.start(levelset.with_holes(6, 2, 0.012))
+    # all material is dear: without the bound it would only grow
+    moved, multiplier = evolution.step(phi, -levelset.domain.cell_volumes, size)
+    assert multiplier > 0.0
+    assert np.max(np.abs(moved - phi)) <= size * levelset.spacing * (1 + 1e-12)
+    volume = levelset.volume(levelset.interpolate(moved))
+    assert volume <= 0.7
+    assert volume == pytest.approx(0.7, rel=1e-5)
+
+
+@pytest.mark.mpi
+def test_material_goes_below_the_bound_where_that_pays(comm: MPI.Intracomm) -> None:
+    levelset = levelset_on(comm)
+    evolution = ffr.Evolution(levelset, 0.7)
+    phi = evolution.start(levelset.with_holes(6, 2, 0.012))
+    moved, multiplier = evolution.step(phi, levelset.domain.cell_volumes, 1.0)
+    assert multiplier == 0.0
+    assert levelset.volume(levelset.interpolate(moved)) < 0.65
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"kernel": ffr.Wendland(0.04)},
+        {"spacing": 0.02, "kernel": ffr.Multiquadric(0.02)},
+    ],
+    ids=["default", "wide", "global"],
+)
+def test_a_short_step_descends(comm: MPI.Intracomm, options: dict[str, Any]) -> None:
+    """By at least half of what the gradient promises, for any basis of the level set."""
+    levelset = levelset_on(comm, **options)
+    domain, evolution = levelset.domain, ffr.Evolution(levelset, 1.0)
+    gradient = loads(domain)
+    phi = evolution.start(levelset.with_holes(6, 2, 0.012))
+    alpha = levelset.interpolate(phi)
+    moved, multiplier = evolution.step(phi, gradient, 0.01)
+    assert multiplier == 0.0
+    beta = levelset.interpolate(moved)
+    promised = float(levelset.pullback(alpha, gradient) @ (beta - alpha))
+    change = domain.sum(gradient * (levelset.fill_fraction(beta) - levelset.fill_fraction(alpha)))
+    assert promised < 0.0
+    assert change == pytest.approx(promised, rel=0.5)
+
+
+@pytest.mark.mpi
+def test_steps_are_bit_identical_on_all_ranks(comm: MPI.Intracomm) -> None:
+    levelset = levelset_on(comm)
+    evolution = ffr.Evolution(levelset, 0.6)
+    phi = evolution.start(levelset.with_holes(6, 2, 0.012))
+    for _ in range(3):
+        phi, multiplier = evolution.step(phi, loads(levelset.domain), 1.0)
+        phi = evolution.reinitialize(phi)
+    assert len(set(comm.allgather((phi.tobytes(), multiplier)))) == 1
+
+
+def test_without_a_zero_line_nothing_moves() -> None:
+    levelset = levelset_on(MPI.COMM_SELF)
+    phi = np.full(len(levelset.knots), 1.0)
+    moved, multiplier = ffr.Evolution(levelset, 1.0).step(phi, loads(levelset.domain), 1.0)
+    assert np.array_equal(moved, phi)
+    assert multiplier == 0.0
+
+
+def test_pieces_can_be_replaced() -> None:
+    """A velocity extension and a re-initialiser of one's own take the place of the default ones."""
+    levelset = levelset_on(MPI.COMM_SELF)
+    evolution = ffr.Evolution(
+        levelset, 1.0, extension=lambda bar: np.sign(bar), distance=lambda phi: 0.5 * phi
+    )
+    phi = 0.1 * np.cos(20.0 * levelset.knots[:, 0])
+    assert evolution.reinitialize(phi) == pytest.approx(np.clip(0.5 * phi, -0.03, 0.03))
+    moved, _ = evolution.step(phi, levelset.domain.cell_volumes, 1.0)
+    steps = np.unique(np.round((moved - phi) / levelset.spacing, 9))
+    assert set(steps) == {-1.0, 0.0}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("volume", "options", "message"),
+    [
+        (0.0, {}, r"volume must lie between 0 and 1, 0 excluded, but it is 0.0"),
+        (1.2, {}, r"volume must lie between 0 and 1, 0 excluded, but it is 1.2"),
+        (math.nan, {}, r"volume must lie between 0 and 1, 0 excluded, but it is nan"),
+        (0.1, {}, "the solid regions alone fill 0.1 of the body"),
+        (0.5, {"band": 0.0}, "band must be positive"),
+    ],
+)
+def test_bad_bounds_are_refused(
+    comm: MPI.Intracomm, volume: float, options: dict[str, float], message: str
+) -> None:
+    levelset = levelset_on(comm)
+    with pytest.raises(ValueError, match=message):
+        ffr.Evolution(levelset, volume, **options)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+"""Memory of a motion and of its adjoint: estimated, and refused beyond what the machine has."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+from mpi4py import MPI
+
+import pytest
+from shared.problems import slider_crank
+from shared.scenes import SCENES
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import problem as chain
+from dolfinx_ffr.dynamics.memory import available_memory, required_memory
+from dolfinx_ffr.dynamics.trajectory import Integrator
+
+METHODS = [ffr.GeneralizedAlpha(0.01, 1200), ffr.RadauIIA(0.01, steps=400)]
+
+
+@pytest.mark.parametrize(
+    "integrator", [ffr.GeneralizedAlpha(0.5, 10**9), ffr.RadauIIA(0.5, steps=10**9)]
+)
+def test_what_no_machine_holds_is_refused(integrator: Integrator) -> None:
+    """The message says what it would take."""
+    scene = SCENES["slider-crank"]()
+    with pytest.raises(MemoryError, match=r",001 instants would take some \S+ GB, and there are"):
+        ffr.simulate(scene.mechanism, scene.bodies, integrator)
+
+
+@pytest.mark.parametrize("integrator", METHODS)
+def test_the_estimate_is_that_of_the_arrays(integrator: Integrator) -> None:
+    """Joints take fewer rows than assumed and temporary arrays differ: a factor of 1.5 each way."""
+    scene = SCENES["slider-crank"]()
+    bodies, modes = scene.bodies, [body.modes for body in scene.bodies.values()]
+    problem = ffr.MechanicalProblem(scene.mechanism, integrator, ffr.IntegralCompliance())
+    problem.gradient(bodies)  # compiles
+    tracemalloc.start()
+    try:
+        evaluation = problem.value(bodies)
+        value = tracemalloc.get_traced_memory()[1]
+        problem.differentiate(evaluation)
+        whole = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 1 / 1.5 < value / required_memory(integrator, modes) < 1.5
+    assert 1 / 1.5 < whole / required_memory(integrator, modes, adjoint=True) < 1.5
+
+
+def test_limits_of_a_process_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of `ulimit` hold for each process, the machine's memory for all together."""
+    machine = available_memory()
+    assert available_memory(4) == machine // 4
+    monkeypatch.setattr("resource.getrlimit", lambda kind: (machine // 8, machine))
+    assert [available_memory(processes) for processes in (1, 4, 16)] == [
+        machine // 8,
+        machine // 8,
+        machine // 16,
+    ]
+
+
+@pytest.mark.mpi
+def test_all_ranks_refuse_where_one_lacks_memory(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rank with the least memory decides, for the motion and for its adjoint."""
+    problem = slider_crank(comm, (10, 2), modes=1)
+    last = comm.rank == comm.size - 1
+    # Enough for the motion, too little for its adjoint.
+    modes = [problem.flexible["rod"].n_elastic]
+    motion = required_memory(problem.integrator, modes)
+    for memory, adjoint in ((motion - 1, False), (motion, True)):
+        monkeypatch.setattr(
+            chain, "available_memory", lambda ranks, memory=memory: memory if last else 2**50
+        )
+        with pytest.raises(MemoryError, match="its adjoint" if adjoint else "a motion of"):
+            again = problem.with_modes({})
+            again.gradient([1.0] * again.flexible["rod"].domain.n_cells)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: MIT
+"""The directory of compiled forms: what a killed run leaves, and who may use which directory."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+from shared import processes
+
+from dolfinx_ffr.fem.form_cache import claim_form_cache
+
+#: Compiles one form; the first argument is put into it, so that another one is another form.
+COMPILE = """
+import sys
+from mpi4py import MPI
+import ufl
+from dolfinx import fem, mesh
+from dolfinx_ffr.fem.form_cache import claim_form_cache
+
+directory = claim_form_cache(MPI.COMM_WORLD)
+assert claim_form_cache(MPI.COMM_WORLD) == directory
+print(directory, flush=True)
+square = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+x = ufl.SpatialCoordinate(square)
+print(fem.assemble_scalar(fem.form(x[0] ** int(sys.argv[1]) * ufl.dx)), flush=True)
+if len(sys.argv) > 2:
+    sys.stdin.read()
+"""
+
+
+def start(cache: Path, *arguments: str, **variables: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        processes.command("-c", COMPILE, *arguments),
+        env=processes.environment(XDG_CACHE_HOME=str(cache), **variables),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[Path, float]:
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    directory, value = output.split()
+    return Path(directory), float(value)
+
+
+@pytest.mark.slow
+def test_forms_are_kept_between_runs(tmp_path: Path) -> None:
+    directory, value = finish(start(tmp_path, "2"))
+    assert directory == tmp_path / "dolfinx_ffr" / "forms-0"
+    assert value == pytest.approx(1 / 3)
+    times = {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")}
+    assert times
+    again, value = finish(start(tmp_path, "2"))
+    assert again == directory
+    assert value == pytest.approx(1 / 3)
+    assert {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")} == times
+
+
+@pytest.mark.slow
+def test_run_killed_while_compiling_leaves_nothing_in_the_way(tmp_path: Path) -> None:
+    process = start(tmp_path, "3")
+    assert process.stdout is not None
+    directory = Path(process.stdout.readline().strip())
+    deadline = time.monotonic() + 120
+    while not list(directory.glob("*.c")) and time.monotonic() < deadline:
+        time.sleep(1e-3)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    marks = list(directory.glob("*.c"))
+    assert marks
+    assert not marks[0].with_suffix(".c.cached").exists(), "compiled before it could be killed"
+    again, value = finish(start(tmp_path, "3"))
+    assert again == directory
+    assert value == pytest.approx(1 / 4)
+
+
+@pytest.mark.slow
+def test_only_unfinished_forms_are_removed(tmp_path: Path) -> None:
+    directory, _ = finish(start(tmp_path, "2"))
+    finished = {path.name for path in directory.iterdir()}
+    for name in ("libffcx_forms_abc.c", "libffcx_forms_abc.o", "libffcx_forms_abc.x.so"):
+        (directory / name).touch()
+    finish(start(tmp_path, "2"))
+    assert {path.name for path in directory.iterdir()} == finished
+
+
+@pytest.mark.slow
+def test_living_session_keeps_its_directory(tmp_path: Path) -> None:
+    first = start(tmp_path, "2", "wait")
+    assert first.stdout is not None
+    held = Path(first.stdout.readline().strip())
+    first.stdout.readline()
+    (held / "libffcx_forms_abc.c").touch()
+    other, _ = finish(start(tmp_path, "2"))
+    assert other == held.with_name("forms-1")
+    assert (held / "libffcx_forms_abc.c").exists(), "a living session's form was removed"
+    libraries = list(held.glob("*.so"))
+    assert libraries and all(path.samefile(other / path.name) for path in libraries)
+    assert not (other / "libffcx_forms_abc.c").exists(), "an unfinished form was taken over"
+    first.communicate("")
+    assert first.returncode == 0
+
+
+@pytest.mark.slow
+def test_unusable_cache_directory_is_replaced_by_one_that_is_kept(tmp_path: Path) -> None:
+    no_directory, temporary = tmp_path / "file", tmp_path / "tmp"
+    no_directory.touch()
+    temporary.mkdir()
+    directory, value = finish(start(no_directory, "2", TMPDIR=str(temporary)))
+    assert value == pytest.approx(1 / 3)
+    assert directory == temporary / f"dolfinx_ffr-{os.getuid()}" / "forms-0"
+    times = {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")}
+    assert times
+    assert finish(start(no_directory, "2", TMPDIR=str(temporary)))[0] == directory
+    assert {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")} == times
+
+
+@pytest.mark.slow
+def test_without_any_place_forms_are_removed_and_that_is_said(tmp_path: Path) -> None:
+    no_directory, temporary = tmp_path / "file", tmp_path / "tmp"
+    no_directory.touch()
+    temporary.mkdir()
+    (temporary / f"dolfinx_ffr-{os.getuid()}").touch()
+    process = start(no_directory, "2", TMPDIR=str(temporary))
+    output, errors = process.communicate(timeout=300)
+    directory = Path(output.split()[0])
+    assert temporary in directory.parents and not directory.exists()
+    assert "compiling finite-element forms, in each run" in errors
+
+
+@pytest.mark.mpi
+def test_all_ranks_share_one_directory(comm: MPI.Intracomm) -> None:
+    directory = claim_form_cache(comm)
+    assert len(set(comm.allgather(directory))) == 1
+    assert directory.is_dir()
+    # A part of the ranks stays where it is.
+    assert claim_form_cache(MPI.COMM_SELF) == directory

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: MIT
+"""Copies of problems and results: by pickle into other processes, by deepcopy, and threads."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared import processes
+from shared.meshes import prongs
+from shared.problems import slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.design import RadialBasis
+
+#: Designs of the demo's problem in a process that is started anew.
+PROGRAM = """
+import multiprocessing
+from mpi4py import MPI
+import numpy as np
+from slider_crank import reference_problem
+
+def value(problem, x):
+    return problem.gradient(x).psi
+
+if __name__ == "__main__":
+    problem = reference_problem(MPI.COMM_WORLD, (12, 3), modes=2, steps=100)
+    cells = problem.flexible["rod"].domain.n_cells
+    designs = [np.full(cells, density) for density in (0.5, 1.0)]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        found = pool.starmap(value, [(problem, x) for x in designs])
+    np.testing.assert_allclose(found, [problem.value(x).psi for x in designs], rtol=1e-9)
+    print("the same")
+"""
+
+
+def even(problem: ffr.Problem, value: float) -> np.ndarray:
+    return np.full(problem.flexible["rod"].domain.n_cells, value)
+
+
+#: Round-off of LAPACK and MUMPS depends on places in memory: some 1e-14 here, while another density
+#: or another mesh changes the first digits.
+SAME = 1e-9
+
+
+def same_arrays(found: np.ndarray, expected: np.ndarray) -> None:
+    scale = np.max(np.abs(expected), initial=0.0)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=SAME * scale)
+
+
+def same_evaluation(found: ffr.Evaluation, expected: ffr.Evaluation) -> None:
+    assert found.psi == pytest.approx(expected.psi, rel=SAME)
+    assert found.gradient is not None and expected.gradient is not None
+    for name, gradient in expected.gradient.items():
+        same_arrays(found.gradient[name], gradient)
+    same_arrays(found.motion.y, expected.motion.y)
+
+
+@pytest.mark.slow
+def test_multiprocessing_spawn(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    done = subprocess.run(
+        processes.command(str(program)),
+        env=processes.environment(OMP_NUM_THREADS="1"),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.stdout.strip() == "the same", done.stderr[-2000:]
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_pickled_problem_computes_the_same(cell: str) -> None:
+    """With markers, stiffening, a curved order and a kept evaluation."""
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(12, 3), cell=cell, order=2)
+    problem = slider_crank(
+        MPI.COMM_SELF,
+        domain=domain,
+        modes=2,
+        steps=100,
+        frame=ffr.ChordFrame("left", "right"),
+        markers={"middle": (0.2, 0.0)},
+        stiffening=("omega2",),
+    )
+    x = even(problem, 0.7)
+    evaluation = problem.gradient(x)
+    twin, kept = pickle.loads(pickle.dumps((problem, evaluation)))
+    same_evaluation(kept, evaluation)
+    same_evaluation(twin.gradient(x), evaluation)
+    # an evaluation that has come through pickle can be differentiated, there and here
+    for other, value in ((twin, problem.value(x)), (problem, pickle.loads(pickle.dumps(kept)))):
+        same_evaluation(other.differentiate(value), evaluation)
+
+
+def test_pickled_domain_is_numbered_alike() -> None:
+    domain = prongs(MPI.COMM_SELF)
+    twin = pickle.loads(pickle.dumps(domain))
+    np.testing.assert_array_equal(twin.centroids, domain.centroids)
+    np.testing.assert_array_equal(twin.design_cells, domain.design_cells)
+    np.testing.assert_array_equal(twin.interfaces["root"].facets, domain.interfaces["root"].facets)
+
+
+class OwnDomain(ffr.Domain):
+    pass
+
+
+class OwnBody(ffr.FlexibleBody):
+    pass
+
+
+class OwnBasis(RadialBasis):
+    pass
+
+
+def test_copies_are_of_the_same_class() -> None:
+    """Also those of classes that users derive."""
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(12, 3))
+    own = OwnDomain(domain.mesh, {"left": domain.interfaces["left"].facets})
+    steel = ffr.PlaneStress(2.1e11, 0.3, 7850.0, 0.01)
+    body = OwnBody(own, steel, frame=ffr.TangentFrame("left"), modes=1)
+    basis = OwnBasis(np.eye(2), ffr.Wendland(3.0))
+    for twin in (copy.deepcopy(body), pickle.loads(pickle.dumps(body)), body.with_modes(2)):
+        assert (type(twin), type(twin.domain)) == (OwnBody, OwnDomain)
+    assert type(pickle.loads(pickle.dumps(basis))) is OwnBasis
+
+
+def test_a_design_that_was_pickled_apart_is_refused_with_what_to_do() -> None:
+    problem = slider_crank(MPI.COMM_SELF, (12, 3), modes=1, steps=100)
+    design = ffr.DensityDesign(problem.flexible["rod"].domain)
+    apart = pickle.loads(pickle.dumps(design))
+    with pytest.raises(ValueError, match="pickle problem and design together"):
+        ffr.optimize(problem, apart, apart.even(0.5), volume=0.5, progress=False)
+
+
+def test_pickled_result_goes_on() -> None:
+    """A design can be evaluated, and designed further, after it has been kept."""
+    problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=2, steps=100)
+    levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+    start = levelset.with_holes(4, 1, 0.004)
+    result = ffr.optimize(problem, levelset, start, volume=0.7, iterations=2, progress=False)
+    found, twin, again = pickle.loads(pickle.dumps((result, problem, levelset)))
+    np.testing.assert_array_equal(found.x, result.x)
+    same_evaluation(found.evaluation, result.evaluation)
+    np.testing.assert_array_equal(found.designs["rod"].density(found.coefficients), result.x)
+    assert twin.value(found.x).psi == pytest.approx(result.psi, rel=SAME)
+    further = ffr.optimize(
+        twin, again, found.coefficients, volume=0.7, iterations=1, progress=False
+    )
+    assert np.isfinite(further.psi)
+
+
+@pytest.mark.mpi
+def test_deep_copies_are_independent(comm: MPI.Intracomm) -> None:
+    problem = slider_crank(comm, (12, 3), modes=2, steps=100)
+    x = even(problem, 0.7)
+    evaluation = problem.gradient(x)
+    twin, kept = copy.deepcopy(problem), copy.deepcopy(evaluation)
+    problem.value(even(problem, 0.5))
+    same_evaluation(twin.gradient(x), evaluation)
+    kept.motion.y[:] = 0.0
+    assert np.any(evaluation.motion.y)
+
+
+@pytest.mark.mpi
+def test_distributed_domain_says_that_it_cannot_be_pickled(comm: MPI.Intracomm) -> None:
+    problem = slider_crank(comm, (12, 3), modes=2, steps=100)
+    if comm.size > 1:
+        with pytest.raises(pickle.PicklingError, match=f"a Domain on {comm.size} ranks"):
+            pickle.dumps(problem)
+    # what a rank holds of an evaluation are arrays
+    evaluation = problem.value(even(problem, 1.0))
+    assert pickle.loads(pickle.dumps(evaluation)).psi == evaluation.psi
+
+
+def test_one_body_under_two_names() -> None:
+    """Values and gradients are those of two bodies, in any order of calls."""
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(12, 3))
+    steel = ffr.PlaneStress(2.1e11, 0.3, 7850.0, 0.01)
+
+    def arm() -> ffr.FlexibleBody:
+        return ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=2)
+
+    mechanism = ffr.Mechanism(
+        {"upper": ffr.Placement(), "lower": ffr.Placement((0.4, 0.0))},
+        [
+            ffr.Revolute(("upper", "left"), ffr.Ground()),
+            ffr.Revolute(("upper", "right"), ("lower", "left")),
+        ],
+        gravity=(0.0, -9.81),
+    )
+    one, steps, objective = arm(), ffr.GeneralizedAlpha(0.05, 10), ffr.IntegralCompliance()
+    shared = ffr.Problem({"upper": one, "lower": one}, mechanism, steps, objective)
+    apart = ffr.Problem({"upper": arm(), "lower": arm()}, mechanism, steps, objective)
+    x = {"upper": np.full(domain.n_cells, 0.9), "lower": np.full(domain.n_cells, 0.6)}
+    y = {"upper": x["lower"], "lower": x["upper"]}
+    early, expected = shared.value(x), apart.gradient(x)
+    shared.value(y)
+    same_evaluation(shared.differentiate(early), expected)
+
+
+def test_one_problem_in_several_threads() -> None:
+    """Each thread has the numbers of its own density, as if it were alone."""
+    problem = slider_crank(MPI.COMM_SELF, (12, 3), modes=2, steps=100)
+    designs = [even(problem, value) for value in np.linspace(0.3, 1.0, 8)]
+    expected = [problem.gradient(x) for x in designs]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(problem.gradient, designs))
+    for one, other in zip(found, expected, strict=True):
+        same_evaluation(one, other)

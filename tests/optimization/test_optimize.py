@@ -1,0 +1,599 @@
+# SPDX-License-Identifier: MIT
+"""The design loop: descent, stages, interruption, checkpoints, histories."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import warnings
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.problems import Copy, slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import io
+from dolfinx_ffr.optimization.loop import COLUMNS, GRADIENT_COLUMNS
+
+ITERATIONS = 12
+
+
+def disc(c: np.ndarray) -> np.ndarray:
+    """Solid but for an ellipse."""
+    return np.where(np.hypot((c[:, 0] - 0.2) / 0.12, c[:, 1] / 0.025) < 1.0, 0.0, 1.0)
+
+
+def scene(comm: MPI.Intracomm) -> tuple[ffr.Problem, ffr.LevelSet, np.ndarray]:
+    """The slider-crank on a coarse mesh, with a start design."""
+    problem = slider_crank(comm)
+    levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+    return problem, levelset, levelset.with_holes(6, 1, 0.01)
+
+
+def run(parts: Any, **options: Any) -> ffr.Result:
+    """Run the loop on a scene, without noise."""
+    with warnings.catch_warnings():
+        for expected in (ffr.SofteningWarning, ffr.LargeDeformationWarning):
+            warnings.simplefilter("ignore", expected)
+        return ffr.optimize(
+            *parts, **{"iterations": ITERATIONS, "progress": False, "volume": 0.6, **options}
+        )
+
+
+# ---------------------------------------------------------------------- descent
+
+
+@pytest.mark.mpi
+def test_a_known_shape_is_found(comm: MPI.Intracomm) -> None:
+    """Eight small holes merge into the one that is wanted; the volume bound is not in the way."""
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    result = run((problem, levelset, levelset.with_holes(8, 1, 0.012)), volume=1.0, iterations=80)
+    assert result.reason == "converged"
+    assert result.psi - 1.0 < 0.02 * (result.history["psi"][0] - 1.0) + 0.006
+    differs = np.abs(result.x - problem.target) > 0.5
+    wrong = problem.domain.sum(problem.domain.cell_volumes * differs)
+    assert wrong / problem.domain.area < 0.01
+    assert np.all(result.history["multiplier"] == 0.0)
+
+
+@pytest.mark.mpi
+def test_the_volume_bound_is_kept(comm: MPI.Intracomm) -> None:
+    """More material would be better, and the bound is used up."""
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    result = run((problem, levelset, levelset.with_holes(8, 1, 0.02)), iterations=30)
+    assert np.all(result.history["volume"] <= 0.6 + 1e-12)
+    assert np.all(result.history["multiplier"] >= 0.0)
+    assert result.history["volume"][-1] == pytest.approx(0.6, rel=1e-3)
+    assert result.history["multiplier"][1:].max() > 0.0
+
+
+@pytest.mark.mpi
+def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
+    parts = scene(comm)
+    result = run(parts)
+    history, levelset = result.history, parts[1]
+    same_stage = np.diff(history["width"]) == 0.0
+    kept = history["accepted"] == 1.0
+    falls = np.diff(history["psi"])
+    assert np.all(falls[same_stage & kept[1:]] < 0.0)
+    assert np.all(falls[same_stage & ~kept[1:]] == 0.0)
+    assert history["psi"][-1] < 0.5 * history["psi"][0]
+    assert np.unique(history["width"] / levelset.element) == pytest.approx([0.2, 0.35, 0.6, 1.0])
+    # the result is what the last row says, and fits together
+    assert result.iterations == ITERATIONS
+    assert result.psi == history["psi"][-1]
+    levelset = levelset.with_width(history["width"][-1])
+    assert np.array_equal(result.x, levelset.fill_fraction(result.coefficients))
+    assert np.array_equal(result.x, result.designs["rod"].density(result.coefficients))
+    assert levelset.volume(result.coefficients) == pytest.approx(history["volume"][-1], rel=1e-12)
+    domain = levelset.domain
+    assert ffr.gray_fraction(domain, result.x) == history["gray"][-1]
+    assert result.evaluation.gradient is not None
+
+
+@pytest.mark.mpi
+def test_ranks_agree(comm: MPI.Intracomm) -> None:
+    result = run(scene(comm), iterations=4)
+    rows = np.array([result.history[name] for name in COLUMNS if name != "seconds"])
+    mine = result.coefficients.tobytes() + rows.tobytes() + result.reason.encode()
+    assert len(set(comm.allgather(mine))) == 1
+
+
+@pytest.mark.mpi
+def test_a_step_that_cannot_be_simulated_is_halved(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    problem.broken = {3, 4}  # after the even density and the start
+    start = levelset.with_holes(8, 1, 0.012)
+    one_stage = ffr.LevelSetEvolution(widths=(1.0,))
+    result = run((problem, levelset, start), iterations=3, volume=1.0, optimizer=one_stage)
+    assert result.history["accepted"].tolist() == [1, 0, 0, 1]
+    assert result.history["step"].tolist() == pytest.approx([1.0, 0.5, 0.25, 0.325])
+
+
+@pytest.mark.mpi
+def test_a_design_that_cannot_be_narrowed_is_kept(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    problem.broken = {5}  # after the even density, the start and two steps
+    start = levelset.with_holes(8, 1, 0.012)
+    two_stages = ffr.LevelSetEvolution(widths=(1.0, 0.5))
+    result = run((problem, levelset, start), iterations=4, volume=1.0, optimizer=two_stages)
+    assert (result.reason, result.iterations) == ("stalled", 2)
+    assert result.designs["plate"].width == levelset.element
+    assert result.psi == problem.value(levelset.fill_fraction(result.coefficients)).psi
+
+
+@pytest.mark.mpi
+def test_a_start_in_pieces_gives_way_to_an_even_density(comm: MPI.Intracomm) -> None:
+    problem, levelset, _ = scene(comm)
+    cut = levelset.interpolate(lambda x: np.abs(x[:, 0] - 0.2) - 0.04)
+    with pytest.warns(UserWarning, match="the start design has fallen apart"):
+        result = run((problem, levelset, cut), iterations=0)
+    assert result.history["gray"][0] > 0.8
+    assert result.reason == "iterations"
+
+
+def test_gray_fraction_counts_areas() -> None:
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 1.0, 0.1, elements=(10, 1), solid_columns=0)
+    x = np.zeros(domain.n_cells)
+    x[:4] = [0.1, 0.9, 0.5, 0.11]
+    assert ffr.gray_fraction(domain, x) == pytest.approx(0.2)
+    assert ffr.gray_fraction(domain, x, 0.05, 0.95) == pytest.approx(0.4)
+
+
+# ---------------------------------------------------------------------- no hidden state
+
+
+@pytest.mark.mpi
+def test_an_optimisation_leaves_the_level_set_as_it_was(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain, width=0.004)
+    start = levelset.with_holes(8, 1, 0.012)
+    before = levelset.fill_fraction(start)
+    for optimizer in (ffr.LevelSetEvolution(widths=(1.0,)), ffr.MMA()):
+        run((problem, levelset, start), iterations=1, optimizer=optimizer)
+        assert np.array_equal(levelset.fill_fraction(start), before)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "optimizer", [ffr.LevelSetEvolution(widths=(1.0, 0.5)), ffr.MMA()], ids=["steps", "MMA"]
+)
+def test_one_level_set_serves_two_optimisations(comm: MPI.Intracomm, optimizer: Any) -> None:
+    """One within an iteration of the other: both as if each had a level set of its own."""
+    problem = Copy(comm, disc)
+    inner: list[ffr.Result] = []
+
+    def results(shared: bool) -> list[ffr.Result]:
+        first = ffr.LevelSet(problem.domain)
+        second = first if shared else ffr.LevelSet(problem.domain)
+        start = first.with_holes(8, 1, 0.012)
+        inner.clear()
+
+        def other(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+            if iteration == 2:
+                late = ffr.LevelSetEvolution(widths=(0.3,))
+                inner.append(run((problem, second, start), iterations=2, optimizer=late))
+
+        return [run((problem, first, start), optimizer=optimizer, callback=other), *inner]
+
+    for shared, alone in zip(results(True), results(False), strict=True):
+        assert np.array_equal(shared.coefficients, alone.coefficients)
+        assert np.array_equal(shared.x, alone.x)
+        assert np.array_equal(shared.history["psi"], alone.history["psi"])
+
+
+@pytest.mark.mpi
+def test_one_problem_serves_two_optimisations(comm: MPI.Intracomm) -> None:
+    """One within an iteration of the other, with another kind of design on the same body."""
+    inner: list[ffr.Result] = []
+
+    def results(shared: bool) -> list[ffr.Result]:
+        first, levelset, start = scene(comm)
+        second = first if shared else scene(comm)[0]
+        densities = ffr.DensityDesign(second.flexible["rod"].domain)
+        inner.clear()
+
+        def other(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+            if iteration == 1:
+                inner.append(run((second, densities, densities.even(0.5)), iterations=2))
+
+        return [run((first, levelset, start), iterations=2, callback=other), *inner]
+
+    for shared, alone in zip(results(True), results(False), strict=True):
+        # cells may be distributed differently on each mesh
+        for name in ("psi", "volume", "gray"):
+            assert shared.history[name] == pytest.approx(alone.history[name], rel=1e-8), name
+
+
+# ---------------------------------------------------------------------- files
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("first", ["exact", "approximate"])
+def test_the_gradient_has_columns_where_it_is_approximated(
+    comm: MPI.Intracomm, shared_tmp_path: Path, first: str
+) -> None:
+    """A run may go on with the other kind of gradient; what was not known then is NaN."""
+    kinds = {
+        "exact": ffr.ExactAdjoint(),
+        "approximate": ffr.ApproximateGradient(
+            ffr.GradientElements(share=0.4), ffr.ExponentialSpline(0.1)
+        ),
+    }
+    second = next(name for name in kinds if name != first)
+    begun = run(scene(comm), output=shared_tmp_path, iterations=1, gradient=kinds[first])
+    assert list(begun.history) == COLUMNS + (GRADIENT_COLUMNS if first == "approximate" else [])
+    result = run(
+        scene(comm), output=shared_tmp_path, iterations=2, resume=True, gradient=kinds[second]
+    )
+    assert set(result.history) == {*COLUMNS, *GRADIENT_COLUMNS}
+    estimate = result.history["gradient_estimate"]
+    if first == "exact":
+        assert np.all(np.isnan(estimate[:2])) and estimate[2] > 0.0
+    else:
+        assert np.all(estimate[:2] > 0.0)
+    comm.Barrier()
+    found = ffr.read_history(shared_tmp_path / "history.csv")
+    np.testing.assert_array_equal(found["gradient_estimate"], estimate)
+
+
+@pytest.mark.mpi
+def test_history_is_on_the_disk_after_each_iteration(
+    comm: MPI.Intracomm, shared_tmp_path: Path
+) -> None:
+    lengths = []
+
+    def look(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        lengths.append(len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) - iteration)
+
+    result = run(scene(comm), output=shared_tmp_path, callback=look, iterations=4)
+    assert lengths == [1, 1, 1, 1]
+    comm.Barrier()
+    found = ffr.read_history(shared_tmp_path / "history.csv")
+    assert list(found) == COLUMNS
+    for name in COLUMNS:
+        np.testing.assert_array_equal(found[name], result.history[name], name)
+    assert sorted(p.name for p in shared_tmp_path.iterdir()) == ["checkpoint", "history.csv"]
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_and_resumed_is_as_if_uninterrupted(
+    comm: MPI.Intracomm, shared_tmp_path: Path, number: signal.Signals
+) -> None:
+    """A signal on the last rank alone ends the loop on all of them, after the iteration at hand."""
+    parts = scene(comm)
+    whole = run(parts, iterations=8)
+
+    def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        if iteration == 5 and comm.rank == comm.size - 1:
+            os.kill(os.getpid(), number)
+
+    before = signal.getsignal(number)
+    first = run(parts, iterations=8, output=shared_tmp_path, callback=interrupt)
+    assert signal.getsignal(number) == before
+    assert (first.reason, first.iterations) == ("interrupted", 5)
+    # on several ranks MUMPS adds up in an order that changes from run to run
+    assert first.psi == pytest.approx(
+        whole.history["psi"][5], rel=1e-12 if comm.size == 1 else 1e-9
+    )
+    assert len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) == 6
+
+    # on the same mesh: another one may be distributed differently
+    levelset = ffr.LevelSet(parts[1].domain)
+    rest = run((parts[0], levelset, parts[2]), iterations=8, output=shared_tmp_path, resume=True)
+    assert (rest.reason, rest.iterations) == (whole.reason, whole.iterations)
+    for name in ("psi", "volume", "gray", "accepted", "step", "width"):
+        assert rest.history[name] == pytest.approx(whole.history[name], rel=1e-9), name
+    scale = np.max(np.abs(whole.coefficients))
+    assert rest.coefficients == pytest.approx(whole.coefficients, abs=1e-9 * scale)
+    assert rest.x == pytest.approx(whole.x, abs=1e-8)
+    comm.Barrier()
+    found = ffr.read_history(shared_tmp_path / "history.csv")
+    assert np.array_equal(found["psi"], rest.history["psi"])
+
+
+@pytest.mark.mpi
+def test_resuming_a_finished_run_changes_nothing(
+    comm: MPI.Intracomm, shared_tmp_path: Path
+) -> None:
+    first = run(scene(comm), output=shared_tmp_path, iterations=3)
+    again = run(scene(comm), output=shared_tmp_path, iterations=3, resume=True)
+    # the knots are factored anew, and what BLAS makes of that depends on the place in memory
+    scale = np.max(np.abs(first.coefficients))
+    assert again.coefficients == pytest.approx(first.coefficients, abs=1e-12 * scale)
+    assert np.array_equal(again.history["seconds"], first.history["seconds"])
+    more = run(scene(comm), output=shared_tmp_path, iterations=5, resume=True)
+    assert more.iterations == 5
+    assert np.array_equal(more.history["psi"][:4], first.history["psi"])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("optimizer", [ffr.LevelSetEvolution(), ffr.MMA()], ids=["steps", "MMA"])
+def test_a_checkpoint_serves_where_cells_are_distributed_otherwise(
+    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
+) -> None:
+    """Begun on all ranks and ended on one less; sums over the cells differ in their last bits."""
+    first = run(scene(comm), output=shared_tmp_path, iterations=1, optimizer=optimizer)
+    fewer = comm.Split(int(comm.rank > 0 or comm.size == 1))
+    if comm.rank > 0 or comm.size == 1:
+        parts = scene(fewer)
+        domain = parts[1].domain
+        # as any order of the sum may make it
+        area = domain.area
+        domain.__dict__["cell_volumes"] = domain.cell_volumes * (1.0 + 4.0 * np.finfo(float).eps)
+        assert domain.area != area
+        parts = (parts[0], ffr.LevelSet(domain), parts[2])
+        more = run(parts, output=shared_tmp_path, iterations=2, resume=True, optimizer=optimizer)
+        assert more.iterations == 2
+        assert np.array_equal(more.history["psi"][:2], first.history["psi"])
+    fewer.Free()
+
+
+@pytest.mark.mpi
+def test_resume_without_a_checkpoint_starts_anew(
+    comm: MPI.Intracomm, shared_tmp_path: Path
+) -> None:
+    with pytest.warns(ffr.DesignWarning, match="no checkpoint .*new.checkpoint to go on from"):
+        result = run(scene(comm), output=shared_tmp_path / "new", iterations=1, resume=True)
+    assert result.iterations == 1
+    with pytest.raises(ValueError, match="resume=True needs the folder of the checkpoint"):
+        run(scene(comm), iterations=1, resume=True)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", [ffr.LevelSetEvolution, ffr.MMA])
+def test_stages_do_not_depend_on_how_a_run_is_cut_up(
+    comm: MPI.Intracomm, shared_tmp_path: Path, kind: Any
+) -> None:
+    """Neither with stages of a given length, nor with those that the first call has planned."""
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    parts = (problem, levelset, levelset.with_holes(8, 1, 0.012))
+    ends = {"given": [24], "planned": [8, 24]}
+    cuts = {"given": [5, 9, 24], "planned": [8, 10, 17, 24]}
+    for name, optimizer in (("given", kind(stage_iterations=6)), ("planned", kind())):
+
+        def through(iterations: list[int], folder: str, optimizer: Any = optimizer) -> ffr.Result:
+            output = shared_tmp_path / folder
+            results = [
+                run(parts, iterations=n, output=output, optimizer=optimizer, resume=resume)
+                for n, resume in zip(iterations, [False, *[True] * len(iterations)], strict=False)
+            ]
+            return results[-1]
+
+        whole, cut = through(ends[name], f"{name} whole"), through(cuts[name], f"{name} cut")
+        assert len(np.unique(whole.history["width"])) > 1
+        for column in ("psi", "width", "accepted", "step"):
+            np.testing.assert_allclose(cut.history[column], whole.history[column], rtol=1e-9)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("optimizer", [ffr.LevelSetEvolution(), ffr.MMA()], ids=["steps", "MMA"])
+def test_less_iterations_than_done_change_nothing(
+    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
+) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    parts = (problem, levelset, levelset.with_holes(8, 1, 0.012))
+    options = {"output": shared_tmp_path, "optimizer": optimizer}
+    first = run(parts, iterations=8, **options)
+    comm.Barrier()
+    before = (shared_tmp_path / "checkpoint").read_bytes()
+    again = run(parts, iterations=2, resume=True, **options)
+    assert (again.reason, again.iterations) == ("iterations", 8)
+    assert again.history["psi"].tolist() == first.history["psi"].tolist()
+    assert again.designs["plate"].width == first.designs["plate"].width
+    comm.Barrier()
+    assert (shared_tmp_path / "checkpoint").read_bytes() == before
+
+
+@pytest.mark.mpi
+def test_a_gray_result_is_said_with_the_remedy(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    parts = (problem, levelset, np.zeros(len(levelset.knots)))
+    with pytest.warns(ffr.DesignWarning, match="% of 'plate' is gray.*give more iterations"):
+        run(parts, iterations=1, optimizer=ffr.LevelSetEvolution(stage_iterations=3), volume=1.0)
+    with pytest.warns(ffr.DesignWarning, match="'plate' is gray.*end with a sharper stage"):
+        result = run(parts, iterations=1, optimizer=ffr.LevelSetEvolution(widths=(5.0,)))
+    assert result.summary()["gray"] > 0.5 and result.summary()["feasible"]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("damage", ["flipped", "truncated", "empty", "text"])
+def test_a_damaged_checkpoint_is_refused(
+    comm: MPI.Intracomm, shared_tmp_path: Path, damage: str
+) -> None:
+    parts = scene(comm)
+    run(parts, output=shared_tmp_path, iterations=1)
+    path = shared_tmp_path / "checkpoint"
+    if comm.rank == 0:
+        content = bytearray(path.read_bytes())
+        if damage == "flipped":
+            content[len(content) // 2] ^= 1
+        path.write_bytes(
+            {"flipped": bytes(content), "truncated": bytes(content[:-100]), "empty": b""}.get(
+                damage, b"not a checkpoint\n"
+            )
+        )
+    comm.Barrier()
+    with pytest.raises(ffr.CheckpointError, match=r"is damaged.*Delete it to start anew"):
+        run(parts, output=shared_tmp_path, resume=True)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("change", ["volume", "widths", "knots", "kernel", "steps"])
+def test_a_checkpoint_of_another_problem_is_refused(
+    comm: MPI.Intracomm, shared_tmp_path: Path, change: str
+) -> None:
+    problem, levelset, start = scene(comm)
+    run((problem, levelset, start), output=shared_tmp_path, iterations=1)
+    options: dict[str, Any] = {}
+    name = change
+    if change == "volume":
+        options["volume"] = 0.55
+    elif change == "widths":
+        options["optimizer"] = ffr.LevelSetEvolution(widths=(1.0, 0.5))
+    elif change == "knots":
+        levelset = ffr.LevelSet(levelset.domain, spacing=0.008)
+    elif change == "kernel":
+        levelset = ffr.LevelSet(levelset.domain, kernel=ffr.Wendland(0.031))
+    else:
+        problem.integrator = ffr.GeneralizedAlpha(2.0, 190)
+        name = "psi of its design was"
+    start = levelset.with_holes(6, 1, 0.01)
+    with pytest.raises(ffr.CheckpointError, match=f"of another problem.*{name}"):
+        run((problem, levelset, start), output=shared_tmp_path, resume=True, **options)
+
+
+@pytest.mark.mpi
+def test_checkpoints_survive_a_failed_write(
+    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = shared_tmp_path / "state"
+    state = {"phi": np.arange(5.0), "iteration": 3, "kernel": "Wendland"}
+    io.save_checkpoint(comm, path, state)
+
+    def full(*_: Any) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="no space left"):
+        io.save_checkpoint(comm, path, {"phi": np.zeros(2)})
+    found = io.load_checkpoint(comm, path)
+    assert np.array_equal(found["phi"], state["phi"])
+    assert (found["iteration"].item(), found["kernel"].item()) == (3, "Wendland")
+    comm.Barrier()
+    assert [p.name for p in shared_tmp_path.iterdir()] == ["state"]
+
+
+@pytest.mark.mpi
+def test_missing_and_unwritable_files_are_named(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        io.load_checkpoint(comm, shared_tmp_path / "nowhere")
+    if comm.rank == 0:
+        (shared_tmp_path / "taken").write_text("a file, not a folder")
+    comm.Barrier()
+    with pytest.raises(OSError, match="taken"):
+        run(scene(comm), output=shared_tmp_path / "taken", iterations=1)
+
+
+@pytest.mark.mpi
+def test_summary_holds_numbers(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    summary = {"psi": np.float64(1.5), "steps": np.int64(3), "list": np.arange(2), "name": "x"}
+    ffr.write_summary(comm, shared_tmp_path / "sub" / "summary.json", summary)
+    comm.Barrier()
+    found = json.loads((shared_tmp_path / "sub" / "summary.json").read_text())
+    assert found == {"psi": 1.5, "steps": 3, "list": [0, 1], "name": "x"}
+    with pytest.raises(TypeError, match="cannot hold a set"):
+        ffr.write_summary(comm, shared_tmp_path / "summary.json", {"bad": {1}})
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_density_files_hold_the_density(
+    comm: MPI.Intracomm, shared_tmp_path: Path, cell: str
+) -> None:
+    """What a reader finds beside each cell's centroid is the density there."""
+    h5py = pytest.importorskip("h5py")
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 3), cell=cell)
+    path = shared_tmp_path / "design.xdmf"
+    ffr.write_density(domain, 0.5 + domain.centroids[:, 0], path)
+    comm.Barrier()
+    items = [e.text or "" for e in ElementTree.parse(path).iter("DataItem")]
+    with h5py.File(path.with_suffix(".h5")) as file:
+        arrays = [np.array(file[item.strip().split(":", 1)[1]]) for item in items]
+    topology, geometry, density = arrays[:3]
+    centroids = geometry[topology[:, -4 if cell == "quadrilateral" else -3 :]].mean(axis=1)
+    assert len(density) == domain.n_cells_global
+    assert density.ravel() == pytest.approx(0.5 + centroids[:, 0], abs=1e-12)
+
+
+# ---------------------------------------------------------------------- bad input
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"iterations": -1}, "iterations must be a whole number that is not negative"),
+        ({"volume": 1.5}, "volume must lie between 0 and 1, 0 excluded, but it is 1.5"),
+        ({"volume": 0.05}, "leaves nothing to design"),
+    ],
+)
+def test_bad_options_are_refused(
+    comm: MPI.Intracomm, options: dict[str, Any], message: str
+) -> None:
+    parts = scene(comm)
+    with pytest.raises(ValueError, match=message):
+        run(parts, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"widths": ()}, "widths must have a number for each stage"),
+        ({"widths": (1.0, 0.0)}, "widths must be positive, but it is 0.0"),
+        ({"step": 0.0}, "step must be positive, but it is 0.0"),
+        ({"step": math.nan}, "step must be positive, but it is nan"),
+        ({"tolerance": -1.0}, "tolerance must not be negative"),
+        ({"reinitialize_every": -1}, "reinitialize_every must be a whole number"),
+        ({"stage_iterations": 0}, "stage_iterations must be a positive whole number"),
+    ],
+)
+def test_bad_options_of_the_evolution_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ffr.LevelSetEvolution(**options)
+
+
+@pytest.mark.mpi
+def test_options_of_the_optimizer_still_work(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, disc)
+    levelset = ffr.LevelSet(problem.domain)
+    parts = (problem, levelset, levelset.with_holes(8, 1, 0.012))
+    with pytest.warns(
+        DeprecationWarning, match=r"\['step', 'widths'\].*LevelSetEvolution\(\.\.\.\)"
+    ):
+        old = run(parts, iterations=3, widths=(1.0,), step=0.7)
+    new = run(parts, iterations=3, optimizer=ffr.LevelSetEvolution(widths=(1.0,), step=0.7))
+    assert np.array_equal(old.coefficients, new.coefficients)
+    with pytest.warns(DeprecationWarning), pytest.raises(TypeError, match="'stride'"):
+        run(parts, stride=1.0)
+
+
+@pytest.mark.mpi
+def test_parts_that_do_not_fit_are_refused(comm: MPI.Intracomm) -> None:
+    problem, levelset, start = scene(comm)
+    other = ffr.LevelSet(ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(40, 8)))
+    with pytest.raises(ValueError, match="not on the domain of the problem's body"):
+        run((problem, other, start))
+    with pytest.raises(ValueError, match="the evolution moves another level set"):
+        moving = ffr.LevelSetEvolution(ffr.Evolution(other, 0.6))
+        run((problem, levelset, start), optimizer=moving)
+    with pytest.raises(ValueError, match="finite coefficients, one a knot"):
+        run((problem, levelset, start[:-1]))
+    with pytest.raises(ValueError, match="with NaN or infinity"):
+        run((problem, levelset, np.full(len(start), np.nan)))
+    two = ffr.Problem(
+        {**problem.bodies, "twin": problem.bodies["rod"]},
+        problem.mechanism,
+        problem.integrator,
+        problem.objective,
+    )
+    with pytest.raises(
+        ValueError, match=r"designs one body, and the problem has \['rod', 'twin'\]"
+    ):
+        run((two, levelset, start))

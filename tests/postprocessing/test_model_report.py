@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""What a scene models, and how many modes it needs."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import mesh
+from slider_crank import reference_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.postprocessing.model_report import model_report
+
+
+@pytest.mark.mpi
+def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
+    """Counts are right, and estimated errors are near those against a finer model."""
+    problem = reference_problem(comm, (60, 6), modes=6, steps=800)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    evaluation = problem.value(x)
+    report = model_report(problem, evaluation)
+    rod = report.bodies["rod"]
+    assert (rod.kind, rod.constraint_modes, rod.normal_modes) == ("flexible", 3, 6)
+    assert (report.coordinates, report.rows) == (12, 3)
+    assert rod.elements == 360
+    assert 0.0 < rod.softening < 0.01
+    assert rod.highest_frequency < rod.next_frequency
+    assert report.left_out == ["gravity", "damping", "forces", "geometric stiffening"]
+    fine = reference_problem(comm, (60, 6), modes=6, steps=8000).value(x).psi
+    assert report.step_error == pytest.approx(abs(evaluation.psi / fine - 1.0), rel=0.3)
+    many = reference_problem(comm, (60, 6), modes=16, steps=800).value(x).psi
+    missing = abs(evaluation.psi / many - 1.0)
+    assert missing / 1.2 < report.modes_error < 1.2 * missing
+    text = str(report)
+    assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("steps", [40, None])
+def test_error_of_radau_steps(comm: MPI.Intracomm, steps: int | None) -> None:
+    """The fifth-order method in a problem with a mesh: estimated error, gradient."""
+    problem = reference_problem(comm, (20, 2), modes=1, steps=100)
+    problem.integrator = ffr.RadauIIA(0.4, tolerance=1e-4, steps=steps)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    evaluation = problem.gradient(x)
+    report = model_report(problem, evaluation)
+    problem.integrator = ffr.RadauIIA(0.4, steps=1000)
+    fine = problem.gradient(x)
+    assert abs(evaluation.psi / fine.psi - 1.0) < 1e-4
+    assert report.step_error < 1e-4
+    gap = evaluation.gradient["rod"] - fine.gradient["rod"]
+    assert np.linalg.norm(gap) <= 1e-3 * np.linalg.norm(fine.gradient["rod"])
+
+
+@pytest.mark.mpi
+def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
+    """The chosen number keeps the accuracy; one chosen for less accuracy is smaller."""
+    problem = reference_problem(comm, (60, 6), modes=14, steps=400)
+    x = np.ones(problem.flexible["rod"].domain.n_cells)
+    psi = problem.with_modes({"rod": 60}).value(x).psi
+    rough, fine = (ffr.select_modes(problem, tolerance=t) for t in (1e-2, 1e-4))
+    assert 0 < rough.modes["rod"] < fine.modes["rod"] < 13
+    for selection, tolerance in ((rough, 1e-2), (fine, 1e-4)):
+        smaller = problem.with_modes(selection.modes)
+        assert smaller.flexible["rod"].reduction.modes == selection.modes["rod"]
+        error = abs(smaller.value(x).psi / psi - 1.0)
+        assert error <= tolerance
+        assert error == pytest.approx(selection.error, rel=0.1)
+        # one mode less would not do
+        assert selection.errors["rod"][selection.modes["rod"] - 1] > tolerance
+    with pytest.raises(ValueError, match="give the problem more modes"):
+        ffr.select_modes(problem.with_modes({"rod": 3}), tolerance=1e-6)
+    with pytest.raises(ValueError, match="no flexible body 'crank'"):
+        problem.with_modes({"crank": 3})
+
+
+@pytest.mark.mpi
+def test_modes_below_a_frequency(comm: MPI.Intracomm) -> None:
+    problem = reference_problem(comm, (40, 4), modes=6, steps=100)
+    body = problem.flexible["rod"]
+    frequencies = body.reduce(np.ones(body.domain.n_cells)).basis.frequencies
+    assert ffr.modes_below(body, 1.001 * frequencies[3]) == 4
+    assert ffr.modes_below(body, 0.999 * frequencies[0]) == 0
+    # not only as many as the body has
+    more = body.with_modes(12).reduce(np.ones(body.domain.n_cells)).basis.frequencies
+    assert ffr.modes_below(body, 1.001 * more[11]) == 12
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("half", "named"), [(0.11, {"slot": 0.5}), (0.03, {})])
+def test_long_interfaces_are_named(
+    comm: MPI.Intracomm, half: float, named: dict[str, float]
+) -> None:
+    """A slot of half the length of a body is; a short piece of it, and the end, are not."""
+    grid = mesh.create_rectangle(
+        comm, [[0.0, 0.0], [0.4, 0.02]], [20, 1], mesh.CellType.quadrilateral
+    )
+
+    def slot(x: np.ndarray) -> np.ndarray:
+        return (x[1] > 0.019) & (np.abs(x[0] - 0.2) < half)
+
+    domain = ffr.Domain(grid, {"pin": lambda x: x[0] < 1e-6, "slot": slot})
+    steel = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01)
+    bodies = {"rocker": ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("pin"), modes=1)}
+    mechanism = ffr.Mechanism(
+        {"rocker": ffr.Placement()},
+        [ffr.Revolute(("rocker", "pin"), ffr.Ground())],
+        gravity=(0.0, -9.81),
+    )
+    integrator = ffr.GeneralizedAlpha(0.1, 40)
+    problem = ffr.Problem(bodies, mechanism, integrator, ffr.IntegralCompliance())
+    report = model_report(problem, problem.value(np.ones(domain.n_cells)))
+    assert report.bodies["rocker"].long_interfaces == pytest.approx(named, rel=0.01)
+    assert ("interface 'slot' spans 50 % of rocker" in str(report)) == bool(named)

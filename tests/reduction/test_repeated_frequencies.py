@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Bodies with symmetries: all copies of repeated frequencies are found, cut clusters are named."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse
+from shared.body_compliance import body_compliance
+from shared.meshes import annulus, plate, star
+
+from dolfinx_ffr import (
+    SIMP,
+    CraigBampton,
+    Domain,
+    Elasticity,
+    FlexibleBody,
+    PlaneStress,
+    TangentFrame,
+)
+from dolfinx_ffr.reduction import CLUSTER, FactoredBody
+
+STEEL = PlaneStress(210e9, 0.3, 7850.0, 0.01)
+TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
+BODIES: dict[str, Callable[[MPI.Intracomm], Domain]] = {
+    "square": lambda comm: plate(comm, 24),
+    "coarse square": lambda comm: plate(comm, 11),
+    "square with a hole": lambda comm: plate(comm, 16, hole=4),
+    "square with a large hole": lambda comm: plate(comm, 12, hole=6),
+    "annulus": lambda comm: annulus(comm, 24, 3),
+    "coarse annulus": lambda comm: annulus(comm, 14, 3),
+    **{f"star of {n}": (lambda comm, n=n: star(comm, n)) for n in range(3, 13)},
+}
+
+
+def reduction(domain: Domain, modes: int, tolerance: float = 1e-11) -> CraigBampton:
+    frame = TangentFrame(next(iter(domain.interfaces)))
+    return CraigBampton(Elasticity(domain, STEEL, SIMP()), frame, modes, tolerance=tolerance)
+
+
+def factor(body: CraigBampton) -> FactoredBody:
+    """The body at an even density, which keeps its symmetries."""
+    cells = body.elasticity.domain.n_cells
+    return body.factor(body.elasticity.assemble(np.full(cells, 0.7)))
+
+
+def all_eigenvalues(body: CraigBampton, factored: FactoredBody) -> np.ndarray:
+    """By LAPACK, on one rank."""
+
+    def dense(matrix: PETSc.Mat) -> np.ndarray:
+        rows = scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1]).toarray()
+        return rows[np.ix_(~body.held, ~body.held)]
+
+    stiffness, mass = dense(factored.held_stiffness), dense(factored.held_mass)
+    return scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+
+
+def round_off(exact: np.ndarray) -> float:
+    """Of LAPACK's eigenvalues: that of the largest one."""
+    return float(len(exact) * np.finfo(float).eps * exact[-1])
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_no_copy_is_missed(name: str) -> None:
+    """1 to 40 modes at all tolerances, against LAPACK; what is said about clusters is right."""
+    domain = BODIES[name](MPI.COMM_SELF)
+    first = reduction(domain, 1)
+    factored = factor(first)
+    exact = all_eigenvalues(first, factored)
+    ends = np.append(0, np.flatnonzero(np.diff(exact) >= CLUSTER * exact[1:]) + 1)
+    for modes in range(1, 41):
+        tolerance = TOLERANCES[modes % 4]
+        body = CraigBampton(first.elasticity, first.frame, modes, tolerance=tolerance)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            basis = body.basis(factored)
+        # a Ritz value is as near to an eigenvalue as its residual is small
+        error = np.abs(basis.eigenvalues - exact[:modes])
+        assert np.all(error < tolerance * exact[:modes] + round_off(exact)), modes
+        if modes in ends:
+            assert not caught, (modes, caught[0].message)
+            assert basis.outer_eigenvalue == pytest.approx(exact[modes], rel=1e-2)
+        else:
+            right = [ends[ends < modes][-1], ends[ends > modes][0]]
+            told = re.search(r"take modes = ([\d or]+)", str(caught[0].message))
+            assert told and list(map(int, told[1].split(" or "))) == [k for k in right if k], modes
+
+
+def test_count_below() -> None:
+    """Anywhere in the spectrum, of a body with soft elements too."""
+    body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 1)
+    density = np.random.default_rng(1).choice([0.1, 0.5, 1.0], body.elasticity.domain.n_cells)
+    factored = body.factor(body.elasticity.assemble(density))
+    exact = all_eigenvalues(body, factored)
+    for number in [0, 1, 2, 7, 20, *range(30, len(exact), 40), len(exact)]:
+        below, above = np.concatenate([[0.0], exact, [2 * exact[-1]]])[number : number + 2]
+        assert above - below > 2 * round_off(exact)
+        assert factored.count_below(0.5 * (below + above)) == number
+
+
+def test_modes_that_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where search and count disagree in the end, that is an error and no guess."""
+    count = FactoredBody.count_below
+    monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
+    body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 5)
+    with pytest.raises(RuntimeError, match=r"5 normal modes were found below .* 6 were counted"):
+        body.basis(factor(body))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("name", "modes"), [("square with a large hole", 10), ("star of 5", 10)])
+def test_the_same_on_several_ranks(comm: MPI.Intracomm, name: str, modes: int) -> None:
+    """The solver needs further searches here, in which all ranks must go the same way."""
+    alone = reduction(BODIES[name](MPI.COMM_SELF), 1)
+    exact = all_eigenvalues(alone, factor(alone))
+    shared = reduction(BODIES[name](comm), modes, tolerance=1e-6)
+    basis = shared.basis(factor(shared))
+    error = np.abs(basis.eigenvalues - exact[:modes])
+    assert np.all(error < 1e-6 * exact[:modes] + round_off(exact))
+    normal = basis.shapes[:, basis.n_constraint :]
+    gram = shared.elasticity.inner(normal, basis.mass_times_normal)
+    np.testing.assert_allclose(gram, np.eye(modes), atol=1e-10)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-11])
+@pytest.mark.parametrize(
+    ("name", "modes"),
+    [("coarse square", 8), ("square with a hole", 17), ("annulus", 5), ("star of 5", 10)],
+)
+def test_gradient_where_no_cluster_is_cut(name: str, modes: int, tolerance: float) -> None:
+    """By differences of fourth order, along a direction that breaks all symmetries."""
+    domain = BODIES[name](MPI.COMM_SELF)
+    frame = TangentFrame(next(iter(domain.interfaces)))
+    body = FlexibleBody(domain, STEEL, frame=frame, modes=modes, tolerance=tolerance)
+    x = np.full(domain.n_cells, 0.7)
+    direction = 3e-3 * np.random.default_rng(0).uniform(-1.0, 1.0, domain.n_cells)
+    slope = body_compliance(body, x)[1] @ direction
+    gap = body.reduce(x).basis.outer_gap
+    values = [body_compliance(body, x + k * direction)[0] for k in (-2, -1, 1, 2)]
+    difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / 12
+    # differences are good to some 1e-7 here; the modes kept hold tolerance / gap of those left out
+    assert slope == pytest.approx(difference, rel=1e-6 + tolerance / gap, abs=0.0)

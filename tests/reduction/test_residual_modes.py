@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""Residual modes: exact static displacements, and the estimated error of psi beside the true one.
+
+The true error is that against all modes that the mesh has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import scipy.linalg
+from four_bar import four_bar
+from pendulum import floating_frame, pendulum
+from slider_crank import LENGTH, reference_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.postprocessing.model_report import model_report
+from dolfinx_ffr.reduction.residual_modes import with_residual_modes
+
+#: The estimate lies within this factor of the true error
+FACTOR = 1.25
+
+
+def psi_with_all_modes(problem: ffr.Problem, x: np.ndarray) -> float:
+    """Psi with a complete basis, from SciPy's dense eigenvalue solver."""
+    (name, body), *_ = problem.flexible.items()
+    reduced = body.reduce(x)
+    elasticity, k = body.elasticity, reduced.basis.n_constraint
+    factored = body.factored(reduced)
+    free = np.flatnonzero(~body.reduction.held)
+    K, M = (
+        elasticity.apply(matrix, np.eye(elasticity.n_dofs))[np.ix_(free, free)]
+        for matrix in (factored.matrices.stiffness, factored.matrices.mass)
+    )
+    eigenvalues, vectors = scipy.linalg.eigh(K, M)
+    shapes = np.zeros((elasticity.n_dofs, k + len(free)))
+    shapes[:, :k] = reduced.basis.shapes[:, :k]
+    shapes[free, k:] = vectors
+    basis = replace(reduced.basis, shapes=shapes, eigenvalues=eigenvalues)
+    integrals = body.integrals(factored, basis)
+    motion = ffr.MechanicalProblem(problem.mechanism, problem.integrator, problem.objective)
+    return float(motion.value({name: integrals}).psi)
+
+
+def errors(problem: ffr.Problem, x: np.ndarray, exact: float, modes: int) -> tuple[float, float]:
+    """True and estimated relative error of psi with some modes."""
+    (name,) = problem.flexible
+    fewer = problem.with_modes({name: modes})
+    evaluation = fewer.value(x)
+    return abs(evaluation.psi / exact - 1.0), model_report(fewer, evaluation).modes_error
+
+
+def designs(domain: ffr.Domain) -> dict[str, np.ndarray]:
+    """Densities that do not depend on the partition."""
+    x, y = domain.centroids.T
+    waves = 0.55 + 0.45 * np.sin(40.0 * x + 1.0) * np.cos(90.0 * y + 0.3)
+    found = {
+        "solid": np.ones(domain.n_cells),
+        "waves": waves,
+        "strip": np.where(y > -0.001, 1.0, 0.05),  # no centre lies on the edge, on any mesh
+        "one-sided": np.where(x > 0.6 * LENGTH, 0.2, 1.0),
+    }
+    return {name: np.where(domain.design_cells, part, 1.0) for name, part in found.items()}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("modes", [0, 3])
+def test_static_displacements_are_exact(comm: MPI.Intracomm, modes: int) -> None:
+    """The loads' static displacements lie in the span of normal and residual modes."""
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 4))
+    body = ffr.FlexibleBody(
+        domain,
+        ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.01),
+        frame=ffr.ChordFrame("left", "right"),
+        modes=modes,
+        markers={"middle": (0.2, 0.0)},
+    )
+    reduced = body.reduce(designs(domain)["waves"])
+    whole = with_residual_modes(body, reduced)
+    elasticity, k = body.elasticity, reduced.basis.n_constraint
+    factored = body.factored(reduced)
+    matrices = factored.matrices
+    normal = whole.basis.shapes[:, k:]
+    added = normal.shape[1] - modes
+    # four of the frame's motion, three constraint modes, three of the point; and their inertia
+    assert 10 < added <= 20
+    gram = elasticity.inner(normal, elasticity.apply(matrices.mass, normal))
+    assert np.allclose(gram, np.eye(modes + added), atol=1e-9)
+    stiffness = elasticity.inner(normal, elasticity.apply(matrices.stiffness, normal))
+    scale = np.sqrt(whole.basis.eigenvalues)
+    assert np.allclose(stiffness / np.outer(scale, scale), np.eye(modes + added), atol=1e-9)
+    assert np.all(np.diff(whole.basis.eigenvalues) > 0.0)
+    # displacements under the centrifugal load and under a force at the point
+    weight = elasticity.apply(matrices.mass, body.reduction.reference[:, None])
+    force = body.markers["middle"].rows.T.toarray()[:, 1:2]
+    for load in (weight, force):
+        load[body.reduction.held] = 0.0
+        exact = factored.solve(load)
+        found = normal @ (elasticity.inner(normal, load) / whole.basis.eigenvalues[:, None])
+        size = elasticity.largest(np.abs(exact))
+        assert elasticity.largest(np.abs(found - exact)) < 1e-9 * size
+    # the first shape functions stay as they are, and so do their integrals
+    r = body.n_elastic
+    assert np.array_equal(whole.basis.shapes[:, :r], reduced.basis.shapes)
+    leading, own = whole.integrals.leading(r), reduced.integrals
+    assert np.allclose(leading.K, own.K, rtol=0.0, atol=1e-12 * np.abs(own.K).max())
+    assert np.allclose(leading.G, own.G, rtol=0.0, atol=1e-12 * np.abs(own.G).max())
+
+
+@pytest.mark.mpi
+def test_residual_modes_after_another_density(comm: MPI.Intracomm) -> None:
+    """They are those of the density at which the body was reduced, whatever happened since."""
+    problem = reference_problem(comm, (20, 2), modes=2, steps=100)
+    rod = problem.flexible["rod"]
+    x = designs(rod.domain)
+    reduced = rod.reduce(x["waves"])
+    first = with_residual_modes(rod, reduced)
+    rod.reduce(x["solid"])
+    again = with_residual_modes(rod, reduced)
+    assert np.allclose(again.basis.eigenvalues, first.basis.eigenvalues, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("elements", "cell", "order"),
+    [((20, 2), "quadrilateral", 1), ((10, 1), "triangle", 1), ((10, 1), "quadrilateral", 2)],
+)
+def test_estimate_is_near_the_true_error(elements: tuple[int, int], cell: str, order: int) -> None:
+    """On several meshes, for several designs and numbers of modes."""
+    problem = reference_problem(MPI.COMM_SELF, elements, cell=cell, order=order, steps=200)
+    for name, x in designs(problem.flexible["rod"].domain).items():
+        exact = psi_with_all_modes(problem, x)
+        for modes in (0, 1, 4, 8):
+            true, estimate = errors(problem, x, exact, modes)
+            assert true / FACTOR < estimate < FACTOR * true, (name, modes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "objective",
+    [ffr.JointForce("crank pin"), ffr.MarkerAcceleration("rod", "right"), ffr.PeakCompliance()],
+    ids=["force", "acceleration", "peak"],
+)
+def test_estimate_of_other_objectives(objective: ffr.Objective) -> None:
+    """A soft rod at five times the speed, so that forces and accelerations feel its modes."""
+    problem = reference_problem(MPI.COMM_SELF, (20, 2), steps=400)
+    body = problem.flexible["rod"]
+    x = designs(body.domain)["waves"]
+    soft = replace(body.material, young=0.05 * body.material.young)
+    rod = ffr.FlexibleBody(body.domain, soft, frame=body.reduction.frame)
+    problem = ffr.Problem({"rod": rod}, problem.mechanism, problem.integrator, objective)
+    exact = psi_with_all_modes(problem, x)
+    for modes in (0, 1, 4):
+        true, estimate = errors(problem, x, exact, modes)
+        assert true / FACTOR < estimate < FACTOR * true, modes
+
+
+@pytest.mark.parametrize("stiffening", [False, True])
+def test_estimate_for_a_sudden_load(stiffening: bool) -> None:
+    """A pendulum that is let go rings, and its left-out modes ring too."""
+    domain = pendulum(MPI.COMM_SELF, (8, 1))
+    problem, _, _ = floating_frame(domain, 1, 100, stiffening=stiffening)
+    x = np.ones(domain.n_cells)
+    exact = psi_with_all_modes(problem, x)
+    for modes in (0, 1, 4):
+        true, estimate = errors(problem, x, exact, modes)
+        assert true / FACTOR < estimate < FACTOR * true, modes
+
+
+def test_estimate_for_two_bodies() -> None:
+    """The errors of both links together; twenty modes each count as all."""
+    problem = four_bar(MPI.COMM_SELF, (16, 2), steps=200)
+    x = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    exact = problem.with_modes(dict.fromkeys(x, 20)).value(x).psi
+    for modes in (0, 2):
+        fewer = problem.with_modes(dict.fromkeys(x, modes))
+        evaluation = fewer.value(x)
+        true = abs(evaluation.psi / exact - 1.0)
+        estimate = model_report(fewer, evaluation).modes_error
+        assert true / FACTOR < estimate < FACTOR * true, modes

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""Compliance of a reduced body under a load by acceleration: a number without a mechanism."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+LOAD = np.array([0.3, 1.0])
+
+
+def body_compliance(body: ffr.FlexibleBody, x: np.ndarray) -> tuple[float, np.ndarray]:
+    """The compliance at densities, with its gradient."""
+    reduced = body.reduce(x)
+    integrals = reduced.integrals
+    q = np.linalg.solve(integrals.K, integrals.S[1:] @ LOAD)
+    bar = integrals.zeros_like()
+    bar.S[1:] = 2.0 * np.outer(q, LOAD)
+    bar.K[:] = -np.outer(q, q)
+    return float(q @ integrals.K @ q), body.pullback(reduced, bar)[0]
+
+
+def round_off(body: ffr.FlexibleBody, x: np.ndarray) -> float:
+    """The relative spread of the compliance over densities that hardly differ."""
+    values = [body_compliance(body, x * (1.0 - k * 1e-13))[0] for k in range(4)]
+    return float(np.ptp(values)) / values[0]
+
+
+def check_body_gradient(
+    body: ffr.FlexibleBody,
+    x: np.ndarray,
+    comm: MPI.Intracomm,
+    *,
+    first_step: float = 1e-2,
+    roundoff: float = 1e-10,
+) -> None:
+    """Demand a gradient of Taylor order 2, along a direction that leads inwards."""
+    c = body.domain.centroids / np.ptp(body.domain.bounding_box, axis=0)
+    direction = np.abs(np.cos(7.0 * c[:, 0] + 3.0 * c[:, 1] + 1.0)) * np.where(x > 0.5, -1.0, 1.0)
+    gradient = body_compliance(body, x)[1]
+    result = taylor_test(
+        lambda d: body_compliance(body, d)[0],
+        lambda d: comm.allreduce(float(gradient @ d)),
+        x,
+        direction,
+        steps=[first_step / 2**k for k in range(4)],
+        roundoff=roundoff,
+    )
+    assert_taylor_order(result)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Meshes that several tests use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_ffr import Domain
+from dolfinx_ffr.fem import _compat
+
+
+def prongs(comm: MPI.Intracomm) -> Domain:
+    """A fork of two identical prongs on a rigid root: each frequency comes twice."""
+    nx, ny = 20, 4
+    i, j, prong = np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), [0, 1], indexing="ij")
+    points = np.column_stack([i.ravel() / nx, 0.2 * j.ravel() / ny + prong.ravel()])
+    number = np.arange(i.size).reshape(i.shape)
+    cells = np.vstack([_quadrilaterals(number[:, :, k]) for k in (0, 1)])
+    return _domain(comm, points, cells, {"root": lambda x: x[0] < 1e-9})
+
+
+def plate(comm: MPI.Intracomm, n: int, hole: int = 0) -> Domain:
+    """A square of n x n elements, all edges one interface, with a hole of hole x hole elements."""
+    i, j = (index.ravel() for index in np.meshgrid(*[np.arange(n + 1)] * 2, indexing="ij"))
+    number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    low, high = (n - hole) // 2, (n + hole) // 2
+    full = np.ones((n, n), dtype=bool)
+    full[low:high, low:high] = False
+    cells = _quadrilaterals(number)[full.ravel()]
+    edges = {"edges": lambda x: np.max(np.abs(x[:2] - 0.5), axis=0) > 0.5 - 1e-9}
+    return _domain(comm, np.column_stack([i, j]) / n, cells, edges)
+
+
+def annulus(comm: MPI.Intracomm, around: int, across: int) -> Domain:
+    """A ring of radii 0.4 and 1, held inside."""
+    radius = np.linspace(0.4, 1.0, across + 1)
+    angle = 2 * np.pi * np.arange(around) / around
+    number = np.arange(around * (across + 1)).reshape(around, across + 1)
+    cells = _quadrilaterals(np.vstack([number, number[:1]]))
+    r, phi = np.tile(radius, around), np.repeat(angle, across + 1)
+    points = np.column_stack([r * np.cos(phi), r * np.sin(phi)])
+    return _domain(comm, points, cells, {"hub": lambda x: np.hypot(x[0], x[1]) < 0.4 + 1e-9})
+
+
+def star(comm: MPI.Intracomm, blades: int, nx: int = 12, ny: int = 2) -> Domain:
+    """Blades on one rigid hub: each frequency comes once for each of them."""
+    i, j = (index.ravel() for index in np.meshgrid(range(nx + 1), range(ny + 1), indexing="ij"))
+    number = np.arange(len(i)).reshape(nx + 1, ny + 1)
+    x, y = 0.5 + i / nx, 0.1 * (j / ny - 0.5)
+    points, cells = [], []
+    for blade in range(blades):
+        c, s = np.cos(2 * np.pi * blade / blades), np.sin(2 * np.pi * blade / blades)
+        points.append(np.column_stack([c * x - s * y, s * x + c * y]))
+        cells.append(_quadrilaterals(number + blade * len(i)))
+    hub = {"hub": lambda x: np.hypot(x[0], x[1]) < 0.5 + 0.25 / nx}
+    return _domain(comm, np.vstack(points), np.vstack(cells), hub)
+
+
+def _quadrilaterals(number: np.ndarray) -> np.ndarray:
+    """Cells between the nodes of a grid."""
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    return np.column_stack([corner.ravel() for corner in corners])
+
+
+def _domain(comm: MPI.Intracomm, points: np.ndarray, cells: np.ndarray, interfaces: dict) -> Domain:
+    """A domain of quadrilaterals; points without cells are left out."""
+    used, cells = np.unique(cells, return_inverse=True)
+    cells, points = cells.reshape(-1, 4), points[used]
+    if comm.rank > 0:
+        cells, points = cells[:0], points[:0]
+    return Domain(_compat.create_mesh(comm, cells, points, "quadrilateral", 1), interfaces)
+
+
+def write_rod(
+    path: Path,
+    *,
+    names: bool = True,
+    order: int = 1,
+    length: float = 0.4,
+    height: float = 0.04,
+    size: float = 0.02,
+) -> None:
+    """Write a rod with physical groups by gmsh; one twentieth of its length is solid."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("rod")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    geometry = gmsh.model.geo
+    h, solid = height / 2, length / 20
+    corners = [(0, -h), (solid, -h), (length, -h), (length, h), (solid, h), (0, h)]
+    points = [geometry.addPoint(x, y, 0) for x, y in corners]
+    line = [geometry.addLine(points[i], points[(i + 1) % 6]) for i in range(6)]
+    cut = geometry.addLine(points[1], points[4])
+    end = geometry.addPlaneSurface([geometry.addCurveLoop([line[0], cut, line[4], line[5]])])
+    rest = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
+    geometry.synchronize()
+    groups = [
+        (1, [line[5]], "left"),
+        (1, [line[2]], "right"),
+        (2, [end], "solid"),
+        (2, [rest], "d"),
+    ]
+    for dim, entities, name in groups:
+        tag = gmsh.model.addPhysicalGroup(dim, entities)
+        if names:
+            gmsh.model.setPhysicalName(dim, tag, name)
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(order)
+    gmsh.write(str(path))
+    gmsh.finalize()

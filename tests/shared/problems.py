@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""Problems with bodies on meshes that several tests use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from slider_crank import reference_problem
+
+import dolfinx_ffr as ffr
+from shared.scenes import COUPLER, CRANK, ROCKER, four_bar_mechanism
+
+
+class Copy:
+    """A problem with a known answer: psi = sum_e V_e (x_e - target_e)^2 / sum_e V_e."""
+
+    def __init__(self, comm: MPI.Intracomm, target: Callable[[np.ndarray], np.ndarray]) -> None:
+        self.domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(40, 8))
+        self.flexible = {"plate": SimpleNamespace(domain=self.domain)}
+        self.constraints: list[Any] = []
+        self.target = np.where(self.domain.design_cells, target(self.domain.centroids), 1.0)
+        #: Number of the values that fail, from 1
+        self.broken: set[int] = set()
+        self.calls = 0
+
+    def value(self, x: np.ndarray) -> Any:
+        self.calls += 1
+        if self.calls in self.broken:
+            raise ffr.SimulationError("too soft", trajectory=None)
+        domain = self.domain
+        defect = x - self.target
+        return ffr.Evaluation(
+            psi=domain.sum(domain.cell_volumes * defect**2) / domain.area + 1.0,
+            gradient={"plate": 2.0 * domain.cell_volumes * defect / domain.area},
+            trajectory=None,
+            bodies={},
+            volume={"plate": domain.sum(domain.cell_volumes * x) / domain.area},
+            fixed_interface_frequencies={"plate": np.array([7.0])},
+            outer_gap={"plate": 1.0},
+            solver_iterations={"plate": 3},
+            seconds={},
+        )
+
+    def differentiate(self, evaluation: Any) -> Any:
+        return evaluation
+
+    gradient = value
+
+
+def link(comm: MPI.Comm, length: float, elements: tuple[int, int], frame: object, **options):  # type: ignore[no-untyped-def]
+    """A flexible link of a rubbery plastic on a small mesh of its own."""
+    domain = ffr.Domain.rectangle(comm, length, 0.03, elements=elements)
+    return ffr.FlexibleBody(
+        domain, ffr.PlaneStress(3e9, 0.35, 1200.0, 0.01), frame=frame, modes=3, **options
+    )
+
+
+def four_bar(comm: MPI.Comm, objective: ffr.Objective, steps: int = 150, **options) -> ffr.Problem:  # type: ignore[no-untyped-def]
+    """Rigid crank driven by a motor, flexible coupler and flexible rocker."""
+    mechanism = four_bar_mechanism({"coupler": ffr.RayleighDamping(1.0, 1e-5)}, origin=0.0)
+    bodies = {
+        "crank": ffr.VolumeIntegrals.rigid(
+            0.2, (0.05, 0.0), 3e-4, {"left": (0.0, 0.0), "right": (CRANK, 0.0)}
+        ),
+        "coupler": link(
+            comm, COUPLER, (20, 4), ffr.ChordFrame("left", "right"), stiffening=("omega2",)
+        ),
+        "rocker": link(comm, ROCKER, (15, 3), ffr.TangentFrame("right")),
+    }
+    return ffr.Problem(bodies, mechanism, ffr.GeneralizedAlpha(0.25, steps), objective, **options)
+
+
+def slider_crank(
+    comm: MPI.Comm,
+    elements: tuple[int, int] = (40, 8),
+    *,
+    modes: int = 4,
+    steps: int = 200,
+    **of_the_rod: Any,
+) -> ffr.Problem:
+    """The slider-crank of the demo on a coarse mesh, its rod with options of `FlexibleBody`."""
+    domain = of_the_rod.pop("domain", None)
+    problem = reference_problem(comm, elements, domain=domain, modes=modes, steps=steps)
+    if not of_the_rod:
+        return problem
+    rod = problem.flexible["rod"]
+    options = {"frame": rod.reduction.frame, "modes": modes, **of_the_rod}
+    bodies = {"rod": ffr.FlexibleBody(rod.domain, rod.material, **options)}
+    return ffr.Problem(bodies, problem.mechanism, problem.integrator, problem.objective)

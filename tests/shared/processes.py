@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: MIT
+"""Programs that tests start."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+
+from shared import TOP
+
+#: What MPI has put into the environment of this process, or of the one that has started it as a
+#: worker of pytest-xdist.
+OF_MPI = (
+    *("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP_CTX", "OMPI_MCA_ess", "OMPI_MCA_orte_"),
+    *("OMPI_MCA_pmix", "PMIX_", "PMI_", "PRTE_LAUNCHED", "ORTE_"),
+)
+
+
+def environment(**variables: str) -> dict[str, str]:
+    """This process's environment, without what would make a child a rank of its run.
+
+    The child finds the modules of this tree, also those of the demos and of the benchmarks.
+    """
+    own = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)}
+    own["PYTHONPATH"] = os.pathsep.join(str(TOP / name) for name in ("src", "demos", "benchmarks"))
+    # its ranks let others work while they wait: tests run beside this one
+    own["OMPI_MCA_mpi_yield_when_idle"] = "1"
+    return {**own, **variables}
+
+
+def command(*arguments: str, ranks: int = 1) -> list[str]:
+    """The command line of this Python with arguments, on a number of ranks."""
+    line = [sys.executable, *arguments]
+    if ranks == 1:
+        return line
+    mpirun = shutil.which("mpirun")
+    assert mpirun, "mpirun is missing: install openmpi-bin"
+    return [mpirun, "-n", str(ranks), *line]

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""What the pages point at is there: files, headings, commands and public names."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+from shared import TOP
+
+import dolfinx_ffr
+
+PAGES = [
+    *(TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted((TOP / "docs").glob("*.md")),
+    *sorted((TOP / "docs" / "benchmarks").glob("*.md")),
+]
+#: Folders that paths in the text begin with.
+FOLDERS = {"benchmarks", "demos", "docs", "install", "src", "tests"}
+
+
+def prose(page: Path) -> str:
+    """The text of a page without its programs."""
+    return re.sub(r"^(```+).*?^\1\s*$", "", page.read_text(), flags=re.M | re.S)
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """The headings of a page as GitHub and the site name them in links."""
+    found: set[str] = set()
+    for heading in re.findall(r"^#+ +(.+?) *$", prose(page), re.M):
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
+        while slug in found:
+            slug += "-1"
+        found.add(slug)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))
+def test_links_lead_somewhere(page: Path) -> None:
+    faults = []
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"(https?|mailto):", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name).resolve() if name else page
+        if not path.exists():
+            faults.append(f"{target}: no such file")
+        elif anchor and anchor not in anchors(path):
+            faults.append(f"{target}: no such heading")
+    assert not faults
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))
+def test_paths_in_the_text_exist(page: Path) -> None:
+    paths = re.findall(r"`((?:\w+/)+[\w.]*)`", prose(page))
+    wanted = {path for path in paths if path.split("/")[0] in FOLDERS}
+    assert not [path for path in wanted if not (TOP / path).exists()]
+
+
+def test_make_targets_in_the_text_exist() -> None:
+    targets = set(re.findall(r"^([a-z0-9-]+):.*## ", (TOP / "Makefile").read_text(), re.M))
+    named = {
+        target
+        for page in PAGES
+        for target in re.findall(r"(?:^|`)make ([a-z][a-z0-9-]+)", page.read_text(), re.M)
+    }
+    assert named <= targets
+    assert "docs" in targets
+
+
+def test_selection_for_unstable_exists() -> None:
+    script = (TOP / "install" / "test_unstable.sh").read_text()
+    selected = re.findall(r"(tests/[\w/]+\.py)(?:::(\w+))?", script)
+    assert len(selected) > 5
+    for path, function in selected:
+        assert not function or f"\ndef {function}(" in (TOP / path).read_text(), (
+            f"{path}::{function}"
+        )
+
+
+def test_one_version_everywhere() -> None:
+    version = dolfinx_ffr.__version__
+    assert f'\nversion = "{version}"\n' in (TOP / "pyproject.toml").read_text()
+    assert f"\nversion: {version}\n" in (TOP / "CITATION.cff").read_text()
+    assert f"\n## {version}" in (TOP / "CHANGELOG.md").read_text()

@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: MIT
+"""What one rank does alone: errors are raised on all, arguments that differ are refused by name."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.problems import Copy, slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+from dolfinx_ffr.parallel import announce, check_alike, on_every_rank, on_rank_0, same
+
+
+class Unportable(Exception):
+    """What cannot be sent to another process."""
+
+    def __init__(self, message: str, function: Callable[[], int]) -> None:
+        super().__init__(message)
+        self.function = function
+
+
+# ---------------------------------------------------------------------- errors
+
+
+@pytest.mark.mpi
+def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Intracomm) -> None:
+    last = comm.size - 1
+    with pytest.raises(ZeroDivisionError, match="on the last"), on_every_rank(comm, "test"):
+        if comm.rank == last:
+            raise ZeroDivisionError("on the last")
+    # the lowest rank decides between two kinds, and each has its own of one kind
+    kinds = {0: KeyError, 1: IndexError}
+    with pytest.raises(KeyError), on_every_rank(comm, "test"):
+        raise kinds.get(comm.rank, OSError)("mine")
+    with pytest.raises(KeyError, match=f"{comm.rank}"), on_every_rank(comm, "test"):
+        raise KeyError(f"{comm.rank}")
+    with on_every_rank(comm, "test"):
+        found = comm.rank
+    assert found == comm.rank
+    kind = Unportable if comm.size == 1 else RuntimeError
+    with pytest.raises(kind, match="held back") as caught, on_every_rank(comm, "test"):
+        if comm.rank == last:
+            raise Unportable("held back", lambda: 0)
+    if comm.rank == last:
+        assert Unportable in map(type, (caught.value, caught.value.__cause__))
+    for leaving in (SystemExit(3), KeyboardInterrupt()):
+        with pytest.raises(type(leaving)), on_every_rank(comm, "test"):
+            if comm.rank == last:
+                raise leaving
+
+
+@pytest.mark.mpi
+def test_a_rank_that_is_still_inside_learns_of_it(comm: MPI.Intracomm) -> None:
+    """Within a sum, within another section, and where it swallows what it is told."""
+    domain = ffr.Domain.rectangle(comm, 1.0, 0.1, elements=(10, 2), solid_columns=0)
+    ones = np.ones(domain.n_cells)
+
+    def nested() -> None:
+        with on_every_rank(comm, "test"):
+            domain.check_density(ones)
+
+    def stubborn() -> None:
+        for _ in range(3):
+            try:
+                domain.sum(ones)
+            except RuntimeError:
+                pass
+
+    calls: list[Callable[[], Any]] = [
+        lambda: domain.sum(ones),
+        lambda: domain.everywhere(ones),
+        lambda: on_rank_0(comm, lambda: None),
+        nested,
+        stubborn,
+    ]
+    for call in calls:
+        with pytest.raises(ZeroDivisionError), on_every_rank(comm, "test"):
+            if comm.rank == 0:
+                raise ZeroDivisionError
+            call()
+    assert domain.sum(ones) == domain.n_cells_global
+
+
+@pytest.mark.mpi
+def test_a_call_that_not_all_ranks_make_is_named(comm: MPI.Intracomm) -> None:
+    if comm.size == 1:
+        announce(comm, "alone")
+        return
+    message = "writing or reading a file was called on rank 0 of"
+    with pytest.raises(RuntimeError, match=message), on_every_rank(comm, "test"):
+        if comm.rank == 0:
+            on_rank_0(comm, lambda: None)
+
+
+# ---------------------------------------------------------------------- arguments
+
+
+@dataclass(frozen=True)
+class Law:
+    """A number for all ranks, and numbers of this rank's cells."""
+
+    young: float
+    cells: Any = None
+
+
+@pytest.mark.mpi
+def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
+    last = comm.rank == comm.size - 1
+    own = np.arange(3.0 + comm.rank)
+    next_one = np.nextafter(0.3, 1.0) if last else 0.3
+    check_alike(
+        comm,
+        "test",
+        {
+            "law": Law(next_one, own),
+            "function": lambda t: t,
+            "text": "a",
+            "start": next_one * np.arange(5.0),
+            "nothing": None,
+            "nan": np.nan,
+        },
+    )
+    if comm.size == 1:
+        return
+    differing: dict[str, tuple[Any, Any, str]] = {
+        "steps": (200, 190, "200 on rank 0, and 190 on rank"),
+        "volume": (0.5, 0.6, "0.5 on rank 0, and 0.6 on rank"),
+        "resume": (True, False, "True on rank 0, and False on rank"),
+        "law": (Law(1.0), Law(2.0), r"Law\(young=1.0"),
+        "start": (np.arange(3.0), np.arange(1.0, 4.0), "3 numbers of norm 2.236"),
+        "options": ({"a": [1, (2,)]}, {"a": [1, (3,)]}, r"\{'a': \(1, \(2\)\)\}"),
+        "kind": (Law(1.0), 1.0, "Law"),
+        # small ones are compared like large ones, and fields that are not shown as well
+        "psi": (1e-7, 5e-7, "1e-07 on rank 0, and 5e-07 on rank"),
+        "force": (2.4e-5 * np.ones(3), 2.49e-5 * np.ones(3), "3 numbers of norm 4.15"),
+        "tolerance": (1e-9, 1e-11, "1e-09 on rank 0, and 1e-11"),
+        "many steps": (10**9, 10**9 + 1, "1000000000 on rank 0, and 1000000001"),
+        "size": (np.zeros(3), np.zeros(4), "3 numbers on rank 0, and 4 numbers"),
+        "optimizer": (ffr.MMA(stage_iterations=5), ffr.MMA(stage_iterations=6), "iterations=5"),
+    }
+    with pytest.raises(ValueError, match=r"only differs .*nothing on rank 0, and 1 on rank"):
+        check_alike(comm, "test", {"only": 1} if last else {})
+    for name, (here, there, message) in differing.items():
+        with pytest.raises(ValueError, match=f"test: {name} differs between .*: .*{message}"):
+            check_alike(comm, "test", {"first": 1, name: there if last else here})
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        (0.1, np.nextafter(0.1, 1.0), True),
+        (0.1, 0.1 + 1e-8, False),
+        ([0.0, 2.0], [1e-17, 2.0], True),
+        ([0.0, 2.0], [0.0, 2.0, 3.0], False),
+        (np.nan, np.nan, True),
+        (np.nan, 1.0, False),
+        (3, 4, False),
+        ("Wendland(radius=0.015)", "Wendland(radius=0.015000000000000003)", True),
+        ("Wendland(radius=0.015)", "Wendland(radius=0.0151)", False),
+        ("Wendland(radius=0.015)", "Gaussian(length=0.015)", False),
+        ("MMA(tolerance=1e-09, 1.0)", "MMA(tolerance=1e-10, 1.0)", False),
+        ("SIMP", 1.0, False),
+    ],
+)
+def test_the_same_is_the_same_but_for_round_off(one: Any, other: Any, alike: bool) -> None:
+    assert same(one, other) is alike
+
+
+def test_an_error_of_the_simulation_can_be_sent() -> None:
+    error = ffr.SimulationError("too soft", trajectory=lambda: 0)  # type: ignore[arg-type]
+    found = pickle.loads(pickle.dumps(error))
+    assert isinstance(found, ffr.SimulationError) and str(found) == "too soft"
+
+
+# ---------------------------------------------------------------------- code of users
+
+
+class Faulty(ffr.Objective):
+    """The filled area, which fails or differs on the last rank."""
+
+    needs_trajectory = False  # type: ignore[assignment]
+
+    def __init__(self, comm: MPI.Intracomm, fault: str) -> None:
+        self.last, self.fault = comm.rank == comm.size - 1, fault
+
+    def evaluate(self, response: ffr.Response) -> float:
+        if self.last and self.fault == "value":
+            raise ZeroDivisionError("an objective of one's own")
+        density = response.densities["rod"]
+        area = density.sum(density.areas * density.values)
+        return area * (1.1 if self.last and self.fault == "differs" else 1.0)
+
+    def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
+        if self.last and self.fault == "derivatives":
+            raise ZeroDivisionError("an objective of one's own")
+        return ffr.Derivatives(densities={"rod": response.densities["rod"].areas})
+
+
+@pytest.mark.mpi
+def test_objectives_that_fail_on_one_rank(comm: MPI.Intracomm) -> None:
+    base = slider_crank(comm, (10, 2), modes=1, steps=20)
+    parts = (base.bodies, base.mechanism, base.integrator)
+    x = np.full(base.flexible["rod"].domain.n_cells, 0.5)
+    for fault in ("value", "derivatives"):
+        problem = ffr.Problem(*parts, Faulty(comm, fault))
+        for _ in range(2):  # and the ranks still meet afterwards
+            with pytest.raises(ZeroDivisionError, match="one's own"):
+                problem.gradient(x)
+    if comm.size > 1:
+        with pytest.raises(ValueError, match="the objective differs between the ranks"):
+            ffr.Problem(*parts, Faulty(comm, "differs")).value(x)
+
+
+@pytest.mark.mpi
+def test_motions_and_laws_that_fail_on_one_rank(comm: MPI.Intracomm) -> None:
+    last = comm.rank == comm.size - 1
+    base = slider_crank(comm, (10, 2), modes=1, steps=20)
+    x = np.full(base.flexible["rod"].domain.n_cells, 0.5)
+
+    def gravity(t: np.ndarray) -> np.ndarray:
+        if last:
+            raise ZeroDivisionError("gravity")
+        return 0.0 * t
+
+    short = ffr.GeneralizedAlpha(0.01, 5)
+    mechanism = ffr.Mechanism(
+        placements=base.mechanism.placements,
+        joints=base.mechanism.joints,
+        gravity=(0.0, gravity),  # type: ignore[arg-type]
+    )
+    with pytest.raises(ZeroDivisionError, match="gravity"):
+        ffr.Problem(base.bodies, mechanism, short, base.objective).value(x)
+
+    class Broken(ffr.PlaneStress):
+        def on(self, domain: Any) -> Any:
+            if last:
+                raise ZeroDivisionError("a law of the material")
+            return super().on(domain)
+
+    rod = base.flexible["rod"]
+    with pytest.raises(ZeroDivisionError, match="a law of the material"):
+        ffr.FlexibleBody(
+            rod.domain, Broken(1e9, 0.3, 1e3, 0.01), frame=ffr.TangentFrame("left"), modes=1
+        )
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("optimizer", [ffr.LevelSetEvolution(), ffr.MMA()], ids=["steps", "MMA"])
+def test_callbacks_that_fail_on_one_rank(
+    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
+) -> None:
+    """Raised there, in a call that takes all ranks, or by calling a plot on one rank alone."""
+    problem = Copy(comm, lambda c: np.ones(len(c)))
+    levelset = ffr.LevelSet(problem.domain)
+    start = levelset.with_holes(4, 1, 0.012)
+
+    def fails(on: int) -> Callable[..., None]:
+        def callback(iteration: int, x: np.ndarray, evaluation: Any) -> None:
+            if comm.rank == on % comm.size:
+                raise ZeroDivisionError("a callback")
+            problem.value(x)
+
+        return callback
+
+    def run(**options: Any) -> ffr.Result:
+        return ffr.optimize(
+            problem,
+            levelset,
+            start,
+            **{"progress": False, "iterations": 1, "optimizer": optimizer, **options},
+        )
+
+    for on in (0, -1):
+        with pytest.raises(ZeroDivisionError, match="a callback"):
+            run(callback=fails(on))
+    if comm.size == 1:
+        return
+
+    def plots_alone(iteration: int, x: np.ndarray, evaluation: Any) -> None:
+        if comm.rank == 0:
+            plotting.plot_design(problem.domain, x, shared_tmp_path / "design.png")
+
+    with pytest.raises(RuntimeError, match="drawing of a body was called on rank 0"):
+        run(callback=plots_alone)
+    for name, values in {
+        "iterations": (1, 2),
+        "volume": (0.5, 0.6),
+        "resume": (True, False),
+        "optimizer": (optimizer, ffr.MMA(tolerance=0.5)),
+    }.items():
+        with pytest.raises(ValueError, match=f"optimize: {name} differs between the ranks"):
+            run(**{name: values[comm.rank > 0]})
+    start = start * (1.0 + comm.rank)
+    with pytest.raises(ValueError, match="the start of 'plate' differs between the ranks"):
+        run()
+
+
+@pytest.mark.mpi
+def test_methods_and_designs_that_differ_between_the_ranks(comm: MPI.Intracomm) -> None:
+    if comm.size == 1:
+        return
+    problem = Copy(comm, lambda c: np.ones(len(c)))
+    one = comm.rank > 0
+
+    def run(gradient: Any = None, levelset: Any = None, **options: Any) -> None:
+        design = levelset or ffr.DensityDesign(problem.domain, **options)
+        start = np.zeros(len(design.knots)) if levelset else design.even(0.5)
+        ffr.optimize(problem, design, start, gradient=gradient, iterations=0, progress=False)
+
+    with pytest.raises(ValueError, match=r"gradient differs .*ElementByElement\(.*batch=128"):
+        run(ffr.ElementByElement(batch=128 + one, progress=one))
+    kernels = [ffr.Wendland(0.05), ffr.Wendland(0.06)]
+    for name, different in {
+        "betas of plate": {"betas": (1.0, 2.0 + one)},
+        "radius of plate": {"radius": 0.02 + 0.01 * one},
+        "kernel of plate": {"levelset": ffr.LevelSet(problem.domain, kernel=kernels[one])},
+    }.items():
+        with pytest.raises(ValueError, match=f"optimize: {name} differs between the ranks"):
+            run(**different)  # type: ignore[arg-type]
+
+
+@pytest.mark.mpi
+def test_files_and_reports_of_one_rank_alone(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """Whatever takes all ranks says so, where one of them is already elsewhere."""
+    if comm.size == 1:
+        return
+    problem = slider_crank(comm, (10, 2), modes=1, steps=200)
+    rod = problem.flexible["rod"]
+    domain, path = rod.domain, shared_tmp_path / "file"
+    x = np.ones(domain.n_cells)
+    evaluation = problem.value(x)
+    calls: dict[str, Callable[[], Any]] = {
+        "write_fields": lambda: ffr.write_fields(domain, {"x": x}, path.with_suffix(".xdmf")),
+        "plot_stress": lambda: plotting.plot_stress(domain, x, path.with_suffix(".png")),
+        "worst_stress": lambda: ffr.worst_stress(rod, evaluation, "rod"),
+        "the stress of a body": lambda: ffr.von_mises(
+            rod, evaluation.bodies["rod"], np.zeros(rod.n_elastic)
+        ),
+        "model_report": lambda: ffr.model_report(problem, evaluation),
+    }
+    for name, call in calls.items():
+        message = f"{name} was called on rank 0 of"
+        with pytest.raises(RuntimeError, match=message), on_every_rank(comm, "test"):
+            if comm.rank == 0:
+                call()
+    # what is wrong on one rank alone is said on all
+    fields = {"x": x[comm.rank :]} if comm.rank == 1 else {"x": x}
+    with pytest.raises(ValueError, match="'x' must have one value for each cell"):
+        ffr.write_fields(domain, fields, path.with_suffix(".xdmf"))
+    with pytest.raises(ValueError, match="write_fields: fields differs between the ranks"):
+        ffr.write_fields(domain, {f"x{comm.rank}": x}, path.with_suffix(".xdmf"))
+
+
+@pytest.mark.mpi
+def test_plots_that_fail_on_one_rank(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    domain = ffr.Domain.rectangle(comm, 1.0, 0.1, elements=(10, 2), solid_columns=0)
+    x = np.ones(domain.n_cells)
+    short = np.ones(domain.n_cells - (comm.rank == comm.size - 1), dtype=bool)
+    path = shared_tmp_path / "selected.png"
+    with pytest.raises(ValueError, match=r"plotting: .* cells; give one for each"):
+        plotting.plot_gradient_elements(domain, {"design": (x, short)}, path)
+
+
+@pytest.mark.mpi
+def test_problems_that_differ_between_the_ranks(comm: MPI.Intracomm) -> None:
+    """The number of time steps and of modes: a wrong number and a hang, if nobody looked."""
+    if comm.size == 1:
+        return
+    base = slider_crank(comm, (10, 2), modes=1, steps=20)
+    integrator = ffr.GeneralizedAlpha(2.0, 20 + comm.rank)
+    with pytest.raises(ValueError, match=r"problem: integrator differs .*steps=20"):
+        ffr.Problem(base.bodies, base.mechanism, integrator, base.objective)
+    integrator = ffr.GeneralizedAlpha(2.0, 10**9 if comm.rank else 20)
+    with pytest.raises(ValueError, match=r"problem: integrator differs .*steps=20"):
+        ffr.Problem(base.bodies, base.mechanism, integrator, base.objective)
+    with pytest.raises(ValueError, match="body: modes differs between the ranks: 1 on rank 0"):
+        base.flexible["rod"].with_modes(1 + comm.rank)
+    base.integrator = ffr.GeneralizedAlpha(0.01, 5 + comm.rank)
+    with pytest.raises(ValueError, match="problem: integrator differs"):
+        base.value(np.ones(base.flexible["rod"].domain.n_cells))
