@@ -37,7 +37,7 @@ Results = list[tuple[Job, dict[str, Any]]]
 
 
 def accuracy_jobs(*, quick: bool) -> list[Job]:
-    """Return the measurements: one process for each choice that a user can make."""
+    """The measurements: one process for each choice that a user can make."""
     elements = [60, 6] if quick else [200, 20]
     repetitions = 1 if quick else 5
     common = {"elements": elements, "repetitions": repetitions}
@@ -110,10 +110,10 @@ def against_reference(
     """Measure times and errors of each setting.
 
     Args:
-        problems: by setting, on one mesh.
-        reference: the setting that counts as exact.
-        repetitions: turns through all settings; the fastest of them counts.
-        progress: told the part that is done.
+        problems: By setting, on one mesh.
+        reference: The setting that counts as exact.
+        repetitions: Turns through all settings; the fastest of them counts.
+        progress: Told the part that is done.
 
     Returns:
         A row for each setting, and what they are compared with.
@@ -177,10 +177,10 @@ def central_differences(
     """Compare the gradient along a random direction with central differences of several steps.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        settings: steps of the differences, at most 0.05.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        settings: Steps of the differences, at most 0.05.
     """
     problem = slider_crank(comm, (elements[0], elements[1]))
     domain = problem.flexible["rod"].domain
@@ -208,7 +208,7 @@ MEASURED = {
 
 
 def accuracy_tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
-    """Return the tables, given the result of each measurement by its name."""
+    """The tables, given the result of each measurement by its name."""
     steps, tolerance = results["number_of_steps"], results["solver_tolerance"]
     n = steps["elements"]
     measured = (
@@ -253,8 +253,8 @@ def report_accuracy(results: Results, directory: Path) -> list[Table]:
     """Write tables and picture.
 
     Args:
-        results: of `accuracy_jobs`.
-        directory: where to.
+        results: Of `accuracy_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.

@@ -19,8 +19,8 @@ def report_differences(results: list[tuple[Job, dict[str, Any]]], directory: Pat
     """Write table and picture.
 
     Args:
-        results: of `growth_jobs`; nothing else is measured.
-        directory: where to.
+        results: Of `growth_jobs`; nothing else is measured.
+        directory: Where to.
 
     Returns:
         The tables.

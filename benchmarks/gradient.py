@@ -24,7 +24,7 @@ from dolfinx_ffr.plotting.style import ACCENTS, DARK, GRAY, save, styled_figure,
 
 __all__ = ["approximations", "elementwise_growth", "gradient_jobs", "report_gradient"]
 
-#: lengths in metres, for a rod of 0.4 m with elements of 2 mm
+#: Lengths in metres, for a rod of 0.4 m with elements of 2 mm
 KERNELS: dict[str, ffr.rbf.Kernel] = {
     "exponential": ffr.ExponentialSpline(0.1),
     "Gaussian": ffr.Gaussian(0.003),
@@ -33,15 +33,15 @@ KERNELS: dict[str, ffr.rbf.Kernel] = {
     "Wendland": ffr.Wendland(0.05),
 }
 VOLUME = 0.5
-#: of `optimize`
+#: Of `optimize`
 ITERATIONS, WIDTHS = 100, (1.0, 0.6, 0.35, 0.2)
 
 
 def gradient_jobs(*, quick: bool) -> list[Job]:
-    """Return the jobs.
+    """The jobs.
 
     Args:
-        quick: small meshes and few repetitions.
+        quick: Small meshes and few repetitions.
     """
     sizes = [(40, 4)] if quick else [(100, 10), (200, 20), (400, 40)]
     elements = (60, 6) if quick else (200, 20)
@@ -79,11 +79,11 @@ def approximations(
     """Measure exact, element-wise and approximate gradients at designs along an optimisation.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        elements: along and across the rod.
-        shares: of the elements with exact derivatives.
-        iterations: of the optimisation, at most.
+        comm: The ranks.
+        progress: Told the part that is done.
+        elements: Along and across the rod.
+        shares: Of the elements with exact derivatives.
+        iterations: Of the optimisation, at most.
     """
     problem = slider_crank(comm, elements)
     domain = problem.flexible["rod"].domain
@@ -95,7 +95,7 @@ def approximations(
     design = domain.design_cells
     rows = []
     for place, (name, (coefficients, width)) in enumerate(designs.items()):
-        levelset.width = width
+        levelset = levelset.with_width(width)
         x = levelset.fill_fraction(coefficients)
         value_seconds, evaluation = _best(lambda x=x: problem.value(x), 3)
         exact_seconds, exact = _best(lambda e=evaluation: problem.differentiate(e), 3)
@@ -126,6 +126,7 @@ def approximations(
             distance: NDArray[np.float64] = distance,
             facts: dict[str, Any] = facts,
             extend: ffr.VelocityExtension = extend,
+            levelset: ffr.LevelSet = levelset,
         ) -> dict[str, Any]:
             band = design & (np.abs(distance) <= 2.0 * levelset.element)
             whole = ffr.gradient_errors(domain, gradient, g, design)
@@ -175,10 +176,10 @@ def elementwise_growth(
     """Measure what one element costs, from two numbers of elements.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        elements: along and across the rod.
-        sample: number of elements of the larger measurement.
+        comm: The ranks.
+        progress: Told the part that is done.
+        elements: Along and across the rod.
+        sample: Number of elements of the larger measurement.
     """
     problem = slider_crank(comm, elements)
     domain = problem.flexible["rod"].domain
@@ -211,7 +212,7 @@ def elementwise_growth(
 def _designs(
     problem: ffr.Problem, levelset: ffr.LevelSet, start: NDArray[np.float64], iterations: int
 ) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """Return coefficients and width of the Heaviside function at the start, middle and end."""
+    """Coefficients and width of the Heaviside function at the start, middle and end."""
     shrunk = levelset.interpolate(ffr.Evolution(levelset, VOLUME).start(start))
     designs = {"start": (shrunk, levelset.element * WIDTHS[0])}
     for name, last in (("middle", iterations // 4), ("final", iterations)):
@@ -221,11 +222,11 @@ def _designs(
             start,
             volume=VOLUME,
             # the first of the four stages alone, and all of them
-            widths=WIDTHS if name == "final" else WIDTHS[:1],
+            optimizer=ffr.LevelSetEvolution(widths=WIDTHS if name == "final" else WIDTHS[:1]),
             iterations=last,
             progress=False,
         )
-        designs[name] = (result.coefficients, levelset.width)
+        designs[name] = (result.coefficients, result.designs["rod"].width)
     return designs
 
 
@@ -236,7 +237,7 @@ def _warm_up(problem: ffr.Problem) -> None:
 
 
 def _slope(levelset: ffr.LevelSet, coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much each element's density changes where the whole boundary moves outwards."""
+    """How much each element's density changes where the whole boundary moves outwards."""
     outwards = levelset.interpolate(np.ones(len(levelset.knots)))
     eps = 1e-6 * levelset.element
     ahead, behind = (levelset.fill_fraction(coefficients + s * eps * outwards) for s in (1, -1))
@@ -244,13 +245,13 @@ def _slope(levelset: ffr.LevelSet, coefficients: NDArray[np.float64]) -> NDArray
 
 
 def _share_of_peaks(gradient: NDArray[np.float64]) -> float:
-    """Return the share of the sum of squares that the largest hundredth of the entries holds."""
+    """The share of the sum of squares that the largest hundredth of the entries holds."""
     squares = np.sort(gradient**2)[::-1]
     return float(np.sum(squares[: max(len(squares) // 100, 1)]) / np.sum(squares))
 
 
 def _best(call: Any, repetitions: int) -> tuple[float, Any]:
-    """Return the shortest time of some calls, and what the last returned."""
+    """The shortest time of some calls, and what the last returned."""
     times, result = [], None
     for _ in range(repetitions):
         begin = perf_counter()
@@ -266,8 +267,8 @@ def report_gradient(results: list[tuple[Job, dict[str, Any]]], directory: Path) 
     """Write tables and picture.
 
     Args:
-        results: of `gradient_jobs`.
-        directory: where to.
+        results: Of `gradient_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Growth of time and memory with the number of elements, and the share of each room."""
+"""Growth of time and memory with the number of elements, and the share of each part of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -19,11 +20,12 @@ from report import Table, write_page
 from scene import holes_design, slider_crank, warm_up
 
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE, save, styled_figure, tidy
+from dolfinx_ffr.reduction import FactoredBody
 
 __all__ = ["evaluation_growth", "growth_jobs", "report_growth"]
 
-#: rooms in the order of the chain, those of the value first
-ROOMS = (
+#: Parts of an evaluation in the order of the chain, those of the value first
+PARTS = (
     "assembly",
     "reduction",
     "integrals",
@@ -32,20 +34,20 @@ ROOMS = (
     "reduction pullback",
     "integrals pullback",
 )
-VALUE_ROOMS = 4
-#: gradient over value: what is aimed at, and for how many elements
+VALUE_PARTS = 4
+#: Gradient over value: what is aimed at, and for how many elements
 TARGET, TARGET_ELEMENTS = 2.5, 16_000
 
 
 def growth_jobs(*, quick: bool) -> list[Job]:
-    """Return the measurements: one process for each mesh and number of ranks."""
+    """The measurements: one process for each mesh and number of ranks."""
     if quick:
         sizes = {(40, 4): 3, (80, 8): 3}
         seconds = {(40, 4): 5.0, (80, 8): 5.0}
     else:
         sizes = {(100, 10): 15, (200, 20): 15, (400, 40): 9, (800, 80): 5}
         seconds = {(100, 10): 8.0, (200, 20): 12.0, (400, 40): 22.0, (800, 80): 55.0}
-    parallel = list(sizes)[-2:]
+    parallel = list(sizes)[:1] if quick else list(sizes)[-2:]
     return [
         Job(
             "growth",
@@ -54,8 +56,9 @@ def growth_jobs(*, quick: bool) -> list[Job]:
             {"elements": list(size), "repetitions": repetitions},
             ranks,
         )
+        for ranks in (1, 2)
         for size, repetitions in sizes.items()
-        for ranks in ((1, 2) if size in parallel else (1,))
+        if ranks == 1 or size in parallel
     ]
 
 
@@ -65,10 +68,10 @@ def evaluation_growth(
     """Measure value, gradient and the lower bound on one mesh, side by side.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        elements: along and across.
-        repetitions: of value, gradient and lower bound, in turn.
+        comm: The ranks.
+        progress: Told the part that is done.
+        elements: Along and across.
+        repetitions: Of value, gradient and lower bound, in turn.
     """
     warm_up(comm)
     base = reset_peak_memory()
@@ -81,17 +84,17 @@ def evaluation_growth(
     memory_gradient = peak_memory() - base
 
     rng = np.random.default_rng(0)
-    block = rng.standard_normal((rod.elasticity.n_dofs, rod.modes))
-    columns = [block[:, i : i + 1].copy() for i in range(rod.modes)]
+    block = rng.standard_normal((rod.elasticity.n_dofs, rod.n_elastic))
+    columns = [block[:, i : i + 1].copy() for i in range(rod.n_elastic)]
 
-    def singly() -> None:
+    def singly(factored: FactoredBody) -> None:
         for column in columns:
-            rod.reduction.solve(column)
+            factored.solve(column)
 
     times: dict[str, list[float]] = {
         name: [] for name in ("value", "gradient", "factor", "solve", "solve singly")
     }
-    rooms: dict[str, list[float]] = {name: [] for name in ROOMS}
+    parts: dict[str, list[float]] = {name: [] for name in PARTS}
     iterations = 0
     for repetition in range(repetitions):
         times["value"].append(_seconds(comm, lambda: problem.value(x)))
@@ -99,20 +102,21 @@ def evaluation_growth(
         evaluation = problem.gradient(x)
         comm.Barrier()
         times["gradient"].append(perf_counter() - start)
-        for name in ROOMS:
-            rooms[name].append(evaluation.seconds[name])
+        for name in PARTS:
+            parts[name].append(evaluation.seconds[name])
         iterations = evaluation.solver_iterations["rod"]
-        times["factor"].append(_seconds(comm, rod.reduction.factor))
-        times["solve"].append(_seconds(comm, lambda: rod.reduction.solve(block)))
-        times["solve singly"].append(_seconds(comm, singly))
+        factored = rod.factored(evaluation.bodies["rod"])
+        times["factor"].append(_seconds(comm, partial(rod.reduction.factor, factored.matrices)))
+        times["solve"].append(_seconds(comm, partial(factored.solve, block)))
+        times["solve singly"].append(_seconds(comm, partial(singly, factored)))
         progress((repetition + 1) / repetitions)
     return {
         "elements": rod.domain.n_cells_global,
         "dofs": rod.elasticity.n_dofs_global,
-        "modes": rod.modes,
+        "modes": rod.n_elastic,
         "steps": problem.integrator.steps,
         "times": times,
-        "rooms": rooms,
+        "parts": parts,
         "iterations": iterations,
         "memory_value": comm.allreduce(memory_value),
         "memory_gradient": comm.allreduce(memory_gradient),
@@ -121,7 +125,7 @@ def evaluation_growth(
 
 
 def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> float:
-    """Return how long an action takes on the slowest rank."""
+    """How long an action takes on the slowest rank."""
     comm.Barrier()
     start = perf_counter()
     action()
@@ -133,11 +137,11 @@ def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> float:
 
 
 def rows_of_growth(results: list[tuple[Job, dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return one row for each measurement: medians, and what follows from them."""
+    """One row for each measurement: medians, and what follows from them."""
     rows = []
-    for job, result in results:
+    for job, result in sorted(results, key=lambda pair: (pair[1]["elements"], pair[0].ranks)):
         t = {name: np.array(values) for name, values in result["times"].items()}
-        rooms = {name: float(np.median(values)) for name, values in result["rooms"].items()}
+        parts = {name: float(np.median(values)) for name, values in result["parts"].items()}
         gradient = float(np.median(t["gradient"]))
         bound = float(np.median(t["factor"] + t["solve"]))
         rows.append(
@@ -161,8 +165,8 @@ def rows_of_growth(results: list[tuple[Job, dict[str, Any]]]) -> list[dict[str, 
                 "memory_gradient": result["memory_gradient"],
                 "memory_base": result["memory_base"],
                 "iterations": result["iterations"],
-                **rooms,
-                "rest": max(gradient - sum(rooms.values()), 0.0),
+                **parts,
+                "rest": max(gradient - sum(parts.values()), 0.0),
             }
         )
     return rows
@@ -172,8 +176,8 @@ def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) ->
     """Write tables and picture.
 
     Args:
-        results: of `growth_jobs`.
-        directory: where to.
+        results: Of `growth_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.
@@ -207,16 +211,16 @@ def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) ->
         },
         rows,
     )
-    rooms = Table(
-        "growth_rooms",
-        "Share of each room",
-        "Medians of the seconds that one evaluation of value and gradient spends in each room; "
-        "*rest* is what the whole evaluation takes beyond them. *Iterations* are those of the "
-        "conjugate gradients in the reduction's pullback, all modes side by side.",
+    parts = Table(
+        "growth_parts",
+        "Share of each part",
+        "Medians of the seconds that one evaluation of value and gradient spends in each of its "
+        "parts; *rest* is what the whole evaluation takes beyond them. *Iterations* are those of "
+        "the conjugate gradients in the reduction's pullback, all modes side by side.",
         {
             "mesh": "mesh",
             "ranks": "ranks",
-            **{name: f"{name} [s]" for name in ROOMS},
+            **{name: f"{name} [s]" for name in PARTS},
             "rest": "rest [s]",
             "iterations": "iterations",
         },
@@ -240,7 +244,7 @@ def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) ->
     )
     _draw(rows, directory / "growth.png")
     picture = "![Time, shares and memory over the number of elements](growth.png)"
-    tables = [times, rooms, memory]
+    tables = [times, parts, memory]
     write_page(directory, "growth", "Growth with the number of elements", picture, tables)
     return tables
 
@@ -315,13 +319,13 @@ def _draw_times(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[st
 
 
 def _draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
-    # the value's rooms in blues, the gradient's in oranges
+    # the value's parts in blues, the gradient's in oranges
     blues, oranges = ("#cfe3f2", "#0b62a4", "#7db5dc", "#073b63"), ("#f7d9b0", "#d9822b", "#8f4f12")
-    colors = dict(zip(ROOMS, blues + oranges, strict=True))
-    total = np.array([sum(row[name] for name in (*ROOMS, "rest")) for row in serial])
+    colors = dict(zip(PARTS, blues + oranges, strict=True))
+    total = np.array([sum(row[name] for name in (*PARTS, "rest")) for row in serial])
     bottom = np.zeros(len(serial))
     places = np.arange(len(serial))
-    for name in (*ROOMS, "rest"):
+    for name in (*PARTS, "rest"):
         share = 100.0 * _column(serial, name) / total
         axes.bar(
             places, share, 0.72, bottom, color=colors.get(name, "#c9d1d9"), edgecolor="white",
@@ -339,7 +343,7 @@ def _draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
     axes.set_ylim(0.0, 100.0)
     axes.set_xlabel("elements")
     axes.set_ylabel("share [%]")
-    axes.set_title("Share of each room")
+    axes.set_title("Share of each part")
     tidy(axes, grid=False)
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(

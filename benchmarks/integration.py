@@ -56,10 +56,10 @@ LONG = 0.25
 
 
 def integration_jobs(*, quick: bool) -> list[Job]:
-    """Return the jobs, one for each scene.
+    """The jobs, one for each scene.
 
     Args:
-        quick: small meshes and few runs.
+        quick: Small meshes and few runs.
     """
     counts = [250 * 2**k for k in (range(2, 6) if quick else range(9))]
     tolerances = [10.0**-k for k in ((2, 4, 6) if quick else range(1, 11))]
@@ -135,7 +135,7 @@ class _Numbers:
 def _run(
     scene: _Scene, integrator: ffr.GeneralizedAlpha | ffr.RadauIIA
 ) -> tuple[float, float, ffr.Trajectory, _Numbers]:
-    """Return the seconds of value and of value and gradient, the motion and its numbers."""
+    """The seconds of value and of value and gradient, the motion and its numbers."""
     objective = ffr.IntegralCompliance()
     problem = ffr.MechanicalProblem(scene.mechanism, integrator, objective)
     begin = perf_counter()
@@ -159,13 +159,13 @@ def _run(
 
 
 def _sizes(trajectory: ffr.Trajectory, coordinates: Array) -> Array:
-    """Return coordinates in metres, the elastic ones by the mass that they move."""
+    """Coordinates in metres, the elastic ones by the mass that they move."""
     body = trajectory.model.bodies["rod"]
     return coordinates * np.sqrt(np.concatenate([[body.mass] * 2, np.diag(body.G)]) / body.mass)
 
 
 def _by_size(bar: ffr.VolumeIntegrals, body: ffr.VolumeIntegrals) -> Array:
-    """Return derivatives times the sizes of what they are by, which makes them comparable."""
+    """Derivatives times the sizes of what they are by, which makes them comparable."""
     g, k = np.sqrt(np.diag(body.G)), np.sqrt(np.diag(body.K))
     m = np.sqrt(body.mass)
     parts = [np.array([bar.mass * body.mass]), m * g[:, None] * bar.S, np.outer(g, g) * bar.G]
@@ -174,7 +174,7 @@ def _by_size(bar: ffr.VolumeIntegrals, body: ffr.VolumeIntegrals) -> Array:
 
 
 def _violation(scene: _Scene, trajectory: ffr.Trajectory) -> float:
-    """Return the largest distance of a pin from where it belongs [m]."""
+    """The largest distance of a pin from where it belongs [m]."""
     marker = scene.mechanism.joints[0].b
     assert isinstance(marker, ffr.Moving)
     pin = np.stack([motion.tabulate(trajectory.t)[0] for motion in (marker.x, marker.y)], axis=1)
@@ -183,7 +183,7 @@ def _violation(scene: _Scene, trajectory: ffr.Trajectory) -> float:
 
 
 def _between(exact: _Numbers, times: Array) -> Array:
-    """Return positions between the steps, polynomials of degree 5 from those at both ends."""
+    """Positions between the steps, polynomials of degree 5 from those at both ends."""
     k = np.clip(np.searchsorted(exact.times, times, "right") - 1, 0, len(exact.times) - 2)
     h = (exact.times[k + 1] - exact.times[k])[:, None]
     x = (times - exact.times[k])[:, None] / h
@@ -233,15 +233,15 @@ def work_precision(
     """Measure time and error of both methods.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        scene: its name.
-        elements: along and across the rod.
-        modes: number of normal modes, by default that of the demo.
-        counts: numbers of steps of the generalised-alpha method.
-        tolerances: of Radau IIA.
-        reference: tolerance of the run that all are compared with.
-        repetitions: of the short runs, the shortest of which counts.
+        comm: The ranks.
+        progress: Told the part that is done.
+        scene: Its name.
+        elements: Along and across the rod.
+        modes: Number of normal modes, by default that of the demo.
+        counts: Numbers of steps of the generalised-alpha method.
+        tolerances: Of Radau IIA.
+        reference: Tolerance of the run that all are compared with.
+        repetitions: Of the short runs, the shortest of which counts.
     """
     made = _scene(comm, scene, elements, modes)
     methods: list[tuple[str, float, ffr.GeneralizedAlpha | ffr.RadauIIA]] = [
@@ -287,7 +287,7 @@ def work_precision(
 
 
 def _extrapolated(values: Sequence[float]) -> float:
-    """Return values with steps that halve each time, extrapolated to the step zero."""
+    """Values with steps that halve each time, extrapolated to the step zero."""
     # the error is that of the method, h^2, then h^3
     for power in (2, 3)[: len(values) - 1]:
         factor = 2.0**power
@@ -299,9 +299,9 @@ def orders(comm: MPI.Comm, progress: Progress, *, elements: Sequence[int]) -> di
     """Measure errors of both methods with fixed steps, on the fast scene with few slow modes.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        elements: along and across the rod.
+        comm: The ranks.
+        progress: Told the part that is done.
+        elements: Along and across the rod.
     """
     made = _scene(comm, "fast", elements)
     made = replace(made, bodies={"rod": made.bodies["rod"].leading(3)})
@@ -334,11 +334,11 @@ def damping(
     """Measure errors of the generalised-alpha method with more or less numerical damping.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        elements: along and across the rod.
-        radii: spectral radii at infinite frequency.
-        steps: number of steps.
+        comm: The ranks.
+        progress: Told the part that is done.
+        elements: Along and across the rod.
+        radii: Spectral radii at infinite frequency.
+        steps: Number of steps.
     """
     rows = []
     for scene in ("reference", "fast"):
@@ -359,8 +359,8 @@ def report_integration(results: Results, directory: Path) -> list[Table]:
     """Write tables and picture.
 
     Args:
-        results: of `integration_jobs`.
-        directory: where to.
+        results: Of `integration_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.
@@ -456,7 +456,7 @@ def _costs(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def _seconds(rows: Sequence[dict[str, Any]], error: str, target: float) -> float:
-    """Return the seconds to an error, or NaN where no run is as accurate."""
+    """The seconds to an error, or NaN where no run is as accurate."""
     # the largest error of a run and of all finer ones
     errors = np.maximum.accumulate([row[error] for row in rows][::-1])[::-1]
     seconds = np.array([row["seconds"] for row in rows])

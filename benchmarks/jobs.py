@@ -5,10 +5,11 @@ A process of its own gives each measurement its own peak of memory and its own n
 
 Started as a program this module is that process:
 
-    python benchmarks/jobs.py STUDY FUNCTION PARAMETERS RESULT
+    python benchmarks/jobs.py TASKS RESULT
 
-calls FUNCTION of the module STUDY with the communicator, a function that tells the progress and the
-PARAMETERS (JSON), and writes what it returns to the file RESULT (JSON).
+takes a list of a STUDY, a FUNCTION and its PARAMETERS each (JSON), calls FUNCTION of the module
+STUDY with the communicator, a function that tells the progress and the PARAMETERS, and writes the
+list of what they return to the file RESULT (JSON).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ __all__ = ["Job", "Progress", "run_jobs"]
 HERE = Path(__file__).resolve().parent
 PROGRESS = "progress "
 
-#: told which part of the job is done, from 0 to 1
+#: Told which part of the job is done, from 0 to 1
 Progress = Callable[[float], None]
 
 
@@ -42,9 +43,9 @@ Progress = Callable[[float], None]
 class Job:
     """One measurement."""
 
-    study: str  #: module of this folder
-    function: str  #: its function ``(comm, progress, **parameters) -> dict``
-    seconds: float  #: about how long it takes, for the time left [s]
+    study: str  #: Module of this folder
+    function: str  #: Its function ``(comm, progress, **parameters) -> dict``
+    seconds: float  #: About how long it takes, for the time left [s]
     parameters: dict[str, Any] = field(default_factory=dict)  #: JSON values
     ranks: int = 1  #: MPI ranks
 
@@ -56,58 +57,81 @@ class Job:
         return f"{self.study}: {' '.join([self.function, size]).strip()}{ranks}"
 
 
-def run_jobs(jobs: Iterable[Job]) -> Iterator[tuple[Job, dict[str, Any]]]:
+def run_jobs(
+    jobs: Iterable[Job], *, together: bool = False
+) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Run jobs one after the other.
 
     Args:
-        jobs: what to run; their expected seconds weigh the progress bar.
+        jobs: What to run; their expected seconds weigh the progress bar.
+        together: Jobs on as many ranks that follow each other share a process, which saves its
+            start; what they say of memory is then rough.
 
     Returns:
         Iterator over each job with its result.
 
     Raises:
-        RuntimeError: if a job fails.
+        RuntimeError: If a job fails.
     """
     jobs = list(jobs)
     form = "{desc:32s} {percentage:3.0f}% |{bar}| {elapsed}, {remaining} left"
     with tqdm(total=sum(job.seconds for job in jobs), bar_format=form) as bar:
-        for job in jobs:
-            bar.set_description_str(job.title)
-            start = bar.n
+        for batch in _batches(jobs, together):
+            begin = bar.n
 
-            def tell(part: float, start: float = start, seconds: float = job.seconds) -> None:
-                bar.update(start + part * seconds - bar.n)
+            def tell(
+                number: int, part: float, batch: list[Job] = batch, begin: float = begin
+            ) -> None:
+                job = batch[number]
+                bar.set_description_str(job.title)
+                done = begin + sum(before.seconds for before in batch[:number])
+                bar.update(done + part * job.seconds - bar.n)
 
-            result = _run(job, tell)
-            tell(1.0)
-            yield job, result
+            tell(0, 0.0)
+            yield from zip(batch, _run(batch, tell), strict=True)
 
 
-def _run(job: Job, tell: Progress) -> dict[str, Any]:
+def _batches(jobs: list[Job], together: bool) -> list[list[Job]]:
+    """The jobs of each process."""
+    batches: list[list[Job]] = []
+    for job in jobs:
+        if together and batches and batches[-1][-1].ranks == job.ranks:
+            batches[-1].append(job)
+        else:
+            batches.append([job])
+    return batches
+
+
+def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str, Any]]:
+    number = 0
     with tempfile.TemporaryDirectory(prefix="dolfinx_ffr-benchmark.") as directory:
         result = Path(directory) / "result.json"
-        command = [sys.executable, str(Path(__file__).resolve()), job.study, job.function]
-        command += [json.dumps(job.parameters), str(result)]
-        if job.ranks > 1:
-            command = ["mpirun", "-n", str(job.ranks), *command]
+        tasks = [(job.study, job.function, job.parameters) for job in batch]
+        command = [sys.executable, str(Path(__file__).resolve()), json.dumps(tasks), str(result)]
+        if batch[0].ranks > 1:
+            command = ["mpirun", "-n", str(batch[0].ranks), *command]
         with subprocess.Popen(
             command, env=_environment(), stdout=subprocess.PIPE, text=True
         ) as process:
             try:
                 for line in process.stdout or ():
                     if line.startswith(PROGRESS):
-                        tell(float(line.removeprefix(PROGRESS)))
+                        told, part = line.removeprefix(PROGRESS).split()
+                        number = int(told)
+                        tell(number, float(part))
             finally:
                 if process.poll() is None and sys.exc_info()[0] is not None:
                     process.terminate()
         if process.returncode != 0 or not result.exists():
-            raise RuntimeError(f"{job.title} has failed with exit code {process.returncode}")
-        measured: dict[str, Any] | None = json.loads(result.read_text())
-        return measured or {}
+            raise RuntimeError(
+                f"{batch[number].title} has failed with exit code {process.returncode}"
+            )
+        measured: list[dict[str, Any] | None] = json.loads(result.read_text())
+        return [one or {} for one in measured]
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of `make`, without what would make a child a rank of our own run."""
+    """The environment of `make`, without what would make a child a rank of our own run."""
     show = 'clone="$1"; . "$1/install/environment.sh"; env -0'
     output = subprocess.run(
         ["bash", "-c", show, "bash", str(HERE.parent)],
@@ -120,20 +144,23 @@ def _environment() -> dict[str, str]:
     return {name: value for name, value in variables.items() if not name.startswith(ours)}
 
 
-def _main(study: str, function: str, parameters: str, result: str) -> None:
+def _main(tasks: str, result: str) -> None:
     comm = MPI.COMM_WORLD
+    measured = []
+    for number, (study, function, parameters) in enumerate(json.loads(tasks)):
 
-    def tell(part: float) -> None:
-        if comm.rank == 0:
-            print(f"{PROGRESS}{part}", flush=True)
+        def tell(part: float, number: int = number) -> None:
+            if comm.rank == 0:
+                print(f"{PROGRESS}{number} {part}", flush=True)
 
-    try:
-        measured = getattr(importlib.import_module(study), function)(
-            comm, tell, **json.loads(parameters)
-        )
-    except BaseException:
-        traceback.print_exc()
-        comm.Abort(1)  # the other ranks would wait for this one
+        tell(0.0)
+        try:
+            run = getattr(importlib.import_module(study), function)
+            measured.append(run(comm, tell, **parameters))
+        except BaseException:
+            traceback.print_exc()
+            comm.Abort(1)  # the other ranks would wait for this one
+        tell(1.0)
     if comm.rank == 0:
         Path(result).write_text(json.dumps(measured))
 

@@ -18,7 +18,7 @@ def reset_peak_memory() -> float:
 
 
 def peak_memory() -> float:
-    """Return the peak of the resident memory of this process [MB].
+    """The peak of the resident memory of this process [MB].
 
     The record of `resource.getrusage` would include that of the process that started this one.
     """

@@ -32,14 +32,14 @@ Results = list[tuple[Job, dict[str, Any]]]
 CELLS = ("quadrilateral", "triangle")
 MESHES = ("structured", "gmsh")
 ORDERS = (1, 2, 3)
-#: of the rods [m]: the reference one, a short one without corners that matter, a thin one
+#: Of the rods [m]: the reference one, a short one without corners that matter, a thin one
 ROD, SHORT, THIN = (0.4, 0.04), (0.1, 0.05), (0.4, 0.004)
-#: below it a frequency shows the tolerance of the eigenvalue solver
+#: Below it a frequency shows the tolerance of the eigenvalue solver
 ROUND_OFF = 1e-10
 
 
 def mesh_jobs(*, quick: bool) -> list[Job]:
-    """Return the measurements."""
+    """The measurements."""
     divisions = [[2, 4, 8], [2, 4], [2, 4]] if quick else [[2, 4, 8, 16], [2, 4, 8], [2, 4, 8]]
     return [
         Job(
@@ -87,16 +87,16 @@ def rod_domain(
     order: int,
     blocks: tuple[int, int] = (1, 1),
 ) -> ffr.Domain:
-    """Return a straight rod.
+    """A straight rod.
 
     Args:
-        comm: one rank.
-        size: length and height [m].
-        elements: along and across; those of gmsh have about the same size.
+        comm: One rank.
+        size: Length and height [m].
+        elements: Along and across; those of gmsh have about the same size.
         cell: ``"quadrilateral"`` or ``"triangle"``.
         mesh: ``"structured"`` or ``"gmsh"``, without any pattern.
-        order: of the displacements.
-        blocks: rectangles along and across whose edges the mesh follows.
+        order: Of the displacements.
+        blocks: Rectangles along and across whose edges the mesh follows.
     """
     if mesh == "structured":
         return ffr.Domain.rectangle(
@@ -156,13 +156,13 @@ def refinement(
     """Refine the slider-crank's rod of gray blocks, with cells of all kinds and orders.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        blocks: along and across.
-        divisions: for each order, elements along the side of a block.
-        finest: those of the reference, quadrilaterals of order 3; a power of two.
-        steps: number of time steps.
-        repetitions: turns through all meshes, after one that compiles; the fastest counts.
+        comm: One rank.
+        progress: Told the part that is done.
+        blocks: Along and across.
+        divisions: For each order, elements along the side of a block.
+        finest: Those of the reference, quadrilaterals of order 3; a power of two.
+        steps: Number of time steps.
+        repetitions: Turns through all meshes, after one that compiles; the fastest counts.
     """
     shape = (blocks[0], blocks[1])
 
@@ -227,7 +227,7 @@ def refinement(
 
 
 def _divisions(divisions: list[int], cell: str, mesh: str) -> list[int]:
-    """Return those that gmsh can do: its quadrilaterals do not get coarser than four a side."""
+    """Those that gmsh can do: its quadrilaterals do not get coarser than four a side."""
     if (cell, mesh) == ("quadrilateral", "gmsh"):
         return sorted({max(n, 4) for n in divisions} | {8})
     return divisions
@@ -236,7 +236,7 @@ def _divisions(divisions: list[int], cell: str, mesh: str) -> list[int]:
 def _quantities(
     problem: ffr.Problem, evaluation: ffr.Evaluation, blocks: tuple[int, int]
 ) -> dict[str, Array]:
-    """Return what does not depend on the mesh but for its errors."""
+    """What does not depend on the mesh but for its errors."""
     (name,) = problem.flexible
     reduced = evaluation.bodies[name]
     k, integrals = 1 + reduced.basis.n_constraint, reduced.integrals
@@ -254,7 +254,7 @@ def _quantities(
 
 
 def _limit(values: Sequence[Array]) -> Array:
-    """Return the limit of three meshes, each twice as fine as the one before (Aitken).
+    """The limit of three meshes, each twice as fine as the one before (Aitken).
 
     Singular corners limit the order, so that it is not known beforehand.
     """
@@ -269,9 +269,9 @@ def smooth(comm: MPI.Comm, progress: Progress, *, divisions: list[list[int]]) ->
     Its frequency is sqrt(E / rho) / (2 L), and the held corners do not disturb it.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        divisions: for each order, elements across.
+        comm: One rank.
+        progress: Told the part that is done.
+        divisions: For each order, elements across.
     """
     length, height = SHORT
     cork = ffr.PlaneStress(young=210e9, poisson=0.0, density=7850.0, thickness=0.01)
@@ -315,12 +315,12 @@ def locking(
     """Bend a thin rod, a hundred times as long as high, with one element across.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        divisions: elements along.
-        finest: those of the reference, of order 3, with four elements across.
-        steps: number of time steps.
-        repetitions: turns through all meshes, after one that compiles; the fastest counts.
+        comm: One rank.
+        progress: Told the part that is done.
+        divisions: Elements along.
+        finest: Those of the reference, of order 3, with four elements across.
+        steps: Number of time steps.
+        repetitions: Turns through all meshes, after one that compiles; the fastest counts.
     """
 
     def problem(cell: str, order: int, elements: tuple[int, int]) -> ffr.Problem:
@@ -349,7 +349,9 @@ def locking(
             "dofs": problems[cell, order, n].flexible["rod"].elasticity.n_dofs_global,
             "value": min(times[cell, order, n][-max(repetitions, 1) :]),
             "error_frequency": abs(
-                found[cell, order, n].frequencies["rod"][0] / exact.frequencies["rod"][0] - 1.0
+                found[cell, order, n].fixed_interface_frequencies["rod"][0]
+                / exact.fixed_interface_frequencies["rod"][0]
+                - 1.0
             ),
             "error_psi": abs(found[cell, order, n].psi / exact.psi - 1.0),
         }
@@ -364,12 +366,12 @@ def locking(
 def observed_orders(
     rows: Sequence[Mapping[str, Any]], errors: Sequence[str], floor: float = 0.0
 ) -> list[dict[str, Any]]:
-    """Return the slope of each error over the size of the elements, fitted for each family.
+    """The slope of each error over the size of the elements, fitted for each family.
 
     Args:
-        rows: with cell, kind, order, size and errors.
-        errors: names of the columns.
-        floor: errors below it are left out.
+        rows: With cell, kind, order, size and errors.
+        errors: Names of the columns.
+        floor: Errors below it are left out.
     """
     families = dict.fromkeys((row["cell"], row["kind"], row["order"]) for row in rows)
     found = []
@@ -388,8 +390,8 @@ def report_mesh(results: Results, directory: Path) -> list[Table]:
     """Write tables and picture.
 
     Args:
-        results: of `mesh_jobs`.
-        directory: where to.
+        results: Of `mesh_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.

@@ -31,7 +31,7 @@ MODELS = {LINEAR: BLUE, STIFFENED: ORANGE}
 
 
 def model_jobs(*, quick: bool) -> list[Job]:
-    """Return the measurement."""
+    """The measurement."""
     moduli = [2e9, 2e7, 1e6] if quick else [4e9, 1e9, 2e8, 5e7, 2e7, 1e7, 5e6, 2e6, 1e6, 5e5]
     return [
         Job(
@@ -65,13 +65,13 @@ def deformation(
     """Let the demo's pendulum fall, softer and softer, in all three models.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across, biquadratic ones.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across, biquadratic ones.
         moduli: Young's moduli [Pa].
-        steps: number of time steps.
-        modes: normal modes of the floating frame.
-        repetitions: of the floating frame; the fastest counts.
+        steps: Number of time steps.
+        modes: Normal modes of the floating frame.
+        repetitions: Of the floating frame; the fastest counts.
     """
     pendulum = demo("pendulum")
     size = (elements[0], elements[1])
@@ -117,7 +117,7 @@ def deformation(
 
 
 def _bending(tip: Array, middle: Array) -> Array:
-    """Return the distance of the middle from the chord, which begins in the origin."""
+    """The distance of the middle from the chord, which begins in the origin."""
     normal = np.column_stack([-tip[:, 1], tip[:, 0]])
     result: Array = np.sum(middle * normal, axis=1) / np.linalg.norm(tip, axis=1)
     return result
@@ -130,8 +130,8 @@ def report_model(results: Results, directory: Path) -> list[Table]:
     """Write table and picture.
 
     Args:
-        results: of `model_jobs`.
-        directory: where to.
+        results: Of `model_jobs`.
+        directory: Where to.
 
     Returns:
         The table.

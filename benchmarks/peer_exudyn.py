@@ -68,14 +68,14 @@ def rod_for_exudyn(
     marker: tuple[Array, Array],
     point_mass: float,
 ) -> ExudynRod:
-    """Return a planar body with a point mass at a marker, in three dimensions.
+    """A planar body with a point mass at a marker, in three dimensions.
 
     Args:
-        reference: positions in the body's frame, two for each node, shape (2 nodes,) [m].
-        mass: of these displacements, shape (2 nodes, 2 nodes) [kg].
-        stiffness: likewise [N/m].
-        shapes: shape functions, shape (2 nodes, r).
-        marker: its position, shape (2,), and its shape functions, shape (2, r).
+        reference: Positions in the body's frame, two for each node, shape (2 nodes,) [m].
+        mass: Of these displacements, shape (2 nodes, 2 nodes) [kg].
+        stiffness: Likewise [N/m].
+        shapes: Shape functions, shape (2 nodes, r).
+        marker: Its position, shape (2,), and its shape functions, shape (2, r).
         point_mass: [kg].
     """
     n, r = len(reference) // 2 + 1, shapes.shape[1]
@@ -122,12 +122,12 @@ def load_rod(path: Path) -> ExudynRod:
 class Method:
     """Time integration."""
 
-    steps: int  #: of equal length
+    steps: int  #: Of equal length
     #: 3: generalised-alpha with constraints of positions; 2: trapezoidal rule with constraints of
     #: velocities, Exudyn's only implicit method with these
     index: int = 3
-    spectral_radius: float = 0.8  #: at infinite frequency, of generalised-alpha
-    modified: bool = True  #: whether Newton's method keeps its Jacobian as long as it converges
+    spectral_radius: float = 0.8  #: At infinite frequency, of generalised-alpha
+    modified: bool = True  #: Whether Newton's method keeps its Jacobian as long as it converges
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Crank:
     """The prescribed motion."""
 
     radius: float  #: [m]
-    turns: float  #: from rest to rest [-]
+    turns: float  #: From rest to rest [-]
     duration: float  #: [s]
 
 
@@ -145,12 +145,12 @@ class Simulation:
 
     t: Array  #: (steps + 1,) [s]
     q: Array  #: (steps + 1, r) elastic coordinates
-    seconds: float  #: of the solver alone [s]
-    seconds_model: float  #: of the model, before the solver begins [s]
+    seconds: float  #: Of the solver alone [s]
+    seconds_model: float  #: Of the model, before the solver begins [s]
 
 
 def load_exudyn() -> ModuleType:
-    """Return the module without range checks, where the processor can run it."""
+    """The module without range checks, where the processor can run it."""
     use_peers()
     sys.exudynFast = True  # type: ignore[attr-defined]
     import exudyn
@@ -162,9 +162,9 @@ def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
     """Simulate the slider-crank.
 
     Args:
-        rod: with the slider's mass on its last node.
-        crank: its motion.
-        method: time integration.
+        rod: With the slider's mass on its last node.
+        crank: Its motion.
+        method: Time integration.
     """
     exudyn = load_exudyn()
     begin = perf_counter()
@@ -181,7 +181,7 @@ def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
 
 
 def _reduced(rod: ExudynRod) -> Any:
-    """Return the rod's reduction to the constants of the equations of motion."""
+    """The rod's reduction to the constants of the equations of motion."""
     from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 
     fem = FEMinterface()
@@ -194,7 +194,7 @@ def _reduced(rod: ExudynRod) -> Any:
 def _model(
     exudyn: ModuleType, reduced: Any, rod: ExudynRod, crank: Crank
 ) -> tuple[Any, Any, list[Any]]:
-    """Return the system, the sensor of the elastic coordinates, and what must stay alive."""
+    """The system, the sensor of the elastic coordinates, and what must stay alive."""
     import exudyn.itemInterface as items
     from exudyn.advancedUtilities import CreateSymbolicUserFunction
 
@@ -252,7 +252,7 @@ def _model(
 def crank_pin(
     exudyn: ModuleType, crank: Crank
 ) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
-    """Return displacement and velocity of the crank pin along x and y, as functions of time."""
+    """Displacement and velocity of the crank pin along x and y, as functions of time."""
     symbolic = exudyn.symbolic
     full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
 
@@ -301,11 +301,11 @@ def memory_of_exudyn(
     """Measure the peak of memory of one simulation, in a process without DOLFINx.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        rod: file that `save_rod` has written.
-        crank: radius, turns and duration.
-        steps: of time.
+        comm: One rank.
+        progress: Told the part that is done.
+        rod: File that `save_rod` has written.
+        crank: Radius, turns and duration.
+        steps: Of time.
     """
     if "dolfinx" in sys.modules:
         raise RuntimeError("the process has loaded DOLFINx")

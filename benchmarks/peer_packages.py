@@ -34,7 +34,7 @@ def use_peers() -> None:
 
 
 def missing() -> str | None:
-    """Return what is not there and what to do about it, or None where all peers are there."""
+    """What is not there and what to do about it, or None where all peers are there."""
     use_peers()
     absent = _absent([*PEERS, *COMPANIONS])
     if not absent:
@@ -50,7 +50,7 @@ def _absent(names: Iterable[str]) -> list[str]:
 
 
 def versions() -> dict[str, str]:
-    """Return the releases of the peers that are there."""
+    """The releases of the peers that are there."""
     use_peers()
     found = {str(d.metadata["Name"]).lower().replace("-", "_"): d.version for d in distributions()}
     return {name: found[name] for name in PEERS if name in found}

@@ -38,11 +38,11 @@ SOLVERS = ("SuperLU", "CHOLMOD")
 class Plate:
     """What is loaded; one metre high."""
 
-    elements: tuple[int, int]  #: squares along and across
+    elements: tuple[int, int]  #: Squares along and across
     young: float = 210e9  #: [Pa]
     poisson: float = 0.3  #: [-]
     thickness: float = 0.01  #: [m]
-    force: float = 1e4  #: at the right edge [N]
+    force: float = 1e4  #: At the right edge [N]
 
     @property
     def element(self) -> float:
@@ -51,7 +51,7 @@ class Plate:
 
 
 def random_density(elements: tuple[int, int]) -> Array:
-    """Return a density of its own for each element, row after row, shape (elements,)."""
+    """A density of its own for each element, row after row, shape (elements,)."""
     return 0.3 + 0.7 * np.random.default_rng(0).random(elements[0] * elements[1])
 
 
@@ -59,9 +59,9 @@ class PymotoPlate:
     """Compliance and gradient by pyMOTO.
 
     Args:
-        plate: what is loaded.
-        solver: one of `SOLVERS`.
-        kernel: filter, a matrix whose rows sum to one; None filters nothing.
+        plate: What is loaded.
+        solver: One of `SOLVERS`.
+        kernel: Filter, a matrix whose rows sum to one; None filters nothing.
     """
 
     def __init__(
@@ -106,10 +106,10 @@ class PymotoPlate:
             self.filled = pym.EinSum("i->")(density)
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Return compliance and gradient.
+        """Compliance and gradient.
 
         Args:
-            x: density of each element, row after row, shape (elements,).
+            x: Density of each element, row after row, shape (elements,).
         """
         with _quiet():
             self.network.reset()
@@ -123,8 +123,8 @@ class PymotoPlate:
         """Minimise the compliance by pyMOTO's method of moving asymptotes with its defaults.
 
         Args:
-            start: variables, shape (elements,).
-            volume: upper bound of the filled share.
+            start: Variables, shape (elements,).
+            volume: Upper bound of the filled share.
 
         Returns:
             Iterator over the variables that are evaluated and their compliance; it has no end.
@@ -154,7 +154,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _filter(pym: Any, kernel: scipy.sparse.spmatrix) -> Any:
-    """Return pyMOTO's linear filter with a given matrix."""
+    """PyMOTO's linear filter with a given matrix."""
 
     class Given(pym.Filter):  # type: ignore[name-defined,misc]
         @staticmethod
@@ -170,10 +170,10 @@ def memory_of_pymoto(
     """Measure the peak of memory of one value and gradient, in a process without DOLFINx.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        solver: one of `SOLVERS`.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        solver: One of `SOLVERS`.
     """
     if "dolfinx" in sys.modules:
         raise RuntimeError("the process has loaded DOLFINx")

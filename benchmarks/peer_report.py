@@ -46,8 +46,8 @@ def report_peers(results: list[tuple[Job, dict[str, Any]]], directory: Path) -> 
     """Write tables and picture.
 
     Args:
-        results: of `peers_jobs`.
-        directory: where to.
+        results: Of `peers_jobs`.
+        directory: Where to.
 
     Returns:
         The tables.
@@ -71,12 +71,12 @@ def report_peers(results: list[tuple[Job, dict[str, Any]]], directory: Path) -> 
 
 
 def seconds_to_reach(rows: Sequence[dict[str, Any]], error: float, what: str) -> float:
-    """Return the time in which a method reaches an error, between its measured settings.
+    """The time in which a method reaches an error, between its measured settings.
 
     Args:
-        rows: of one method; time falls where the error grows.
-        error: that is to be reached.
-        what: name of the error.
+        rows: Of one method; time falls where the error grows.
+        error: That is to be reached.
+        what: Name of the error.
 
     Returns:
         The time interpolated in logarithms [s]; that of the coarsest setting, where even that is
@@ -91,7 +91,7 @@ def seconds_to_reach(rows: Sequence[dict[str, Any]], error: float, what: str) ->
 
 
 def rows_of_equal_error(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the times of each method at equal errors, and how many times longer Exudyn takes."""
+    """The times of each method at equal errors, and how many times longer Exudyn takes."""
     methods = {
         (code, method): [r for r in rows if (r["code"], r["method"]) == (code, method)]
         for code, method in {(row["code"], row["method"]): None for row in rows}
@@ -213,7 +213,7 @@ def _motion_tables(motion: dict[str, Any]) -> list[Table]:
 
 
 def rows_of_plates(plates: Sequence[tuple[Job, dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return one row for each plate."""
+    """One row for each plate."""
     rows = []
     for job, result in plates:
         nx, ny = job.parameters["elements"]

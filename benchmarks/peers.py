@@ -59,10 +59,10 @@ VOLUME = 0.5
 
 
 def peers_jobs(*, quick: bool) -> list[Job]:
-    """Return the measurements.
+    """The measurements.
 
     Args:
-        quick: small meshes and few repetitions.
+        quick: Small meshes and few repetitions.
     """
     folder = tempfile.TemporaryDirectory(prefix="dolfinx_ffr-peers.")
     atexit.register(folder.cleanup)
@@ -125,17 +125,17 @@ def peers_jobs(*, quick: bool) -> list[Job]:
 
 
 def exudyn_rod(body: ffr.FlexibleBody, reduced: ffr.ReducedBody, point_mass: float) -> ExudynRod:
-    """Return a reduced rod as Exudyn takes it, with a point mass at its interface ``"right"``.
+    """A reduced rod as Exudyn takes it, with a point mass at its interface ``"right"``.
 
     Args:
-        body: on one rank; what is assembled is handed over.
-        reduced: the body at the density that is assembled.
+        body: On one rank.
+        reduced: The body at one density.
         point_mass: [kg].
     """
-    marker = reduced.integrals.markers["right"]
+    marker, matrices = reduced.integrals.markers["right"], body.factored(reduced).matrices
     mass, stiffness = (
         scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.getSize())
-        for matrix in (body.elasticity.mass, body.elasticity.stiffness)
+        for matrix in (matrices.mass, matrices.stiffness)
     )
     return rod_for_exudyn(
         body.reduction.reference,
@@ -161,14 +161,14 @@ def slider_crank_times(
     """Measure the slider-crank by both codes, method by method and step by step.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        steps: of the methods of second order.
-        stages: steps of Radau IIA.
-        reference: steps of Radau IIA that count as exact.
-        repetitions: turns through all settings; the fastest of them counts.
-        rod: file for the rod, for other processes.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        steps: Of the methods of second order.
+        stages: Steps of Radau IIA.
+        reference: Steps of Radau IIA that count as exact.
+        repetitions: Turns through all settings; the fastest of them counts.
+        rod: File for the rod, for other processes.
     """
     problem = slider_crank(comm, (elements[0], elements[1]))
     body = problem.flexible["rod"]
@@ -189,7 +189,7 @@ def slider_crank_times(
         seconds = perf_counter() - start
         assert found.trajectory is not None
         q = found.trajectory.elastic("rod")
-        q = q if found.trajectory.method else q[::3]  # the stages of Radau IIA left out
+        q = q[:: found.trajectory.integrator.stages]  # the stages of Radau IIA left out
         return seconds, found.psi, q @ middle
 
     def exudyn(method: Method) -> tuple[float, float, Array]:
@@ -249,7 +249,7 @@ def slider_crank_times(
     return {
         "rows": rows,
         "elements": body.domain.n_cells_global,
-        "modes": body.modes,
+        "modes": body.n_elastic,
         "psi": psi,
         "reference": reference,
         "reference_error_psi": abs(psi_half / psi - 1.0),
@@ -267,7 +267,7 @@ def slider_crank_times(
 
 
 def _middle(rod: ExudynRod) -> Array:
-    """Return the shape functions across the rod at the node nearest to its middle, shape (r,)."""
+    """The shape functions across the rod at the node nearest to its middle, shape (r,)."""
     target = np.array([0.5 * rod.positions[-1, 0], 0.0, 0.0])
     node = int(np.argmin(np.linalg.norm(rod.positions - target, axis=1)))
     return rod.modes[3 * node + 1]
@@ -285,10 +285,10 @@ def memory_of_motion(
     """Measure the peak of memory of one simulation of the reduced rod.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        steps: of generalised-alpha.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        steps: Of generalised-alpha.
     """
     problem = slider_crank(comm, (elements[0], elements[1]), steps=2)
     body = problem.flexible["rod"]
@@ -306,15 +306,15 @@ def memory_of_motion(
 
 
 def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
-    """Return the plate as a mechanism at rest: psi is its compliance during one second.
+    """The plate as a mechanism at rest: psi is its compliance during one second.
 
     The left interface is welded to the ground, the right one slides; the motion starts in the
     static equilibrium, and stays there. With constraint modes alone its displacement is exactly
     that of the finite elements, because nothing but the interfaces is loaded.
 
     Args:
-        comm: one rank.
-        plate: what is loaded.
+        comm: One rank.
+        plate: What is loaded.
     """
     nx, ny = plate.elements
     length = nx * plate.element
@@ -343,7 +343,7 @@ def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
 
 
 def row_after_row(plate: Plate, centroids: Array) -> NDArray[np.int64]:
-    """Return the place of each cell in the order row after row."""
+    """The place of each cell in the order row after row."""
     nx = plate.elements[0]
     i, j = np.floor((centroids + np.array([0.0, 0.5])) / plate.element).astype(np.int64).T
     return i + nx * j
@@ -355,10 +355,10 @@ def plate_times(
     """Measure compliance and gradient at a density by both codes, in turns.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        repetitions: the fastest of them counts.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        repetitions: The fastest of them counts.
     """
     plate = Plate((elements[0], elements[1]))
     problem = plate_problem(comm, plate)
@@ -394,9 +394,9 @@ def memory_of_plate(comm: MPI.Comm, progress: Progress, *, elements: list[int]) 
     """Measure the peak of memory of one compliance and its gradient.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
     """
     small = Plate((6, 2))
     plate_problem(comm, small).gradient(random_density(small.elements))
@@ -439,10 +439,10 @@ def plate_designs(
     """Design the plate by both codes: the same filter, each with its own moving asymptotes.
 
     Args:
-        comm: one rank.
-        progress: told the part that is done.
-        elements: along and across.
-        iterations: of each.
+        comm: One rank.
+        progress: Told the part that is done.
+        elements: Along and across.
+        iterations: Of each.
     """
     plate = Plate((elements[0], elements[1]))
     problem = plate_problem(comm, plate)

@@ -17,7 +17,7 @@ import numpy as np
 __all__ = ["Table", "duration", "facts", "write_page"]
 
 
-#: mean number of busy processes in the last minute when this run began: those of others
+#: Mean number of busy processes in the last minute when this run began: those of others
 LOAD_BEFORE = os.getloadavg()[0]
 
 
@@ -25,11 +25,11 @@ LOAD_BEFORE = os.getloadavg()[0]
 class Table:
     """Numbers in columns."""
 
-    name: str  #: of the CSV file
+    name: str  #: Of the CSV file
     title: str
-    text: str  #: what is measured, and how
-    columns: dict[str, str]  #: names in the CSV file and in print, both with units
-    rows: Sequence[dict[str, float | str]]  #: one number or word for each column
+    text: str  #: What is measured, and how
+    columns: dict[str, str]  #: Names in the CSV file and in print, both with units
+    rows: Sequence[dict[str, float | str]]  #: One number or word for each column
 
     def write_csv(self, directory: Path) -> Path:
         """Write the numbers with all their digits."""
@@ -41,7 +41,7 @@ class Table:
         return path
 
     def markdown(self) -> str:
-        """Return the table in Markdown, three digits a number."""
+        """The table in Markdown, three digits a number."""
         lines = [
             f"## {self.title}\n",
             f"{self.text}\n",
@@ -57,11 +57,11 @@ def write_page(directory: Path, name: str, title: str, picture: str, tables: lis
     """Write tables as CSV files and as one page.
 
     Args:
-        directory: where to.
-        name: of the page.
-        title: its heading.
-        picture: file of the picture beside it, and what the picture shows, as Markdown.
-        tables: what is on it.
+        directory: Where to.
+        name: Of the page.
+        title: Its heading.
+        picture: File of the picture beside it, and what the picture shows, as Markdown.
+        tables: What is on it.
     """
     for table in tables:
         table.write_csv(directory)
@@ -70,7 +70,7 @@ def write_page(directory: Path, name: str, title: str, picture: str, tables: lis
 
 
 def facts() -> str:
-    """Return what was measured on: machine and versions, as a Markdown list."""
+    """What was measured on: machine and versions, as a Markdown list."""
     names = {
         "DOLFINx": "fenics-dolfinx",
         "petsc4py": "petsc4py",
@@ -127,7 +127,7 @@ def _printed(value: float | str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a duration in the unit that suits it."""
+    """A duration in the unit that suits it."""
     for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0)):
         if seconds >= 1.5 * size:
             return f"{seconds / size:.3g} {unit}"

@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> None:
     }
     jobs += [job for some in jobs_of.values() for job in some]
     try:
-        results = list(run_jobs(jobs))
+        results = list(run_jobs(jobs, together=options.quick))
     except RuntimeError as error:
         raise SystemExit(f"benchmarks: {error}; its messages are above") from error
 
@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Measure speed beside error.")
     parser.add_argument("--quick", action="store_true", help="small meshes, few repetitions")
     parser.add_argument(

@@ -43,7 +43,7 @@ def demo(name: str) -> ModuleType:
 
 
 def slider_crank_numbers() -> tuple[float, float, float, float]:
-    """Return the demo's crank radius [m], its turns, their duration [s], the slider's mass [kg]."""
+    """The demo's crank radius [m], its turns, their duration [s], the slider's mass [kg]."""
     reference = demo("slider_crank")
     return reference.CRANK, reference.TURNS, reference.DURATION, reference.SLIDER
 
@@ -58,16 +58,16 @@ def slider_crank(
     steps: int | None = None,
     tolerance: float | None = None,
 ) -> ffr.Problem:
-    """Return the demo's problem, with what is given here in place of the demo's own choice.
+    """The demo's problem, with what is given here in place of the demo's own choice.
 
     Args:
-        comm: communicator over which the mesh is distributed.
-        elements: along and across the rod.
-        order: polynomial order of the displacements.
-        domain: a mesh that is there already, instead of a new one.
-        modes: number of normal modes.
-        steps: number of time steps.
-        tolerance: relative residual of the eigenvalue problem and of the adjoint systems.
+        comm: Communicator over which the mesh is distributed.
+        elements: Along and across the rod.
+        order: Polynomial order of the displacements.
+        domain: A mesh that is there already, instead of a new one.
+        modes: Number of normal modes.
+        steps: Number of time steps.
+        tolerance: Relative residual of the eigenvalue problem and of the adjoint systems.
     """
     chosen = {"modes": modes, "steps": steps}
     problem: ffr.Problem = demo("slider_crank").reference_problem(
@@ -92,7 +92,7 @@ def slider_crank(
 
 
 def holes_design(domain: ffr.Domain) -> NDArray[np.float64]:
-    """Return a rod with three rows of ten round holes, like the start of a level-set design.
+    """A rod with three rows of ten round holes, like the start of a level-set design.
 
     Elements on the edge of a hole are gray; the ends are solid.
 
@@ -112,14 +112,14 @@ def holes_design(domain: ffr.Domain) -> NDArray[np.float64]:
 
 
 def block_design(domain: ffr.Domain, blocks: tuple[int, int]) -> NDArray[np.float64]:
-    """Return a gray rod whose density is constant on each of a few blocks.
+    """A gray rod whose density is constant on each of a few blocks.
 
     On every mesh that divides the blocks evenly it is the same rod, so that nothing but the
     displacements changes with the mesh.
 
     Args:
-        domain: the rod.
-        blocks: along and across; the first and last column are solid.
+        domain: The rod.
+        blocks: Along and across; the first and last column are solid.
 
     Returns:
         Density of the cells owned by this rank, shape (cells,).
@@ -130,11 +130,11 @@ def block_design(domain: ffr.Domain, blocks: tuple[int, int]) -> NDArray[np.floa
 
 
 def block_numbers(domain: ffr.Domain, blocks: tuple[int, int]) -> NDArray[np.int64]:
-    """Return the number of the block in which each cell of this rank lies, shape (cells,).
+    """The number of the block in which each cell of this rank lies, shape (cells,).
 
     Args:
-        domain: the rod.
-        blocks: along and across.
+        domain: The rod.
+        blocks: Along and across.
     """
     low, high = domain.bounding_box
     i, j = np.floor((domain.centroids - low) / (high - low) * blocks).astype(np.int64).T
@@ -147,9 +147,9 @@ def warm_up(
     """Evaluate a tiny rod, so that whatever is compiled or loaded once is there.
 
     Args:
-        comm: the ranks.
-        progress: told the part that is done.
-        orders: polynomial orders of the displacements.
+        comm: The ranks.
+        progress: Told the part that is done.
+        orders: Polynomial orders of the displacements.
     """
     for place, order in enumerate(orders):
         problem = slider_crank(comm, (20, 2), order=order, modes=4, steps=400)

@@ -44,6 +44,7 @@ from slider_crank import VOLUME, reference_problem, simple_designs
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 KERNELS = {
@@ -169,11 +170,10 @@ def main(arguments: list[str] | None = None) -> None:
     summary = {
         name: {
             "compliance_relative": result.psi / solid,
-            "iterations": result.iterations,
-            "reason": result.reason,
+            **result.summary(),
             "seconds": seconds[name],
             "seconds_one_gradient": once[name],
-            "elements_with_exact_derivatives": result.history["gradient_elements"].tolist(),
+            "elements_with_exact_derivatives": reports[name].elements,
         }
         for name, result in results.items()
     }
@@ -212,7 +212,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design a rod with three gradients.")
     parser.add_argument("--full", action="store_true", help="200 x 20 elements, 100 iterations")
     parser.add_argument("--elements", nargs=2, type=int, metavar=("NX", "NY"))
@@ -229,4 +229,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -31,18 +31,19 @@ rod's place: `--mesh my_rod.msh`.
 from __future__ import annotations
 
 import argparse
+from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 
 from mpi4py import MPI
 
-import dolfinx
 import numpy as np
 from meshes.connecting_rod import ConnectingRod
 from slider_crank import STEPS, VOLUME, reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 ROD = ConnectingRod()
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     rod = problem.flexible["rod"]
     say(
         f"rod of {domain.n_cells_global} elements and {rod.elasticity.n_dofs_global} degrees of "
-        f"freedom, {comm.size} rank(s), DOLFINx {dolfinx.__version__}"
+        f"freedom, {comm.size} rank(s), DOLFINx {version('fenics-dolfinx')}"
     )
     solid = problem.value(np.ones(domain.n_cells))
 
@@ -133,14 +134,13 @@ def main(arguments: list[str] | None = None) -> None:
             "stress_final": worst.largest,
             "stress_final_time": worst.largest_time,
             "area": domain.area,
-            "iterations": result.iterations,
-            "reason": result.reason,
+            **result.summary(),
             "seconds_total": perf_counter() - start_time,
             "seconds_per_iteration": loop_seconds / max(result.iterations, 1),
             "design_variables": domain.n_cells_global,
             "steps": STEPS,
             "ranks": comm.size,
-            "dolfinx": dolfinx.__version__,
+            "dolfinx": version("fenics-dolfinx"),
         },
     )
     say(f"{result.reason} after {result.iterations} iterations, {loop_seconds:.0f} s")
@@ -158,12 +158,12 @@ def main(arguments: list[str] | None = None) -> None:
     assert result.psi < BETTER * solid.psi, f"psi is {relative:.3f} of the full rod's"
 
 
-#: iterations and elements from which on a design counts as finished, and what it then reaches
+#: Iterations and elements from which on a design counts as finished, and what it then reaches
 ENOUGH, FINE, BETTER = 40, 3000, 0.7
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design a connecting rod with two bearings.")
     parser.add_argument("--size", type=float, default=0.004, help="of the elements [m]")
     parser.add_argument("--order", type=int, default=2, help="of the displacements (default 2)")
@@ -175,4 +175,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -35,6 +35,7 @@ from slider_crank import VOLUME, reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 
 # %% The program
@@ -81,8 +82,7 @@ def main(arguments: list[str] | None = None) -> None:
             "compliance_relative_rounded": rounded(problem, result) / solid,
             "volume_fraction": float(result.history["volume"][-1]),
             "gray_fraction": ffr.gray_fraction(domain, result.x),
-            "iterations": result.iterations,
-            "reason": result.reason,
+            **result.summary(),
             "seconds": seconds,
         }
         found = summary[name]
@@ -138,19 +138,19 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def rounded(problem: ffr.Problem, result: ffr.Result) -> float:
-    """Return psi with every element either void or solid; infinite where that holds nothing."""
+    """Psi with every element either void or solid; infinite where that holds nothing."""
     try:
         return problem.value(np.round(result.x)).psi
     except ffr.SimulationError:
         return float("inf")
 
 
-#: iterations and elements from which on a design counts as finished
+#: Iterations and elements from which on a design counts as finished
 ENOUGH, FINE = 90, 4000
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design a rod by densities and by a level set.")
     parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
     parser.add_argument("--mesh", help="gmsh file with the physical curves 'left' and 'right'")
@@ -160,4 +160,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

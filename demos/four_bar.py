@@ -38,17 +38,18 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 
 from mpi4py import MPI
 
-import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 from dolfinx_ffr.verification import central_difference
 
 # %% Parameters
@@ -75,14 +76,14 @@ def four_bar(
     meshes: Mapping[str, str | None] | None = None,
     objective: ffr.Objective | None = None,
 ) -> ffr.Problem:
-    """Return the linkage with full or given links.
+    """The linkage with full or given links.
 
     Args:
-        comm: communicator over which the meshes are distributed.
-        elements: of the built-in coupler, along and across; the rocker's are of the same length.
-        steps: number of time steps.
-        meshes: gmsh files in place of the built-in ``"coupler"`` and ``"rocker"``.
-        objective: by default the integral compliance of both links.
+        comm: Communicator over which the meshes are distributed.
+        elements: Of the built-in coupler, along and across; the rocker's are of the same length.
+        steps: Number of time steps.
+        meshes: Gmsh files in place of the built-in ``"coupler"`` and ``"rocker"``.
+        objective: By default the integral compliance of both links.
     """
     along, across = elements
     counts = {"coupler": along, "rocker": max(6, round(along * ROCKER[0] / COUPLER[0]))}
@@ -140,17 +141,17 @@ def four_bar(
 
 
 def angle(vector: Array) -> float:
-    """Return the angle of a vector [rad]."""
+    """The angle of a vector [rad]."""
     return float(np.arctan2(vector[1], vector[0]))
 
 
 # %% Check of the gradient
 def gradient_errors(problem: ffr.Problem, x: Designs) -> dict[str, float]:
-    """Return how far the slope along a direction is from a central difference, by link, relatively.
+    """How far the slope along a direction is from a central difference, by link, relatively.
 
     Args:
-        problem: the linkage.
-        x: densities by name of the link.
+        problem: The linkage.
+        x: Densities by name of the link.
     """
     gradient = problem.gradient(x).gradient  # of both links
     assert gradient is not None
@@ -189,7 +190,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(
         f"coupler of {domains['coupler'].n_cells_global}, rocker of "
         f"{domains['rocker'].n_cells_global} elements, {comm.size} rank(s), "
-        f"DOLFINx {dolfinx.__version__}"
+        f"DOLFINx {version('fenics-dolfinx')}"
     )
     say("full: " + ", ".join(f"{name} {value:.3e} J s" for name, value in parts.items()))
     weights = {name: 1.0 / value for name, value in parts.items()}
@@ -263,8 +264,7 @@ def main(arguments: list[str] | None = None) -> None:
             **{f"volume_{name}": value for name, value in volume.items()},
             **{f"gray_{name}": value for name, value in gray.items()},
             **{f"gradient_error_{name}": value for name, value in errors.items()},
-            "iterations": result.iterations,
-            "reason": result.reason,
+            **result.summary(),
             "seconds_total": perf_counter() - begin,
             "ranks": comm.size,
         },
@@ -291,12 +291,12 @@ def main(arguments: list[str] | None = None) -> None:
         assert psi["design"] < FULL * psi["full"], f"psi is {psi['design']:.3f}"
 
 
-#: what a finished design must reach, as a share of psi of even densities and of the full links
+#: What a finished design must reach, as a share of psi of even densities and of the full links
 ENOUGH, SHARE, FULL = 60, 0.3, 0.8
 
 
 def compliances(evaluation: ffr.Evaluation) -> dict[str, float]:
-    """Return the integral compliance of each flexible link [J s]."""
+    """The integral compliance of each flexible link [J s]."""
     integrals = {name: reduced.integrals for name, reduced in evaluation.bodies.items()}
     return {
         name: ffr.IntegralCompliance([name]).value(evaluation.motion, integrals)
@@ -305,7 +305,7 @@ def compliances(evaluation: ffr.Evaluation) -> dict[str, float]:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design both links of a four-bar linkage.")
     parser.add_argument("--elements", nargs=2, type=int, default=[120, 12], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=1000, help="of time (default 1000)")
@@ -317,4 +317,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -46,6 +46,7 @@ from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH, HEIGHT, THICKNESS = 1.0, 0.05, 0.05  # [m]
@@ -61,12 +62,12 @@ Array = NDArray[np.float64]
 def pendulum(
     comm: MPI.Comm, elements: tuple[int, int] = (30, 2), file: str | None = None
 ) -> ffr.Domain:
-    """Return a bar along x with rigid end faces.
+    """A bar along x with rigid end faces.
 
     Args:
-        comm: communicator over which the mesh is distributed.
-        elements: along and across.
-        file: gmsh file with the physical curves 'left' (hinge) and 'right' instead.
+        comm: Communicator over which the mesh is distributed.
+        elements: Along and across.
+        file: Gmsh file with the physical curves 'left' (hinge) and 'right' instead.
     """
     if file:
         return ffr.Domain.from_gmsh(comm, file, order=2)
@@ -82,14 +83,14 @@ def floating_frame(
     stiffening: bool,
     material: ffr.PlaneStress = RUBBER,
 ) -> tuple[ffr.Problem, ffr.Evaluation, float]:
-    """Return problem, motion, and the time that the motion took, reduction included [s].
+    """Problem, motion, and the time that the motion took, reduction included [s].
 
     Args:
-        domain: the bar.
-        modes: number of normal modes.
-        steps: number of time steps.
-        stiffening: model geometric stiffening by the bar's own inertia and weight.
-        material: of the bar.
+        domain: The bar.
+        modes: Number of normal modes.
+        steps: Number of time steps.
+        stiffening: Model geometric stiffening by the bar's own inertia and weight.
+        material: Of the bar.
     """
     hinge, tip = (domain.interfaces[name].center for name in ("left", "right"))
     bar = ffr.FlexibleBody(
@@ -97,7 +98,7 @@ def floating_frame(
         material,
         frame=ffr.ChordFrame("left", "right"),
         modes=modes,
-        points={"middle": 0.5 * (hinge + tip)},
+        markers={"middle": 0.5 * (hinge + tip)},
         stiffening=["omega2", "alpha", "acceleration"] if stiffening else [],
     )
     mechanism = ffr.Mechanism(
@@ -120,13 +121,13 @@ def full_model(
     *,
     material: ffr.PlaneStress = RUBBER,
 ) -> tuple[Array, Array, float]:
-    """Return the paths of tip and middle, and the time that they took [s].
+    """The paths of tip and middle, and the time that they took [s].
 
     Args:
-        steps: number of time steps.
-        elements: along and across.
-        file: gmsh file instead.
-        material: of the bar.
+        steps: Number of time steps.
+        elements: Along and across.
+        file: Gmsh file instead.
+        material: Of the bar.
 
     Returns:
         Positions of the tip and of the node next to the middle, shape (steps + 1, 2) [m] each, and
@@ -173,12 +174,12 @@ def full_model(
     )
 
     def turned(angle: float) -> Array:
-        """Return the held nodes' positions after a rotation."""
+        """The held nodes' positions after a rotation."""
         c, s = np.cos(angle), np.sin(angle)
         return arm @ np.array([[c, s], [-s, c]])
 
     def motions(angle: float) -> scipy.sparse.csr_matrix:
-        """Return the derivative of all displacements by those of free nodes and the angle."""
+        """The derivative of all displacements by those of free nodes and the angle."""
         column = np.zeros((n, 1))
         column[rows, 0] = turned(angle + 0.5 * np.pi)
         return scipy.sparse.hstack([keep, scipy.sparse.csr_matrix(column)]).tocsc()
@@ -238,7 +239,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     full, _, full_seconds = full_model(options.steps, tuple(options.elements), options.mesh)
     domain = pendulum(comm, tuple(options.elements), options.mesh)
-    floating_frame(domain, 1, 10, stiffening=True)  # whatever is compiled once
+    floating_frame(domain, 1, 100, stiffening=True)  # whatever is compiled once
     differences: dict[bool, list[float]] = {False: [], True: []}
     seconds: dict[bool, list[float]] = {False: [], True: []}
     for stiffening in (False, True):
@@ -323,7 +324,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Let a flexible pendulum fall in two models.")
     parser.add_argument("--elements", nargs=2, type=int, default=[30, 2], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of both models (default 400)")
@@ -333,4 +334,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -50,6 +50,7 @@ from scipy.optimize import brentq
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 UPPER, FORE = (0.5, 0.05), (0.4, 0.05)  # length and height of the links [m]
@@ -69,7 +70,7 @@ Densities = dict[str, Array]
 
 # %% The path and the motion of the motors
 def path() -> tuple[ffr.Motion, ffr.Motion]:
-    """Return the path of the payload, x and y: from rest to rest, with a lift on the way."""
+    """The path of the payload, x and y: from rest to rest, with a lift on the way."""
     progress = ffr.Motion.smooth_step(1.0, MOVE, BEGIN)
 
     def along(k: int) -> ffr.Motion:
@@ -96,12 +97,12 @@ def path() -> tuple[ffr.Motion, ffr.Motion]:
 
 
 def motors() -> tuple[ffr.Motion, ffr.Motion]:
-    """Return the angles of shoulder and elbow of a rigid arm on the path, elbow up."""
+    """The angles of shoulder and elbow of a rigid arm on the path, elbow up."""
     x, y = path()
     a, b = UPPER[0], FORE[0]
 
     def angles(t: ArrayLike) -> Array:
-        """Return value, velocity and acceleration of both angles, shape (2, 3, times)."""
+        """Value, velocity and acceleration of both angles, shape (2, 3, times)."""
         t = np.atleast_1d(np.asarray(t, dtype=np.float64))
         (px, vx, ax), (py, vy, ay) = x.tabulate(t), y.tabulate(t)
         elbow = -np.arccos((px**2 + py**2 - a**2 - b**2) / (2.0 * a * b))
@@ -134,12 +135,12 @@ def links(
     elements: tuple[int, int] = (100, 10),
     meshes: Mapping[str, str | None] | None = None,
 ) -> dict[str, ffr.Domain]:
-    """Return the meshes of upper arm and forearm.
+    """The meshes of upper arm and forearm.
 
     Args:
-        comm: communicator over which the meshes are distributed.
-        elements: of the upper arm, along and across; the forearm's are of the same length.
-        meshes: gmsh files in place of the built-in ``"upper arm"`` and ``"forearm"``, of the same
+        comm: Communicator over which the meshes are distributed.
+        elements: Of the upper arm, along and across; the forearm's are of the same length.
+        meshes: Gmsh files in place of the built-in ``"upper arm"`` and ``"forearm"``, of the same
             length from interface to interface, for which the motors' motions are made.
     """
     along, across = elements
@@ -167,13 +168,13 @@ def arm(
     share: float = 1.0,
     mass: float | None = None,
 ) -> ffr.Problem:
-    """Return the arm with its payload.
+    """The arm with its payload.
 
     Args:
-        domains: meshes of the links by name.
-        steps: number of time steps.
-        share: of the full thickness.
-        mass: upper bound of the links' mass [kg].
+        domains: Meshes of the links by name.
+        steps: Number of time steps.
+        share: Of the full thickness.
+        mass: Upper bound of the links' mass [kg].
     """
     material = ffr.PlaneStress(YOUNG, POISSON, DENSITY, share * THICKNESS)
     bodies = {
@@ -223,12 +224,12 @@ def arm(
 
 
 def full(domains: dict[str, ffr.Domain]) -> Densities:
-    """Return densities of solid links."""
+    """Densities of solid links."""
     return {name: np.ones(domain.n_cells) for name, domain in domains.items()}
 
 
 def bars(domains: dict[str, ffr.Domain], share: float) -> Densities:
-    """Return densities of narrower bars along the middle of the links, solid at the ends."""
+    """Densities of narrower bars along the middle of the links, solid at the ends."""
     x = {}
     for name, domain in domains.items():
         low, high = domain.bounding_box
@@ -238,7 +239,7 @@ def bars(domains: dict[str, ffr.Domain], share: float) -> Densities:
 
 
 def even(design: ffr.DensityDesign, share: float) -> Array:
-    """Return equal variables with which a link has a share of its full mass."""
+    """Equal variables with which a link has a share of its full mass."""
     domain = design.domain
 
     def excess(value: float) -> float:
@@ -249,17 +250,17 @@ def even(design: ffr.DensityDesign, share: float) -> Array:
 
 
 def error(psi: float) -> float:
-    """Return the root mean square distance of the tip from its path [m]."""
+    """The root mean square distance of the tip from its path [m]."""
     return math.sqrt(psi / DURATION)
 
 
 def mass(evaluation: ffr.Evaluation) -> float:
-    """Return the mass of both links [kg]."""
+    """The mass of both links [kg]."""
     return sum(part.integrals.mass for part in evaluation.bodies.values())
 
 
 def tip(evaluation: ffr.Evaluation) -> Array:
-    """Return the distance of the tip from its path over time, shape (steps + 1,) [m]."""
+    """The distance of the tip from its path over time, shape (steps + 1,) [m]."""
     motion = evaluation.motion
     target = np.column_stack([along.value(motion.t) for along in path()])
     return np.linalg.norm(motion.marker_path("forearm", "right") - target, axis=1)
@@ -370,6 +371,7 @@ def main(arguments: list[str] | None = None) -> None:
         {
             **{f"mass and error, {name}": points for name, points in curves.items()},
             "error_even": [error(found.psi) for found in thin.values()],
+            "designs": {f"{share:.2f}": result.summary() for share, result in results.items()},
             "seconds_total": perf_counter() - begin,
             "ranks": comm.size,
         },
@@ -386,14 +388,14 @@ def main(arguments: list[str] | None = None) -> None:
             assert gain < BETTER, f"{share}: tip error is {gain:.3f} of that of even links"
 
 
-#: iterations, and elements across, from which on a design counts as finished
+#: Iterations, and elements across, from which on a design counts as finished
 SOME, ENOUGH, FINE = 20, 60, 8
-#: tip error of a finished design over that of links of even thickness with the same mass
+#: Tip error of a finished design over that of links of even thickness with the same mass
 BETTER = 0.8
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design the flexible links of a robot arm.")
     parser.add_argument("--elements", nargs=2, type=int, default=[100, 10], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=400, help="of time (default 400)")
@@ -405,4 +407,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -33,17 +33,18 @@ also under `mpirun -n 2`.
 from __future__ import annotations
 
 import argparse
+from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 
 from mpi4py import MPI
 
-import dolfinx
 import numpy as np
 from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH, HEIGHT, THICKNESS = 0.4, 0.04, 0.01  # of the rod [m]
@@ -66,16 +67,16 @@ def reference_problem(
     modes: int = MODES,
     steps: int = STEPS,
 ) -> ffr.Problem:
-    """Return the slider-crank with a rod on a built-in or a given mesh.
+    """The slider-crank with a rod on a built-in or a given mesh.
 
     Args:
-        comm: communicator over which the mesh is distributed.
-        elements: of the built-in rod, along and across.
-        cell: of the built-in rod, ``"quadrilateral"`` or ``"triangle"``.
-        order: polynomial order of the displacements of the built-in rod.
-        domain: a mesh with the interfaces ``"left"`` (crank) and ``"right"`` (slider) instead.
-        modes: number of normal modes.
-        steps: number of time steps.
+        comm: Communicator over which the mesh is distributed.
+        elements: Of the built-in rod, along and across.
+        cell: Of the built-in rod, ``"quadrilateral"`` or ``"triangle"``.
+        order: Polynomial order of the displacements of the built-in rod.
+        domain: A mesh with the interfaces ``"left"`` (crank) and ``"right"`` (slider) instead.
+        modes: Number of normal modes.
+        steps: Number of time steps.
     """
     if domain is None:
         domain = ffr.Domain.rectangle(
@@ -99,7 +100,7 @@ def reference_problem(
 
 # %% Designs to compare with
 def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
-    """Return the full rod, an even density, a strip and two flanges, shape (cells,) each.
+    """The full rod, an even density, a strip and two flanges, shape (cells,) each.
 
     All but the full rod fill half of the region that is designed.
     """
@@ -115,7 +116,7 @@ def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
 
 
 def asymmetry(levelset: ffr.LevelSet, coefficients: NDArray[np.float64]) -> float:
-    """Return the share of the rod's area that differs from its mirror image about the axis."""
+    """The share of the rod's area that differs from its mirror image about the axis."""
     shape = tuple(len(g) for g in levelset.grid)
     solid = (levelset.at_knots(coefficients) > 0.0).reshape(shape)
     return float(np.mean(solid != solid[:, ::-1]))
@@ -136,8 +137,8 @@ def main(arguments: list[str] | None = None) -> None:
     problem = reference_problem(comm, tuple(options.elements), order=options.order, domain=domain)
     domain = problem.flexible["rod"].domain
     say(
-        f"rod of {domain.n_cells_global} elements, {problem.flexible['rod'].modes} elastic "
-        f"coordinates, {STEPS} steps, {comm.size} rank(s), DOLFINx {dolfinx.__version__}"
+        f"rod of {domain.n_cells_global} elements, {problem.flexible['rod'].n_elastic} elastic "
+        f"coordinates, {STEPS} steps, {comm.size} rank(s), DOLFINx {version('fenics-dolfinx')}"
     )
     compliance = {}
     for name, x in simple_designs(domain).items():
@@ -199,17 +200,18 @@ def main(arguments: list[str] | None = None) -> None:
         "volume_fraction": volume,
         "gray_fraction": gray,
         "asymmetry": mirrored,
-        "first_frequency": float(result.evaluation.frequencies["rod"][0]),
-        "iterations": result.iterations,
-        "reason": result.reason,
+        "first_fixed_interface_frequency": float(
+            result.evaluation.fixed_interface_frequencies["rod"][0]
+        ),
+        **result.summary(),
         "seconds_total": perf_counter() - start_time,
         "seconds_per_iteration": loop_seconds / max(result.iterations, 1),
         "design_variables": domain.n_cells_global,
         "level_set_knots": len(levelset.knots),
-        "modes": problem.flexible["rod"].modes,
+        "elastic_coordinates": problem.flexible["rod"].n_elastic,
         "steps": STEPS,
         "ranks": comm.size,
-        "dolfinx": dolfinx.__version__,
+        "dolfinx": version("fenics-dolfinx"),
     }
     ffr.write_summary(comm, output / "summary.json", summary)
     say(f"{result.reason} after {result.iterations} iterations, {loop_seconds:.0f} s")
@@ -228,7 +230,7 @@ def main(arguments: list[str] | None = None) -> None:
     assert result.psi < 0.55 * solid, f"psi is {result.psi / solid:.3f} of the full rod's"
 
 
-#: iterations and elements from which on a design counts as finished; on coarser meshes struts are
+#: Iterations and elements from which on a design counts as finished; on coarser meshes struts are
 #: as thin as the elements, and stay gray
 ENOUGH, FINE = 60, 4000
 #: Run backwards in time, the motion is its own mirror image, so that the problem is symmetric but
@@ -239,7 +241,7 @@ SYMMETRY = 0.1 * 0.002 * 1.4 / (LENGTH * HEIGHT)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design the flexible rod of a slider-crank.")
     parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
     parser.add_argument("--iterations", type=int, default=100, help="at most (default 100)")
@@ -251,4 +253,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

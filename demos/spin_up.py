@@ -39,6 +39,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH = 10.0  # [m]
@@ -48,7 +49,7 @@ MATERIAL = ffr.PlaneStress(
     young=AXIAL / HEIGHT, poisson=1.0 / 6.0, density=MASS / HEIGHT, thickness=1.0
 )
 SPEED, RISE, DURATION, STEPS = 6.0, 15.0, 30.0, 6000  # [rad/s], [s], [s], [-]
-#: stretch of the beam in steady rotation, tan(a L)/a - L with a^2 = rho A omega^2 / EA [m]
+#: Stretch of the beam in steady rotation, tan(a L)/a - L with a^2 = rho A omega^2 / EA [m]
 STRETCH = (
     math.tan(math.sqrt(MASS / AXIAL) * SPEED * LENGTH) / (math.sqrt(MASS / AXIAL) * SPEED) - LENGTH
 )
@@ -56,7 +57,7 @@ STRETCH = (
 
 # %% The prescribed angle
 def angle(t: ArrayLike) -> NDArray[np.float64]:
-    """Return the angle of the clamped end [rad]."""
+    """The angle of the clamped end [rad]."""
     t = np.asarray(t, dtype=np.float64)
     turn = RISE / (2.0 * np.pi)
     rising = SPEED / RISE * (0.5 * t**2 + turn**2 * (np.cos(t / turn) - 1.0))
@@ -64,14 +65,14 @@ def angle(t: ArrayLike) -> NDArray[np.float64]:
 
 
 def speed(t: ArrayLike) -> NDArray[np.float64]:
-    """Return its velocity [rad/s]."""
+    """Its velocity [rad/s]."""
     t = np.asarray(t, dtype=np.float64)
     turn = RISE / (2.0 * np.pi)
     return np.where(t < RISE, SPEED / RISE * (t - turn * np.sin(t / turn)), SPEED)
 
 
 def acceleration(t: ArrayLike) -> NDArray[np.float64]:
-    """Return its acceleration [rad/s^2]."""
+    """Its acceleration [rad/s^2]."""
     t = np.asarray(t, dtype=np.float64)
     return np.where(t < RISE, SPEED / RISE * (1.0 - np.cos(2.0 * np.pi * t / RISE)), 0.0)
 
@@ -85,14 +86,14 @@ def spin_up(
     domain: ffr.Domain | None = None,
     steps: int = STEPS,
 ) -> ffr.Problem:
-    """Return the beam, clamped to a hub that turns as prescribed.
+    """The beam, clamped to a hub that turns as prescribed.
 
     Args:
-        comm: communicator over which the mesh is distributed.
-        stiffening: model geometric stiffening by the centrifugal load.
-        elements: along and across.
-        domain: a mesh with the interfaces ``"left"`` (hub) and ``"right"`` instead.
-        steps: number of time steps.
+        comm: Communicator over which the mesh is distributed.
+        stiffening: Model geometric stiffening by the centrifugal load.
+        elements: Along and across.
+        domain: A mesh with the interfaces ``"left"`` (hub) and ``"right"`` instead.
+        steps: Number of time steps.
     """
     if domain is None:
         domain = ffr.Domain.rectangle(
@@ -120,7 +121,7 @@ def spin_up(
 
 
 def tip(evaluation: ffr.Evaluation) -> NDArray[np.float64]:
-    """Return the displacement of the free end in the rotating axes, shape (steps + 1, 2) [m]."""
+    """The displacement of the free end in the rotating axes, shape (steps + 1, 2) [m]."""
     marker = evaluation.bodies["beam"].integrals.markers["right"]
     return evaluation.trajectory.elastic("beam") @ marker.displacement.T
 
@@ -201,7 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Return the options of the command line."""
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Spin a flexible beam up.")
     parser.add_argument("--elements", nargs=2, type=int, default=[60, 2], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=STEPS, help=f"of time (default {STEPS})")
@@ -211,4 +212,4 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -26,6 +26,7 @@ import gmsh
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.io import on_rank_0
+from dolfinx_ffr.program import run
 
 Point = tuple[float, float]
 
@@ -35,15 +36,15 @@ class ConnectingRod:
     """Dimensions of the rod [m]; each pair is for the left and the right eye.
 
     Args:
-        length: distance of the bores' centres.
-        bores: radii of the bores.
-        eyes: outer radii of the eyes.
-        rings: thickness of the rings around the bores that are not designed.
-        shank: half heights of the shank's flanks, where they would meet the eyes' centres.
-        fillet: radius of the four fillets.
+        length: Distance of the bores' centres.
+        bores: Radii of the bores.
+        eyes: Outer radii of the eyes.
+        rings: Thickness of the rings around the bores that are not designed.
+        shank: Half heights of the shank's flanks, where they would meet the eyes' centres.
+        fillet: Radius of the four fillets.
 
     Raises:
-        ValueError: if the dimensions do not make a rod.
+        ValueError: If the dimensions do not make a rod.
     """
 
     length: float = 0.4
@@ -76,7 +77,7 @@ class ConnectingRod:
             )
 
     def _fillet(self, side: int) -> tuple[Point, Point, Point]:
-        """Return centre, point on the eye and point on the flank of an upper fillet.
+        """Centre, point on the eye and point on the flank of an upper fillet.
 
         The circle touches the eye from outside and the flank from above.
         """
@@ -134,14 +135,14 @@ class ConnectingRod:
         """Draw and mesh the rod in gmsh's current session, as a model of its own.
 
         Args:
-            size: of the elements [m].
-            order: of the geometry, 1 or 2.
-            near_bores: size at the bores relative to ``size``; it grows over two eye walls.
-            refinements: how often each triangle is cut into four.
-            name: of the model.
+            size: Of the elements [m].
+            order: Of the geometry, 1 or 2.
+            near_bores: Size at the bores relative to ``size``; it grows over two eye walls.
+            refinements: How often each triangle is cut into four.
+            name: Of the model.
 
         Raises:
-            ValueError: if size, order or refinement is out of range.
+            ValueError: If size, order or refinement is out of range.
         """
         if not (math.isfinite(size) and 0.0 < size <= self.bores[1]):
             raise ValueError(
@@ -223,9 +224,9 @@ class ConnectingRod:
         """Write the mesh as a file and return its path.
 
         Args:
-            path: ends in ``.msh``; missing folders are made.
-            size: of the elements [m].
-            options: as for `build`.
+            path: Ends in ``.msh``; missing folders are made.
+            size: Of the elements [m].
+            options: As for `build`.
         """
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -243,14 +244,14 @@ class ConnectingRod:
         degree: int | None = None,
         **options: Any,
     ) -> ffr.Domain:
-        """Return the rod as a body, without a file.
+        """The rod as a body, without a file.
 
         Args:
-            comm: communicator over which the mesh is distributed; rank 0 makes the mesh.
-            size: of the elements [m].
-            order: of the geometry, 1 or 2.
-            degree: of the displacements; by default that of the geometry.
-            options: as for `build`.
+            comm: Communicator over which the mesh is distributed; rank 0 makes the mesh.
+            size: Of the elements [m].
+            order: Of the geometry, 1 or 2.
+            degree: Of the displacements; by default that of the geometry.
+            options: As for `build`.
         """
         with session(comm.rank == 0):
             on_rank_0(comm, lambda: self.build(size, order=order, **options))
@@ -306,4 +307,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
