@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.design.parametrization import check_volume
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
 
@@ -115,3 +116,34 @@ def test_bad_numbers_are_refused() -> None:
         ffr.HeavisideProjection(0.0)
     with pytest.raises(ValueError, match="eta must lie between"):
         ffr.HeavisideProjection(1.0, 1.0)
+
+
+@pytest.mark.mpi
+def test_regions_that_are_not_designed_enter_the_means_of_their_neighbours(
+    comm: MPI.Intracomm,
+) -> None:
+    """Solid ones as 1, void ones as 0, with the exact transpose."""
+    domain = ffr.Domain.rectangle(
+        comm, 0.2, 0.05, elements=(24, 6), void=lambda x: np.abs(x[0] - 0.1) < 0.021
+    )
+    design = ffr.DensityDesign(domain)
+    x = design.density(design.even(1.0))
+    passive = ~domain.design_cells
+    np.testing.assert_array_equal(x[passive], domain.passive_density[passive])
+    away = np.abs(domain.centroids[:, 0] - 0.1)
+    assert np.all(x[(away > 0.02) & (away < 0.022)] < 1.0)
+    np.testing.assert_allclose(x[away > 0.05], 1.0, rtol=1e-12)
+    rng = np.random.default_rng(6)
+    z, direction = 0.2 + 0.6 * rng.random(design.size), rng.standard_normal(design.size)
+    weights = domain.cell_volumes / domain.area
+    gradient = design.pullback(z, weights)
+    assert_taylor_order(
+        taylor_test(
+            lambda z: domain.sum(weights * design.density(z)),
+            lambda d: float(gradient @ d),
+            z,
+            direction,
+        )
+    )
+    with pytest.raises(ValueError, match=r"the solid regions alone fill 0\.1667 of the body"):
+        check_volume(domain, 0.15)

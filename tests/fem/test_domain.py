@@ -153,6 +153,61 @@ def test_bad_density(comm: MPI.Intracomm, spoil: object, message: str) -> None:
         domain.check_density(spoil(np.ones(domain.n_cells)))  # type: ignore[operator]
 
 
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_void_region(comm: MPI.Intracomm, cell: str) -> None:
+    """Void cells are not designed and have no density; predicate, mask and numbers agree."""
+    domain = Domain.rectangle(
+        comm,
+        4.0,
+        1.0,
+        elements=(8, 4),
+        cell=cell,
+        solid=lambda x: np.abs(x[0] - 2.0) < 0.51,
+        void=lambda x: (x[0] > 2.49) & (x[0] < 3.01) & (x[1] > -0.01),
+    )
+    shares = [
+        domain.sum(domain.cell_volumes * part) / domain.area
+        for part in (domain.solid_cells, domain.void_cells, domain.design_cells)
+    ]
+    np.testing.assert_allclose(shares, [6 / 8, 1 / 16, 3 / 16], rtol=1e-13)
+    np.testing.assert_array_equal(
+        domain.passive_density[~domain.design_cells] == 1.0,
+        domain.solid_cells[~domain.design_cells],
+    )
+    for void in (domain.void_cells, np.flatnonzero(domain.void_cells)):
+        again = Domain(domain.mesh, {"left": lambda x: x[0] < 1e-9}, domain.solid_cells, void=void)
+        np.testing.assert_array_equal(again.void_cells, domain.void_cells)
+        np.testing.assert_array_equal(again.design_cells, domain.design_cells)
+
+
+@pytest.mark.parametrize(
+    ("solid", "void", "message"),
+    [
+        (
+            lambda x: x[0] < 1.01,
+            lambda x: x[0] < 2.01,
+            r"4 cells are in the solid region and in the void one",
+        ),
+        (lambda x: x[0] < 2.01, lambda x: x[0] > 1.99, "nothing is left to design"),
+        (None, lambda x: x[0] > 3.49, "interface 'b' lies on void cells only"),
+        (
+            lambda x: (x[0] > 1.49) & (x[0] < 2.51),
+            lambda x: (np.abs(x[0] - 1.25) < 0.26) | (np.abs(x[0] - 2.75) < 0.26),
+            "1 of 3 separate pieces of the body touch no interface .* void region",
+        ),
+        (None, lambda x: x[0].astype(int), "domain: void: the predicate must give True or False"),
+    ],
+    ids=["overlap", "nothing", "interface", "floating", "predicate"],
+)
+def test_regions_that_are_refused(
+    comm: MPI.Intracomm, solid: object, void: object, message: str
+) -> None:
+    """What no design could mend is refused on every rank."""
+    ends = {"a": lambda x: x[0] < 1e-9, "b": lambda x: x[0] > 4.0 - 1e-9}
+    with pytest.raises(ValueError, match=message):
+        Domain(strip(comm), ends, solid, void=void)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_gmsh_file(comm: MPI.Intracomm, shared_tmp_path: Path, order: int) -> None:
     """Physical groups name interfaces and the solid region."""
@@ -165,6 +220,10 @@ def test_gmsh_file(comm: MPI.Intracomm, shared_tmp_path: Path, order: int) -> No
     np.testing.assert_allclose(domain.interfaces["right"].center, [0.4, 0.0], atol=1e-12)
     solid = domain.sum(domain.cell_volumes * ~domain.design_cells)
     assert solid == pytest.approx(0.02 * 0.04, rel=1e-12)
+    assert not np.any(domain.void_cells)
+    # the design surface lies between the solid end and the other one
+    with pytest.raises(ValueError, match="interface 'right' lies on void cells only"):
+        Domain.from_gmsh(comm, path, solid=[], void=["d"], order=order)
 
 
 def test_gmsh_file_without_the_groups(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
@@ -177,6 +236,8 @@ def test_gmsh_file_without_the_groups(comm: MPI.Intracomm, shared_tmp_path: Path
         Domain.from_gmsh(comm, path, interfaces=["left", "eye"])
     with pytest.raises(ValueError, match=r"no physical surface named 'typo'.*\['d', 'solid'\]"):
         Domain.from_gmsh(comm, path, solid=["typo"])
+    with pytest.raises(ValueError, match=r"no physical surface named 'typo'.* void=\[\.\.\.\]"):
+        Domain.from_gmsh(comm, path, void=["typo"])
     with pytest.raises(TypeError, match=r"solid must be a list of texts, as \['solid'\]"):
         Domain.from_gmsh(comm, path, solid="solid")
     assert np.all(Domain.from_gmsh(comm, path, solid=[]).design_cells)

@@ -102,10 +102,13 @@ def test_pickled_problem_computes_the_same(cell: str) -> None:
 
 
 def test_pickled_domain_is_numbered_alike() -> None:
-    domain = prongs(MPI.COMM_SELF)
+    fork = prongs(MPI.COMM_SELF)
+    tip = fork.centroids[:, 0] > 0.9
+    domain = ffr.Domain(fork.mesh, {"root": fork.interfaces["root"].facets}, void=tip)
     twin = pickle.loads(pickle.dumps(domain))
     np.testing.assert_array_equal(twin.centroids, domain.centroids)
     np.testing.assert_array_equal(twin.design_cells, domain.design_cells)
+    np.testing.assert_array_equal(twin.void_cells, domain.void_cells)
     np.testing.assert_array_equal(twin.interfaces["root"].facets, domain.interfaces["root"].facets)
 
 

@@ -96,7 +96,7 @@ class Design(ABC):
 class DensityDesign(Design):
     """One variable in [0, 1] for each designed element, filtered and projected (SIMP).
 
-    Elements that are not designed stay solid, and enter the means of their neighbours as such.
+    Elements that are not designed stay solid or void, and enter the means of their neighbours so.
     Variables have the order of `Domain.everywhere`.
 
     Args:
@@ -130,6 +130,7 @@ class DensityDesign(Design):
         self.stages = len(self.projections)
         self.projection = self.projections[0]  #: Of this stage
         self._designed = domain.everywhere(domain.design_cells)
+        self._passive = domain.everywhere(domain.passive_density)
         self.size = int(np.count_nonzero(self._designed))
 
     @property
@@ -151,7 +152,7 @@ class DensityDesign(Design):
 
     def density(self, variables: Array) -> Array:
         """The projected means of the ``variables``."""
-        x = np.where(self._designed, self.projection(self._means(variables)), 1.0)
+        x = np.where(self._designed, self.projection(self._means(variables)), self._passive)
         return self.domain.owned(x)
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
@@ -170,7 +171,7 @@ class DensityDesign(Design):
         }
 
     def _means(self, variables: Array) -> Array:
-        values = np.ones(len(self._designed))
+        values = self._passive.copy()
         what = "density design: variables"
         values[self._designed] = validation.real_array(what, variables, (self.size,))
         return self.filter(values)
@@ -260,7 +261,7 @@ def check_volume(domain: Domain, volume: float) -> None:
             stay solid.
     """
     validation.number("design: volume", volume, above=0.0, most=1.0)
-    solid = domain.sum(domain.cell_volumes * ~domain.design_cells) / domain.area
+    solid = domain.sum(domain.cell_volumes * domain.passive_density) / domain.area
     if volume <= solid * (1.0 + 1e-9):
         raise ValueError(
             f"design: volume = {volume:.4g} leaves nothing to design: the solid regions alone fill "

@@ -30,10 +30,9 @@ from .form_cache import claim_form_cache
 from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
 from .mesh_copy import MeshCopy
 from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
+from .regions import Predicate, located, located_cells
 
 __all__ = ["Domain", "Interface"]
-
-Predicate = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Interface:
 
 
 class Domain:
-    """The mesh of one body in the plane, with named interfaces and solid (non-design) cells.
+    """The mesh of one body in the plane, with named interfaces, and cells that are not designed.
 
     Args:
         domain: DOLFINx mesh of triangles or quadrilaterals with two coordinates [m], distributed
@@ -60,6 +59,8 @@ class Domain:
         solid: Cells that are not designed and stay solid: a predicate on coordinates (cells all of
             whose vertices fulfil it), an array of local cells or a mask over them, or None.
             Numbers and masks may count this rank's own facets and cells alone, or its ghosts too.
+        void: Cells that are not designed and stay void, likewise. They belong to the body's area,
+            of which volumes are shares, and are no material in it.
         order: Polynomial order of the displacements.
         centers: Reference points of interfaces [m]; by default the centre of the circle on which
             an interface's nodes lie (a bore, or an arc of at least a sixth of one), or else the
@@ -68,8 +69,10 @@ class Domain:
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if an interface is missing, empty, a single point, or shares
-            nodes with another, if a number of a facet or cell does not exist on its rank, if a
-            piece of the mesh touches no interface, or if cells are inverted or hanging.
+            nodes with another or lies on void, if a number of a facet or cell does not exist on
+            its rank, if a cell is to stay solid and void or none is left to design, if a piece of
+            the mesh or of what is not void touches no interface, or if cells are inverted or
+            hanging.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class Domain:
         interfaces: Mapping[str, Predicate | ArrayLike],
         solid: Predicate | ArrayLike | None = None,
         *,
+        void: Predicate | ArrayLike | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
@@ -116,7 +120,10 @@ class Domain:
         )
         check_hanging_nodes(domain)
         check_held(domain, [part.facets for part in self.interfaces.values()])
-        self.design_cells = self._find_design_cells(solid)
+        #: Cells owned by this rank that stay solid, and that stay void, shape (cells,)
+        self.solid_cells, self.void_cells = self._find_passive(solid, void)
+        #: Cells owned by this rank that are designed, shape (cells,)
+        self.design_cells = ~(self.solid_cells | self.void_cells)
 
     # ------------------------------------------------------------------ built-in and file meshes
 
@@ -131,6 +138,8 @@ class Domain:
         cell: str = "quadrilateral",
         order: int = 1,
         solid_columns: int = 2,
+        solid: Predicate | None = None,
+        void: Predicate | None = None,
     ) -> Domain:
         """A straight rod along x with the rigid interfaces ``"left"`` and ``"right"``.
 
@@ -145,6 +154,8 @@ class Domain:
             cell: ``"quadrilateral"`` or ``"triangle"``.
             order: Polynomial order of the displacements.
             solid_columns: Element columns at each end that are not designed.
+            solid: Further cells that stay solid, a predicate as for `Domain`.
+            void: Cells that stay void, likewise.
 
         Raises:
             TypeError: If an argument is of a wrong kind.
@@ -167,12 +178,18 @@ class Domain:
         domain = mesh.create_rectangle(comm, corners, [nx, ny], kinds[cell], **options)
         eps = 1e-6 * length / nx
         inner = solid_columns * length / nx
+
+        def at_the_ends(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+            return np.asarray((x[0] < inner + eps) | (x[0] > length - inner - eps))
+
+        kept = located_cells(domain, "rectangle: solid", solid)
+        if solid_columns:
+            kept |= located_cells(domain, "rectangle: solid_columns", at_the_ends)
         return cls(
             domain,
             {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps},
-            (lambda x: (x[0] < inner + eps) | (x[0] > length - inner - eps))
-            if solid_columns
-            else None,
+            kept,
+            void=void,
             order=order,
         )
 
@@ -184,6 +201,7 @@ class Domain:
         *,
         interfaces: Sequence[str] = ("left", "right"),
         solid: Sequence[str] | None = None,
+        void: Sequence[str] | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> Domain:
@@ -196,6 +214,8 @@ class Domain:
             interfaces: Names of the physical curves that are rigid interfaces.
             solid: Names of physical surfaces that are not designed; by default the one that is
                 called "solid", if the file has it.
+            void: Names of physical surfaces that stay void; by default the one that is called
+                "void", if the file has it.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
 
@@ -206,7 +226,7 @@ class Domain:
         """
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
         file = validation.path("from_gmsh: path", path)
-        return cls._from_tags(read_gmsh(comm, file), interfaces, solid, order, centers)
+        return cls._from_tags(read_gmsh(comm, file), interfaces, solid, void, order, centers)
 
     @classmethod
     def from_gmsh_model(
@@ -216,6 +236,7 @@ class Domain:
         *,
         interfaces: Sequence[str] = ("left", "right"),
         solid: Sequence[str] | None = None,
+        void: Sequence[str] | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> Domain:
@@ -227,6 +248,8 @@ class Domain:
             interfaces: Names of the physical curves that are rigid interfaces.
             solid: Names of physical surfaces that are not designed; by default the one that is
                 called "solid", if the model has it.
+            void: Names of physical surfaces that stay void; by default the one that is called
+                "void", if the model has it.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
 
@@ -234,7 +257,7 @@ class Domain:
             ValueError: On every rank, if the model lacks a named interface or surface, has no mesh,
                 has a surface in several physical groups, holds volumes, or leaves the plane.
         """
-        return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, order, centers)
+        return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, void, order, centers)
 
     @classmethod
     def _from_tags(
@@ -242,28 +265,39 @@ class Domain:
         read: TaggedMesh,
         interfaces: Sequence[str],
         solid: Sequence[str] | None,
+        void: Sequence[str] | None,
         order: int,
         centers: Mapping[str, Sequence[float]] | None,
     ) -> Domain:
         curves, surfaces = read.groups(1), read.groups(2)
         held = validation.names(f"{read.source}: interfaces", interfaces)
-        if solid is None:
-            solid = [name for name in ("solid",) if name in surfaces]
-        kept = validation.names(f"{read.source}: solid", solid)
-        for kind, wanted, there in (("curve", held, curves), ("surface", kept, surfaces)):
+        kept, empty = (
+            validation.names(
+                f"{read.source}: {name}",
+                [each for each in (name,) if each in surfaces] if given is None else given,
+            )
+            for name, given in (("solid", solid), ("void", void))
+        )
+        for kind, argument, wanted, there in (
+            ("curve", "interfaces", held, curves),
+            ("surface", "solid", kept, surfaces),
+            ("surface", "void", empty, surfaces),
+        ):
             missing = [name for name in wanted if name not in there]
             if missing:
                 raise ValueError(
                     f"{read.source}: no physical {kind} named {', '.join(map(repr, missing))}; it "
                     f"has the physical curves {sorted(curves) or 'none'} and the physical surfaces "
                     f"{sorted(surfaces) or 'none'}. Name the groups in gmsh, or pass "
-                    f"{'interfaces' if kind == 'curve' else 'solid'}=[...]"
+                    f"{argument}=[...]"
                 )
         tags = read.facet_tags
         facets = {name: tags.indices[tags.values == curves[name]] for name in held}
-        solid_tags = [surfaces[name] for name in kept]
-        cells = read.cell_tags.indices[np.isin(read.cell_tags.values, solid_tags)]
-        return cls(read.mesh, facets, cells, order=order, centers=centers)
+        solid_cells, void_cells = (
+            read.cell_tags.indices[np.isin(read.cell_tags.values, [surfaces[n] for n in names])]
+            for names in (kept, empty)
+        )
+        return cls(read.mesh, facets, solid_cells, void=void_cells, order=order, centers=centers)
 
     # ------------------------------------------------------------------ copies
 
@@ -272,8 +306,15 @@ class Domain:
         held = self.interfaces.values()
         facets = {part.name: part.facets for part in held}
         centers = {part.name: part.center for part in held}
-        copied = MeshCopy.of(self.mesh), facets, ~self.design_cells, self.order, centers
-        return _from_copy, (type(self), *copied)
+        regions = self.solid_cells, self.void_cells
+        return _from_copy, (
+            type(self),
+            MeshCopy.of(self.mesh),
+            facets,
+            *regions,
+            self.order,
+            centers,
+        )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
         """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
@@ -374,6 +415,15 @@ class Domain:
 
     # ------------------------------------------------------------------ densities
 
+    @cached_property
+    def passive_density(self) -> NDArray[np.float64]:
+        """Density of the cells that are not designed, shape (cells,): 1 solid, 0 void.
+
+        That of designed cells, which means nothing, is 0. A density of the whole body is
+        ``numpy.where(domain.design_cells, x, domain.passive_density)``.
+        """
+        return self.solid_cells.astype(np.float64)
+
     def check_density(self, x: ArrayLike, name: str = "density") -> NDArray[np.float64]:
         """``x`` as an array, or raise the same clear error on every rank.
 
@@ -428,7 +478,7 @@ class Domain:
         owner: dict[str, NDArray[np.int32]] = {}
         coordinates = self.space.tabulate_dof_coordinates()
         for name, where in interfaces.items():
-            facets = self._located(f"interface {name!r}", where, 1, mesh.locate_entities_boundary)
+            facets = located(self.mesh, f"interface {name!r}", where, 1)
             if self.comm.allreduce(len(facets)) == 0:
                 low, high = self.bounding_box
                 raise ValueError(
@@ -462,26 +512,6 @@ class Domain:
             found[name] = Interface(name, facets, dofs, center, extent)
         return found
 
-    def _located(
-        self,
-        what: str,
-        where: Predicate | ArrayLike,
-        dim: int,
-        locate: Callable[[mesh.Mesh, int, Predicate], NDArray[np.int32]],
-    ) -> NDArray[np.int32]:
-        """Local facets (``dim`` 1) or cells (2) by a predicate, by their numbers or by a mask."""
-        if callable(where):
-            points = self.mesh.geometry.x.T
-            with on_every_rank(self.comm, what):
-                _check_predicate(what, where, points)
-            return np.asarray(locate(self.mesh, dim, where), dtype=np.int32)
-        entities = self.mesh.topology.index_map(dim)
-        sizes = entities.size_local, entities.size_local + entities.num_ghosts
-        kind = "facets" if dim == 1 else "cells"
-        with on_every_rank(self.comm, what):
-            found = _numbers_of(what, where, kind, sizes)
-        return found
-
     def _center(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
         circle = fit_circle(facet_points(self.mesh, facets))
         return self._facet_centroid(facets) if circle is None else circle
@@ -497,17 +527,44 @@ class Domain:
         ]
         return np.array(moments[1:]) / moments[0]
 
-    def _find_design_cells(self, solid: Predicate | ArrayLike | None) -> NDArray[np.bool_]:
-        design = np.ones(self.n_cells, dtype=bool)
-        if solid is not None:
-            cells = self._located("domain: solid", solid, 2, mesh.locate_entities)
-            design[cells[cells < self.n_cells]] = False
-        if not self._anywhere(np.any(design)):
+    def _find_passive(
+        self, solid: Predicate | ArrayLike | None, void: Predicate | ArrayLike | None
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """The cells owned by this rank that stay solid, and those that stay void."""
+        solid_cells, void_cells = (
+            located_cells(self.mesh, f"domain: {name}", where)
+            for name, where in (("solid", solid), ("void", void))
+        )
+        overlap = int(self.comm.allreduce(int(np.count_nonzero(solid_cells & void_cells))))
+        if overlap:
             raise ValueError(
-                "domain: all cells are solid, nothing is left to design; make the solid region "
-                "smaller"
+                f"domain: {overlap} cells are in the solid region and in the void one; a cell can "
+                "stay only one of them: take them out of one region"
             )
-        return design
+        if not self._anywhere(np.any(~(solid_cells | void_cells))):
+            raise ValueError(
+                "domain: all cells are solid or void, nothing is left to design; make the solid "
+                "region or the void one smaller"
+            )
+        self._check_void(void_cells)
+        return solid_cells, void_cells
+
+    def _check_void(self, void_cells: NDArray[np.bool_]) -> None:
+        """Refuse what only void would hold."""
+        if not self._anywhere(np.any(void_cells)):
+            return
+        marked = fem.Function(self.density_space)
+        marked.x.array[: self.n_cells] = void_cells
+        marked.x.scatter_forward()
+        void = marked.x.array > 0.5
+        cells_of = self.mesh.topology.connectivity(1, 2)
+        for name, part in self.interfaces.items():
+            if not self._anywhere(any(not void[cells_of.links(f)[0]] for f in part.facets)):
+                raise ValueError(
+                    f"interface {name!r} lies on void cells only: nothing joins it to the body; "
+                    "leave cells along it out of the void region"
+                )
+        check_held(self.mesh, [part.facets for part in self.interfaces.values()], void)
 
 
 def _from_copy(
@@ -515,59 +572,10 @@ def _from_copy(
     copied: MeshCopy,
     facets: Mapping[str, NDArray[np.int32]],
     solid: NDArray[np.bool_],
+    void: NDArray[np.bool_],
     order: int,
     centers: Mapping[str, Sequence[float]],
 ) -> Domain:
     """A domain as it was before it was pickled."""
     claim_form_cache(MPI.COMM_SELF)
-    return kind(copied.build(), facets, solid, order=order, centers=centers)
-
-
-def _check_predicate(what: str, predicate: Predicate, points: NDArray[np.float64]) -> None:
-    """Refuse a predicate that does not say yes or no for each point, shape (3, points)."""
-    try:
-        given = predicate(points)
-    except Exception as error:
-        raise ValueError(f"{what}: the predicate fails on an array of points: {error}") from error
-    found = np.asarray(given)
-    if found.dtype != np.bool_ or found.shape != points.shape[1:]:
-        raise ValueError(
-            f"{what}: the predicate must give True or False for each of {points.shape[1]} points, "
-            f"but it gives an array of shape {found.shape} of {found.dtype}; write a comparison, "
-            "as lambda x: x[0] < 0.01"
-        )
-
-
-def _numbers_of(
-    what: str, given: ArrayLike, kind: str, sizes: tuple[int, int]
-) -> NDArray[np.int32]:
-    """The numbers of facets or cells, or those where a mask is true.
-
-    Args:
-        what: Who asks, for the message.
-        given: Numbers, or a mask.
-        kind: "facets" or "cells".
-        sizes: How many the rank owns, and with its ghosts.
-    """
-    array = np.asarray(given)
-    if array.ndim == 1 and array.size == 0:  # a rank may have none
-        return np.zeros(0, dtype=np.int32)
-    if array.dtype == np.bool_ and array.ndim == 1:
-        if array.size not in sizes:
-            raise ValueError(
-                f"{what}: a mask must have one entry for each of the rank's {sizes[0]} {kind} "
-                f"({sizes[1]} with ghosts), but it has {array.size}"
-            )
-        return np.flatnonzero(array).astype(np.int32)
-    if array.dtype.kind not in "iu" or array.ndim != 1:
-        raise TypeError(
-            f"{what} must be a predicate, numbers of {kind} or a mask over them, but it is "
-            f"{validation.described(given)}"
-        )
-    outside = array[(array < 0) | (array >= sizes[1])]
-    if outside.size:
-        raise ValueError(
-            f"{what}: {kind[:-1]} {outside[0]} does not exist; the rank has the {kind} 0 to "
-            f"{sizes[1] - 1}"
-        )
-    return np.unique(array).astype(np.int32)
+    return kind(copied.build(), facets, solid, void=void, order=order, centers=centers)

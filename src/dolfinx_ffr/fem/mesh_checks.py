@@ -73,12 +73,17 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
             )
 
 
-def check_held(domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]]) -> None:
+def check_held(
+    domain: mesh.Mesh,
+    facets: Sequence[NDArray[np.int32]],
+    void: NDArray[np.bool_] | None = None,
+) -> None:
     """Refuse pieces of a mesh that touch no interface and would float away.
 
     Args:
         domain: The mesh.
         facets: Local facets of each interface on this rank.
+        void: Cells of this rank, ghosts included, that hold nothing together.
 
     Raises:
         ValueError: Naming how many pieces float.
@@ -91,6 +96,10 @@ def check_held(domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]]) -> None:
     facet_vertices = _compat.entity_vertices(domain, 1)
     for part in facets:
         held[facet_vertices[part].ravel()] = True
+    used = np.zeros(n_local, dtype=bool)
+    if void is not None:
+        table = table[~void]
+    used[table.ravel()] = True
     # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
     rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
     piece = _components(n_local, rows, table[:, 1:].ravel())
@@ -98,14 +107,21 @@ def check_held(domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]]) -> None:
     first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
     np.minimum.at(first, piece, global_vertices)
     edges = np.vstack(domain.comm.allgather(np.column_stack([global_vertices, first[piece]])))
-    held_global = np.concatenate(domain.comm.allgather(global_vertices[held]))
+    used_global, held_global = (
+        np.concatenate(domain.comm.allgather(global_vertices[mask])) for mask in (used, held)
+    )
     label = _components(n, edges[:, 0], edges[:, 1])
-    count = int(label.max(initial=-1)) + 1
-    floating = np.setdiff1d(np.arange(count), label[held_global])
+    pieces = np.unique(label[used_global])
+    floating = np.setdiff1d(pieces, label[held_global])
     if len(floating):
+        remedy = (
+            "give each piece an interface, or merge coincident nodes"
+            if void is None
+            else "leave cells out of the void region that join them to the others"
+        )
         raise ValueError(
-            f"mesh: {len(floating)} of {count} separate pieces of the body touch no interface and "
-            "would float; give each piece an interface, or merge coincident nodes"
+            f"mesh: {len(floating)} of {len(pieces)} separate pieces of the body touch no "
+            f"interface and would float; {remedy}"
         )
 
 
