@@ -165,8 +165,11 @@ class Problem:
 
     def _validate(self) -> None:
         """Refuse objectives that lack a density."""
+        full = {
+            name: _field(body, np.ones(body.domain.n_cells)) for name, body in self.flexible.items()
+        }
         for used in (self.objective, *(constraint.objective for constraint in self.constraints)):
-            used.validate(self.flexible)
+            used.validate(full)
 
     def with_modes(self, modes: Mapping[str, int]) -> Problem:
         """The same problem with other numbers of normal modes.
@@ -410,11 +413,7 @@ class Problem:
 
     def _fields(self, reduced: Mapping[str, ReducedBody]) -> dict[str, DensityField]:
         """The densities as objectives see them."""
-        return {
-            name: DensityField(part.density, domain.cell_volumes, domain.sum)
-            for name, part in reduced.items()
-            for domain in [self.flexible[name].domain]
-        }
+        return {name: _field(self.flexible[name], part.density) for name, part in reduced.items()}
 
     def _integrals(self, reduced: Mapping[str, ReducedBody]) -> dict[str, VolumeIntegrals]:
         """What the mechanism sees of all bodies, in the order in which they were given."""
@@ -442,6 +441,12 @@ class Problem:
             name: body.domain.check_density(given[name], f"density of {name!r}")
             for name, body in self.flexible.items()
         }
+
+
+def _field(body: FlexibleBody, density: NDArray[np.float64]) -> DensityField:
+    """A density as objectives see it."""
+    domain = body.domain
+    return DensityField(density, domain.cell_volumes, domain.centroids, domain.sum)
 
 
 def _agreed_memory(comm: MPI.Comm) -> int:

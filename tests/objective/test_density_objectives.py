@@ -76,10 +76,11 @@ def slope(comm: MPI.Comm, gradient: Field | None, direction: Field) -> float:
     [
         Grayness("coupler"),
         ffr.Volume("rocker"),
+        ffr.Volume("rocker", region=lambda x: x[0] < 0.1),
         2e-3 * Grayness("coupler") + ffr.IntegralCompliance() - 1e-6 * ffr.Volume("rocker"),
         SpecificCompliance("coupler"),
     ],
-    ids=["alone", "volume", "sum", "product"],
+    ids=["alone", "volume", "region", "sum", "product"],
 )
 def test_taylor_order_as_objective_and_as_constraint(
     comm: MPI.Intracomm, objective: ffr.Objective
@@ -147,3 +148,47 @@ def test_refused_where_there_is_no_density() -> None:
         ffr.Volume("rod").evaluate(ffr.Response(None, {}))
     with pytest.raises(NotImplementedError, match="Volume defines no value of the motion alone"):
         ffr.Volume("rod").value(None, {})  # type: ignore[arg-type]
+
+
+@pytest.mark.mpi
+def test_volume_of_regions(comm: MPI.Intracomm) -> None:
+    """Two halves make the whole; a mask and a predicate are the same; void regions are empty."""
+    domain = ffr.Domain.rectangle(
+        comm, 0.4, 0.04, elements=(20, 4), void=lambda x: (x[0] > 0.199) & (x[0] < 0.261)
+    )
+    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
+    body = ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=1)
+    sides = {
+        "left": lambda x: x[0] < 0.2,
+        "right": domain.centroids[:, 0] > 0.2,
+        "void": lambda x: np.abs(x[0] - 0.23) < 0.03,
+    }
+    problem = ffr.Problem(
+        {"bar": body},
+        ffr.Mechanism({"bar": ffr.Placement()}, [ffr.Weld(("bar", "left"), ffr.Ground())]),
+        ffr.GeneralizedAlpha(0.1, 10),
+        ffr.Volume("bar"),
+        [ffr.Constraint(ffr.Volume("bar", mask), 0.5, name=name) for name, mask in sides.items()],
+    )
+    x = np.where(domain.design_cells, 0.6, domain.passive_density)
+    found = problem.gradient(x)
+    shares = {name: bound.psi for name, bound in found.constraints.items()}
+    assert shares["left"] == pytest.approx((2 * 1.0 + 8 * 0.6) / 10, rel=1e-13)
+    assert shares["right"] == pytest.approx((2 * 1.0 + 5 * 0.6) / 10, rel=1e-13)
+    assert shares["void"] == 0.0
+    assert found.psi == pytest.approx(0.5 * (shares["left"] + shares["right"]), rel=1e-13)
+    left = found.constraints["left"].gradient
+    assert left is not None
+    half = np.where(domain.centroids[:, 0] < 0.2, 2.0 * domain.cell_volumes / domain.area, 0.0)
+    np.testing.assert_allclose(left["bar"], half / 0.5, rtol=1e-13)
+    for region, message in (
+        (lambda x: x[0] > 1.0, "its region holds no cell"),
+        (lambda x: x[0], "True or False for each of the rank's"),
+        (np.ones(3, dtype=bool), "True or False for each of the rank's"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ffr.Problem(
+                problem.bodies, problem.mechanism, problem.integrator, ffr.Volume("bar", region)
+            )
+    with pytest.raises(TypeError, match="the region must be a predicate"):
+        ffr.Volume("bar", "left")  # type: ignore[arg-type]

@@ -31,6 +31,8 @@ class DensityField:
     values: Array
     #: Areas of the cells, shape (cells,) [m^2].
     areas: Array
+    #: Centroids of the cells in the undeformed body, shape (cells, 2) [m].
+    centroids: Array
     #: Sum of an array over the cells of all ranks, the same on every rank; collective.
     sum: Callable[[Array], float]
 
@@ -101,11 +103,12 @@ class Objective:
         """Whether the number depends on the motion; without it nothing needs to be simulated."""
         return True
 
-    def validate(self, densities: Collection[str]) -> None:
+    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
         """Refuse to be used where a density that the number depends on does not exist.
 
         Args:
-            densities: Names of the bodies with a density.
+            densities: Names of the bodies with a density; a problem gives a mapping to densities of
+                full bodies, by which regions of them can be checked.
 
         Raises:
             ValueError: If a body has no density; the message lists those that have.
@@ -231,7 +234,7 @@ class Sum(Objective):
     def needs_trajectory(self) -> bool:
         return any(objective.needs_trajectory for _, objective in self.terms)
 
-    def validate(self, densities: Collection[str]) -> None:
+    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
         for _, term in self.terms:
             term.validate(densities)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import QUARTER_TURN, VolumeIntegrals
@@ -58,48 +58,92 @@ class Mass(Objective):
         return bodies[self.body]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Volume(Objective):
-    """Filled share of the area of a body with a density, between 0 and 1.
+    """Filled share of the area of a body with a density, or of a region of it, between 0 and 1.
 
         psi = sum_cells area x / sum_cells area
 
     It is a function of the densities alone. :class:`Mass` is similar and needs no density.
 
+    Several regions, each with a :class:`Constraint` of its own, bound where the material goes.
+    Cells that are not designed count: solid ones as filled, void ones as empty.
+
     Raises:
-        ValueError: If the body has no density, when the problem is made.
+        TypeError: If the region is neither a function nor a mask.
+        ValueError: If the body has no density, or the region does not fit its cells or holds none
+            of them, when the problem is made.
     """
 
     #: Name of the body.
     body: str
+    #: Cells that count: a predicate on coordinates of shape (3, cells), those of the centroids in
+    #: the undeformed body [m], or a mask over the cells of this rank, shape (cells,). Regions cut
+    #: at a line so share no cell and leave none out. None takes all.
+    region: Callable[[Array], ArrayLike] | NDArray[np.bool_] | None = field(
+        default=None, repr=False
+    )
 
     def __post_init__(self) -> None:
-        """Check the name."""
+        """Check name and region."""
         validation.name("volume: body", self.body)
+        if self.region is not None and not callable(self.region):
+            mask = np.asarray(self.region)
+            if mask.dtype != np.bool_ or mask.ndim != 1:
+                raise TypeError(
+                    "volume: the region must be a predicate, as lambda x: x[0] < 0.1, or a mask "
+                    "over the cells of the rank, but it is "
+                    f"{validation.described(self.region)}"
+                )
 
     @property
     def needs_trajectory(self) -> bool:
         return False
 
-    def validate(self, densities: Collection[str]) -> None:
+    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
         if self.body not in densities:
             raise ValueError(
                 f"volume of body {self.body!r}, but the bodies with a density are "
                 f"{sorted(densities)}; Mass is similar and needs no density"
             )
+        if isinstance(densities, Mapping):
+            self._shares(densities[self.body])
 
     def evaluate(self, response: Response) -> float:
-        self.validate(response.densities)
+        self.validate(list(response.densities))
         density = response.densities[self.body]
         return density.sum(density.values * self._shares(density))
 
     def derivatives(self, response: Response) -> Derivatives:
-        self.validate(response.densities)
+        self.validate(list(response.densities))
         return Derivatives(densities={self.body: self._shares(response.densities[self.body])})
 
     def _shares(self, density: DensityField) -> Array:
-        """Share of each cell in the body's area, shape (cells,)."""
-        return density.areas / density.sum(density.areas)
+        """Share of each cell in the area of the region, shape (cells,)."""
+        areas = np.where(self._chosen(density), density.areas, 0.0)
+        total = density.sum(areas)
+        if not total > 0.0:
+            raise ValueError(
+                f"volume of body {self.body!r}: its region holds no cell; the centroids of cells, "
+                "in metres and in the coordinates of the mesh, are what a predicate sees"
+            )
+        return areas / total
+
+    def _chosen(self, density: DensityField) -> NDArray[np.bool_]:
+        """The cells that count, shape (cells,)."""
+        n, region = len(density.areas), self.region
+        if region is None:
+            return np.ones(n, dtype=bool)
+        found = region
+        if callable(region):
+            found = np.asarray(region(np.vstack([density.centroids.T, np.zeros(n)])))
+        mask = np.asarray(found)
+        if mask.dtype != np.bool_ or mask.shape != (n,):
+            raise ValueError(
+                f"volume of body {self.body!r}: the region must say True or False for each of the "
+                f"rank's {n} cells, but it gives an array of shape {mask.shape} of {mask.dtype}"
+            )
+        return mask
 
 
 @dataclass(frozen=True)
