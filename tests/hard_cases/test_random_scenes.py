@@ -119,7 +119,9 @@ def test_chains(scene: Scene, seed: int) -> None:
         slope = sum(evaluation.integrals_gradient[name].dot(d) for name, d in direction.items())
         # a spring's force is known to the round-off of the distances it is computed from: what that
         # bends, relative to what bends at all, must stay below what the Taylor test resolves
-        spring = max((f.stiffness for f in mechanism.forces if isinstance(f, ffr.SpringDamper)), default=1.0)
+        spring = max(
+            (f.stiffness for f in mechanism.forces if isinstance(f, ffr.SpringDamper)), default=1.0
+        )
         softest = min(np.linalg.eigvalsh(b.K)[0] for b in bodies.values() if b.modes)
         bent = math.sqrt(evaluation.psi * softest / 0.2)  # [N], of the mean generalised deflection
         if np.finfo(float).eps * spring > 1e-9 * bent:

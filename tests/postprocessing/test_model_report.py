@@ -55,40 +55,6 @@ def test_error_of_radau_steps(comm: MPI.Intracomm, steps: int | None) -> None:
 
 
 @pytest.mark.mpi
-def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
-    """The chosen number keeps the accuracy; one chosen for less accuracy is smaller."""
-    problem = reference_problem(comm, (60, 6), modes=14, steps=400)
-    x = np.ones(problem.flexible["rod"].domain.n_cells)
-    psi = problem.with_modes({"rod": 60}).value(x).psi
-    rough, fine = (ffr.select_modes(problem, tolerance=t) for t in (1e-2, 1e-4))
-    assert 0 < rough.modes["rod"] < fine.modes["rod"] < 13
-    for selection, tolerance in ((rough, 1e-2), (fine, 1e-4)):
-        smaller = problem.with_modes(selection.modes)
-        assert smaller.flexible["rod"].reduction.modes == selection.modes["rod"]
-        error = abs(smaller.value(x).psi / psi - 1.0)
-        assert error <= tolerance
-        assert error == pytest.approx(selection.error, rel=0.1)
-        # one mode less would not do
-        assert selection.errors["rod"][selection.modes["rod"] - 1] > tolerance
-    with pytest.raises(ValueError, match="give the problem more modes"):
-        ffr.select_modes(problem.with_modes({"rod": 3}), tolerance=1e-6)
-    with pytest.raises(ValueError, match="no flexible body 'crank'"):
-        problem.with_modes({"crank": 3})
-
-
-@pytest.mark.mpi
-def test_modes_below_a_frequency(comm: MPI.Intracomm) -> None:
-    problem = reference_problem(comm, (40, 4), modes=6, steps=100)
-    body = problem.flexible["rod"]
-    frequencies = body.reduce(np.ones(body.domain.n_cells)).basis.frequencies
-    assert ffr.modes_below(body, 1.001 * frequencies[3]) == 4
-    assert ffr.modes_below(body, 0.999 * frequencies[0]) == 0
-    # not only as many as the body has
-    more = body.with_modes(12).reduce(np.ones(body.domain.n_cells)).basis.frequencies
-    assert ffr.modes_below(body, 1.001 * more[11]) == 12
-
-
-@pytest.mark.mpi
 @pytest.mark.parametrize(("half", "named"), [(0.11, {"slot": 0.5}), (0.03, {})])
 def test_long_interfaces_are_named(
     comm: MPI.Intracomm, half: float, named: dict[str, float]

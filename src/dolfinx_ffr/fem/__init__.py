@@ -16,6 +16,7 @@ from .material import (
     PlaneStress,
     SuppressedVoidMass,
 )
+from .mesh_checks import floating_cells
 
 __all__ = [
     "RAMP",
@@ -33,6 +34,7 @@ __all__ = [
     "PlaneStrain",
     "PlaneStress",
     "SuppressedVoidMass",
+    "floating_cells",
     "rigid_fields",
     "rotated",
 ]

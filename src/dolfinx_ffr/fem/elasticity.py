@@ -261,21 +261,39 @@ class Elasticity:
         Returns:
             Energy 1/2 k_x(u, u) of each cell owned by this rank, shape (cells,) [J].
         """
-        form, density, displacement = self._energy
-        density.x.array[: self.domain.n_cells] = self.domain.check_density(x)
-        density.x.scatter_forward()
-        self.set(displacement, field)
+        return self._energy(self._strain_energy_form, x, field)
+
+    def kinetic_energy(self, x: ArrayLike, field: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The kinetic energy of each cell.
+
+        Args:
+            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
+            field: Velocity of this rank's dofs, shape (dofs,) [m/s].
+
+        Returns:
+            Energy 1/2 m_x(v, v) of each cell owned by this rank, shape (cells,) [J].
+        """
+        return self._energy(self._kinetic_energy_form, x, field)
+
+    def _energy(
+        self, form: fem.Form, x: ArrayLike, field: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        self._set_density(self.domain.check_density(x))
+        self.set(self._fields[0], field)
         return np.array(fem.assemble_vector(form).array[: self.domain.n_cells])
 
     @cached_property
-    def _energy(self) -> tuple[fem.Form, fem.Function, fem.Function]:
-        domain = self.domain
-        density = fem.Function(domain.density_space)
-        displacement = fem.Function(domain.space)
-        stress = self.stress(displacement, density)
-        energy = 0.5 * ufl.inner(stress, ufl.sym(ufl.grad(displacement)))
-        test = ufl.TestFunction(domain.density_space)
-        return fem.form(energy * test * self._dx), density, displacement
+    def _strain_energy_form(self) -> fem.Form:
+        field = self._fields[0]
+        return self._energy_form(self._stiffness_density(field, field))
+
+    @cached_property
+    def _kinetic_energy_form(self) -> fem.Form:
+        field = self._fields[0]
+        return self._energy_form(self._mass_density(field, field))
+
+    def _energy_form(self, density: ufl.core.expr.Expr) -> fem.Form:
+        return fem.form(0.5 * density * ufl.TestFunction(self.domain.density_space) * self._dx)
 
     def stress(
         self, displacement: ufl.core.expr.Expr, density: ufl.core.expr.Expr

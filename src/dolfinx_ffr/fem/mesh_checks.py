@@ -19,7 +19,13 @@ from scipy.spatial import cKDTree
 
 from . import _compat
 
-__all__ = ["check_cells", "check_hanging_nodes", "check_held", "facet_points"]
+__all__ = [
+    "check_cells",
+    "check_hanging_nodes",
+    "check_held",
+    "facet_points",
+    "floating_cells",
+]
 
 
 def check_cells(domain: mesh.Mesh) -> None:
@@ -83,46 +89,68 @@ def check_held(
     Args:
         domain: The mesh.
         facets: Local facets of each interface on this rank.
-        void: Cells of this rank, ghosts included, that hold nothing together.
+        void: Cells of this rank, with or without ghosts, that hold nothing together.
 
     Raises:
         ValueError: Naming how many pieces float.
     """
-    table = _compat.entity_vertices(domain, 2)
-    vertex_map = domain.topology.index_map(0)
-    n_local = int(table.max(initial=-1)) + 1
-    global_vertices = vertex_map.local_to_global(np.arange(n_local, dtype=np.int32))
-    held = np.zeros(n_local, dtype=bool)
-    facet_vertices = _compat.entity_vertices(domain, 1)
-    for part in facets:
-        held[facet_vertices[part].ravel()] = True
-    used = np.zeros(n_local, dtype=bool)
-    if void is not None:
-        table = table[~void]
-    used[table.ravel()] = True
-    # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
-    rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
-    piece = _components(n_local, rows, table[:, 1:].ravel())
-    n = int(vertex_map.size_global)
-    first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
-    np.minimum.at(first, piece, global_vertices)
-    edges = np.vstack(domain.comm.allgather(np.column_stack([global_vertices, first[piece]])))
-    used_global, held_global = (
-        np.concatenate(domain.comm.allgather(global_vertices[mask])) for mask in (used, held)
-    )
-    label = _components(n, edges[:, 0], edges[:, 1])
-    pieces = np.unique(label[used_global])
-    floating = np.setdiff1d(pieces, label[held_global])
-    if len(floating):
+    n_cells = domain.topology.index_map(2).size_local
+    cells = np.ones(n_cells, dtype=bool) if void is None else ~void[:n_cells]
+    _, floating, count = floating_cells(domain, cells, facets)
+    if floating:
         remedy = (
             "give each piece an interface, or merge coincident nodes"
             if void is None
             else "leave cells out of the void region that join them to the others"
         )
         raise ValueError(
-            f"mesh: {len(floating)} of {len(pieces)} separate pieces of the body touch no "
-            f"interface and would float; {remedy}"
+            f"mesh: {floating} of {count} separate pieces of the body touch no interface and "
+            f"would float; {remedy}"
         )
+
+
+def floating_cells(
+    domain: mesh.Mesh, cells: NDArray[np.bool_], facets: Sequence[NDArray[np.int32]]
+) -> tuple[NDArray[np.bool_], int, int]:
+    """Which of some cells belong to a piece of them that touches no interface.
+
+    Cells that share a vertex belong to the same piece.
+
+    Args:
+        domain: The mesh.
+        cells: Which of the cells owned by this rank there are, shape (cells,).
+        facets: Local facets of each interface on this rank.
+
+    Returns:
+        A mask over the cells owned by this rank, shape (cells,), and the numbers of pieces that
+        float and of all pieces, the same on every rank.
+    """
+    whole = _compat.entity_vertices(domain, 2)
+    table = whole[: len(cells)][cells]
+    vertex_map = domain.topology.index_map(0)
+    n_local = int(whole.max(initial=-1)) + 1
+    global_vertices = vertex_map.local_to_global(np.arange(n_local, dtype=np.int32))
+    held = np.zeros(n_local, dtype=bool)
+    facet_vertices = _compat.entity_vertices(domain, 1)
+    for part in facets:
+        held[facet_vertices[part].ravel()] = True
+    # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
+    rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
+    piece = _components(n_local, rows, table[:, 1:].ravel())
+    n = int(vertex_map.size_global)
+    first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
+    np.minimum.at(first, piece, global_vertices)
+    comm = domain.comm
+    edges = np.vstack(comm.allgather(np.column_stack([global_vertices, first[piece]])))
+    label = _components(n, edges[:, 0], edges[:, 1])
+    # a vertex without any of the cells is a component of its own, and no piece
+    own = label[global_vertices[table[:, :1].ravel()]]
+    pieces = np.unique(np.concatenate(comm.allgather(np.unique(own))))
+    held_pieces = label[np.concatenate(comm.allgather(global_vertices[held]))]
+    floats = ~np.isin(pieces, held_pieces)
+    result = np.zeros(len(cells), dtype=bool)
+    result[cells] = np.isin(own, pieces[floats])
+    return result, int(np.count_nonzero(floats)), len(pieces)
 
 
 def _components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -1,26 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""Stresses of a body in motion; what a scene models and leaves out."""
+"""Stresses of a body in motion; what a scene models and leaves out, and how many modes it needs."""
 
 from __future__ import annotations
 
-from .model_report import (
-    BodyReport,
-    ModelReport,
+from .local_modes import LocalModes, LocalModesWarning, local_modes
+from .mode_truncation import (
     ModeSelection,
-    model_report,
+    mode_error,
     modes_below,
+    propose_modes,
     select_modes,
 )
+from .model_report import BodyReport, ModelReport, model_report
 from .stress import StressEnvelope, StressModes, von_mises, worst_stress
 
 __all__ = [
     "BodyReport",
+    "LocalModes",
+    "LocalModesWarning",
     "ModeSelection",
     "ModelReport",
     "StressEnvelope",
     "StressModes",
+    "local_modes",
+    "mode_error",
     "model_report",
     "modes_below",
+    "propose_modes",
     "select_modes",
     "von_mises",
     "worst_stress",

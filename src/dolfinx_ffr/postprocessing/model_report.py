@@ -10,37 +10,27 @@ stiffening. None of the errors needs another finite-element solution to be estim
   times that of a fifth-order one;
 - a body's relative softening by its own rotation is the square of its angular velocity over that of
   its lowest frequency, or what geometric stiffening makes of it.
-
-`select_modes` takes the least number of modes that an accuracy needs, `modes_below` those below a
-frequency.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, integrate
 from ..fem import Domain
-from ..parallel import announce, on_every_rank
+from ..parallel import announce
 from ..problem import Evaluation, Problem
-from ..reduction import CLUSTER, MARKERS, FlexibleBody, with_residual_modes
+from ..reduction import MARKERS
+from .mode_truncation import psi_with, relative_change, with_all_residual_modes
 
-__all__ = [
-    "BodyReport",
-    "ModeSelection",
-    "ModelReport",
-    "model_report",
-    "modes_below",
-    "select_modes",
-]
+__all__ = ["BodyReport", "ModelReport", "model_report"]
 
 Array = NDArray[np.float64]
 
@@ -161,144 +151,17 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         if not there:
             left_out.append(what)
     coarse = problem.integrator.coarser
-    exact = _psi(problem, evaluation, _with_residual_modes(problem, evaluation))
-    longer = _psi(problem, evaluation, integrals, coarse)
+    exact = psi_with(problem, evaluation, with_all_residual_modes(problem, evaluation))
+    longer = psi_with(problem, evaluation, integrals, coarse)
     return ModelReport(
         bodies=bodies,
         coordinates=trajectory.model.size,
         rows=trajectory.model.rows,
         left_out=left_out,
         psi=psi,
-        modes_error=_relative(psi, exact),
-        step_error=_relative(longer, psi) / (2**coarse.order - 1),
+        modes_error=relative_change(psi, exact),
+        step_error=relative_change(longer, psi) / (2**coarse.order - 1),
     )
-
-
-@dataclass(frozen=True)
-class ModeSelection:
-    """Numbers of normal modes, and estimates of what the others would add."""
-
-    modes: dict[str, int]  #: Chosen numbers of normal modes, by name of the body
-    #: By name of the body, estimated relative error of psi with 0, 1, 2, ... and all its modes
-    errors: dict[str, Array] = field(repr=False)
-    error: float = 0.0  #: Estimated relative error of psi with the chosen numbers of all bodies
-
-
-def select_modes(
-    problem: Problem,
-    x: ArrayLike | Mapping[str, ArrayLike] | None = None,
-    *,
-    tolerance: float = 1e-3,
-) -> ModeSelection:
-    """The least numbers of normal modes that an accuracy of psi needs.
-
-    Shape functions are computed once, as many as the problem has; simulations with fewer of them
-    are compared with one that has them all, and residual modes for those that not even the problem
-    has. A number that would cut through a cluster of frequencies is passed over. Choose once, for
-    example at the full bodies, and keep the numbers while designing: `Problem.with_modes`.
-
-    Args:
-        problem: The scene, with as many modes as may be needed (16, say).
-        x: Densities, by default those of the full bodies.
-        tolerance: Relative error of psi that is allowed for each body.
-
-    Raises:
-        ValueError: If all modes of the problem together are too few for the tolerance.
-    """
-    validation.instance("select_modes: problem", problem, Problem, "a Problem")
-    validation.number("select_modes: tolerance", tolerance, above=0.0)
-    if x is None:
-        x = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
-    evaluation = problem.value(x)
-    whole = _with_residual_modes(problem, evaluation)
-    exact = _psi(problem, evaluation, whole)
-    chosen: dict[str, int] = {}
-    errors: dict[str, Array] = {}
-    for name in problem.flexible:
-        basis = evaluation.bodies[name].basis
-        k, last = basis.n_constraint, len(basis.eigenvalues)
-        found = []
-        for modes in range(last + 1):
-            if k + modes == 0:
-                found.append(math.inf)  # a flexible body without any shape function
-                continue
-            psi = _psi(problem, evaluation, {**whole, name: whole[name].leading(k + modes)})
-            found.append(_relative(psi, exact))
-        errors[name] = np.array(found)
-        eigenvalues = np.append(basis.eigenvalues, basis.outer_eigenvalue)
-        wide = np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:])
-        # all larger numbers must hold the tolerance as well
-        holds = np.logical_and.accumulate((errors[name] <= tolerance)[::-1])[::-1]
-        fits = np.flatnonzero(holds & wide)
-        if len(fits) == 0:
-            raise ValueError(
-                f"select_modes: with all {last} normal modes of body {name!r} the estimated error "
-                f"of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a number "
-                "that keeps close frequencies together; give the problem more modes to choose from"
-            )
-        chosen[name] = int(fits[0])
-    together = {
-        name: body.leading(evaluation.bodies[name].basis.n_constraint + chosen[name])
-        if name in chosen
-        else body
-        for name, body in whole.items()
-    }
-    return ModeSelection(chosen, errors, _relative(_psi(problem, evaluation, together), exact))
-
-
-def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None) -> int:
-    """How many fixed-interface normal modes lie below a frequency.
-
-    They are counted, not computed, copies of repeated frequencies included. A number that cuts a
-    cluster of frequencies is reported where the body is reduced with it.
-
-    Args:
-        body: The body, with any number of modes.
-        frequency: Limit [Hz].
-        x: Density of the cells of this rank, by default of the full body.
-
-    Raises:
-        ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1].
-        RuntimeError: On every rank, if the stiffness is singular.
-    """
-    validation.instance("modes_below: body", body, FlexibleBody, "a FlexibleBody")
-    validation.number("modes_below: frequency", frequency, least=0.0, unit="Hz")
-    matrices = body.elasticity.assemble(np.ones(body.domain.n_cells) if x is None else x)
-    factored = body.reduction.factor(matrices)
-    try:
-        return factored.count_below((2.0 * math.pi * frequency) ** 2)
-    finally:
-        factored.destroy()
-
-
-def _with_residual_modes(problem: Problem, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
-    """All bodies, flexible ones with residual modes, in the order they were given."""
-    return {
-        name: with_residual_modes(body, evaluation.bodies[name]).integrals
-        if isinstance(body, FlexibleBody)
-        else body
-        for name, body in problem.bodies.items()
-    }
-
-
-def _psi(
-    problem: Problem,
-    evaluation: Evaluation,
-    integrals: Mapping[str, VolumeIntegrals],
-    integrator: Integrator | None = None,
-) -> float:
-    # given elastic coordinates are those of the problem's own shape functions
-    modes = {name: body.modes for name, body in integrals.items()}
-    mechanism = replace(problem.mechanism, start=problem.mechanism.start.resized(modes))
-    with on_every_rank(problem.comm, "the evaluation of a problem"):
-        trajectory = integrate(mechanism, integrals, integrator or problem.integrator)
-        response = replace(problem.response(evaluation), trajectory=trajectory, bodies=integrals)
-        psi = problem.objective.evaluate(response)
-    return psi
-
-
-def _relative(found: float, exact: float) -> float:
-    return abs(found - exact) / abs(exact) if exact else abs(found)
 
 
 def _long_interfaces(domain: Domain) -> dict[str, float]:

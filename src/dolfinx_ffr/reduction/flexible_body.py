@@ -247,6 +247,19 @@ class FlexibleBody:
             self._latest = self.reduction.factor(matrices)
         return self._latest
 
+    def count_below(self, reduced: ReducedBody, limit: float) -> int:
+        """How many fixed-interface eigenvalues lie below a limit, copies included.
+
+        Args:
+            reduced: What `reduce` returned, at any time.
+            limit: Not an eigenvalue itself [rad^2/s^2].
+
+        Raises:
+            RuntimeError: On every rank, if they cannot be counted.
+        """
+        with self._working:
+            return self.factored(reduced).count_below(limit)
+
     def _release(self) -> None:
         """Free matrices and factor on all ranks together; garbage collection would not be so."""
         if self._latest is not None:

@@ -37,11 +37,9 @@ __all__ = ["with_residual_modes"]
 #: Residual energy of a load relative to its whole energy below which it counts as round-off, and
 #: share of a combination of loads in them below which they count as dependent.
 NOTHING, DEPENDENT = 1e-14, 1e-12
-#: The static displacements, and those under the inertia of these
-TERMS = 2
 
 
-def with_residual_modes(body: FlexibleBody, reduced: ReducedBody) -> ReducedBody:
+def with_residual_modes(body: FlexibleBody, reduced: ReducedBody, *, terms: int = 2) -> ReducedBody:
     """A reduced body whose shape functions also answer what the left-out modes would.
 
     The cost is that of two back-substitutions with about ten right-hand sides each, and of the
@@ -51,11 +49,13 @@ def with_residual_modes(body: FlexibleBody, reduced: ReducedBody) -> ReducedBody
     Args:
         body: The body.
         reduced: What its `reduce` returned.
+        terms: Of the series: 1 for static displacements alone, 2 for those under their own inertia
+            as well.
 
     Returns:
         The same body with residual modes after its normal modes; not for a pullback.
     """
-    residual, eigenvalues = _residual_modes(body, reduced)
+    residual, eigenvalues = _residual_modes(body, reduced, terms)
     basis = replace(
         reduced.basis,
         shapes=np.hstack([reduced.basis.shapes, residual]),
@@ -64,7 +64,7 @@ def with_residual_modes(body: FlexibleBody, reduced: ReducedBody) -> ReducedBody
     return replace(reduced, basis=basis, integrals=body.integrals(body.factored(reduced), basis))
 
 
-def _residual_modes(body: FlexibleBody, reduced: ReducedBody) -> tuple[Block, Block]:
+def _residual_modes(body: FlexibleBody, reduced: ReducedBody, terms: int) -> tuple[Block, Block]:
     """M-orthonormal residual modes, (dofs, k), and their Rayleigh quotients, (k,)."""
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
     factored = body.factored(reduced)
@@ -84,7 +84,7 @@ def _residual_modes(body: FlexibleBody, reduced: ReducedBody) -> tuple[Block, Bl
     loads[reduction.held] = 0.0
 
     parts: list[Block] = []
-    for _ in range(TERMS):
+    for _ in range(terms):
         whole = factored.solve(loads)
         found = left(left(whole))
         energy = np.diag(inner(found, elasticity.apply(stiffness, found)))
