@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 
 from mpi4py import MPI
@@ -119,6 +120,30 @@ def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
     capfd.readouterr()
     PETSc.garbage_view(body.elasticity.comm)
     assert "Total entries: 0" in capfd.readouterr().out
+
+
+def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> None:
+    """Its factor, the analysis for counts and the pattern go with it, if nobody holds them."""
+    body = rod(MPI.COMM_SELF)
+    held = body.factored(body.reduce(waves(body.domain))).held_mass
+    body = None
+    gc.collect()
+    PETSc.garbage_view(MPI.COMM_SELF)
+    assert "Total entries: 0" in capfd.readouterr().out
+    assert held.norm() > 0.0
+
+
+@pytest.mark.mpi
+def test_two_bodies_count_in_turn(comm: MPI.Intracomm) -> None:
+    """What is kept for counts belongs to one body and to no density."""
+    one, two = rod(comm), rod(comm).with_modes(6)
+    found = {}
+    for body, phase in ((one, 0), (two, 0), (one, 1), (two, 1), (one, 0)):
+        reduced = body.reduce(waves(body.domain, phase))
+        limit = reduced.basis.eigenvalues[-1] * (1.0 + 1e-6)
+        assert body.count_below(reduced, limit) == body.modes
+        found.setdefault((body.modes, phase), reduced.basis.eigenvalues)
+        assert_same(comm, reduced.basis.eigenvalues, found[body.modes, phase])
 
 
 @pytest.mark.mpi

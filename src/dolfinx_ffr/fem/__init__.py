@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from .domain import Domain, Interface
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
+from .lifetime import kept_by
 from .material import (
     RAMP,
     SIMP,
@@ -35,6 +36,7 @@ __all__ = [
     "PlaneStress",
     "SuppressedVoidMass",
     "floating_cells",
+    "kept_by",
     "rigid_fields",
     "rotated",
 ]

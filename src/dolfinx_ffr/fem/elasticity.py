@@ -27,6 +27,7 @@ from .. import validation
 from ..parallel import on_every_rank
 from . import _compat
 from .domain import Domain
+from .lifetime import free_dropped, kept_by
 from .material import ElasticMaterial, Interpolation
 
 __all__ = ["Elasticity", "Matrices"]
@@ -109,8 +110,10 @@ class Elasticity:
         self._layout = (self.n_dofs, self.n_dofs_global)
         self._set_density(np.ones(domain.n_cells))
         #: An assembled matrix, whose sparsity pattern all others share
-        self._pattern: PETSc.Mat = fem.petsc.assemble_matrix(self._stiffness_form)
-        self._pattern.assemble()
+        self._pattern: list[PETSc.Mat] = kept_by(self, self.comm)
+        self._pattern.append(fem.petsc.assemble_matrix(self._stiffness_form))
+        self._pattern[0].assemble()
+        free_dropped(self.comm)  # what bodies before this one have left
 
     def __reduce__(self) -> tuple[type[Elasticity], tuple[Any, ...]]:
         """How pickle and copy make it anew: forms and matrices cannot be handed on."""
@@ -135,7 +138,7 @@ class Elasticity:
 
     def new_matrix(self) -> PETSc.Mat:
         """A matrix of zeros with the entries that `assemble` fills."""
-        return self._pattern.duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+        return self._pattern[0].duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
 
     def _set_density(self, x: NDArray[np.float64]) -> None:
         self._density.x.array[: self.domain.n_cells] = x

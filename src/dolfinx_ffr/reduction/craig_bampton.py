@@ -32,6 +32,7 @@ from .. import validation
 from ..fem import Block, Domain, Elasticity, Matrices, rigid_fields
 from .factored_body import FactoredBody, direct_solver
 from .frame import Frame
+from .inertia import InertiaCount
 from .normal_modes import EigenSolver, NormalModes
 
 __all__ = ["CraigBampton", "ReducedBasis"]
@@ -106,6 +107,7 @@ class CraigBampton:
         for interface in domain.interfaces.values():
             nodes = interface.dofs[interface.dofs < n // 2]
             self.held[2 * nodes] = self.held[2 * nodes + 1] = True
+        self._inertia = InertiaCount(elasticity)
         self._eigensolver = EigenSolver(elasticity, self.held, tolerance)
         free = self._eigensolver.freedoms
         if not 0 <= self.modes < free:
@@ -200,7 +202,7 @@ class CraigBampton:
                 "reduction: the stiffness with all interfaces held is singular: a part of the body "
                 "can move without strain (nodes joined in one point only, or a void without floor)"
             ) from error
-        return FactoredBody(self.elasticity, matrices, held[0], held[1], ksp)
+        return FactoredBody(self.elasticity, matrices, held[0], held[1], ksp, self._inertia)
 
     def basis(self, factored: FactoredBody) -> ReducedBasis:
         """The shape functions at one density.

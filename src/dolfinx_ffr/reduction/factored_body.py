@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from ..fem import Block, Elasticity, Matrices
+from .inertia import InertiaCount
 
 __all__ = ["FactoredBody", "direct_solver"]
 
@@ -24,6 +25,7 @@ class FactoredBody:
     held_stiffness: PETSc.Mat = field(repr=False)
     held_mass: PETSc.Mat = field(repr=False)
     ksp: PETSc.KSP = field(repr=False)  #: Holds the factor
+    inertia: InertiaCount = field(repr=False)  #: Of the body, at any density
 
     def solve(self, block: Block) -> Block:
         """K^{-1} times block with all interfaces held, several right-hand sides at once."""
@@ -40,9 +42,6 @@ class FactoredBody:
     def count_below(self, limit: float) -> int:
         """How many eigenvalues of K phi = lambda M phi lie below a limit, copies included.
 
-        By Sylvester's law of inertia that is the number of negative pivots of K - limit M. It takes
-        one factor by MUMPS, which pivots; CHOLMOD does not.
-
         Args:
             limit: Not an eigenvalue itself [rad^2/s^2].
 
@@ -52,32 +51,7 @@ class FactoredBody:
         Raises:
             RuntimeError: On every rank, if MUMPS fails.
         """
-        shifted = self.held_stiffness.copy()
-        shifted.axpy(-limit, self.held_mass, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        pc = PETSc.PC().create(self.elasticity.comm)
-        factor = PETSc.Mat()
-        try:
-            pc.setType("cholesky")
-            pc.setFactorSolverType("mumps")
-            pc.setOperators(shifted)
-            pc.setFactorSetUpSolverType()
-            factor = pc.getFactorMatrix()
-            factor.setMumpsIcntl(13, 1)  # no part of the matrix is left to ScaLAPACK, uncounted
-            factor.setMumpsIcntl(14, 100)  # memory for pivots that are put off, in percent
-            factor.setMumpsIcntl(24, 1)  # PETSc demands that zero pivots are looked for
-            pc.setUp()
-            state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
-            if state < 0:
-                raise RuntimeError(
-                    f"reduction: MUMPS cannot factor the shifted stiffness (INFOG(1) = {state}, "
-                    "see its manual), so that modes cannot be counted; is there too little memory?"
-                )
-            return int(factor.getInertia()[0])
-        finally:
-            # Whatever Python drops last, PETSc keeps until the end of the program.
-            factor.destroy()
-            pc.destroy()
-            shifted.destroy()
+        return self.inertia.below(self.held_stiffness, self.held_mass, limit)
 
     def destroy(self) -> None:
         """Free the memory on all ranks together."""

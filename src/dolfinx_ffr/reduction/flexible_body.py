@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..fem import SIMP, Domain, Elasticity, ElasticMaterial, Interpolation
+from ..fem import SIMP, Domain, Elasticity, ElasticMaterial, Interpolation, kept_by
 from ..parallel import check_alike
 from .craig_bampton import CraigBampton, ReducedBasis
 from .factored_body import FactoredBody
@@ -123,7 +123,8 @@ class FlexibleBody:
         self.stiffening = (
             GeometricStiffening(self.reduction, stiffening, self.markers) if stiffening else None
         )
-        self._latest: FactoredBody | None = None
+        #: The one that was worked at last, or nothing
+        self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with what fills them.
         self._working = RLock()
 
@@ -213,10 +214,11 @@ class FlexibleBody:
                 f"{self.elasticity.largest(density):.3g}; give at least a part of it material"
             )
         assembled = perf_counter()
-        self._latest = self.reduction.factor(matrices)
-        basis = self.reduction.basis(self._latest)
+        factored = self.reduction.factor(matrices)
+        self._latest.append(factored)
+        basis = self.reduction.basis(factored)
         reduced = perf_counter()
-        integrals = self.integrals(self._latest, basis)
+        integrals = self.integrals(factored, basis)
         return ReducedBody(
             integrals,
             basis,
@@ -241,11 +243,11 @@ class FlexibleBody:
             RuntimeError: On every rank, if a solver fails.
         """
         # The array itself is the mark, not its values: all ranks decide alike without asking.
-        if self._latest is None or self._latest.matrices.density is not reduced.density:
+        if not self._latest or self._latest[0].matrices.density is not reduced.density:
             self._release()
             matrices = self.elasticity.assemble(reduced.density)
-            self._latest = self.reduction.factor(matrices)
-        return self._latest
+            self._latest.append(self.reduction.factor(matrices))
+        return self._latest[0]
 
     def count_below(self, reduced: ReducedBody, limit: float) -> int:
         """How many fixed-interface eigenvalues lie below a limit, copies included.
@@ -262,9 +264,8 @@ class FlexibleBody:
 
     def _release(self) -> None:
         """Free matrices and factor on all ranks together; garbage collection would not be so."""
-        if self._latest is not None:
-            self._latest.destroy()
-            self._latest = None
+        while self._latest:
+            self._latest.pop().destroy()
 
     def integrals(self, factored: FactoredBody, basis: ReducedBasis) -> VolumeIntegrals:
         """What the mechanism sees of the body at one density.
