@@ -116,7 +116,7 @@ printf '%s %s\n' "$(fingerprint)" "$clone" >"$stamp.new"
 mv "$stamp.new" "$stamp"
 
 # So that the first run need not wait for it. Beside the sources, where every later run finds it.
-say "compiling the time integration, about a minute"
-(cd "$venv" && "$venv/bin/python" -m dolfinx_ffr compile) ||
+say "compiling the time integration, half a minute"
+(cd "$venv" && "$venv/bin/python" -m dolfinx_ffr compile --all) ||
     say "that has failed; the first simulation compiles again and says why"
 say "done: $venv"

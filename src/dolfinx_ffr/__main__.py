@@ -35,14 +35,15 @@ def compile_beforehand(*, everything: bool) -> None:
     """
     from tqdm import tqdm
 
-    from .dynamics import INTEGRATORS, GeneralizedAlpha, compiled_functions
+    from .dynamics import INTEGRATORS, GeneralizedAlpha, compile_side_by_side, compiled_functions
 
     began = time.perf_counter()
     functions = compiled_functions(INTEGRATORS if everything else (GeneralizedAlpha,))
-    with tqdm(functions, desc="compiling the time integration", unit="function") as bar:
-        for function in bar:
-            bar.set_postfix_str(function.name)
-            function.compile()
+    text = "compiling the time integration"
+    with tqdm(total=len(functions), desc=text, unit="function") as bar:
+        for name in compile_side_by_side(functions):
+            bar.set_postfix_str(name, refresh=False)
+            bar.update()
     print(f"compiled {len(functions)} functions in {time.perf_counter() - began:.0f} s")
 
 

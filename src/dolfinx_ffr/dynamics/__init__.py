@@ -7,7 +7,12 @@ from .adjoint import adjoint
 from .failures import SimulationError
 from .initial import initial_state
 from .integration.accuracy import coarser_run, run_to_tolerance
-from .integration.compiled import INTEGRATORS, compile_kernels, compiled_functions
+from .integration.compiled import (
+    INTEGRATORS,
+    compile_kernels,
+    compile_side_by_side,
+    compiled_functions,
+)
 from .integration.generalized_alpha import GeneralizedAlpha
 from .integration.radau import RadauIIA
 from .integration.stages import stage_integrals
@@ -35,6 +40,7 @@ __all__ = [
     "check_memory",
     "coarser_run",
     "compile_kernels",
+    "compile_side_by_side",
     "compiled_functions",
     "initial_state",
     "integrate",

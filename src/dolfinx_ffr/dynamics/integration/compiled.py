@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from multiprocessing import get_context
 
 from ..compilation import Compiled
 from ..planar import COMPILED
@@ -16,7 +19,7 @@ from ..trajectory import Integrator
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
 
-__all__ = ["INTEGRATORS", "compile_kernels", "compiled_functions"]
+__all__ = ["INTEGRATORS", "compile_kernels", "compile_side_by_side", "compiled_functions"]
 
 #: All integrators.
 INTEGRATORS: tuple[type[Integrator], ...] = (GeneralizedAlpha, RadauIIA)
@@ -33,6 +36,30 @@ def compiled_functions(integrators: Iterable[type[Integrator]] = INTEGRATORS) ->
     """
     own = [function for integrator in integrators for function in integrator.compiled]
     return list(dict.fromkeys([*COMPILED, *own]))
+
+
+def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
+    """Compile functions of integrators on all cores, into the cache from which others load them.
+
+    For a set-up: this process itself has compiled none of them afterwards.
+
+    Args:
+        functions: The functions, the longest first.
+
+    Yields:
+        The name of each as soon as it is there.
+    """
+    # One function takes as long as half of all others: more processes gain nothing.
+    processes = min(3, len(os.sched_getaffinity(0)))
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        tasks = [pool.submit(_compile, function.name) for function in functions]
+        yield from (task.result() for task in as_completed(tasks))
+
+
+def _compile(name: str) -> str:
+    """Compile the function of a name."""
+    next(function for function in compiled_functions() if function.name == name).compile()
+    return name
 
 
 def compile_kernels(
