@@ -46,7 +46,7 @@ def gradient_jobs(*, quick: bool) -> list[Job]:
     sizes = [(40, 4)] if quick else [(100, 10), (200, 20), (400, 40)]
     elements = (60, 6) if quick else (200, 20)
     shares = [0.2, 0.4] if quick else [0.05, 0.1, 0.2, 0.3, 0.4, 0.6]
-    iterations = 6 if quick else ITERATIONS
+    iterations = 4 if quick else ITERATIONS
     jobs = [
         Job(
             "gradient",

@@ -42,7 +42,7 @@ TARGET, TARGET_ELEMENTS = 2.5, 16_000
 def growth_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one process for each mesh and number of ranks."""
     if quick:
-        sizes = {(40, 4): 3, (80, 8): 3}
+        sizes = {(40, 4): 2, (80, 8): 2}
         seconds = {(40, 4): 5.0, (80, 8): 5.0}
     else:
         sizes = {(100, 10): 15, (200, 20): 15, (400, 40): 9, (800, 80): 5}

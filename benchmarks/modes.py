@@ -57,7 +57,7 @@ def modes_jobs(*, quick: bool) -> list[Job]:
                 "settings": settings,
                 "reference": 40 if quick else 64,
                 "repetitions": 1 if quick else 3,
-                "steps": 500 if quick else 2000,
+                "steps": 200 if quick else 2000,
             },
         ),
         Job(
@@ -77,7 +77,7 @@ def modes_jobs(*, quick: bool) -> list[Job]:
             5.0 if quick else 45.0,
             {
                 "meshes": [[40, 4]] if quick else [[60, 6], [100, 10], [200, 20]],
-                "settings": [0, 2, 4, 8] if quick else [0, 1, 2, 4, 6, 8, 12],
+                "settings": [0, 4] if quick else [0, 1, 2, 4, 6, 8, 12],
                 "tolerances": [1e-3] if quick else [1e-2, 1e-3, 1e-4],
                 "reference": 40 if quick else 60,
                 "steps": 500 if quick else 2000,
