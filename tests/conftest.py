@@ -4,7 +4,8 @@
 Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
-  case of each: the others have run on two;
+  case of each, and of whole programs and loops only those about ranks: the others have run on two,
+  and what they are made of has tests of its own;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -21,6 +22,7 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
+import re
 import signal
 import sys
 import time
@@ -39,6 +41,11 @@ from dolfinx_ffr.fem.form_cache import claim_form_cache
 HANGING = 600.0
 #: How long a rank on which a test has failed waits for the others [s].
 GRACE = 60.0
+
+#: Folders of tests of what is made of parts that other folders test: whole design loops, programs,
+#: pictures. With more than two ranks, those that say so in their names run there.
+COMPOSED = ("demos", "gradients", "hard_cases", "optimization", "plotting", "postprocessing")
+RANKS = re.compile(r"_ranks?(_|\b)")
 
 #: Communicator of the agreement, so that it never meets a collective call of the test itself.
 AGREEMENT = MPI.COMM_WORLD.Dup()
@@ -63,7 +70,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With several ranks, select the tests marked ``mpi``; beyond two, the first case of each.
+    """With several ranks, select the tests marked ``mpi``; beyond two, fewer of them (see above).
 
     Among several workers modules with slow ones come first: none is left with one at the end.
     """
@@ -75,7 +82,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if AGREEMENT.size > 2:
         first: dict[str, pytest.Item] = {}
         for item in chosen:
-            first.setdefault(item.nodeid.partition("[")[0], item)
+            name = item.nodeid.partition("[")[0]
+            if item.path.parent.name not in COMPOSED or RANKS.search(name):
+                first.setdefault(name, item)
         chosen = list(first.values())
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen

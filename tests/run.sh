@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with 2 ranks,
-# and the first case of each with 3. All three sessions run even when one fails. Arguments go to pytest; a session in which they
-# select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
+# and a part of them with 3 (tests/conftest.py). All three sessions run even when one fails. Arguments go to
+# pytest; a session in which they select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
 # tests that are not marked `slow` alone. Called by `make test` and `make test-fast`, which do the set-up first.
 set -uo pipefail
 
