@@ -14,6 +14,7 @@ from mpi4py import MPI
 import pytest
 from shared import processes
 
+from dolfinx_ffr.fem import form_cache
 from dolfinx_ffr.fem.form_cache import claim_form_cache
 
 #: Compiles one form; the first argument is put into it, so that another one is another form.
@@ -54,16 +55,20 @@ def finish(process: subprocess.Popen[str]) -> tuple[Path, float]:
 
 
 @pytest.mark.slow
-def test_forms_are_kept_between_runs(tmp_path: Path) -> None:
+def test_finished_forms_are_kept_between_runs_and_others_removed(tmp_path: Path) -> None:
     directory, value = finish(start(tmp_path, "2"))
     assert directory == tmp_path / "dolfinx_ffr" / "forms-0"
     assert value == pytest.approx(1 / 3)
+    finished = {path.name for path in directory.iterdir()}
     times = {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")}
     assert times
+    for name in ("libffcx_forms_abc.c", "libffcx_forms_abc.o", "libffcx_forms_abc.x.so"):
+        (directory / name).touch()
     again, value = finish(start(tmp_path, "2"))
     assert again == directory
     assert value == pytest.approx(1 / 3)
     assert {path.name: path.stat().st_mtime_ns for path in directory.glob("*.so")} == times
+    assert {path.name for path in directory.iterdir()} == finished
 
 
 @pytest.mark.slow
@@ -85,16 +90,6 @@ def test_run_killed_while_compiling_leaves_nothing_in_the_way(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_only_unfinished_forms_are_removed(tmp_path: Path) -> None:
-    directory, _ = finish(start(tmp_path, "2"))
-    finished = {path.name for path in directory.iterdir()}
-    for name in ("libffcx_forms_abc.c", "libffcx_forms_abc.o", "libffcx_forms_abc.x.so"):
-        (directory / name).touch()
-    finish(start(tmp_path, "2"))
-    assert {path.name for path in directory.iterdir()} == finished
-
-
-@pytest.mark.slow
 def test_living_session_keeps_its_directory(tmp_path: Path) -> None:
     first = start(tmp_path, "2", "wait")
     assert first.stdout is not None
@@ -109,6 +104,28 @@ def test_living_session_keeps_its_directory(tmp_path: Path) -> None:
     assert not (other / "libffcx_forms_abc.c").exists(), "an unfinished form was taken over"
     first.communicate("")
     assert first.returncode == 0
+
+
+def test_what_others_finish_later_is_taken_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = tmp_path / "forms-0", tmp_path / "forms-1"
+    for directory in (ours, theirs):
+        directory.mkdir()
+    monkeypatch.setattr(form_cache, "_directory", ours)
+    monkeypatch.setattr(form_cache, "_lock", 0)
+    finished: set[str] = set()
+    for form in ("a", "b"):
+        (theirs / f"{form}.c").touch()
+        assert claim_form_cache(MPI.COMM_SELF) == ours
+        assert set(os.listdir(ours)) == finished
+        time.sleep(0.02)  # more than the ticks of the clock of files
+        for name in (f"{form}.x.so", f"{form}.c.cached"):
+            (theirs / name).touch()
+        claim_form_cache(MPI.COMM_SELF)
+        finished |= {f"{form}.c", f"{form}.x.so", f"{form}.c.cached"}
+        assert set(os.listdir(ours)) == finished
+        time.sleep(0.02)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ up. Nothing in the mark tells a dead owner from one at work. Here each session t
 directory of a small pool, ``$XDG_CACHE_HOME/dolfinx_ffr/forms-0``, ``forms-1``, ..., for as long as
 it lives: the first one that no living session holds, nearly always ``forms-0`` with the forms of
 all earlier runs. What is unfinished in a directory that nobody holds has no owner any more and is
-removed; what others have finished is linked into it.
+removed; what others have finished is linked into it, whenever a mesh is made.
 
 The hold is a lock of the operating system on an open file: it ends with the process, however that
 ends.
@@ -36,13 +36,15 @@ __all__ = ["claim_form_cache"]
 #: Directory that this process uses, and on the rank that holds it the open file with the lock.
 _directory: Path | None = None
 _lock: int | None = None
+#: When the directories beside it had last been changed when their forms were taken over [ns].
+_looked_at: dict[Path, int] = {}
 
 
 def claim_form_cache(comm: MPI.Intracomm) -> Path:
     """Make DOLFINx keep compiled forms in a directory that this session alone uses.
 
     Call it before the first form on a communicator is compiled; `Domain` does. Calling it again
-    changes nothing. Collective over ``comm``.
+    takes over what sessions beside this one have compiled since. Collective over ``comm``.
 
     Args:
         comm: Communicator of the mesh.
@@ -60,6 +62,8 @@ def claim_form_cache(comm: MPI.Intracomm) -> Path:
         logging.getLogger().addFilter(_quiet)
     held = comm.allgather(_directory)
     if held[0] is not None and all(other == held[0] for other in held):
+        if comm.rank == 0 and _lock is not None:
+            _link_finished(held[0])
         return held[0]
     answer: Path | str = ""
     if comm.rank == 0:
@@ -135,19 +139,26 @@ def _claim_first_free(pool: Path) -> Path:
             continue
         _lock = lock
         _remove_unfinished(directory)
-        _link_finished(pool, directory)
+        _link_finished(directory)
         return directory
     raise AssertionError("unreachable")
 
 
-def _link_finished(pool: Path, directory: Path) -> None:
+def _link_finished(directory: Path) -> None:
     """Take over the forms that sessions beside this one have compiled to their end."""
-    for mark in pool.glob("forms-*/*.c.cached"):
-        source = mark.with_suffix("")
-        libraries = source.parent.glob(f"{source.stem}.*.so")
-        with contextlib.suppress(OSError):  # there already, or no links here: compiled as ever
-            for file in (source, *libraries, mark):
-                os.link(file, directory / file.name)
+    for other in set(directory.parent.glob("forms-*")) - {directory}:
+        with contextlib.suppress(OSError):  # no links here, or no longer there: compiled as ever
+            changed = other.stat().st_mtime_ns
+            if _looked_at.get(other) == changed:
+                continue
+            _looked_at[other] = changed
+            here, there = set(os.listdir(directory)), os.listdir(other)
+            libraries = {name.partition(".")[0]: name for name in there if name.endswith(".so")}
+            for mark in there:
+                stem = mark.removesuffix(".c.cached")
+                if stem != mark and stem in libraries and f"{stem}.c" not in here:
+                    for name in (f"{stem}.c", libraries[stem], mark):
+                        os.link(other / name, directory / name)
 
 
 def _remove_unfinished(directory: Path) -> None:
