@@ -21,6 +21,7 @@ FLOORS = (
     "optimization",
     "plotting",
     "gradients",
+    "part",
     "postprocessing",
     "problem",
     "mechanical_problem",

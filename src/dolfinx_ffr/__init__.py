@@ -129,6 +129,13 @@ _FOLDERS = {
         "gray_fraction",
         "optimize",
     ],
+    "part": [
+        "Part",
+        "PartWarning",
+        "Verification",
+        "density_field",
+        "verify",
+    ],
     "postprocessing": [
         "BodyReport",
         "LocalModes",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .curves import Arc, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain, Interface
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
 from .lifetime import kept_by
@@ -18,25 +19,38 @@ from .material import (
     SuppressedVoidMass,
 )
 from .mesh_checks import floating_cells
+from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces, quiet, surfaces
 
 __all__ = [
     "RAMP",
     "SIMP",
+    "Arc",
     "Block",
     "BoundMaterial",
     "CellFields",
+    "Curve",
     "Domain",
+    "Drawing",
     "ElasticMaterial",
     "Elasticity",
+    "Face",
     "Interface",
     "Interpolation",
+    "Line",
     "LinearMass",
     "Matrices",
     "PlaneStrain",
     "PlaneStress",
+    "Spline",
     "SuppressedVoidMass",
+    "enclosed",
     "floating_cells",
+    "gmsh_model",
     "kept_by",
+    "mesh_faces",
+    "polygon",
+    "quiet",
     "rigid_fields",
     "rotated",
+    "surfaces",
 ]

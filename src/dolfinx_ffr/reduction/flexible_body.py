@@ -136,6 +136,14 @@ class FlexibleBody:
         """
         return type(self)(self.domain, self.material, **{**self._options, "modes": modes})
 
+    def with_domain(self, domain: Domain) -> FlexibleBody:
+        """The same body on another mesh.
+
+        Args:
+            domain: With the same interfaces.
+        """
+        return type(self)(domain, self.material, **self._options)
+
     def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
         """How pickle and copy make the body anew, without matrices of a density."""
         return partial(type(self), **self._options), (self.domain, self.material)

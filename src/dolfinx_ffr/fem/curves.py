@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: MIT
+"""Curves in the plane that bound a body: lines, arcs of circles, B-splines.
+
+They are what drawings hold and CAD programs take. Each knows its ends exactly, so that curves that
+follow each other share a point to the last bit; areas are exact by Green's theorem,
+
+    A = 1/2 oint (x dy - y dx),   A x_c = 1/2 oint x^2 dy,   A y_c = -1/2 oint y^2 dx.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+
+__all__ = ["Arc", "Curve", "Line", "Spline", "enclosed", "polygon"]
+
+Array = NDArray[np.float64]
+
+#: Points of the rule by which an arc of at most a quarter circle is integrated, exact to round-off
+_ARC_POINTS = 12
+
+
+class Curve(ABC):
+    """A curve from `start` to `end`."""
+
+    start: Array  #: (2,) [m]
+    end: Array  #: (2,) [m]
+
+    @abstractmethod
+    def at(self, t: Array) -> Array:
+        """Points at parameters from 0 to 1, shape (n, 2) [m]."""
+
+    @abstractmethod
+    def slope(self, t: Array) -> Array:
+        """Derivatives with respect to the parameter, shape (n, 2) [m]."""
+
+    @abstractmethod
+    def reversed(self) -> Curve:
+        """The same curve from its end to its start."""
+
+    @abstractmethod
+    def breaks(self) -> Array:
+        """Parameters between which it is a polynomial, or less than a quarter of a circle."""
+
+    @abstractmethod
+    def parameters(self, tolerance: float) -> Array:
+        """Parameters between which the chord is nowhere farther away than ``tolerance`` [m]."""
+
+    def points(self, tolerance: float) -> Array:
+        """A polygon whose vertices lie on the curve, both ends exact, shape (n, 2) [m].
+
+        Args:
+            tolerance: Largest distance of the polygon from the curve [m].
+        """
+        found = self.at(self.parameters(tolerance))
+        found[0], found[-1] = self.start, self.end
+        return found
+
+    def moments(self) -> Array:
+        """The integrals of the module's description: area, and its moments about y and x, (3,)."""
+        nodes, weights = np.polynomial.legendre.leggauss(_ARC_POINTS)
+        ends = self.breaks()
+        half = 0.5 * np.diff(ends)
+        t = (ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)).ravel()
+        w = (half[:, None] * weights[None, :]).ravel()
+        (x, y), (dx, dy) = self.at(t).T, self.slope(t).T
+        return np.array([0.5 * w @ (x * dy - y * dx), 0.5 * w @ (x * x * dy), -0.5 * w @ (y * y * dx)])
+
+    @cached_property
+    def length(self) -> float:
+        """Its length [m]."""
+        nodes, weights = np.polynomial.legendre.leggauss(_ARC_POINTS)
+        ends = self.breaks()
+        half = 0.5 * np.diff(ends)
+        t = (ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)).ravel()
+        w = (half[:, None] * weights[None, :]).ravel()
+        return float(w @ np.linalg.norm(self.slope(t), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Line(Curve):
+    """A straight line."""
+
+    start: Array  #: (2,) [m]
+    end: Array  #: (2,) [m]
+
+    def at(self, t: Array) -> Array:
+        return self.start + np.multiply.outer(t, self.end - self.start)
+
+    def slope(self, t: Array) -> Array:
+        return np.tile(self.end - self.start, (len(t), 1))
+
+    def reversed(self) -> Line:
+        return Line(self.end, self.start)
+
+    def breaks(self) -> Array:
+        return np.array([0.0, 1.0])
+
+    def parameters(self, tolerance: float) -> Array:
+        return np.array([0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Arc(Curve):
+    """An arc of a circle, or a whole one where start and end are the same."""
+
+    start: Array  #: (2,) [m]
+    end: Array  #: (2,) [m]
+    center: Array  #: (2,) [m]
+    sweep: float  #: Angle from start to end, counterclockwise positive [rad]
+
+    @property
+    def radius(self) -> float:
+        """Of the circle [m]."""
+        return float(np.linalg.norm(self.start - self.center))
+
+    @property
+    def angle(self) -> float:
+        """Of the start, from the x axis [rad]."""
+        return float(np.arctan2(*(self.start - self.center)[::-1]))
+
+    def at(self, t: Array) -> Array:
+        angle = self.angle + self.sweep * np.asarray(t)
+        return self.center + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def slope(self, t: Array) -> Array:
+        angle = self.angle + self.sweep * np.asarray(t)
+        return self.sweep * self.radius * np.column_stack([-np.sin(angle), np.cos(angle)])
+
+    def reversed(self) -> Arc:
+        return Arc(self.end, self.start, self.center, -self.sweep)
+
+    def breaks(self) -> Array:
+        return np.linspace(0.0, 1.0, int(np.ceil(abs(self.sweep) / 1.5)) + 1)
+
+    def parameters(self, tolerance: float) -> Array:
+        step = 2.0 * np.arccos(max(1.0 - tolerance / self.radius, 0.5))
+        return np.linspace(0.0, 1.0, int(np.ceil(abs(self.sweep) / step)) + 1)
+
+    def pieces(self, largest: float = 2.0) -> list[Arc]:
+        """Arcs of at most ``largest`` [rad] each that make up this one.
+
+        Args:
+            largest: Angle [rad].
+        """
+        n = int(np.ceil(abs(self.sweep) / largest))
+        points = self.at(np.linspace(0.0, 1.0, n + 1))
+        points[0], points[-1] = self.start, self.end
+        return [Arc(a, b, self.center, self.sweep / n) for a, b in zip(points, points[1:], strict=False)]
+
+
+@dataclass(frozen=True, eq=False)
+class Spline(Curve):
+    """A B-spline that begins and ends at its first and last control point."""
+
+    knots: Array  #: (n + degree + 1,) from 0 to 1, the first and last degree + 1 alike
+    control: Array  #: (n, 2) [m]
+    degree: int = 3  #: Of the polynomials
+
+    @property
+    def start(self) -> Array:  # type: ignore[override]
+        """First point, shape (2,) [m]."""
+        return self.control[0]
+
+    @property
+    def end(self) -> Array:  # type: ignore[override]
+        """Last point, shape (2,) [m]."""
+        return self.control[-1]
+
+    @cached_property
+    def _curve(self) -> BSpline:
+        return BSpline(self.knots, self.control, self.degree)
+
+    @cached_property
+    def _slope(self) -> BSpline:
+        return self._curve.derivative()
+
+    def at(self, t: Array) -> Array:
+        return np.asarray(self._curve(t))
+
+    def slope(self, t: Array) -> Array:
+        return np.asarray(self._slope(t))
+
+    def reversed(self) -> Spline:
+        return Spline(1.0 - self.knots[::-1], self.control[::-1], self.degree)
+
+    def breaks(self) -> Array:
+        return np.unique(self.knots)
+
+    def halves(self) -> list[Spline]:
+        """Two splines that make up this one, cut at a knot near the middle where there is one."""
+        inner = self.breaks()
+        middle = 0.5 if len(inner) < 3 else float(inner[len(inner) // 2])
+        found = []
+        for a, b in ((0.0, middle), (middle, 1.0)):
+            inside = self.knots[(self.knots > a) & (self.knots < b)]
+            ones = np.ones(self.degree + 1)
+            knots = np.concatenate([0.0 * ones, (inside - a) / (b - a), ones])
+            found.append(
+                Spline.of(lambda t, a=a, b=b: self.at(a + (b - a) * t), knots, self.degree)
+            )
+        found[0].control[0], found[1].control[-1] = self.start, self.end
+        found[1].control[0] = found[0].end
+        return found
+
+    @staticmethod
+    def of(function: Callable[[Array], Array], knots: Array, degree: int) -> Spline:
+        """A function that is a spline on given knots, as one.
+
+        Args:
+            function: Of parameters (n,) in [0, 1], shape (n, 2) [m].
+            knots: As the field `knots`.
+            degree: Of the polynomials.
+        """
+        n = len(knots) - degree - 1
+        # Greville's points, at which a spline is determined by its values
+        where = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(n)])
+        found = make_interp_spline(where, function(where), k=degree, t=knots)
+        return Spline(knots, np.array(found.c), degree)
+
+    def parameters(self, tolerance: float) -> Array:
+        ends = self.breaks()
+        if self.degree == 1:
+            return ends
+        # the second derivative of a cubic is largest at an end of each span
+        inside = 1e-9 * np.diff(ends)
+        bend = self._curve.derivative(2)
+        sides = np.stack([bend(ends[:-1] + inside), bend(ends[1:] - inside)])
+        largest = np.max(np.linalg.norm(sides, axis=2), axis=0)
+        if self.degree > 3:
+            middle = bend(0.5 * (ends[1:] + ends[:-1]))
+            largest = np.maximum(largest, np.linalg.norm(middle, axis=1))
+        counts = np.ceil(np.diff(ends) * np.sqrt(largest / (8.0 * tolerance))).astype(int)
+        parts = [
+            np.linspace(a, b, max(n, 1), endpoint=False)
+            for a, b, n in zip(ends, ends[1:], counts, strict=False)
+        ]
+        return np.concatenate([*parts, ends[-1:]])
+
+
+def enclosed(loop: Sequence[Curve]) -> Array:
+    """Area that a closed loop encloses, counterclockwise positive, and its moments, (3,).
+
+    Args:
+        loop: Curves, each of which begins where the one before ends.
+    """
+    return np.sum([curve.moments() for curve in loop], axis=0)
+
+
+def polygon(loop: Sequence[Curve], tolerance: float) -> Array:
+    """The vertices of a closed loop, the first one not repeated, shape (n, 2) [m].
+
+    Args:
+        loop: Curves, each of which begins where the one before ends.
+        tolerance: Largest distance of the polygon from the curves [m].
+    """
+    return np.concatenate([curve.points(tolerance)[:-1] for curve in loop])

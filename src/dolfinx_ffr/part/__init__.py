@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: MIT
+"""From a finished design to a part that can be made: its boundary, files for CAD, its verification."""
+
+from __future__ import annotations
+
+from .density_field import density_field
+from .part import Part, PartWarning
+from .verify import BodyFigures, Figures, Verification, verify
+from .widths import Width
+
+__all__ = [
+    "BodyFigures",
+    "Figures",
+    "Part",
+    "PartWarning",
+    "Verification",
+    "Width",
+    "density_field",
+    "verify",
+]

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: MIT
+"""Curves between regions: splines along the zero line of a field, lines and arcs of the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fem import Arc, Curve, Line
+from .cut import Field, Segments
+from .fitting import corners, fitted, thinned
+from .lattice import Lattice
+
+__all__ = ["Side", "boundary", "loops"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Sides of the mesh that turn by less belong to one straight line [rad]
+_STRAIGHT = 1e-6
+#: Sides of a circle turn by less [rad]: a regular decagon is one, an octagon is an octagon
+_ROUND = 0.65
+#: Distance of vertices from the circle that they are on, in units of its radius
+_ON_CIRCLE = 1e-5
+#: Fewest sides of the mesh that make a circle
+_FEWEST = 4
+#: Vertices nearer to each other than this, in units of the sides of triangles, say little
+_THIN = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A curve, what it separates and where it comes from."""
+
+    curve: Curve  #: Directed so that material is on the left
+    nodes: tuple[int, int]  #: Numbers of its ends; curves that meet share them
+    left: int  #: DESIGN or SOLID
+    right: int  #: VOID, or SOLID right of DESIGN
+    interface: int  #: Number of the interface, -1 where there is none
+    field: bool  #: Whether it is where the field is zero, and not a side of the mesh
+
+    def reversed(self) -> Side:
+        """The same side, seen from its right."""
+        return replace(
+            self,
+            curve=self.curve.reversed(),
+            nodes=self.nodes[::-1],
+            left=self.right,
+            right=self.left,
+        )
+
+
+def boundary(
+    lattice: Lattice, segments: Segments, field: Field, step: float, tolerance: float
+) -> list[Side]:
+    """The curves of which segments are pieces.
+
+    Args:
+        lattice: Of the body.
+        segments: Between its regions.
+        field: Whose zero line they follow.
+        step: Length of the sides of the lattice [m].
+        tolerance: Largest distance of a curve from the ends of its segments [m].
+    """
+    primitive, circles = _primitives(lattice)
+    on = np.where(segments.edge < 0, -1, primitive[segments.edge])
+    interface = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
+    marks = np.column_stack([segments.left, segments.right, on, interface])
+    points = segments.points.copy()
+    chains = list(_chains(segments.ends, marks))
+    # arcs first: where the zero line meets a circle, it ends on it and not on a chord
+    for chain, mark in chains:
+        center = circles.get(int(mark[2]))
+        if center is not None:
+            for node in {chain[0], chain[-1]}:
+                ray = points[node] - center[:2]
+                points[node] = center[:2] + center[2] * ray / np.hypot(*ray)
+    sides = []
+    for chain, mark in chains:
+        left, right, which, name = (int(m) for m in mark)
+        common = {"left": left, "right": right, "interface": name, "field": which < 0}
+        for nodes, curve in _curves(points, chain, which, circles, lattice, field, step, tolerance):
+            sides.append(Side(curve, nodes, **common))  # type: ignore[arg-type]
+    return sides
+
+
+def _curves(
+    points: Array,
+    chain: list[int],
+    which: int,
+    circles: dict[int, Array],
+    lattice: Lattice,
+    field: Field,
+    step: float,
+    tolerance: float,
+) -> Iterable[tuple[tuple[int, int], Curve]]:
+    """The curves of one chain, with the nodes at their ends."""
+    x = points[chain]
+    closed = chain[0] == chain[-1]
+    if which >= 0:
+        if which in circles:
+            center = circles[which][:2]
+            angles = np.unwrap(np.arctan2(*(x - center).T[::-1]))
+            curve: Curve = Arc(x[0], x[-1], center, float(angles[-1] - angles[0]))
+        elif lattice.curved:
+            curve = fitted(x, 1e-3 * tolerance, closed=closed)
+        else:
+            curve = Line(x[0], x[-1])
+        yield (chain[0], chain[-1]), curve
+        return
+    kept = thinned(x, _THIN * step)
+    at: list[int] = []
+    if len(kept) > 4:
+        kept, at = corners(kept, field, closed=closed)
+    if closed and not at:
+        yield (chain[0], chain[0]), fitted(kept, tolerance, closed=True)
+        return
+    if closed:  # begin at a corner
+        kept = np.vstack([kept[at[0] : -1], kept[: at[0] + 1]])
+        at = [i - at[0] for i in at[1:]]
+    cuts = [0, *at, len(kept) - 1]
+    # corners are nodes of their own
+    first = len(points) + 2 * chain[0] * len(points)
+    inner = [first + i for i in range(len(cuts))]
+    inner[0], inner[-1] = (inner[0], inner[0]) if closed else (chain[0], chain[-1])
+    for i in range(len(cuts) - 1):
+        yield (inner[i], inner[i + 1]), fitted(kept[cuts[i] : cuts[i + 1] + 1], tolerance)
+
+
+# ---------------------------------------------------------------------- sides of the mesh
+
+
+def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
+    """Which line, circle or free curve each side of the mesh between regions belongs to.
+
+    Returns:
+        A number for each edge of the mesh, and centre and radius of those that are circles.
+    """
+    features = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
+    number = np.arange(len(lattice.edges))  # by itself, if nothing else is found
+    circles: dict[int, Array] = {}
+    low, high = lattice.sides.min(axis=1), lattice.sides.max(axis=1)
+    marks = np.column_stack([low, high, lattice.interface])[features]
+    of = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
+    middle = lattice.chains.shape[1] // 2
+    for chain, _ in _chains(lattice.edges[features], marks, directed=False):
+        edges = np.array([of[frozenset(pair)] for pair in zip(chain, chain[1:], strict=False)])
+        x = lattice.points[chain]
+        halves = lattice.points[lattice.chains[edges, middle]]
+        bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
+        length = np.linalg.norm(np.diff(x, axis=0), axis=1)
+        straight = bulge < _STRAIGHT * length
+        for first, last, kind, circle in _runs(x, halves, straight, lattice.curved):
+            number[edges[first:last]] = edges[first]
+            if kind == "circle":
+                circles[int(edges[first])] = circle
+    return number, circles
+
+
+def _runs(
+    x: Array, halves: Array, straight: NDArray[np.bool_], curved: bool
+) -> Iterable[tuple[int, int, str, Array]]:
+    """Runs of sides of a chain that make up one line, circle or smooth curve."""
+    n = len(x) - 1
+    d = np.diff(x, axis=0)
+    cross = d[:-1, 0] * d[1:, 1] - d[:-1, 1] * d[1:, 0]
+    turn = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", d[:-1], d[1:])))
+    nothing = np.zeros(3)
+    first = 0
+    while first < n:
+        last = first + 1
+        while last < n and turn[last - 1] < _STRAIGHT and straight[last] and straight[first]:
+            last += 1
+        kind, circle = "line", nothing
+        if last == first + 1:
+            end = first + 1
+            while end < n and turn[end - 1] < _ROUND and turn[end - 1] >= _STRAIGHT:
+                end += 1
+            last, found = _longest_circle(x, halves, first, end, curved)
+            if found is not None:
+                kind, circle = "circle", found
+            elif curved and not straight[first]:
+                kind, last = "free", first + 1
+                while last < n and turn[last - 1] < _ROUND and not straight[last]:
+                    last += 1
+        yield first, last, kind, circle
+        first = last
+
+
+def _longest_circle(
+    x: Array, halves: Array, first: int, end: int, curved: bool
+) -> tuple[int, Array | None]:
+    """The end of the longest run of sides from ``first`` on a circle, and the circle."""
+    last, found = first + 1, None
+    if end - first < _FEWEST:
+        return last, found
+    seed = _circle(x[first : first + _FEWEST + 1])
+    if seed is None:
+        return last, found
+    distance = np.abs(np.hypot(*(x[first : end + 1] - seed[:2]).T) - seed[2])
+    on = distance < 10.0 * _ON_CIRCLE * seed[2]
+    if curved:
+        on[1:] &= np.abs(np.hypot(*(halves[first:end] - seed[:2]).T) - seed[2]) < 1e-3 * seed[2]
+    count = int(np.argmin(on)) if not np.all(on) else len(on)
+    if count - 1 < _FEWEST:
+        return last, found
+    circle = _circle(x[first : first + count])
+    return (first + count - 1, circle) if circle is not None else (last, None)
+
+
+def _circle(x: Array) -> Array | None:
+    """Centre and radius of the circle on which points are, None if there is none."""
+    middle = x.mean(axis=0)
+    size = float(np.max(np.linalg.norm(x - middle, axis=1)))
+    s = (x - middle) / size
+    matrix = np.column_stack([2.0 * s, np.ones(len(s))])
+    solution, _, rank, _ = np.linalg.lstsq(matrix, np.sum(s**2, axis=1), rcond=1e-9)
+    if rank < 3:
+        return None
+    radii = np.linalg.norm(s - solution[:2], axis=1)
+    radius = float(radii.mean())
+    if np.max(np.abs(radii - radius)) > _ON_CIRCLE * radius:
+        return None
+    return np.array([*(middle + size * solution[:2]), size * radius])
+
+
+# ---------------------------------------------------------------------- chains and loops
+
+
+def _chains(
+    ends: Integers, marks: Integers, *, directed: bool = True
+) -> Iterable[tuple[list[int], Integers]]:
+    """Chains of segments with the same marks, between nodes at which others meet them.
+
+    Args:
+        ends: Nodes of the segments, shape (segments, 2).
+        marks: Shape (segments, marks).
+        directed: Whether segments may only be walked from their first to their second node.
+
+    Yields:
+        The nodes along a chain, the first one again at the end of a closed one, and its marks.
+    """
+    at: dict[int, list[int]] = {}
+    for i, (a, b) in enumerate(ends.tolist()):
+        at.setdefault(a, []).append(i)
+        at.setdefault(b, []).append(i)
+    pairs, keys = ends.tolist(), [tuple(mark) for mark in marks.tolist()]
+
+    def follows(node: int, segment: int) -> int | None:
+        """The segment after another one, where nothing ends."""
+        met = at[node]
+        if len(met) != 2:
+            return None
+        other = met[0] if met[1] == segment else met[1]
+        return other if keys[other] == keys[segment] else None
+
+    left = set(range(len(pairs)))
+    starts = [
+        i for i in range(len(pairs)) for node in pairs[i][: 1 if directed else 2]
+        if follows(node, i) is None
+    ]
+    for start in [*starts, *range(len(pairs))]:
+        if start not in left:
+            continue
+        left.discard(start)
+        a, b = pairs[start]
+        if follows(a, start) is not None and follows(b, start) is None and not directed:
+            a, b = b, a
+        chain, segment = [a, b], start
+        while (after := follows(chain[-1], segment)) is not None and after in left:
+            left.discard(after)
+            p, q = pairs[after]
+            chain.append(q if p == chain[-1] else p)
+            segment = after
+        yield chain, marks[start]
+
+
+def loops(sides: Sequence[Side]) -> list[list[int]]:
+    """Closed loops of directed sides; where several meet in a node, material is not joined by it.
+
+    Args:
+        sides: Each region's boundary is closed.
+
+    Returns:
+        Numbers of the sides of each loop, in turn.
+    """
+    leaving: dict[int, list[int]] = {}
+    for i, side in enumerate(sides):
+        leaving.setdefault(side.nodes[0], []).append(i)
+    left, found = set(range(len(sides))), []
+    for first in range(len(sides)):
+        if first not in left:
+            continue
+        loop = [first]
+        left.discard(first)
+        while True:
+            here = sides[loop[-1]]
+            options = [i for i in leaving.get(here.nodes[1], []) if i in left or i == first]
+            if not options:
+                raise RuntimeError("part: a boundary does not close; please report this")
+            back = -here.curve.slope(np.array([1.0]))[0]
+            if len(options) > 1:
+                options.sort(key=lambda i: _clockwise(back, sides[i].curve.slope(np.zeros(1))[0]))
+            if options[0] == first:
+                break
+            loop.append(options[0])
+            left.discard(options[0])
+        found.append(loop)
+    return found
+
+
+def _clockwise(a: Array, b: Array) -> float:
+    """The clockwise angle from one direction to another, in (0, 2 pi]."""
+    angle = -np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
+

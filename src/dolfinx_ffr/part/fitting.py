@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""Smooth curves through points: splines of as few knots as a tolerance allows.
+
+The smoothing spline is that of P. Dierckx, Computer Graphics and Image Processing 20 (1982),
+doi:10.1016/0146-664X(82)90043-0, by FITPACK in SciPy.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, splprep
+
+from ..fem import Curve, Line, Spline
+from .cut import Field, evaluated
+
+__all__ = ["corners", "fitted", "thinned"]
+
+Array = NDArray[np.float64]
+
+#: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
+_CORNER = 0.7
+
+
+def thinned(points: Array, least: float) -> Array:
+    """Points of a chain without those nearer than ``least`` to the one before; both ends stay.
+
+    Args:
+        points: Shape (n, 2) [m].
+        least: Distance [m].
+    """
+    kept = [0]
+    for i in range(1, len(points) - 1):
+        near_end = np.hypot(*(points[-1] - points[i])) < least
+        if not near_end and np.hypot(*(points[i] - points[kept[-1]])) >= least:
+            kept.append(i)
+    return points[[*kept, len(points) - 1]]
+
+
+def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[int]]:
+    """Where a chain of zeros of a field has corners.
+
+    A side of the chain cuts a corner off. It is where the sides before and after it would meet, if
+    the field there is much nearer to zero than in the middle of the side; on a smooth curve it is
+    not.
+
+    Args:
+        points: Shape (n, 2) [m]; the last one is the first one where it is closed.
+        field: Of positions (n, 2) [m].
+        closed: Whether the chain is closed.
+
+    Returns:
+        The chain with the corners, shape (m, 2) [m], and their numbers, ends left out; of a closed
+        chain 0 stands for both ends.
+    """
+    ring = np.vstack([points[-2:-1], points, points[1:3]]) if closed else points
+    d = np.diff(ring, axis=0)
+    turn = np.arctan2(_cross(d[:-1], d[1:]), np.einsum("ij,ij->i", d[:-1], d[1:]))
+    shift = 1 if closed else 0
+    # side i + 1 of the ring, between the vertices i + 1 and i + 2, with the sides i and i + 2
+    both = np.abs(turn[:-1] + turn[1:])
+    sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
+    candidate = np.flatnonzero(
+        (both > _CORNER) & (np.abs(turn[:-1]) < 0.9 * both) & (np.abs(turn[1:]) < 0.9 * both)
+    )
+    added: dict[int, Array] = {}
+    if len(candidate):
+        p, q = ring[candidate + 1], ring[candidate + 2]
+        before, after = d[candidate], d[candidate + 2]
+        s = _cross(q - p, after) / _cross(before, after)
+        meet = p + s[:, None] * before
+        ahead = (s > 0.0) & (np.einsum("ij,ij->i", q - meet, after) > 0.0)
+        near = np.linalg.norm(meet - p, axis=1) < 2.0 * np.linalg.norm(q - p, axis=1)
+        there, middle = np.abs(evaluated(field, np.vstack([meet, 0.5 * (p + q)]))).reshape(2, -1)
+        accepted = ahead & near & (there < 0.2 * middle)
+        n = len(points) - 1
+        added = {
+            int(i + 1 - shift) % n if closed else int(i + 1): where
+            for i, where in zip(candidate[accepted], meet[accepted], strict=True)
+        }
+    cut_off = {i for side in added for i in (side, side + 1)}
+    if closed:
+        cut_off = {i % (len(points) - 1) for i in cut_off}
+        sharp = np.unique(sharp % (len(points) - 1))
+    chain, at = [], []
+    for i, where in enumerate(points):
+        last = i == len(points) - 1
+        if i in sharp and i not in cut_off and not (last and closed) and (closed or 0 < i):
+            at.append(len(chain))
+        chain.append(where)
+        if i in added and not last:
+            at.append(len(chain))
+            chain.append(added[i])
+    return np.array(chain), at
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
+    """A curve that passes points at less than a distance, and ends in the first and the last.
+
+    Args:
+        points: Shape (n, 2), in turn [m]; the last one is the first one where it is closed.
+        tolerance: Largest distance of a point [m].
+        closed: Whether the curve has no corner where it closes.
+    """
+    start, end = points[0], points[-1]
+    chord = end - start
+    length = float(np.hypot(*chord))
+    if not closed and length > 0.0:
+        normal = np.array([-chord[1], chord[0]]) / length
+        along = (points - start) @ chord
+        if np.max(np.abs((points - start) @ normal)) <= tolerance and np.all(np.diff(along) > 0.0):
+            return Line(start, end)
+    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    u /= u[-1]
+    degree = min(3, len(points) - 1)
+    weights = np.ones(len(points))
+    if not closed:
+        weights[[0, -1]] = 1e3
+    for share in (0.35, 0.15, 0.05, 0.0):
+        smoothing = len(points) * (share * tolerance) ** 2
+        with warnings.catch_warnings():
+            # more knots than it likes; the distance is looked at here
+            warnings.simplefilter("ignore")
+            (knots, coefficients, k), _ = splprep(
+                points.T, w=weights, u=u, s=smoothing, k=degree, per=closed
+            )
+        spline = BSpline(knots, np.transpose(coefficients), k)
+        if np.max(np.linalg.norm(spline(u) - points, axis=1)) <= tolerance:
+            break
+    return _clamped(spline, start, end)
+
+
+def _clamped(spline: BSpline, start: Array, end: Array) -> Spline:
+    """The same function on [0, 1] with knots of full multiplicity at both ends."""
+    k = spline.k
+    inner = spline.t[(spline.t > 1e-12) & (spline.t < 1.0 - 1e-12)]
+    knots = np.concatenate([np.zeros(k + 1), inner, np.ones(k + 1)])
+    found = Spline.of(spline, knots, k)
+    found.control[0], found.control[-1] = start, end
+    return found

@@ -1,0 +1,436 @@
+# SPDX-License-Identifier: MIT
+"""The part that a design encloses: smooth closed curves, what they measure, and a mesh that fits.
+
+A field phi(X), positive in material, and the cells that stay solid give
+
+    part = ({phi > 0} in designed cells) and (solid cells),   without pieces that nothing holds.
+
+The zero line is found on a lattice that divides the cells of the mesh (`cut`), as are the places in
+which it meets the outline. Splines follow it at less than a given distance (`fitting`). The outline
+of the mesh stays what it is: lines and arcs of circles are recognised, other sides of curved cells
+become splines, and straight sides of straight cells stay. Sides of straight cells whose vertices
+are on a circle become arcs of this circle.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from .. import validation
+from ..design import DensityDesign, Design
+from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, gmsh_model, mesh_faces, polygon
+from ..parallel import on_rank_0
+from .boundary import Side, boundary
+from .cut import Field, cut, evaluated
+from .density_field import density_field
+from .lattice import Lattice
+from .pieces import drawing, held, outlines, pieces
+from .widths import Width, member_widths, narrowest_gap, thinnest_member
+
+if TYPE_CHECKING:
+    from ..problem import Evaluation, Problem
+    from .verify import Verification
+
+__all__ = ["Part", "PartWarning"]
+
+Array = NDArray[np.float64]
+
+#: Largest size of triangles in a member, in units of its width
+_ACROSS = 0.7
+#: Smallest size of triangles, in units of what was asked for
+_SMALLEST = 0.03
+
+
+class PartWarning(UserWarning):
+    """What is drawn as a part is not all of the design, or not held as it should be."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What rank 0 has found, for all ranks."""
+
+    drawing: Drawing  #: Designed and solid faces
+    outlines: list[list[list[Curve]]]  #: For each piece the outer loop, then the holes
+    on_field: list[bool]  #: Of each curve, whether it is the zero line of the field
+    deviation: float  #: Largest distance of curves from the zero line [m]
+    said: list[str]  #: Warnings
+    loose: list[tuple[float, Array]]  #: Area [m^2] and centre [m] of what is left out
+    lost: list[str]  #: Interfaces without material
+
+
+class Part:
+    """What is to be made of a design: one flat part, bounded by smooth curves.
+
+    Every rank holds all of it.
+
+    Args:
+        domain: Mesh, interfaces and solid cells of the body.
+        field: Positive in material and zero on its boundary: a function of positions (n, 2) [m]
+            that gives (n,) numbers. Rank 0 evaluates it, all over the body.
+        spacing: Length on which the field varies [m], as the distance of knots or a mean element,
+            which is the default.
+        material: Of the part, for its mass and thickness.
+        resolution: Sides of the lattice in one spacing, at least.
+        tolerance: Largest distance of a curve from points of the zero line, in spacings.
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if a number is out of range, the field is not finite, no material
+            touches an interface, or interfaces are not connected by material.
+
+    Warns:
+        PartWarning: If loose pieces are left out, an interface has lost material, or only
+            interfaces hold pieces together.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        field: Field,
+        spacing: float | None = None,
+        *,
+        material: ElasticMaterial | None = None,
+        resolution: int = 6,
+        tolerance: float = 5e-5,
+    ) -> None:
+        #: The body that was designed
+        self.body = validation.instance("part: domain", domain, Domain, "a Domain")
+        validation.function("part: field", field, "positions")
+        if spacing is None:
+            spacing = float(np.sqrt(domain.area / domain.n_cells_global))
+        #: Length on which the field varies [m]
+        self.spacing = validation.number("part: spacing", spacing, above=0.0, unit="m")
+        steps = validation.whole("part: resolution", resolution, least=2)
+        share = validation.number("part: tolerance", tolerance, above=0.0, below=0.1)
+        if material is not None:
+            validation.provider("part: material", material, ["thickness"], "an elastic material")
+        self.material = material
+        #: Of the polygons that stand for the curves [m]
+        self.accuracy = 1e-3 * self.spacing
+        self._field = field
+        lattice = Lattice.of(domain, self.spacing / steps)
+        lengths = domain.interfaces
+        found: _Found = on_rank_0(
+            domain.comm,
+            lambda: _find(lattice, field, self.spacing, self.spacing / steps, share, list(lengths)),
+        )
+        self._found = found
+        for text in found.said:
+            warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
+
+    @classmethod
+    def of(cls, design: Design | Any, variables: ArrayLike, **options: Any) -> Part:
+        """The part that a design encloses; collective.
+
+        Args:
+            design: A level set, whose zero line is the boundary, or densities, whose boundary is
+                where a smooth mean of them is one half (`density_field`).
+            variables: At which it ended, as ``Result.variables``.
+            options: Those of `Part`.
+        """
+        chosen = design.as_design()
+        at = chosen.check(variables)
+        if isinstance(chosen, DensityDesign):
+            field = density_field(chosen.domain, chosen.density(at))
+        else:
+            field = chosen.level(at)
+        return cls(chosen.domain, field, **options)
+
+    # ------------------------------------------------------------------ what it is
+
+    @property
+    def drawing(self) -> Drawing:
+        """Curves, and the faces between them in designed and solid cells."""
+        return self._found.drawing
+
+    @property
+    def outlines(self) -> list[list[list[Curve]]]:
+        """For each piece the outer loop of curves, counterclockwise, then its holes, clockwise."""
+        return self._found.outlines
+
+    @property
+    def deviation(self) -> float:
+        """Largest distance of the curves from the zero line of the field [m].
+
+        It is |phi| / |grad phi| at eight points of each span of the splines, and within a tenth of
+        a spacing of corners is not looked at.
+        """
+        return self._found.deviation
+
+    @property
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+        return len(self.outlines)
+
+    @property
+    def holes(self) -> int:
+        """Number of holes in all pieces."""
+        return sum(len(loops) - 1 for loops in self.outlines)
+
+    @property
+    def loose(self) -> list[tuple[float, Array]]:
+        """Area [m^2] and centre (2,) [m] of the pieces that nothing holds and that are left out."""
+        return self._found.loose
+
+    @property
+    def lost_interfaces(self) -> list[str]:
+        """Interfaces that are left without material."""
+        return self._found.lost
+
+    def interface(self, name: str) -> list[Curve]:
+        """The curves that are an interface.
+
+        Args:
+            name: Of the interface.
+
+        Raises:
+            ValueError: If the body has no such interface.
+        """
+        validation.choice("part: interface", name, self.body.interfaces)
+        drawn = self.drawing
+        return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
+
+    def group(self, curve: Curve) -> str:
+        """The interface that a curve of `outlines` belongs to, "" if it is none.
+
+        Args:
+            curve: One of `outlines`.
+        """
+        return self._groups[id(curve)]
+
+    @cached_property
+    def _groups(self) -> dict[int, str]:
+        pairs = zip(self.drawing.curves, self.drawing.groups, strict=True)
+        return {id(curve): group for curve, group in pairs}
+
+    # ------------------------------------------------------------------ what it measures
+
+    @cached_property
+    def _moments(self) -> Array:
+        return np.sum([enclosed(loop) for loops in self.outlines for loop in loops], axis=0)
+
+    @property
+    def area(self) -> float:
+        """Area between the curves [m^2], exact for them."""
+        return float(self._moments[0])
+
+    @property
+    def center(self) -> Array:
+        """Centre of the area, shape (2,) [m]."""
+        return np.asarray(self._moments[1:] / self._moments[0])
+
+    @property
+    def thickness(self) -> float:
+        """Extent perpendicular to the plane [m].
+
+        Raises:
+            ValueError: If the part was made without a material.
+        """
+        return float(self._made_of("its thickness").thickness)
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg].
+
+        Raises:
+            ValueError: If the part was made without a material that has a density [kg/m^3].
+        """
+        material = self._made_of("its mass")
+        density = getattr(material, "density", None)
+        if density is None:
+            raise ValueError("part: its material has no attribute density [kg/m^3]")
+        return self.area * material.thickness * float(density)
+
+    def _made_of(self, what: str) -> ElasticMaterial:
+        if self.material is None:
+            raise ValueError(f"part: {what} is that of a material; make it with Part(..., material=)")
+        return self.material
+
+    @cached_property
+    def polygon(self) -> shapely.MultiPolygon:
+        """Polygons within `accuracy` of the curves, one a piece."""
+        rings = [[polygon(loop, self.accuracy) for loop in loops] for loops in self.outlines]
+        return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+
+    @cached_property
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member, by discs that do not fit; None if it is as wide as the part."""
+        return thinnest_member(self.polygon, 10.0 * self.accuracy, self._widest)
+
+    @cached_property
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole; None if there is none narrower than the part."""
+        return narrowest_gap(self.polygon, 10.0 * self.accuracy, self._widest)
+
+    @property
+    def _widest(self) -> float:
+        low, high = np.reshape(self.polygon.bounds, (2, 2))
+        return float(np.min(high - low))
+
+    # ------------------------------------------------------------------ what becomes of it
+
+    def write(self, path: str | Path, **options: Any) -> list[Path]:
+        """Write the part for CAD and machines; see `export.write`.
+
+        Args:
+            path: A file ending in .svg, .dxf, .step or .stl, or a folder for all four.
+            options: ``unit``, "mm" by default.
+        """
+        from .export import write
+
+        return write(self, path, **options)
+
+    def domain(self, size: float, order: int = 2) -> Domain:
+        """A mesh of triangles that fits the part; collective.
+
+        It has the interfaces of the body, with the same centres, and its solid regions. Thin
+        members get smaller triangles, about two across.
+
+        Args:
+            size: Of the triangles [m].
+            order: Polynomial order of the displacements; from 2 on cells at curves are curved.
+
+        Raises:
+            ValueError: On every rank, if gmsh cannot mesh the part, or a number is out of range.
+        """
+        validation.number("part: size", size, above=0.0, unit="m")
+        degree = validation.whole("part: order", order, least=1)
+        comm = self.body.comm
+        with gmsh_model() if comm.rank == 0 else _nothing() as gmsh:
+            on_rank_0(comm, lambda: self._build(gmsh, size, degree))
+            kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
+            centers = {n: self.body.interfaces[n].center.tolist() for n in kept}
+            return Domain.from_gmsh_model(
+                comm,
+                gmsh.model if gmsh is not None else None,
+                interfaces=kept,
+                order=degree,
+                centers=centers,
+            )
+
+    def _build(self, gmsh: Any, size: float, degree: int) -> None:
+        mesh_faces(gmsh, self.drawing, size, order=min(degree, 2), local=self._local_size(size))
+
+    def _local_size(self, size: float) -> Callable[[float, float], float] | None:
+        """The largest size at a place: less than the width of the member there."""
+        rings = [polygon(loop, self.accuracy) for loops in self.outlines for loop in loops]
+        places, widths = member_widths(rings, 0.1 * size, 1.5 * size)
+        narrow = _ACROSS * widths < size
+        if not np.any(narrow):
+            return None
+        sizes = np.maximum(_ACROSS * widths[narrow], _SMALLEST * size)
+        tree = cKDTree(places[narrow])
+        count = min(8, len(sizes))
+
+        def local(x: float, y: float) -> float:
+            distance, which = tree.query([x, y], k=count)
+            # from a narrow place on cells may grow
+            return float(np.min(sizes[which] + 0.3 * distance))
+
+        return local
+
+    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
+        """Evaluate a problem of one designed body with the part in its place; see `verify`.
+
+        Args:
+            problem: With the body that was designed.
+            evaluation: Of the design, what was reported.
+            options: Those of `verify`.
+
+        Raises:
+            ValueError: If the problem has several bodies with a density.
+        """
+        from .verify import verify
+
+        names = list(problem.flexible)
+        if len(names) != 1:
+            raise ValueError(
+                f"part: the problem designs the bodies {sorted(names)}; verify them together by "
+                "verify(problem, {name: part, ...}, evaluation)"
+            )
+        return verify(problem, {names[0]: self}, evaluation, **options)
+
+
+class _nothing:
+    """What other ranks have in place of gmsh."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+
+def _find(
+    lattice: Lattice | None,
+    field: Field,
+    spacing: float,
+    step: float,
+    share: float,
+    names: Sequence[str],
+) -> _Found:
+    assert lattice is not None  # on rank 0
+    segments = cut(lattice, field, spacing)
+    sides = boundary(lattice, segments, field, step, share * spacing)
+    found = pieces(sides, 1e-3 * spacing)
+    full = np.zeros(len(names))
+    ends = lattice.points[lattice.chains]
+    along = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
+    marked = lattice.interface >= 0
+    np.add.at(full, lattice.interface[marked], along[marked])
+    left = np.zeros(len(names))
+    for i in range(len(names)):
+        mine = segments.edge >= 0
+        mine[mine] = lattice.interface[segments.edge[mine]] == i
+        pair = segments.points[segments.ends[mine]]
+        left[i] = np.linalg.norm(pair[:, 1] - pair[:, 0], axis=1).sum()
+    stay, said = held(
+        found, dict(zip(names, full, strict=True)), dict(zip(names, left, strict=True))
+    )
+    drawn = drawing(sides, stay, names)
+    used = sorted({i for piece in stay for i in piece.sides})
+    kept: list[Side] = [sides[i] for i in used]
+    on_field = [sides[i].field for piece in stay for i in piece.sides]
+    return _Found(
+        drawn,
+        outlines(kept, 1e-3 * spacing),
+        on_field,
+        _deviation(drawn, on_field, field, spacing),
+        said,
+        [(piece.area, piece.center) for piece in found if not piece.interfaces],
+        [name for name, length in zip(names, left, strict=True) if length == 0.0],
+    )
+
+
+def _deviation(drawn: Drawing, on_field: Sequence[bool], field: Field, spacing: float) -> float:
+    """Largest distance of curves from the zero line of a field [m], but for those next to corners."""
+    points, ends = [], []
+    for curve, chosen in zip(drawn.curves, on_field, strict=True):
+        if chosen:
+            knots = curve.breaks()
+            t = (knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(8) + 0.5) / 8).ravel()
+            points.append(curve.at(t))
+            ends += [curve.start, curve.end]
+    if not points:
+        return 0.0
+    x = np.vstack(points)
+    x = x[cKDTree(np.array(ends)).query(x)[0] > 0.1 * spacing]
+    if not len(x):
+        return 0.0
+    step = 1e-4 * spacing
+    gradient = [
+        (evaluated(field, x + step * e) - evaluated(field, x - step * e)) / (2.0 * step)
+        for e in np.eye(2)
+    ]
+    slope = np.maximum(np.hypot(*gradient), 1e-300)
+    return float(np.max(np.abs(evaluated(field, x)) / slope))

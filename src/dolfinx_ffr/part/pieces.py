@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""Which curves bound a connected piece of material, and which pieces are held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..fem import Curve, Drawing, Face, enclosed, polygon
+from .boundary import Side, loops
+from .lattice import DESIGN, SOLID, VOID
+
+__all__ = ["Piece", "drawing", "held", "outlines", "pieces"]
+
+Array = NDArray[np.float64]
+
+_GROUPS = {DESIGN: "design", SOLID: "solid"}
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A connected piece of material: its faces, in designed and in solid cells."""
+
+    sides: Sequence[int]  #: Numbers of the sides that bound its faces
+    faces: Sequence[Face]  #: Loops of sides; forward where the face is on the left
+    interfaces: frozenset[int]  #: Numbers of the interfaces that it touches
+    area: float  #: [m^2]
+    center: Array  #: (2,) of its area [m]
+
+
+def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
+    """The connected pieces between the sides, the largest first.
+
+    Args:
+        sides: Of all regions.
+        tolerance: Of the polygons by which holes are found in their faces [m].
+    """
+    faces: list[tuple[Face, Array]] = []
+    for kind, group in _GROUPS.items():
+        forward = [i for i, side in enumerate(sides) if side.left == kind]
+        backward = [i for i, side in enumerate(sides) if side.right == kind]
+        around = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
+        numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
+        closed = [
+            ([around[i].curve for i in loop], [numbers[i] for i in loop]) for loop in loops(around)
+        ]
+        for nest in _nested([curves for curves, _ in closed], tolerance):
+            moments = np.sum([enclosed(closed[i][0]) for i in nest], axis=0)
+            faces.append((Face(group, [closed[i][1] for i in nest]), moments))
+    of_side: dict[int, list[int]] = {}
+    for f, (face, _) in enumerate(faces):
+        for loop in face.loops:
+            for i, _ in loop:
+                of_side.setdefault(i, []).append(f)
+    pairs = np.array([[fs[0], fs[-1]] for fs in of_side.values()]).reshape(-1, 2)
+    ones = np.ones(len(pairs), dtype=bool)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(faces), len(faces)))
+    label = connected_components(graph, directed=False)[1]
+    found = []
+    for name in range(label.max(initial=-1) + 1):
+        mine = np.flatnonzero(label == name)
+        moments = np.sum([faces[f][1] for f in mine], axis=0)
+        around_it = sorted({i for f in mine for loop in faces[f][0].loops for i, _ in loop})
+        touched = frozenset(sides[i].interface for i in around_it) - {-1}
+        center = moments[1:] / moments[0]
+        found.append(Piece(around_it, [faces[f][0] for f in mine], touched, moments[0], center))
+    return sorted(found, key=lambda piece: -piece.area)
+
+
+def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
+    """Loops of faces: counterclockwise ones, each followed by the holes in it."""
+    areas = [float(enclosed(loop)[0]) for loop in closed]
+    shapes = [shapely.Polygon(_ring(loop, tolerance)) for loop in closed]
+    nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}
+    for i, area in enumerate(areas):
+        if area > 0.0:
+            continue
+        inside = shapes[i].representative_point()
+        around = [
+            j for j in nests if areas[j] > -area and shapely.Polygon(shapes[j]).covers(inside)
+        ]
+        if around:
+            nests[min(around, key=lambda j: areas[j])].append(i)
+    return list(nests.values())
+
+
+def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
+    found = polygon(loop, tolerance)
+    while len(found) < 3:  # two curves that are almost straight
+        tolerance *= 0.1
+        found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
+    return found
+
+
+def outlines(sides: Sequence[Side], tolerance: float) -> list[list[list[Curve]]]:
+    """The boundary of the material: for each piece the outer loop, and those of its holes.
+
+    Args:
+        sides: Of all regions.
+        tolerance: Of the polygons by which holes are found in their pieces [m].
+    """
+    outer = [side for side in sides if side.right == VOID]
+    closed = [[outer[i].curve for i in loop] for loop in loops(outer)]
+    return [[closed[i] for i in nest] for nest in _nested(closed, tolerance)]
+
+
+def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) -> Drawing:
+    """The pieces as faces between numbered curves.
+
+    Args:
+        sides: Of all regions.
+        kept: The pieces.
+        names: Of the interfaces.
+    """
+    number = {i: n for n, i in enumerate(i for piece in kept for i in piece.sides)}
+    chosen = [sides[i] for i in number]
+    return Drawing(
+        curves=[side.curve for side in chosen],
+        nodes=[side.nodes for side in chosen],
+        groups=["" if side.interface < 0 else names[side.interface] for side in chosen],
+        faces=[
+            Face(face.group, [[(number[i], way) for i, way in loop] for loop in face.loops])
+            for piece in kept
+            for face in piece.faces
+        ],
+    )
+
+
+def held(found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]) -> tuple[list[Piece], list[str]]:
+    """The pieces that touch an interface, and what is to be said of the others.
+
+    Args:
+        found: All pieces.
+        lengths: Of each interface in the body [m], by name in the order of their numbers.
+        kept: Of what is left of it [m].
+
+    Raises:
+        ValueError: If no piece touches an interface, or interfaces are not connected.
+    """
+    names = list(lengths)
+    stay = [piece for piece in found if piece.interfaces]
+    if not stay:
+        raise ValueError(
+            f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
+            "is the field positive in the material?"
+        )
+    said = []
+    loose = [piece for piece in found if not piece.interfaces]
+    if loose:
+        shown = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
+        more = ", ..." if len(loose) > 5 else ""
+        said.append(
+            f"{len(loose)} loose pieces touch no interface and are left out: {shown}{more}; the "
+            "part has less material than the design"
+        )
+    lost = [name for name in names if kept[name] == 0.0]
+    if lost:
+        said.append(
+            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the cells "
+            "at them solid, or leave them out of the mechanism"
+        )
+    cut = [n for n in names if 0.0 < kept[n] < (1.0 - 1e-6) * lengths[n]]
+    if cut:
+        shown = ", ".join(f"{100 * kept[n] / lengths[n]:.3g} % of {n!r}" for n in cut)
+        said.append(
+            f"of some interfaces only a share is left, {shown}; make the cells at them solid to "
+            "keep all of it"
+        )
+    groups: list[set[int]] = []
+    for piece in stay:
+        joined = set(piece.interfaces)
+        for group in [g for g in groups if g & joined]:
+            groups.remove(group)
+            joined |= group
+        groups.append(joined)
+    if len(groups) > 1:
+        shown = " and ".join(
+            "{" + ", ".join(repr(names[i]) for i in sorted(group)) + "}" for group in groups
+        )
+        raise ValueError(
+            f"part: no material connects the interfaces {shown}; the design is torn, or too thin "
+            "for the distance at which the field is given (take a design with thicker members)"
+        )
+    if len(stay) > 1:
+        said.append(
+            f"the material is in {len(stay)} pieces that only interfaces hold together, the "
+            f"smallest of {1e6 * stay[-1].area:.3g} mm2 near {_point(stay[-1].center)}"
+        )
+    return stay, said
+
+
+def _point(where: Array) -> str:
+    return f"({1e3 * where[0]:.4g}, {1e3 * where[1]:.4g}) mm"

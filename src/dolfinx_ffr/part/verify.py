@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: MIT
+"""What a design is worth as a part: the problem evaluated again on meshes that fit the boundary."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation
+from ..fem import Domain
+from ..parallel import on_every_rank
+from ..postprocessing import worst_stress
+from ..problem import Evaluation, Problem
+from .part import Part, PartWarning
+
+__all__ = ["BodyFigures", "Figures", "Verification", "verify"]
+
+#: Frequencies that the summary shows
+_SHOWN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFigures:
+    """What is known of one body."""
+
+    cells: int  #: Of its mesh
+    mass: float  #: [kg]
+    volume: float  #: Material, as a share of the area of the body that was designed
+    frequencies: NDArray[np.float64]  #: With all interfaces held [Hz]
+    stress: float | None  #: Largest von Mises stress in the motion [Pa]; None without a motion
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """One line of the table: a problem with certain meshes."""
+
+    size: float | None  #: Of the triangles [m]; None for the design as it was reported
+    psi: float  #: Value of the objective
+    constraints: dict[str, float]  #: Values of the constrained objectives minus their bounds
+    bodies: dict[str, BodyFigures]  #: Of the designed bodies
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What was reported of a design, and what its parts are worth."""
+
+    reported: Figures  #: Of the densities
+    fitted: list[Figures]  #: Of the parts, each time with triangles half as large
+    tolerance: float  #: Largest change of psi from one mesh to the next that counts as none
+    modes: dict[str, int]  #: Number of normal modes of each part
+
+    @property
+    def psi(self) -> float:
+        """Of the parts on the finest mesh."""
+        return self.fitted[-1].psi
+
+    @property
+    def difference(self) -> float:
+        """How much larger psi of the parts is than the reported one, relative to it."""
+        return self.psi / self.reported.psi - 1.0
+
+    @property
+    def change(self) -> float:
+        """The last relative change of psi from one mesh to the next; infinite with one mesh."""
+        if len(self.fitted) < 2:
+            return float("inf")
+        return abs(self.fitted[-2].psi / self.psi - 1.0)
+
+    @property
+    def converged(self) -> bool:
+        """Whether psi stands still."""
+        return self.change <= self.tolerance
+
+    def summary(self) -> str:
+        """The table as text."""
+        lines = [f"{'':24s} {'psi':>12s} {'vs reported':>12s}"]
+        for row in (self.reported, *self.fitted):
+            name = "reported (densities)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
+            lines.append(f"{name:24s} {row.psi:12.5e} {row.psi / self.reported.psi:12.4f}")
+        still = "stands still" if self.converged else "still changes"
+        lines.append(
+            f"psi {still}: last change {100 * self.change:.2g} % "
+            f"(tolerance {100 * self.tolerance:.2g} %)"
+        )
+        last = self.fitted[-1]
+        for name, body in last.bodies.items():
+            before = self.reported.bodies[name]
+            lines.append(
+                f"{name}: {body.cells} triangles, {self.modes[name]} modes; reported -> part"
+            )
+            lines.append(f"  mass         {before.mass:.5g} -> {body.mass:.5g} kg")
+            lines.append(f"  volume       {before.volume:.4f} -> {body.volume:.4f}")
+            for i in range(min(_SHOWN, len(before.frequencies), len(body.frequencies))):
+                lines.append(
+                    f"  frequency {i + 1}  {before.frequencies[i]:.5g} -> "
+                    f"{body.frequencies[i]:.5g} Hz"
+                )
+            if before.stress is not None and body.stress is not None:
+                lines.append(
+                    f"  stress       {before.stress / 1e6:.4g} -> {body.stress / 1e6:.4g} MPa"
+                )
+        for name, value in last.constraints.items():
+            lines.append(f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        """The table as text."""
+        return self.summary()
+
+
+def verify(
+    problem: Problem,
+    parts: Mapping[str, Part],
+    evaluation: Evaluation,
+    *,
+    modes: Mapping[str, int] | int | None = None,
+    size: float | None = None,
+    tolerance: float = 2e-3,
+    order: int = 2,
+    most: int = 5,
+) -> Verification:
+    """Evaluate a problem with parts in the place of designed bodies; collective.
+
+    Each part is meshed by triangles that fit its boundary, all of full density, and the whole
+    motion is computed again; with triangles half as large, until psi stands still. What then is
+    left between it and the reported psi is the difference between the densities and the part.
+
+    Args:
+        problem: As it was designed.
+        parts: By name of the body.
+        evaluation: Of the design, what was reported.
+        modes: Number of normal modes of the parts, one for all or by name; by default that of the
+            problem. Slender parts may need more than full bodies.
+        size: Of the triangles at first [m]; by default the spacing of each part.
+        tolerance: Largest relative change of psi by halving the triangles.
+        order: Polynomial order of the displacements.
+        most: Largest number of meshes.
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if a name is not that of a flexible body, a part has lost an
+            interface that the problem uses, or gmsh cannot mesh it.
+        SimulationError: On every rank, if the motion of the parts cannot be computed.
+
+    Warns:
+        PartWarning: If psi does not stand still.
+    """
+    validation.instance("verify: problem", problem, Problem, "a Problem")
+    validation.instances_by_name("verify: parts", parts, Part, "a Part")
+    validation.instance("verify: evaluation", evaluation, Evaluation, "an Evaluation")
+    validation.number("verify: tolerance", tolerance, above=0.0)
+    if size is not None:
+        validation.number("verify: size", size, above=0.0, unit="m")
+    meshes = validation.whole("verify: most", most, least=2)
+    unknown = sorted(set(parts) - set(problem.flexible))
+    if unknown or not parts:
+        raise ValueError(
+            f"verify: parts for {sorted(parts)}, but the flexible bodies are "
+            f"{sorted(problem.flexible)}"
+        )
+    for name, part in parts.items():
+        if part.lost_interfaces:
+            raise ValueError(
+                f"verify: the part {name!r} has no material at the interfaces "
+                f"{part.lost_interfaces}, by which the problem holds it"
+            )
+    if modes is None or isinstance(modes, Mapping):
+        given = dict(modes or {})
+    else:
+        given = dict.fromkeys(parts, modes)
+    wanted = {name: given.get(name, problem.flexible[name].modes) for name in parts}
+    reported = _figures(None, problem, evaluation, parts)
+    fitted: list[Figures] = []
+    for halving in range(meshes):
+        sizes = {
+            name: (part.spacing if size is None else size) / 2**halving
+            for name, part in parts.items()
+        }
+        domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
+        again = _with_parts(problem, domains, wanted)
+        densities = {
+            name: np.ones(body.domain.n_cells)
+            if name in parts
+            else evaluation.bodies[name].density
+            for name, body in again.flexible.items()
+        }
+        fitted.append(_figures(max(sizes.values()), again, again.value(densities), parts))
+        found = Verification(reported, fitted, tolerance, wanted)
+        if found.converged:
+            break
+    if not found.converged:
+        warnings.warn(
+            f"verify: psi still changes by {100 * found.change:.2g} % from triangles of "
+            f"{2e3 * max(sizes.values()):.3g} mm to half of that; give a smaller size, or look for "
+            "members thinner than that",
+            PartWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def _with_parts(
+    problem: Problem, domains: Mapping[str, Domain], modes: Mapping[str, int]
+) -> Problem:
+    """The problem with other meshes and numbers of modes of some bodies."""
+    bodies = {
+        name: problem.flexible[name].with_domain(domains[name]).with_modes(modes[name])
+        if name in domains
+        else body
+        for name, body in problem.bodies.items()
+    }
+    return Problem(
+        bodies, problem.mechanism, problem.integrator, problem.objective, problem.constraints
+    )
+
+
+def _figures(
+    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Part]
+) -> Figures:
+    bodies = {}
+    for name, part in parts.items():
+        body = problem.flexible[name]
+        stress = None
+        if evaluation.trajectory is not None:
+            stress = worst_stress(body, evaluation, name).largest
+        domain = body.domain
+        filled = domain.sum(evaluation.bodies[name].density * domain.cell_volumes)
+        bodies[name] = BodyFigures(
+            cells=domain.n_cells_global,
+            mass=evaluation.bodies[name].integrals.mass,
+            volume=filled / part.body.area,
+            frequencies=evaluation.fixed_interface_frequencies[name],
+            stress=stress,
+        )
+    constraints = {name: float(value.psi) for name, value in evaluation.constraints.items()}
+    with on_every_rank(problem.comm, "verify"):
+        return Figures(size, float(evaluation.psi), constraints, bodies)
