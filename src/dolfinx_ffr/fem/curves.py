@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,23 +65,26 @@ class Curve(ABC):
 
     def moments(self) -> Array:
         """The integrals of the module's description: area, and its moments about y and x, (3,)."""
-        nodes, weights = np.polynomial.legendre.leggauss(_ARC_POINTS)
-        ends = self.breaks()
-        half = 0.5 * np.diff(ends)
-        t = (ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)).ravel()
-        w = (half[:, None] * weights[None, :]).ravel()
+        t, w = self._quadrature
         (x, y), (dx, dy) = self.at(t).T, self.slope(t).T
-        return np.array([0.5 * w @ (x * dy - y * dx), 0.5 * w @ (x * x * dy), -0.5 * w @ (y * y * dx)])
+        return np.array(
+            [0.5 * w @ (x * dy - y * dx), 0.5 * w @ (x * x * dy), -0.5 * w @ (y * y * dx)]
+        )
 
     @cached_property
     def length(self) -> float:
         """Its length [m]."""
+        t, w = self._quadrature
+        return float(w @ np.linalg.norm(self.slope(t), axis=1))
+
+    @property
+    def _quadrature(self) -> tuple[Array, Array]:
+        """Parameters and weights of Gauss' rule between the breaks."""
         nodes, weights = np.polynomial.legendre.leggauss(_ARC_POINTS)
         ends = self.breaks()
         half = 0.5 * np.diff(ends)
-        t = (ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)).ravel()
-        w = (half[:, None] * weights[None, :]).ravel()
-        return float(w @ np.linalg.norm(self.slope(t), axis=1))
+        t = ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)
+        return t.ravel(), (half[:, None] * weights[None, :]).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +156,7 @@ class Arc(Curve):
         n = int(np.ceil(abs(self.sweep) / largest))
         points = self.at(np.linspace(0.0, 1.0, n + 1))
         points[0], points[-1] = self.start, self.end
-        return [Arc(a, b, self.center, self.sweep / n) for a, b in zip(points, points[1:], strict=False)]
+        return [Arc(a, b, self.center, self.sweep / n) for a, b in pairwise(points)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,12 +206,14 @@ class Spline(Curve):
             inside = self.knots[(self.knots > a) & (self.knots < b)]
             ones = np.ones(self.degree + 1)
             knots = np.concatenate([0.0 * ones, (inside - a) / (b - a), ones])
-            found.append(
-                Spline.of(lambda t, a=a, b=b: self.at(a + (b - a) * t), knots, self.degree)
-            )
+            found.append(Spline.of(self._stretch(a, b), knots, self.degree))
         found[0].control[0], found[1].control[-1] = self.start, self.end
         found[1].control[0] = found[0].end
         return found
+
+    def _stretch(self, a: float, b: float) -> Callable[[Array], Array]:
+        """The curve between two parameters, as a function of parameters from 0 to 1."""
+        return lambda t: self.at(a + (b - a) * t)
 
     @staticmethod
     def of(function: Callable[[Array], Array], knots: Array, degree: int) -> Spline:

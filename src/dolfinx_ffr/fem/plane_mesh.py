@@ -41,7 +41,7 @@ class Drawing:
     """Curves that meet in common ends, and the faces between them."""
 
     curves: Sequence[Curve]
-    nodes: Sequence[tuple[int, int]]  #: Numbers of the ends of each curve; those that meet share them
+    nodes: Sequence[tuple[int, int]]  #: Numbers of the ends; curves that meet share them
     groups: Sequence[str]  #: Name of the physical curve of each, "" where it is in none
     faces: Sequence[Face]
 
@@ -225,7 +225,8 @@ def mesh_faces(
         members = [s for s, face in zip(found, drawing.faces, strict=True) if face.group == group]
         model.setPhysicalName(2, model.addPhysicalGroup(2, members), group)
     for group in dict.fromkeys(name for name in drawing.groups if name):
-        members = [t for ts, name in zip(tags, drawing.groups, strict=True) if name == group for t in ts]
+        chosen = [ts for ts, name in zip(tags, drawing.groups, strict=True) if name == group]
+        members = [tag for ts in chosen for tag in ts]
         model.setPhysicalName(1, model.addPhysicalGroup(1, members), group)
     names = ("MeshSizeMin", "MeshSizeMax", "MeshSizeFromPoints", "MeshSizeExtendFromBoundary")
     values = (0.0, size, 0, 0)

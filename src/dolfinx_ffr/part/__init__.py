@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""From a finished design to a part that can be made: its boundary, files for CAD, its verification."""
+"""From a finished design to a part that can be made: boundary, files for CAD, verification."""
 
 from __future__ import annotations
 

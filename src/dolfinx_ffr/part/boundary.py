@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +148,7 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
     of = {frozenset(map(int, lattice.edges[e])): int(e) for e in features}
     middle = lattice.chains.shape[1] // 2
     for chain, _ in _chains(lattice.edges[features], marks, directed=False):
-        edges = np.array([of[frozenset(pair)] for pair in zip(chain, chain[1:], strict=False)])
+        edges = np.array([of[frozenset(pair)] for pair in pairwise(chain)])
         x = lattice.points[chain]
         halves = lattice.points[lattice.chains[edges, middle]]
         bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
@@ -259,7 +260,9 @@ def _chains(
 
     left = set(range(len(pairs)))
     starts = [
-        i for i in range(len(pairs)) for node in pairs[i][: 1 if directed else 2]
+        i
+        for i in range(len(pairs))
+        for node in pairs[i][: 1 if directed else 2]
         if follows(node, i) is None
     ]
     for start in [*starts, *range(len(pairs))]:
@@ -316,4 +319,3 @@ def _clockwise(a: Array, b: Array) -> float:
     """The clockwise angle from one direction to another, in (0, 2 pi]."""
     angle = -np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
     return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
-

@@ -103,7 +103,8 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     crossed = inside[a] != inside[b]
     root = np.full(len(pairs), -1, dtype=np.int64)
     root[crossed] = len(points) + np.arange(np.count_nonzero(crossed))
-    zeros = _zeros(field, points[a[crossed]], points[b[crossed]], values[a[crossed]], values[b[crossed]])
+    p, q = a[crossed], b[crossed]
+    zeros = _zeros(field, points[p], points[q], values[p], values[q])
     nodes = np.vstack([points, zeros])
 
     side, edge = side.reshape(-1, 3), _edge_of(pairs, lattice)
@@ -119,9 +120,12 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
     rank[lattice.chains.ravel()] = 1
     rank[lattice.edges.ravel()] = 0
     name = _contracted(nodes, sides_left, rank, _SHORT * float(length.max()))
-    again = [(name[pair], mark) for pair, mark in sides_left]
-    found = _left_over([(pair[pair[:, 0] != pair[:, 1]], mark[pair[:, 0] != pair[:, 1]]) for pair, mark in again], len(nodes))
-    return _joined(nodes, found)
+    again = []
+    for pair, mark in sides_left:
+        ends = name[pair]
+        stays = ends[:, 0] != ends[:, 1]
+        again.append((ends[stays], mark[stays]))
+    return _joined(nodes, _left_over(again, len(nodes)))
 
 
 Directed = tuple[Integers, Integers]  # nodes (segments, 2), edge of the mesh (segments,)

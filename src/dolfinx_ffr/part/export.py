@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Parts as files for CAD and machines.
 
-| file | holds | unit |
-|---|---|---|
-| .svg | lines, arcs, cubic curves; y upwards becomes -y; the path "part", paths named as interfaces | mm or m |
-| .dxf | LINE, ARC, SPLINE on the layer "part" and on layers named as the interfaces; R2010 | mm or m |
-| .step | the extruded solid, by OpenCASCADE | mm, stands in the file |
-| .stl | triangles, curves within the part's `accuracy`; the numbers of the file are short floats | mm or m |
+* .svg: lines, arcs and cubic curves, y downwards; the path "part", and paths named as interfaces;
+* .dxf (R2010): LINE, ARC, CIRCLE and SPLINE, on the layer "part" and on layers named as interfaces;
+* .step: the extruded solid, by OpenCASCADE; in millimetres, as the file says;
+* .stl: triangles, within the part's `accuracy` of the curves; its numbers are short floats.
 """
 
 from __future__ import annotations
@@ -139,8 +137,14 @@ def _write_svg(part: Part, path: Path, unit: str) -> None:
     ElementTree.SubElement(
         root,
         "path",
-        {"id": PART, "d": " ".join(texts), "fill": "#c9d1d9", "fill-rule": "evenodd",
-         "stroke": "#22272e", "stroke-width": line},
+        {
+            "id": PART,
+            "d": " ".join(texts),
+            "fill": "#c9d1d9",
+            "fill-rule": "evenodd",
+            "stroke": "#22272e",
+            "stroke-width": line,
+        },
     )
     marks = ElementTree.SubElement(
         root, "g", {"id": "interfaces", "fill": "none", "stroke": "#0b62a4", "stroke-width": line}
@@ -194,7 +198,7 @@ def _write_dxf(part: Part, path: Path, unit: str) -> None:
     import ezdxf
 
     scale = 1.0 / UNITS[unit]
-    drawing = ezdxf.new("R2010")  # type: ignore[attr-defined]
+    drawing = ezdxf.new("R2010")
     drawing.header["$INSUNITS"] = _INSUNITS[unit]
     drawing.header["$MEASUREMENT"] = 1
     drawing.layers.add(PART)
@@ -232,7 +236,9 @@ def _add_arc(space: object, curve: Arc, scale: float, how: dict[str, str]) -> No
 
 def _whole(part: Part) -> Drawing:
     """The pieces of the part as faces, solid regions not told apart."""
-    curves, faces, nodes = [], [], []
+    curves: list[Curve] = []
+    faces: list[Face] = []
+    nodes: list[tuple[int, int]] = []
     known: dict[bytes, int] = {}
 
     def node(where: Array) -> int:

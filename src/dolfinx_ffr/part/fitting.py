@@ -84,7 +84,8 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
     if closed:
         cut_off = {i % (len(points) - 1) for i in cut_off}
         sharp = np.unique(sharp % (len(points) - 1))
-    chain, at = [], []
+    chain: list[Array] = []
+    at: list[int] = []
     for i, where in enumerate(points):
         last = i == len(points) - 1
         if i in sharp and i not in cut_off and not (last and closed) and (closed or 0 < i):

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..design import DensityDesign, Design
+from ..design import DensityDesign
 from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, gmsh_model, mesh_faces, polygon
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
@@ -129,7 +129,7 @@ class Part:
             warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
 
     @classmethod
-    def of(cls, design: Design | Any, variables: ArrayLike, **options: Any) -> Part:
+    def of(cls, design: Any, variables: ArrayLike, **options: Any) -> Part:
         """The part that a design encloses; collective.
 
         Args:
@@ -138,7 +138,7 @@ class Part:
             variables: At which it ended, as ``Result.variables``.
             options: Those of `Part`.
         """
-        chosen = design.as_design()
+        chosen: Any = design.as_design()
         at = chosen.check(variables)
         if isinstance(chosen, DensityDesign):
             field = density_field(chosen.domain, chosen.density(at))
@@ -253,7 +253,9 @@ class Part:
 
     def _made_of(self, what: str) -> ElasticMaterial:
         if self.material is None:
-            raise ValueError(f"part: {what} is that of a material; make it with Part(..., material=)")
+            raise ValueError(
+                f"part: {what} is that of a material; make it with Part(..., material=)"
+            )
         return self.material
 
     @cached_property
@@ -413,7 +415,7 @@ def _find(
 
 
 def _deviation(drawn: Drawing, on_field: Sequence[bool], field: Field, spacing: float) -> float:
-    """Largest distance of curves from the zero line of a field [m], but for those next to corners."""
+    """Largest distance of curves from the zero line of a field [m], corners left out."""
     points, ends = [], []
     for curve, chosen in zip(drawn.curves, on_field, strict=True):
         if chosen:

@@ -132,7 +132,9 @@ def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) 
     )
 
 
-def held(found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]) -> tuple[list[Piece], list[str]]:
+def held(
+    found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]
+) -> tuple[list[Piece], list[str]]:
     """The pieces that touch an interface, and what is to be said of the others.
 
     Args:
@@ -162,8 +164,8 @@ def held(found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str
     lost = [name for name in names if kept[name] == 0.0]
     if lost:
         said.append(
-            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the cells "
-            "at them solid, or leave them out of the mechanism"
+            f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
+            "cells at them solid, or leave them out of the mechanism"
         )
     cut = [n for n in names if 0.0 < kept[n] < (1.0 - 1e-6) * lengths[n]]
     if cut:

@@ -183,9 +183,7 @@ def verify(
         domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
         again = _with_parts(problem, domains, wanted)
         densities = {
-            name: np.ones(body.domain.n_cells)
-            if name in parts
-            else evaluation.bodies[name].density
+            name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
             for name, body in again.flexible.items()
         }
         fitted.append(_figures(max(sizes.values()), again, again.value(densities), parts))

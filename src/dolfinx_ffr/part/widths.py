@@ -156,7 +156,7 @@ def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[
         length = np.linalg.norm(side, axis=1)
         counts = np.maximum(1, np.ceil(length / step).astype(int))
         number = np.repeat(np.arange(len(ring)), counts)
-        place = (np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5)
+        place = np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5
         points.append(ring[number] + (place / counts[number])[:, None] * side[number])
         normal = np.column_stack([-side[:, 1], side[:, 0]]) / np.maximum(length, 1e-300)[:, None]
         inward.append(normal[number])
