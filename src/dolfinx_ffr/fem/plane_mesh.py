@@ -199,6 +199,15 @@ def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int])
     )
 
 
+def _bend(model: Any, order: int) -> None:
+    """Curve the cells at curves, where that can be done: not in the tip of a cusp."""
+    model.mesh.setOrder(order)
+    try:
+        model.mesh.optimize("HighOrder")
+    except Exception:  # gmsh raises nothing more precise
+        model.mesh.setOrder(1)
+
+
 def mesh_faces(
     gmsh: Any,
     drawing: Drawing,
@@ -213,7 +222,7 @@ def mesh_faces(
         gmsh: The module.
         drawing: Curves and faces.
         size: Of the triangles [m].
-        order: Of their geometry.
+        order: Of their geometry; 1 where curved cells would fold, as in cusps.
         local: Largest size at a place (x, y) [m], where it must be smaller.
 
     Raises:
@@ -240,8 +249,7 @@ def mesh_faces(
         try:
             model.mesh.generate(2)
             if order > 1:
-                model.mesh.setOrder(order)
-                model.mesh.optimize("HighOrder")
+                _bend(model, order)
         except Exception as error:  # gmsh raises nothing more precise
             raise ValueError(
                 f"gmsh cannot mesh the outline by triangles of {size:.4g} m: {error}; give a "

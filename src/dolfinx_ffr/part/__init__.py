@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from .density_field import density_field
-from .part import Part, PartWarning
+from .part import Part
+from .shape import PartWarning
 from .verify import BodyFigures, Figures, Verification, verify
 from .widths import Width
 

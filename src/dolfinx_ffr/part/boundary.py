@@ -26,8 +26,8 @@ _STRAIGHT = 1e-6
 _ROUND = 0.65
 #: Distance of vertices from the circle that they are on, in units of its radius
 _ON_CIRCLE = 1e-5
-#: Fewest sides of the mesh that make a circle
-_FEWEST = 4
+#: Fewest straight sides of the mesh that make a circle, and fewest curved ones
+_FEWEST, _FEWEST_CURVED = 4, 2
 #: Vertices nearer to each other than this, in units of the sides of triangles, say little
 _THIN = 0.35
 
@@ -72,20 +72,55 @@ def boundary(
     marks = np.column_stack([segments.left, segments.right, on, interface])
     points = segments.points.copy()
     chains = list(_chains(segments.ends, marks))
-    # arcs first: where the zero line meets a circle, it ends on it and not on a chord
-    for chain, mark in chains:
-        center = circles.get(int(mark[2]))
-        if center is not None:
-            for node in {chain[0], chain[-1]}:
-                ray = points[node] - center[:2]
-                points[node] = center[:2] + center[2] * ray / np.hypot(*ray)
+    _onto_circles(points, chains, circles, step)
     sides = []
     for chain, mark in chains:
         left, right, which, name = (int(m) for m in mark)
         common = {"left": left, "right": right, "interface": name, "field": which < 0}
-        for nodes, curve in _curves(points, chain, which, circles, lattice, field, step, tolerance):
+        for nodes, curve in _curves(
+            points, chain, which, circles, lattice, segments.zero, field, step, tolerance
+        ):
             sides.append(Side(curve, nodes, **common))  # type: ignore[arg-type]
     return sides
+
+
+def _onto_circles(
+    points: Array,
+    chains: Sequence[tuple[list[int], Integers]],
+    circles: dict[int, Array],
+    step: float,
+) -> None:
+    """Move the ends of chains from the chords of circles to the circles themselves.
+
+    Where the zero line ends on a circle, it goes on straight until it meets it.
+    """
+    along: dict[int, Array] = {}
+    for chain, mark in chains:
+        if mark[2] < 0 and chain[0] != chain[-1]:
+            for way in (chain, chain[::-1]):
+                far = [n for n in way[1:] if np.hypot(*(points[n] - points[way[0]])) > _THIN * step]
+                ray = points[way[0]] - points[far[0] if far else way[-1]]
+                along[way[0]] = ray / max(float(np.hypot(*ray)), 1e-300)
+    for chain, mark in chains:
+        circle = circles.get(int(mark[2]))
+        if circle is None:
+            continue
+        for node in {chain[0], chain[-1]}:
+            out = points[node] - circle[:2]
+            gap = circle[2] - float(np.hypot(*out))
+            normal = out / np.hypot(*out)
+            ray = along.get(node, normal)
+            # |out + s ray| = radius, the solution nearer to the chord
+            b, c = float(ray @ out), float(out @ out) - circle[2] ** 2
+            if abs(ray @ normal) > 0.2 and b * b > c:
+                root = np.sqrt(b * b - c)
+                s = min(-b - root, -b + root, key=abs)
+                points[node] = points[node] + s * ray
+            else:
+                points[node] = points[node] + gap * normal
+            # to the last bit
+            out = points[node] - circle[:2]
+            points[node] = circle[:2] + circle[2] / np.hypot(*out) * out
 
 
 def _curves(
@@ -94,6 +129,7 @@ def _curves(
     which: int,
     circles: dict[int, Array],
     lattice: Lattice,
+    zero: NDArray[np.bool_],
     field: Field,
     step: float,
     tolerance: float,
@@ -112,6 +148,11 @@ def _curves(
             curve = Line(x[0], x[-1])
         yield (chain[0], chain[-1]), curve
         return
+    # where short segments were contracted, a point is near the zero line, but not on it
+    exact = zero[chain]
+    exact[[0, -1]] = True
+    if np.count_nonzero(exact) > 3:
+        x = x[exact]
     kept = thinned(x, _THIN * step)
     at: list[int] = []
     if len(kept) > 4:
@@ -169,47 +210,59 @@ def _runs(
     d = np.diff(x, axis=0)
     cross = d[:-1, 0] * d[1:, 1] - d[:-1, 1] * d[1:, 0]
     turn = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", d[:-1], d[1:])))
+    smooth = (turn < _ROUND) & (turn >= _STRAIGHT)
     nothing = np.zeros(3)
     first = 0
     while first < n:
-        last = first + 1
+        last, kind, circle = first + 1, "line", nothing
         while last < n and turn[last - 1] < _STRAIGHT and straight[last] and straight[first]:
             last += 1
-        kind, circle = "line", nothing
         if last == first + 1:
-            end = first + 1
-            while end < n and turn[end - 1] < _ROUND and turn[end - 1] >= _STRAIGHT:
-                end += 1
-            last, found = _longest_circle(x, halves, first, end, curved)
+            last, found = _longest_circle(x, halves, smooth, first, curved)
             if found is not None:
                 kind, circle = "circle", found
             elif curved and not straight[first]:
                 kind, last = "free", first + 1
                 while last < n and turn[last - 1] < _ROUND and not straight[last]:
+                    if _longest_circle(x, halves, smooth, last, curved)[1] is not None:
+                        break
                     last += 1
         yield first, last, kind, circle
         first = last
 
 
 def _longest_circle(
-    x: Array, halves: Array, first: int, end: int, curved: bool
+    x: Array, halves: Array, smooth: NDArray[np.bool_], first: int, curved: bool
 ) -> tuple[int, Array | None]:
-    """The end of the longest run of sides from ``first`` on a circle, and the circle."""
-    last, found = first + 1, None
-    if end - first < _FEWEST:
-        return last, found
-    seed = _circle(x[first : first + _FEWEST + 1])
-    if seed is None:
-        return last, found
-    distance = np.abs(np.hypot(*(x[first : end + 1] - seed[:2]).T) - seed[2])
-    on = distance < 10.0 * _ON_CIRCLE * seed[2]
+    """The end of the longest run of sides from ``first`` on a circle, and the circle.
+
+    Args:
+        x: Vertices of the chain, shape (n + 1, 2) [m].
+        halves: Points in the middle of its sides, shape (n, 2) [m].
+        smooth: Where the chain turns, but has no corner, at inner vertices, shape (n - 1,).
+        first: Side to begin with.
+        curved: Whether the points in the middle are on the curve, as the vertices are.
+    """
+    fewest = _FEWEST_CURVED if curved else _FEWEST
+    end = first + 1
+    while end < len(x) - 1 and smooth[end - 1]:
+        end += 1
+    if end - first < fewest:
+        return first + 1, None
+    points, stride = x[first : end + 1], 1
     if curved:
-        on[1:] &= np.abs(np.hypot(*(halves[first:end] - seed[:2]).T) - seed[2]) < 1e-3 * seed[2]
-    count = int(np.argmin(on)) if not np.all(on) else len(on)
-    if count - 1 < _FEWEST:
-        return last, found
-    circle = _circle(x[first : first + count])
-    return (first + count - 1, circle) if circle is not None else (last, None)
+        stride, both = 2, np.empty((2 * (end - first) + 1, 2))
+        both[::2], both[1::2] = points, halves[first:end]
+        points = both
+    seed = _circle(points[: stride * fewest + 1])
+    if seed is None:
+        return first + 1, None
+    distance = np.abs(np.hypot(*(points - seed[:2]).T) - seed[2])
+    on = distance < 10.0 * _ON_CIRCLE * seed[2]
+    count = len(on) if np.all(on) else int(np.argmin(on))
+    sides = (count - 1) // stride
+    circle = _circle(points[: stride * sides + 1]) if sides >= fewest else None
+    return (first + 1, None) if circle is None else (first + sides, circle)
 
 
 def _circle(x: Array) -> Array | None:

@@ -45,6 +45,7 @@ class Segments:
     left: Integers  #: (segments,) DESIGN or SOLID
     right: Integers  #: (segments,) VOID, or SOLID right of DESIGN
     edge: Integers  #: (segments,) edge of the mesh, -1 on the zero line of the field
+    zero: NDArray[np.bool_]  #: (nodes,) where the field is zero to round-off
 
 
 def evaluated(field: Field, points: Array) -> Array:
@@ -125,7 +126,8 @@ def cut(lattice: Lattice, field: Field, spacing: float) -> Segments:
         ends = name[pair]
         stays = ends[:, 0] != ends[:, 1]
         again.append((ends[stays], mark[stays]))
-    return _joined(nodes, _left_over(again, len(nodes)))
+    zero = np.concatenate([np.zeros(len(points), dtype=bool), values[p] * values[q] < 0.0])
+    return _joined(nodes, _left_over(again, len(nodes)), zero)
 
 
 Directed = tuple[Integers, Integers]  # nodes (segments, 2), edge of the mesh (segments,)
@@ -210,7 +212,7 @@ def _contracted(
     return np.asarray(order[first][label])
 
 
-def _joined(nodes: Array, directed: list[Directed]) -> Segments:
+def _joined(nodes: Array, directed: list[Directed], zero: NDArray[np.bool_]) -> Segments:
     """Segments of both kinds, each once: where both meet, the designed one stays."""
     (design, of_design), (solid, of_solid) = directed
     count = len(nodes)
@@ -219,7 +221,7 @@ def _joined(nodes: Array, directed: list[Directed]) -> Segments:
     ends = np.vstack([design, solid[outer]])
     left = np.concatenate([np.full(len(design), DESIGN), np.full(np.count_nonzero(outer), SOLID)])
     right = np.concatenate([np.where(inner, SOLID, VOID), np.full(np.count_nonzero(outer), VOID)])
-    return Segments(nodes, ends, left, right, np.concatenate([of_design, of_solid[outer]]))
+    return Segments(nodes, ends, left, right, np.concatenate([of_design, of_solid[outer]]), zero)
 
 
 def _zeros(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) -> Array:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .. import validation
 from ..fem import Arc, Curve, Drawing, Face, Line, Spline, gmsh_model, quiet, surfaces
 from ..parallel import on_rank_0
-from .part import Part
+from .shape import Shape
 
 __all__ = ["write"]
 
@@ -37,7 +37,7 @@ _SVG = "http://www.w3.org/2000/svg"
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
 
 
-def write(part: Part, path: str | Path, *, unit: str = "mm") -> list[Path]:
+def write(part: Shape, path: str | Path, *, unit: str = "mm") -> list[Path]:
     """Write a part for CAD and machines; collective, rank 0 writes.
 
     Args:
@@ -76,7 +76,7 @@ def write(part: Part, path: str | Path, *, unit: str = "mm") -> list[Path]:
     return list(files.values())
 
 
-def _loops(part: Part) -> list[list[tuple[Curve, str]]]:
+def _loops(part: Shape) -> list[list[tuple[Curve, str]]]:
     """All loops with the interface of each curve; curves that go on are joined."""
     return [_joined([(c, part.group(c)) for c in loop]) for ls in part.outlines for loop in ls]
 
@@ -117,7 +117,7 @@ def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
 # ---------------------------------------------------------------------- SVG
 
 
-def _write_svg(part: Part, path: Path, unit: str) -> None:
+def _write_svg(part: Shape, path: Path, unit: str) -> None:
     scale = 1.0 / UNITS[unit]
     x0, y0, x1, y1 = (scale * v for v in part.polygon.bounds)
     margin = 0.02 * max(x1 - x0, y1 - y0)
@@ -194,7 +194,7 @@ def layer(name: str) -> str:
     return _FORBIDDEN.sub("_", name)
 
 
-def _write_dxf(part: Part, path: Path, unit: str) -> None:
+def _write_dxf(part: Shape, path: Path, unit: str) -> None:
     import ezdxf
 
     scale = 1.0 / UNITS[unit]
@@ -234,7 +234,7 @@ def _add_arc(space: object, curve: Arc, scale: float, how: dict[str, str]) -> No
 # ---------------------------------------------------------------------- solids
 
 
-def _whole(part: Part) -> Drawing:
+def _whole(part: Shape) -> Drawing:
     """The pieces of the part as faces, solid regions not told apart."""
     curves: list[Curve] = []
     faces: list[Face] = []
@@ -255,7 +255,7 @@ def _whole(part: Part) -> Drawing:
     return Drawing(curves, nodes, [""] * len(curves), faces)
 
 
-def _write_step(part: Part, path: Path, unit: str) -> None:
+def _write_step(part: Shape, path: Path, unit: str) -> None:
     millimetres = 1e3  # which stand in the file, whatever the unit of other drawings
     with gmsh_model() as gmsh:
         found, _ = surfaces(gmsh, _whole(part), millimetres)
@@ -266,7 +266,7 @@ def _write_step(part: Part, path: Path, unit: str) -> None:
             gmsh.write(str(path))
 
 
-def _write_stl(part: Part, path: Path, unit: str) -> None:
+def _write_stl(part: Shape, path: Path, unit: str) -> None:
     import pyvista  # takes a while
 
     scale, thickness = 1.0 / UNITS[unit], part.thickness
@@ -289,7 +289,7 @@ def _write_stl(part: Part, path: Path, unit: str) -> None:
     pyvista.PolyData(corners.reshape(-1, 3), faces.ravel()).clean().save(path)
 
 
-_WRITERS: dict[str, Callable[[Part, Path, str], None]] = {
+_WRITERS: dict[str, Callable[[Shape, Path, str], None]] = {
     ".svg": _write_svg,
     ".dxf": _write_dxf,
     ".step": _write_step,

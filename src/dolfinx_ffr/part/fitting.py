@@ -62,9 +62,7 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
     # side i + 1 of the ring, between the vertices i + 1 and i + 2, with the sides i and i + 2
     both = np.abs(turn[:-1] + turn[1:])
     sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
-    candidate = np.flatnonzero(
-        (both > _CORNER) & (np.abs(turn[:-1]) < 0.9 * both) & (np.abs(turn[1:]) < 0.9 * both)
-    )
+    candidate = np.flatnonzero(both > _CORNER)
     added: dict[int, Array] = {}
     if len(candidate):
         p, q = ring[candidate + 1], ring[candidate + 2]
@@ -75,6 +73,10 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
         near = np.linalg.norm(meet - p, axis=1) < 2.0 * np.linalg.norm(q - p, axis=1)
         there, middle = np.abs(evaluated(field, np.vstack([meet, 0.5 * (p + q)]))).reshape(2, -1)
         accepted = ahead & near & (there < 0.2 * middle)
+        # of neighbours the side that turns most
+        for i in np.flatnonzero(accepted):
+            beside = accepted & (np.abs(candidate - candidate[i]) == 1)
+            accepted[i] = not np.any(both[candidate[beside]] > both[candidate[i]])
         n = len(points) - 1
         added = {
             int(i + 1 - shift) % n if closed else int(i + 1): where

@@ -17,31 +17,29 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..design import DensityDesign
-from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, gmsh_model, mesh_faces, polygon
+from ..fem import Curve, Domain, Drawing, ElasticMaterial, gmsh_model, mesh_faces, polygon
 from ..parallel import on_rank_0
+from ..problem import Evaluation, Problem
 from .boundary import Side, boundary
 from .cut import Field, cut, evaluated
 from .density_field import density_field
+from .export import write
 from .lattice import Lattice
 from .pieces import drawing, held, outlines, pieces
-from .widths import Width, member_widths, narrowest_gap, thinnest_member
+from .shape import PartWarning, Shape
+from .verify import Verification, verify
+from .widths import member_widths
 
-if TYPE_CHECKING:
-    from ..problem import Evaluation, Problem
-    from .verify import Verification
-
-__all__ = ["Part", "PartWarning"]
+__all__ = ["Part"]
 
 Array = NDArray[np.float64]
 
@@ -49,10 +47,6 @@ Array = NDArray[np.float64]
 _ACROSS = 0.7
 #: Smallest size of triangles, in units of what was asked for
 _SMALLEST = 0.03
-
-
-class PartWarning(UserWarning):
-    """What is drawn as a part is not all of the design, or not held as it should be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +62,7 @@ class _Found:
     lost: list[str]  #: Interfaces without material
 
 
-class Part:
+class Part(Shape):
     """What is to be made of a design: one flat part, bounded by smooth curves.
 
     Every rank holds all of it.
@@ -101,9 +95,8 @@ class Part:
         *,
         material: ElasticMaterial | None = None,
         resolution: int = 6,
-        tolerance: float = 5e-5,
+        tolerance: float = 1e-5,
     ) -> None:
-        #: The body that was designed
         self.body = validation.instance("part: domain", domain, Domain, "a Domain")
         validation.function("part: field", field, "positions")
         if spacing is None:
@@ -115,7 +108,6 @@ class Part:
         if material is not None:
             validation.provider("part: material", material, ["thickness"], "an elastic material")
         self.material = material
-        #: Of the polygons that stand for the curves [m]
         self.accuracy = 1e-3 * self.spacing
         self._field = field
         lattice = Lattice.of(domain, self.spacing / steps)
@@ -125,6 +117,7 @@ class Part:
             lambda: _find(lattice, field, self.spacing, self.spacing / steps, share, list(lengths)),
         )
         self._found = found
+        self.drawing, self.outlines = found.drawing, found.outlines
         for text in found.said:
             warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
 
@@ -149,16 +142,6 @@ class Part:
     # ------------------------------------------------------------------ what it is
 
     @property
-    def drawing(self) -> Drawing:
-        """Curves, and the faces between them in designed and solid cells."""
-        return self._found.drawing
-
-    @property
-    def outlines(self) -> list[list[list[Curve]]]:
-        """For each piece the outer loop of curves, counterclockwise, then its holes, clockwise."""
-        return self._found.outlines
-
-    @property
     def deviation(self) -> float:
         """Largest distance of the curves from the zero line of the field [m].
 
@@ -166,16 +149,6 @@ class Part:
         a spacing of corners is not looked at.
         """
         return self._found.deviation
-
-    @property
-    def pieces(self) -> int:
-        """Number of connected pieces of material."""
-        return len(self.outlines)
-
-    @property
-    def holes(self) -> int:
-        """Number of holes in all pieces."""
-        return sum(len(loops) - 1 for loops in self.outlines)
 
     @property
     def loose(self) -> list[tuple[float, Array]]:
@@ -187,98 +160,6 @@ class Part:
         """Interfaces that are left without material."""
         return self._found.lost
 
-    def interface(self, name: str) -> list[Curve]:
-        """The curves that are an interface.
-
-        Args:
-            name: Of the interface.
-
-        Raises:
-            ValueError: If the body has no such interface.
-        """
-        validation.choice("part: interface", name, self.body.interfaces)
-        drawn = self.drawing
-        return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
-
-    def group(self, curve: Curve) -> str:
-        """The interface that a curve of `outlines` belongs to, "" if it is none.
-
-        Args:
-            curve: One of `outlines`.
-        """
-        return self._groups[id(curve)]
-
-    @cached_property
-    def _groups(self) -> dict[int, str]:
-        pairs = zip(self.drawing.curves, self.drawing.groups, strict=True)
-        return {id(curve): group for curve, group in pairs}
-
-    # ------------------------------------------------------------------ what it measures
-
-    @cached_property
-    def _moments(self) -> Array:
-        return np.sum([enclosed(loop) for loops in self.outlines for loop in loops], axis=0)
-
-    @property
-    def area(self) -> float:
-        """Area between the curves [m^2], exact for them."""
-        return float(self._moments[0])
-
-    @property
-    def center(self) -> Array:
-        """Centre of the area, shape (2,) [m]."""
-        return np.asarray(self._moments[1:] / self._moments[0])
-
-    @property
-    def thickness(self) -> float:
-        """Extent perpendicular to the plane [m].
-
-        Raises:
-            ValueError: If the part was made without a material.
-        """
-        return float(self._made_of("its thickness").thickness)
-
-    @property
-    def mass(self) -> float:
-        """Mass [kg].
-
-        Raises:
-            ValueError: If the part was made without a material that has a density [kg/m^3].
-        """
-        material = self._made_of("its mass")
-        density = getattr(material, "density", None)
-        if density is None:
-            raise ValueError("part: its material has no attribute density [kg/m^3]")
-        return self.area * material.thickness * float(density)
-
-    def _made_of(self, what: str) -> ElasticMaterial:
-        if self.material is None:
-            raise ValueError(
-                f"part: {what} is that of a material; make it with Part(..., material=)"
-            )
-        return self.material
-
-    @cached_property
-    def polygon(self) -> shapely.MultiPolygon:
-        """Polygons within `accuracy` of the curves, one a piece."""
-        rings = [[polygon(loop, self.accuracy) for loop in loops] for loops in self.outlines]
-        return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
-
-    @cached_property
-    def thinnest_member(self) -> Width | None:
-        """The thinnest member, by discs that do not fit; None if it is as wide as the part."""
-        return thinnest_member(self.polygon, 10.0 * self.accuracy, self._widest)
-
-    @cached_property
-    def narrowest_gap(self) -> Width | None:
-        """The narrowest gap or hole; None if there is none narrower than the part."""
-        return narrowest_gap(self.polygon, 10.0 * self.accuracy, self._widest)
-
-    @property
-    def _widest(self) -> float:
-        low, high = np.reshape(self.polygon.bounds, (2, 2))
-        return float(np.min(high - low))
-
     # ------------------------------------------------------------------ what becomes of it
 
     def write(self, path: str | Path, **options: Any) -> list[Path]:
@@ -288,8 +169,6 @@ class Part:
             path: A file ending in .svg, .dxf, .step or .stl, or a folder for all four.
             options: ``unit``, "mm" by default.
         """
-        from .export import write
-
         return write(self, path, **options)
 
     def domain(self, size: float, order: int = 2) -> Domain:
@@ -352,8 +231,6 @@ class Part:
         Raises:
             ValueError: If the problem has several bodies with a density.
         """
-        from .verify import verify
-
         names = list(problem.flexible)
         if len(names) != 1:
             raise ValueError(

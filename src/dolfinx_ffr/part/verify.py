@@ -6,6 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,28 @@ from ..fem import Domain
 from ..parallel import on_every_rank
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
-from .part import Part, PartWarning
+from .shape import PartWarning, Shape
 
 __all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
 #: Frequencies that the summary shows
 _SHOWN = 3
+
+
+class Fitted(Protocol):
+    """What is needed of a part."""
+
+    body: Domain  #: The body that was designed
+    spacing: float  #: Size of its cells, or so [m]
+
+    @property
+    def lost_interfaces(self) -> list[str]:
+        """Interfaces that are left without material."""
+        ...
+
+    def domain(self, size: float, order: int = 2) -> Domain:
+        """A mesh that fits the part."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +131,7 @@ class Verification:
 
 def verify(
     problem: Problem,
-    parts: Mapping[str, Part],
+    parts: Mapping[str, Fitted],
     evaluation: Evaluation,
     *,
     modes: Mapping[str, int] | int | None = None,
@@ -150,7 +167,7 @@ def verify(
         PartWarning: If psi does not stand still.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
-    validation.instances_by_name("verify: parts", parts, Part, "a Part")
+    validation.instances_by_name("verify: parts", parts, Shape, "a Part")
     validation.instance("verify: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.number("verify: tolerance", tolerance, above=0.0)
     if size is not None:
@@ -217,7 +234,7 @@ def _with_parts(
 
 
 def _figures(
-    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Part]
+    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Fitted]
 ) -> Figures:
     bodies = {}
     for name, part in parts.items():

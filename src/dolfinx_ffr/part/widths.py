@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: MIT
 """Thinnest member and narrowest gap of a shape, by discs that do not fit.
 
-The opening of a shape by a disc is what the disc covers where it fits. Of what an opening with the
-diameter d leaves out, some is no member: at each convex corner a disc leaves out a cap. A connected
-part that is left out is a *member* thinner than d if
+A member thinner than d is one of two things.
 
-* it meets the opening along two or more separate stretches: a strut, a neck; or along none, where
-  no disc fits into a whole piece; or
-* it meets it along one stretch, but is deeper than d: a finger that ends freely. The cap of a
-  corner of the angle a has the depth d/2 (1/sin(a/2) - 1), so that corners above 39 degrees are
-  never members, and sharper ones are feather edges, members of whatever thickness.
+* A *neck*: the centres of the discs of diameter d that fit into the shape (its erosion) hang
+  together otherwise than the shape does. A strut or an isthmus that no disc passes splits a piece
+  in two, or opens a closed frame; a piece into which no disc fits is gone. Corners, however sharp,
+  do not do this.
+* A *finger*, which ends freely: a connected part that is not reached by the discs that fit (what
+  the opening leaves out), longer than d and on average wider than 0.7 d. At a corner the discs
+  leave out a cap as well: but caps of angles above 39 degrees are shorter than d, and those of
+  sharper ones, feather edges, are triangles and on average half as wide as d.
 
-Parts smaller than `SHARE` of the shape's area do not count. The thinnest member is the smallest d
-at which there is a member. The narrowest gap is that of the shape's complement; so a milling cutter
-up to this diameter reaches all of the outline but the inner corners.
+The thinnest member is the smallest d at which there is one. The narrowest gap is the thinnest
+member of what is not material: a milling cutter up to this diameter reaches all of the outline but
+the inner corners.
 """
 
 from __future__ import annotations
@@ -27,16 +28,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["SHARE", "Width", "member_widths", "narrowest_gap", "thinnest_member"]
+__all__ = ["Width", "member_widths", "narrowest_gap", "thinnest_member"]
 
 Array = NDArray[np.float64]
 
-#: Share of a shape's area below which what is left out does not count
-SHARE = 1e-6
 #: Relative accuracy of a width
-ACCURACY = 5e-3
+ACCURACY = 2e-3
+#: Ratio of the diameters among which the first one is looked for
+_RATIO = 1.1
 #: Sides of a quarter of the discs
 _SIDES = 24
+#: Mean width of a finger, in units of the disc's diameter
+_FULL = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,28 +61,25 @@ def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width 
     Returns:
         None, if no member is thinner than ``largest``.
     """
-    lattice = [least]
-    while lattice[-1] < largest:
-        lattice.append(min(1.4 * lattice[-1], largest))
+    whole = _connected(shape)
     thick = 0.0
-    for thin in lattice:
-        if _member(shape, thin) is not None:
-            break
-        thick = thin
-    else:
-        return None
+    thin = least
+    while _member(shape, thin, whole) is None:
+        if thin >= largest:
+            return None
+        thick, thin = thin, min(_RATIO * thin, largest)
     while thick > 0.0 and thin - thick > ACCURACY * thin:
         middle = 0.5 * (thick + thin)
-        if _member(shape, middle) is None:
+        if _member(shape, middle, whole) is None:
             thick = middle
         else:
             thin = middle
-    member = _member(shape, thin)
+    member = _member(shape, thin, whole)
     assert member is not None
-    ends = _across(shape, member, thin)
+    ends = _across(shape, member)
     across = float(np.hypot(*(ends[1] - ends[0])))
     # the way across is more accurate than the disc, which is a polygon
-    return Width(across if abs(across - thin) < 4.0 * ACCURACY * thin else thin, ends)
+    return Width(across if abs(across - thin) < 0.01 * thin else thin, ends)
 
 
 def narrowest_gap(shape: BaseGeometry, least: float, largest: float) -> Width | None:
@@ -94,49 +94,57 @@ def narrowest_gap(shape: BaseGeometry, least: float, largest: float) -> Width | 
     return thinnest_member(around.difference(shape), least, largest)
 
 
-def _member(shape: BaseGeometry, d: float) -> BaseGeometry | None:
-    """The largest member of a shape that is thinner than d, or None."""
-    r = 0.5 * d
-    opened = shape.buffer(-r, quad_segs=_SIDES).buffer(r, quad_segs=_SIDES)
+def _connected(shape: BaseGeometry) -> tuple[int, int]:
+    """Numbers of pieces and of holes."""
+    parts = [part for part in shapely.get_parts(shape) if part.area > 0.0]
+    return len(parts), sum(len(part.interiors) for part in parts)
+
+
+def _member(shape: BaseGeometry, d: float, whole: tuple[int, int]) -> BaseGeometry | None:
+    """A member of a shape that is thinner than d, a point or line along its middle, or None."""
+    centers = shape.buffer(-0.5 * d, quad_segs=_SIDES)
+    if _connected(centers) != whole:
+        # centres of discs a little smaller get through
+        narrow = shape.buffer(-0.5 * (1.0 - 2.0 * ACCURACY) * d, quad_segs=_SIDES)
+        passing = narrow.difference(centers.buffer(4.0 * ACCURACY * d, quad_segs=4))
+        return _middle(passing if not passing.is_empty else shape, shape)
+    reached = centers.buffer(0.5 * d, quad_segs=_SIDES)
     # the discs are polygons: what they miss of a round boundary is no member
-    grown = opened.buffer(0.02 * r, quad_segs=4)
-    left = shape.difference(grown)
-    found = []
+    left = shape.difference(reached.buffer(0.01 * d, quad_segs=4))
     for part in shapely.get_parts(left):
-        if part.area < SHARE * shape.area or part.area < 1e-3 * d * d:
+        if part.area < _FULL * d * d:
             continue
-        touching = part.boundary.intersection(grown.boundary.buffer(1e-4 * r, quad_segs=2))
-        lines = [g for g in shapely.get_parts(touching) if g.length > 0.0]
-        stretches = shapely.line_merge(shapely.union_all(lines)) if lines else None
-        count = 0 if stretches is None else len(shapely.get_parts(stretches))
-        if count == 1:
-            corners = shapely.get_coordinates(part)
-            deep = max(shapely.distance(shapely.points(corners), opened)) > d
-            if not deep:
-                continue
-        found.append(part)
-    return max(found, key=lambda part: part.area) if found else None
+        corners = shapely.points(shapely.get_coordinates(part))
+        length = float(np.max(shapely.distance(corners, reached)))
+        if length > d and part.area > _FULL * d * length:
+            return _middle(part, shape)
+    return None
 
 
-def _across(shape: BaseGeometry, member: BaseGeometry, d: float) -> Array:
-    """Two points of the boundary on both sides of a member of width d."""
-    core = shape.buffer(-0.5 * 0.97 * d, quad_segs=_SIDES).intersection(member)
-    inside = (core if core.area > 0.0 else member).representative_point()
-    edges = shapely.MultiLineString(
-        [ring for part in shapely.get_parts(shape) for ring in (part.exterior, *part.interiors)]
-    )
-    near = shapely.get_coordinates(shapely.shortest_line(inside, edges))[1]
-    middle = shapely.get_coordinates(inside)[0]
-    away = middle - near
+def _middle(region: BaseGeometry, shape: BaseGeometry) -> BaseGeometry:
+    """The point of a region that is farthest from the boundary of the shape, nearly."""
+    parts = [part for part in shapely.get_parts(region) if part.area > 0.0]
+    if not parts:
+        return region.representative_point()
+    edges = shape.boundary
+    points = [part.representative_point() for part in parts]
+    return max(points, key=lambda point: shapely.distance(point, edges))
+
+
+def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
+    """Two points of the boundary on both sides of a point, nearest to it and opposite."""
+    edges = shape.boundary
+    near = shapely.get_coordinates(shapely.shortest_line(middle, edges))[1]
+    start = shapely.get_coordinates(middle)[0]
+    away = start - near
     size = float(np.hypot(*away))
     if size == 0.0:
         return np.array([near, near])
-    ray = shapely.LineString([middle, middle + 3.0 * d * away / size]).intersection(edges)
+    ray = shapely.LineString([start, start + 6.0 * away]).intersection(edges)
     if ray.is_empty:
-        return np.array([near, middle + away])
+        return np.array([near, start + away])
     hits = shapely.get_coordinates(ray)
-    far = hits[np.argmin(np.linalg.norm(hits - middle, axis=1))]
-    return np.array([near, far])
+    return np.array([near, hits[np.argmin(np.linalg.norm(hits - start, axis=1))]])
 
 
 def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[Array, Array]:

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""A flat shape between closed curves: what it measures."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from .. import validation
+from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, polygon
+from .widths import Width, narrowest_gap, thinnest_member
+
+__all__ = ["PartWarning", "Shape"]
+
+Array = NDArray[np.float64]
+
+
+class PartWarning(UserWarning):
+    """What is drawn as a part is not all of the design, or not held as it should be."""
+
+
+class Shape:
+    """Pieces of material of one thickness between closed curves."""
+
+    body: Domain  #: The body that was designed
+    material: ElasticMaterial | None  #: Of the part
+    accuracy: float  #: Of the polygons that stand for the curves [m]
+    drawing: Drawing  #: Curves, and the faces between them in designed and solid cells
+    #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
+    outlines: list[list[list[Curve]]]
+
+    @property
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+        return len(self.outlines)
+
+    @property
+    def holes(self) -> int:
+        """Number of holes in all pieces."""
+        return sum(len(loops) - 1 for loops in self.outlines)
+
+    def interface(self, name: str) -> list[Curve]:
+        """The curves that are an interface.
+
+        Args:
+            name: Of the interface.
+
+        Raises:
+            ValueError: If the body has no such interface.
+        """
+        validation.choice("part: interface", name, self.body.interfaces)
+        drawn = self.drawing
+        return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
+
+    def group(self, curve: Curve) -> str:
+        """The interface that a curve of `outlines` belongs to, "" if it is none.
+
+        Args:
+            curve: One of `outlines`.
+        """
+        return self._groups[id(curve)]
+
+    @cached_property
+    def _groups(self) -> dict[int, str]:
+        pairs = zip(self.drawing.curves, self.drawing.groups, strict=True)
+        return {id(curve): group for curve, group in pairs}
+
+    # ------------------------------------------------------------------ what it measures
+
+    @cached_property
+    def _moments(self) -> Array:
+        return np.sum([enclosed(loop) for loops in self.outlines for loop in loops], axis=0)
+
+    @property
+    def area(self) -> float:
+        """Area between the curves [m^2], exact for them."""
+        return float(self._moments[0])
+
+    @property
+    def center(self) -> Array:
+        """Centre of the area, shape (2,) [m]."""
+        return np.asarray(self._moments[1:] / self._moments[0])
+
+    @property
+    def thickness(self) -> float:
+        """Extent perpendicular to the plane [m].
+
+        Raises:
+            ValueError: If the part was made without a material.
+        """
+        return float(self._made_of("its thickness").thickness)
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg].
+
+        Raises:
+            ValueError: If the part was made without a material that has a density [kg/m^3].
+        """
+        material = self._made_of("its mass")
+        density = getattr(material, "density", None)
+        if density is None:
+            raise ValueError("part: its material has no attribute density [kg/m^3]")
+        return self.area * material.thickness * float(density)
+
+    def _made_of(self, what: str) -> ElasticMaterial:
+        if self.material is None:
+            raise ValueError(
+                f"part: {what} is that of a material; make it with Part(..., material=)"
+            )
+        return self.material
+
+    @cached_property
+    def polygon(self) -> shapely.MultiPolygon:
+        """Polygons within `accuracy` of the curves, one a piece."""
+        rings = [[polygon(loop, self.accuracy) for loop in loops] for loops in self.outlines]
+        return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+
+    @cached_property
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member, by discs that do not fit; None if it is as wide as the part."""
+        return thinnest_member(self.polygon, 10.0 * self.accuracy, self._widest)
+
+    @cached_property
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole; None if there is none narrower than the part."""
+        return narrowest_gap(self.polygon, 10.0 * self.accuracy, self._widest)
+
+    @property
+    def _widest(self) -> float:
+        low, high = np.reshape(self.polygon.bounds, (2, 2))
+        return float(np.min(high - low))

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""What parts are worth: fitted meshes against meshes of their own."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.problems import four_bar, slider_crank
+
+import dolfinx_ffr as ffr
+
+
+def strip(p: np.ndarray) -> np.ndarray:
+    return 0.01 - np.abs(p[:, 1])
+
+
+def flanges(p: np.ndarray) -> np.ndarray:
+    return np.abs(p[:, 1]) - 0.01
+
+
+def on_cells(domain: ffr.Domain, field) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Density one where a field is positive; the sides of cells are on its zero line."""
+    return np.where(domain.solid_cells | (field(domain.centroids) > 0.0), 1.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("field", [strip, flanges])
+def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm, field) -> None:  # type: ignore[no-untyped-def]
+    """A fitted part has the psi of quadrilaterals of order 2 that fit it, without their void."""
+    body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(80, 16), order=2)
+    problem = slider_crank(comm, domain=body, interpolation=ffr.SIMP(floor=1e-9))
+    evaluation = problem.value(on_cells(body, field))
+    part = ffr.Part(body, field, material=problem.flexible["rod"].material)
+    found = part.verify(problem, evaluation, size=0.004, tolerance=3e-3)
+    assert found.converged
+    # inner corners are singular, and psi of both meshes still grows by 2e-3 with each refinement
+    assert found.difference == pytest.approx(0.0, abs=3e-3)
+    (rod,) = found.fitted[-1].bodies.values()
+    assert rod.mass == pytest.approx(part.mass, rel=1e-9)
+    assert rod.volume == pytest.approx(part.area / body.area, rel=1e-9)
+    frequencies = evaluation.fixed_interface_frequencies["rod"]
+    np.testing.assert_allclose(rod.frequencies, frequencies, rtol=1e-2)
+    assert "psi stands still" in found.summary()
+    assert "MPa" in str(found)
+
+
+@pytest.mark.mpi
+def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
+    """Two parts are verified together; all ranks see the same numbers."""
+    problem = four_bar(comm, ffr.IntegralCompliance())
+    full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    evaluation = problem.value(full)
+    parts = {
+        name: ffr.Part(body.domain, lambda p: np.ones(len(p)), material=body.material)
+        for name, body in problem.flexible.items()
+    }
+    found = ffr.verify(problem, parts, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3)
+    assert found.modes == {"coupler": 4, "rocker": 3}
+    assert len(found.fitted[-1].bodies["coupler"].frequencies) == 4
+    # coarse cells of order 1 are stiffer than they should be
+    assert 0.0 < found.difference < 0.2
+    for name, part in parts.items():
+        assert found.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
+    assert len(set(comm.allgather(found.psi))) == 1
+
+
+def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) -> None:
+    body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(40, 8))
+    part = ffr.Part(body, lambda p: np.hypot(p[:, 0] - 0.2, p[:, 1]) - 0.009)
+    mesh = part.domain(0.006)
+    assert list(mesh.interfaces) == list(body.interfaces)
+    for name, interface in mesh.interfaces.items():
+        np.testing.assert_allclose(interface.center, body.interfaces[name].center, atol=1e-15)
+        assert interface.extent == pytest.approx(0.04, rel=1e-12)
+    solid = mesh.sum(mesh.cell_volumes * mesh.solid_cells)
+    assert solid == pytest.approx(4 * 0.01 * 0.04, rel=1e-12)
+    # sides of order 2 on the hole
+    assert mesh.area == pytest.approx(part.area, rel=1e-5)
+
+
+def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
+    problem = slider_crank(comm, (20, 4), modes=2, steps=100)
+    body = problem.flexible["rod"].domain
+    evaluation = problem.value(np.ones(body.n_cells))
+    part = ffr.Part(body, lambda p: np.ones(len(p)))
+    with pytest.raises(ValueError, match=r"parts for \['arm'\], but the flexible bodies are"):
+        ffr.verify(problem, {"arm": part}, evaluation)
+    with pytest.raises(TypeError, match="evaluation must be an Evaluation"):
+        part.verify(problem, evaluation.psi)  # type: ignore[arg-type]
+    with pytest.warns(ffr.PartWarning, match="psi still changes by"):
+        part.verify(problem, evaluation, tolerance=1e-12, most=2, size=0.04)
