@@ -96,12 +96,11 @@ def test_generalised_alpha_takes_more_steps_until_it_holds(name: str) -> None:
 @pytest.mark.slow
 def test_fixed_steps_of_radau_are_halved() -> None:
     scene = make("four-bar")
-    for steps in (30, [0.0, 0.02, 0.08, 0.2, 0.3]):
-        method = RadauIIA(0.3, steps=steps)
-        trajectory = simulate(scene.mechanism, scene.bodies, method, tolerance=1e-4)
-        assert trajectory.error <= 1e-4
-        assert set(method.times) <= set(trajectory.step_ends)
-        assert true_error(scene, trajectory) < 1.5 * trajectory.error
+    method = RadauIIA(0.3, steps=[0.0, 0.02, 0.08, 0.2, 0.3])
+    trajectory = simulate(scene.mechanism, scene.bodies, method, tolerance=1e-4)
+    assert trajectory.error <= 1e-4
+    assert set(method.times) <= set(trajectory.step_ends)
+    assert true_error(scene, trajectory) < 1.5 * trajectory.error
 
 
 def test_finer_and_coarser() -> None:
@@ -135,7 +134,7 @@ def test_accuracy_of_objectives(name: str, radau: bool) -> None:
     evaluation = chosen.value(scene.bodies)
     estimate = chosen.time_error(evaluation)
     assert estimate <= tolerance
-    far = replace(chosen, integrator=RadauIIA(end_time, steps=4000)).value(scene.bodies)
+    far = replace(chosen, integrator=RadauIIA(end_time, steps=1000)).value(scene.bodies)
     for here, there in (
         (evaluation.psi, far.psi),
         (evaluation.constraints["PathTracking"].psi, far.constraints["PathTracking"].psi),

@@ -63,18 +63,6 @@ def case(request: pytest.FixtureRequest) -> tuple[str, Scene, Bodies]:
     return request.param, scene, compliance_gradient(scene)
 
 
-@pytest.mark.parametrize("fields", ["m", "S", "G", "N", "K", "W", "mSGNKWP"])
-def test_taylor_order(case: tuple[str, Scene, Bodies], fields: str) -> None:
-    name, scene, gradient = case
-    direction = random_direction(scene.bodies, 3, fields)
-    slope = dot(gradient, direction)
-    steps = [STEP[name] / 2.0**k for k in range(5)]
-    result = taylor_test(
-        along(scene, direction), lambda step: float(step) * slope, 0.0, 1.0, steps=steps
-    )
-    assert_taylor_order(result, points=4)
-
-
 def test_taylor_order_over_decades(case: tuple[str, Scene, Bodies]) -> None:
     name, scene, gradient = case
     direction = random_direction(scene.bodies, 5)

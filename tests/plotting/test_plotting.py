@@ -631,10 +631,10 @@ def test_film_has_the_frames_that_were_asked_for(solved: Solved, tmp_path: Path)
 @pytest.mark.slow
 def test_film_shows_the_motion(solved: Solved, tmp_path: Path) -> None:
     """The right end of the slider's block, which nothing covers, moves like the rod's end."""
-    path = animate_motion(solved.problem, solved.evaluation, tmp_path / "x.gif", frames=41)
-    blocks = [near(pixels(path, i), "#b6bec8", 8.0).sum(axis=0) > 8 for i in range(41)]
+    path = animate_motion(solved.problem, solved.evaluation, tmp_path / "x.gif", frames=21)
+    blocks = [near(pixels(path, i), "#b6bec8", 8.0).sum(axis=0) > 8 for i in range(21)]
     ends = [np.flatnonzero(block)[-1] for block in blocks]
-    steps = np.round(np.linspace(0, 200, 41)).astype(int)
+    steps = np.round(np.linspace(0, 200, 21)).astype(int)
     slider = solved.evaluation.trajectory.marker_path("rod", "right")[steps, 0]
     fit = np.polynomial.Polynomial.fit(slider, ends, 1)
     assert np.max(np.abs(fit(slider) - ends)) < 2.0  # pixels

@@ -37,7 +37,7 @@ BODIES: dict[str, Callable[[MPI.Intracomm], Domain]] = {
     "square with a large hole": lambda comm: plate(comm, 12, hole=6),
     "annulus": lambda comm: annulus(comm, 24, 3),
     "coarse annulus": lambda comm: annulus(comm, 14, 3),
-    **{f"star of {n}": (lambda comm, n=n: star(comm, n)) for n in range(3, 13)},
+    **{f"star of {n}": (lambda comm, n=n: star(comm, n)) for n in (3, 5, 8, 12)},
 }
 
 
