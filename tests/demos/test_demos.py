@@ -263,7 +263,7 @@ ON_MESHES = {
 def test_gmsh_file_takes_the_place_of_the_built_in_mesh(
     name: str, undrawn: Callable[..., Path], tmp_path: Path
 ) -> None:
-    """Every other demo runs on files of gmsh, its own assertions hold, and it leaves its numbers."""
+    """Other demos run on files of gmsh, their own assertions hold, and they leave their numbers."""
     options, meshes = ON_MESHES[name]
     for option, length, height, size in meshes:
         write_rod(tmp_path / f"{option[2:]}.msh", length=length, height=height, size=size)
