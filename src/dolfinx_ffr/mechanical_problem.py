@@ -36,6 +36,7 @@ from .objective import (
     Derivatives,
     Objective,
     Response,
+    StressField,
     check_objective,
 )
 
@@ -66,6 +67,9 @@ class ConstraintValue:
     gradient: dict[str, Array] | None = field(default=None, repr=False)
     #: The part of it at fixed integrals, likewise; a body that does not matter may be missing.
     density_gradient: dict[str, Array] | None = field(default=None, repr=False)
+    #: Derivative of g with respect to the stress of bodies for unit coordinates, likewise, shape
+    #: (cells, points, 3, coordinates).
+    stress_gradient: dict[str, Array] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -91,11 +95,15 @@ class MechanicalEvaluation:
     #: cells of this rank, by name of the body; a body that does not matter may be missing. None
     #: where only values were asked for.
     density_gradient: dict[str, Array] | None = field(default=None, repr=False)
+    #: Stress of the bodies that have a mesh, by name.
+    stresses: Mapping[str, StressField] = field(default_factory=dict, repr=False)
+    #: Derivative of psi with respect to it, shape (cells, points, 3, coordinates), likewise.
+    stress_gradient: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
     def response(self) -> Response:
         """What the objectives are functions of."""
-        return Response(self.trajectory, self.bodies, self.densities)
+        return Response(self.trajectory, self.bodies, self.densities, self.stresses)
 
 
 @dataclass(frozen=True)
@@ -146,13 +154,17 @@ class MechanicalProblem:
         return any(objective.needs_trajectory for objective in objectives)
 
     def value(
-        self, bodies: Bodies, densities: Mapping[str, DensityField] | None = None
+        self,
+        bodies: Bodies,
+        densities: Mapping[str, DensityField] | None = None,
+        stresses: Mapping[str, StressField] | None = None,
     ) -> MechanicalEvaluation:
         """Objective and constraints; nothing is simulated if none depends on the motion.
 
         Args:
             bodies: Volume integrals of all bodies, by name.
             densities: Densities of the bodies that have one, for objectives that depend on them.
+            stresses: Stress of the bodies that have a mesh, likewise.
 
         Raises:
             ValueError: If a name does not exist or integrals are not valid.
@@ -165,7 +177,7 @@ class MechanicalProblem:
         else:
             for name, integrals in bodies.items():
                 integrals.validate(name)
-        response = Response(trajectory, dict(bodies), densities or {})
+        response = Response(trajectory, dict(bodies), densities or {}, stresses or {})
         constraints = {}
         for constraint in self.constraints:
             psi = constraint.objective.evaluate(response)
@@ -178,6 +190,7 @@ class MechanicalProblem:
             bodies=dict(bodies),
             seconds={"simulation": perf_counter() - start},
             densities=response.densities,
+            stresses=response.stresses,
         )
 
     def time_error(self, evaluation: MechanicalEvaluation) -> float:
@@ -208,6 +221,7 @@ class MechanicalProblem:
         bodies: Bodies,
         tolerance: float,
         densities: Mapping[str, DensityField] | None = None,
+        stresses: Mapping[str, StressField] | None = None,
     ) -> MechanicalProblem:
         """The same problem with steps for an accuracy of psi.
 
@@ -219,6 +233,7 @@ class MechanicalProblem:
             bodies: Volume integrals of all bodies, by name.
             tolerance: Largest relative error of the objective and of those that are bounded.
             densities: As for :meth:`value`.
+            stresses: As for :meth:`value`.
 
         Raises:
             ValueError: If a name does not exist or a number is not valid.
@@ -232,7 +247,7 @@ class MechanicalProblem:
             tolerance,
             lambda chosen: integrate(self.mechanism, bodies, chosen),
             lambda *motions: self._change(
-                *(Response(motion, bodies, densities or {}) for motion in motions)
+                *(Response(motion, bodies, densities or {}, stresses or {}) for motion in motions)
             ),
             "the objective",
         )
@@ -276,12 +291,14 @@ class MechanicalProblem:
                 evaluation.constraints[constraint.label],
                 integrals_gradient={name: bar.scaled(slope) for name, bar in bars.items()},
                 density_gradient={name: slope * bar for name, bar in direct.densities.items()},
+                stress_gradient={name: slope * bar for name, bar in direct.stresses.items()},
             )
         direct, motion = parts_of_gradient(self.objective, evaluation.response)
         return replace(
             evaluation,
             integrals_gradient=_with_direct(motion, direct),
             density_gradient=dict(direct.densities),
+            stress_gradient=dict(direct.stresses),
             constraints=constraints,
             seconds={**evaluation.seconds, "adjoint": perf_counter() - start},
         )

@@ -35,9 +35,9 @@ from .mechanical_problem import (
     parts_of_gradient,
 )
 from .mechanism import Mechanism
-from .objective import Constraint, DensityField, Derivatives, Objective, Response
+from .objective import Constraint, DensityField, Derivatives, Objective, Response, StressField
 from .parallel import check_alike, on_every_rank
-from .reduction import FlexibleBody, ReducedBody
+from .reduction import BodyStress, FlexibleBody, ReducedBody
 
 __all__ = ["Evaluation", "Problem"]
 
@@ -213,11 +213,30 @@ class Problem:
         reduced = {name: body.reduce(densities[name]) for name, body in self.flexible.items()}
         with on_every_rank(self.comm, "the evaluation of a problem"):
             chosen = self._mechanical().with_tolerance(
-                self._integrals(reduced), tolerance, self._fields(reduced)
+                self._integrals(reduced), tolerance, self._fields(reduced), self._stresses(reduced)
             )
         return Problem(
             self.bodies, self.mechanism, chosen.integrator, self.objective, self.constraints
         )
+
+    def calibrated(self, evaluation: Evaluation) -> Problem:
+        """The same problem with objectives that stand for other numbers corrected at a design.
+
+        Those are `PeakStress` as objective, in sums and in constraints, which then equals the
+        largest stress there. Calibrate between runs, or stages of one, and not within.
+
+        Args:
+            evaluation: What `value` returned.
+        """
+        validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
+        with on_every_rank(self.comm, "the evaluation of a problem"):
+            response = self.response(evaluation)
+            objective = self.objective.calibrated(response)
+            constraints = [
+                replace(constraint, objective=constraint.objective.calibrated(response))
+                for constraint in self.constraints
+            ]
+        return Problem(self.bodies, self.mechanism, self.integrator, objective, constraints)
 
     def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
         """What the mechanism sees of all bodies, in the order in which they were given.
@@ -266,7 +285,9 @@ class Problem:
         for part in reduced.values():
             _add(seconds, part.seconds)
         with on_every_rank(self.comm, "the evaluation of a problem"):
-            found = self._mechanical().value(self._integrals(reduced), self._fields(reduced))
+            found = self._mechanical().value(
+                self._integrals(reduced), self._fields(reduced), self._stresses(reduced)
+            )
         psi, constraints = self._agreed(found)
         _add(seconds, found.seconds)
         volume = {name: b.volume(densities[name])[0] for name, b in self.flexible.items()}
@@ -322,6 +343,7 @@ class Problem:
             bodies=self._integrals(evaluation.bodies),
             seconds=evaluation.seconds,
             densities=self._fields(evaluation.bodies),
+            stresses=self._stresses(evaluation.bodies),
         )
         with on_every_rank(self.comm, "the evaluation of a problem"):
             found = self._mechanical().differentiate(bare)
@@ -330,7 +352,8 @@ class Problem:
         constraints = {}
         for name, value in found.constraints.items():
             gradient = self._to_densities(evaluation, value, iterations, seconds)
-            constraints[name] = replace(value, gradient=gradient)
+            # that by stress is large, and its work is done
+            constraints[name] = replace(value, gradient=gradient, stress_gradient=None)
         return replace(
             evaluation,
             gradient=self._to_densities(evaluation, found, iterations, seconds),
@@ -347,15 +370,19 @@ class Problem:
         iterations: dict[str, int],
         seconds: dict[str, float],
     ) -> dict[str, NDArray[np.float64]]:
-        """Derivatives with respect to the densities, through the integrals and at fixed ones."""
+        """Derivatives with respect to the densities, through the reduction and at fixed one."""
         bars, direct = found.integrals_gradient, found.density_gradient
-        assert bars is not None and direct is not None
+        stresses = found.stress_gradient
+        assert bars is not None and direct is not None and stresses is not None
         gradient: dict[str, NDArray[np.float64]] = {}
         for name, body in self.flexible.items():
             gradient[name] = np.zeros(body.domain.n_cells)
             # the same on every rank, so all skip a body that does not matter, or none
-            if bars[name].dot(bars[name]) != 0.0:
-                gradient[name], learnt = body.pullback(evaluation.bodies[name], bars[name])
+            if name in stresses or bars[name].dot(bars[name]) != 0.0:
+                reduced, shapes = evaluation.bodies[name], None
+                if name in stresses:
+                    shapes = BodyStress(body, reduced).pullback(stresses[name])
+                gradient[name], learnt = body.pullback(reduced, bars[name], shapes)
                 iterations[name] += int(learnt.pop("iterations"))
                 _add(seconds, learnt)
             if name in direct:
@@ -395,7 +422,12 @@ class Problem:
             evaluation: What `value` returned.
         """
         bodies = evaluation.bodies
-        return Response(evaluation.trajectory, self._integrals(bodies), self._fields(bodies))
+        return Response(
+            evaluation.trajectory,
+            self._integrals(bodies),
+            self._fields(bodies),
+            self._stresses(bodies),
+        )
 
     def _agreed(self, found: MechanicalEvaluation) -> tuple[float, dict[str, ConstraintValue]]:
         """Objective and constraints of rank 0, or refuse them where those of others differ.
@@ -414,6 +446,10 @@ class Problem:
     def _fields(self, reduced: Mapping[str, ReducedBody]) -> dict[str, DensityField]:
         """The densities as objectives see them."""
         return {name: _field(self.flexible[name], part.density) for name, part in reduced.items()}
+
+    def _stresses(self, reduced: Mapping[str, ReducedBody]) -> dict[str, StressField]:
+        """The stresses as objectives see them; none is computed before it is asked for."""
+        return {name: BodyStress(self.flexible[name], part) for name, part in reduced.items()}
 
     def _integrals(self, reduced: Mapping[str, ReducedBody]) -> dict[str, VolumeIntegrals]:
         """What the mechanism sees of all bodies, in the order in which they were given."""

@@ -20,6 +20,7 @@ from .material import (
 )
 from .mesh_checks import floating_cells
 from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces, quiet, surfaces
+from .stress_recovery import StressRecovery
 
 __all__ = [
     "RAMP",
@@ -42,6 +43,7 @@ __all__ = [
     "PlaneStrain",
     "PlaneStress",
     "Spline",
+    "StressRecovery",
     "SuppressedVoidMass",
     "enclosed",
     "floating_cells",

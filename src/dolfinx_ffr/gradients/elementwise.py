@@ -230,8 +230,8 @@ def elementwise_gradient(
         By name of the body, for the elements that this rank has asked for.
 
     Raises:
-        ValueError: On every rank, if a body or an element does not exist, or the solver is not
-            known.
+        ValueError: On every rank, if a body or an element does not exist, the solver is not known,
+            or the objective depends on the stress of a body.
         RuntimeError: On every rank, if a solver fails.
     """
     validation.instance("element by element: problem", problem, Problem, "a Problem")
@@ -254,8 +254,14 @@ def elementwise_gradient(
             f"element by element: no flexible body {unknown[0]!r}; there are "
             f"{sorted(problem.flexible)}"
         )
+    partial = problem.partial_derivatives(evaluation)
+    if partial.stresses:
+        raise ValueError(
+            "element by element: derivatives of the stress of shape functions are not offered, "
+            f"and {problem.objective} depends on it; use Problem.gradient, which has them"
+        )
     direct, motion = problem.integral_gradients(evaluation)
-    fields = problem.partial_derivatives(evaluation).densities
+    fields = partial.densities
     result = {}
     for name, chosen in wanted.items():
         start = perf_counter()

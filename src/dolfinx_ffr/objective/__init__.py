@@ -12,6 +12,7 @@ from .base import (
     Derivatives,
     Objective,
     Response,
+    StressField,
     Sum,
     check_objective,
 )
@@ -19,6 +20,8 @@ from .compliance import IntegralCompliance, PeakCompliance
 from .joints import JointForce
 from .markers import MarkerAcceleration, PathTracking
 from .properties import Frequency, Mass, Volume
+from .stress import PeakStress, von_mises_root
+from .stress_coordinates import stress_coordinates
 
 __all__ = [
     "Constraint",
@@ -32,8 +35,12 @@ __all__ = [
     "Objective",
     "PathTracking",
     "PeakCompliance",
+    "PeakStress",
     "Response",
+    "StressField",
     "Sum",
     "Volume",
     "check_objective",
+    "stress_coordinates",
+    "von_mises_root",
 ]

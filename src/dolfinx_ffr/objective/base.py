@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,15 @@ from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory, TrajectoryBar
 
-__all__ = ["Constraint", "DensityField", "Derivatives", "Objective", "Response", "Sum"]
+__all__ = [
+    "Constraint",
+    "DensityField",
+    "Derivatives",
+    "Objective",
+    "Response",
+    "StressField",
+    "Sum",
+]
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, VolumeIntegrals]
@@ -37,6 +46,55 @@ class DensityField:
     sum: Callable[[Array], float]
 
 
+class StressField(Protocol):
+    """The stress of a body for unit coordinates; each rank holds that of its own cells.
+
+    It is that of the solid at the strain of the cell; see :func:`stress_coordinates`.
+    """
+
+    @property
+    def n_constraint(self) -> int:
+        """Number of constraint modes, the first of the elastic coordinates."""
+        ...
+
+    @property
+    def out_of_plane(self) -> float:
+        """The stress s_z / (s_x + s_y) [-]."""
+        ...
+
+    @property
+    def weights(self) -> Array:
+        """Area that each point stands for, shape (cells, points) [m^2]."""
+        ...
+
+    def modes(self, correction: bool) -> Array:
+        """Stress s_x, s_y, t_xy for unit coordinates; collective.
+
+        Args:
+            correction: Whether those of the static correction follow the elastic coordinates.
+
+        Returns:
+            Shape (cells, points, 3, coordinates) [Pa].
+        """
+        ...
+
+    def sum(self, local: Array) -> Array:
+        """The sum over the ranks, bit-identical on every rank; collective.
+
+        Args:
+            local: This rank's array.
+        """
+        ...
+
+    def gathered(self, value: Any) -> list[Any]:
+        """The values of all ranks, alike on every one of them; collective.
+
+        Args:
+            value: This rank's.
+        """
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """What objectives are functions of: a motion and the bodies that made it."""
@@ -47,20 +105,25 @@ class Response:
     bodies: Bodies
     #: Densities of the bodies that have one, by name; none for bodies given by their integrals.
     densities: Mapping[str, DensityField] = field(default_factory=dict)
+    #: Stress of the bodies that have a mesh, by name.
+    stresses: Mapping[str, StressField] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Partial derivatives of a number with respect to the three parts of a response."""
+    """Partial derivatives of a number with respect to the parts of a response."""
 
     #: With respect to the trajectory, at fixed bodies; None where it does not matter.
     trajectory: TrajectoryBar | None = None
     #: With respect to the integrals, at fixed trajectory and densities, by name of the body; a body
     #: that is missing does not matter.
     integrals: Mapping[str, VolumeIntegrals] = field(default_factory=dict)
-    #: With respect to the densities of this rank's cells, shape (cells,), at fixed trajectory and
-    #: integrals, likewise.
+    #: With respect to the densities of this rank's cells, shape (cells,), at fixed trajectory,
+    #: integrals and stress for unit coordinates, likewise.
     densities: Mapping[str, Array] = field(default_factory=dict)
+    #: With respect to the stress of this rank's cells for unit coordinates, shape (cells, points,
+    #: 3, coordinates), at fixed trajectory and densities, likewise.
+    stresses: Mapping[str, Array] = field(default_factory=dict)
 
     def scaled(self, factor: float) -> Derivatives:
         """The derivatives times a factor.
@@ -72,28 +135,41 @@ class Derivatives:
             None if self.trajectory is None else self.trajectory.scaled(factor),
             {name: bar.scaled(factor) for name, bar in self.integrals.items()},
             {name: factor * bar for name, bar in self.densities.items()},
+            {name: factor * bar for name, bar in self.stresses.items()},
         )
 
     def __add__(self, other: Derivatives) -> Derivatives:
         """Sum part by part."""
         ours, theirs = self.trajectory, other.trajectory
         integrals, densities = dict(self.integrals), dict(self.densities)
+        stresses = dict(self.stresses)
         for name, bar in other.integrals.items():
             integrals[name] = integrals[name] + bar if name in integrals else bar
         for name, part in other.densities.items():
             densities[name] = densities[name] + part if name in densities else part
+        for name, part in other.stresses.items():
+            stresses[name] = _sum_of_modes(stresses[name], part) if name in stresses else part
         return Derivatives(
             ours if theirs is None else theirs if ours is None else ours + theirs,
             integrals,
             densities,
+            stresses,
         )
 
 
+def _sum_of_modes(a: Array, b: Array) -> Array:
+    """Their sum, where one may lack the last columns, those of the static correction."""
+    more, less = (a, b) if a.shape[-1] >= b.shape[-1] else (b, a)
+    total = more.copy()
+    total[..., : less.shape[-1]] += less
+    return total
+
+
 class Objective:
-    """A number psi that depends on the motion, the volume integrals and the densities of bodies.
+    """A number psi of the motion, and of volume integrals, densities and stress of bodies.
 
     An objective of one's own derives from this class. If it depends on trajectory and integrals it
-    defines :meth:`value` and :meth:`pullback`; if it depends on densities too, it defines
+    defines :meth:`value` and :meth:`pullback`; if it depends on densities or stress too, it defines
     :meth:`evaluate` and :meth:`derivatives` instead. Objectives are added, and multiplied by
     numbers, with the usual signs.
     """
@@ -118,8 +194,8 @@ class Objective:
         """The number, the same on every rank.
 
         Args:
-            response: Motion, integrals and densities; the motion is None for an objective that
-                does not need it.
+            response: Motion, integrals, densities and stress; the motion is None for an objective
+                that does not need it.
 
         Raises:
             ValueError: If a name does not exist; the message lists those that do.
@@ -127,7 +203,7 @@ class Objective:
         return float(self.value(response.trajectory, response.bodies))  # type: ignore[arg-type]
 
     def derivatives(self, response: Response) -> Derivatives:
-        """Its partial derivatives with respect to trajectory, integrals and densities.
+        """Its partial derivatives with respect to trajectory, integrals, densities and stress.
 
         Args:
             response: As for :meth:`evaluate`.
@@ -136,6 +212,19 @@ class Objective:
             ValueError: As :meth:`evaluate` does.
         """
         return Derivatives(*self.pullback(response.trajectory, response.bodies))  # type: ignore[arg-type]
+
+    def calibrated(self, response: Response) -> Objective:
+        """The objective corrected at one design, where it stands for another number.
+
+        Only :class:`PeakStress` does, for the largest stress; others are returned as they are.
+
+        Args:
+            response: Of the design, as for :meth:`evaluate`.
+
+        Raises:
+            ValueError: As :meth:`evaluate` does.
+        """
+        return self
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
         """The number, as a function of trajectory and integrals alone.
@@ -244,6 +333,9 @@ class Sum(Objective):
     def derivatives(self, response: Response) -> Derivatives:
         parts = (term.derivatives(response).scaled(weight) for weight, term in self.terms)
         return sum(parts, Derivatives())
+
+    def calibrated(self, response: Response) -> Sum:
+        return Sum([(weight, term.calibrated(response)) for weight, term in self.terms])
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
         return self.evaluate(Response(trajectory, bodies))

@@ -36,18 +36,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import basix
 import numpy as np
-import ufl
-from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..dynamics import Trajectory
-from ..fem import Block, Domain, _compat, rotated
-from ..parallel import announce, gathered, on_every_rank
+from ..fem import Domain
+from ..objective import stress_coordinates, von_mises_root
+from ..parallel import gathered, on_every_rank
 from ..problem import Evaluation
-from ..reduction import FlexibleBody, ReducedBody
+from ..reduction import BodyStress, FlexibleBody, ReducedBody
 
 __all__ = ["StressEnvelope", "StressModes", "von_mises", "worst_stress"]
 
@@ -102,15 +100,12 @@ class StressModes:
         validation.flag("stress: correction", correction)
         validation.number("stress: relaxation", relaxation, least=0.0)
         validation.number("stress: void", void, least=0.0, most=1.0)
-        announce(body.domain.comm, "the stress of a body")
-        fields = reduced.basis.shapes
-        if correction:
-            fields = np.hstack([fields, _static_correction(body, reduced)])
+        stress = BodyStress(body, reduced)
+        values = stress.modes(correction)
         solid = reduced.density >= void
-        points, values = _stresses(body, fields)
-        scale = np.where(solid, reduced.density**relaxation, 0.0) / body.material.thickness
+        scale = np.where(solid, reduced.density**relaxation, 0.0)
         return StressModes(
-            points=points,
+            points=stress.points,
             values=values * scale[:, None, None, None],
             out_of_plane=body.material.out_of_plane,
             solid=solid,
@@ -129,26 +124,11 @@ class StressModes:
             trajectory: The motion.
             name: Of the body.
         """
-        q = trajectory.elastic(name)
-        if self.values.shape[3] == self.n_elastic:
-            return q
-        where = trajectory.model.coordinates(name)
-        velocity, acceleration = trajectory.v, trajectory.w
-        angle, omega = trajectory.y[:, where.rotation], velocity[:, where.rotation, None]
-        alpha = acceleration[:, where.rotation, None]
-        force = acceleration[:, where.position] - trajectory.model.arrays.gravity[: len(q)]
-        c, s = np.cos(angle), np.sin(angle)
-        k = self.n_constraint
-        return np.column_stack(
-            [
-                q,
-                c * force[:, 0] + s * force[:, 1],
-                c * force[:, 1] - s * force[:, 0],
-                -(omega**2),
-                alpha,
-                acceleration[:, where.elastic][:, :k] - omega**2 * q[:, :k],
-                alpha * q + 2.0 * omega * velocity[:, where.elastic],
-            ]
+        return stress_coordinates(
+            trajectory,
+            name,
+            self.n_constraint,
+            correction=self.values.shape[3] > self.n_elastic,
         )
 
     def stress(self, z: ArrayLike) -> Array:
@@ -213,9 +193,12 @@ class StressModes:
 
     def _squared(self, sx: Array, sy: Array, txy: Array) -> Array:
         """The square of the von Mises stress."""
-        k = self.out_of_plane * (self.out_of_plane - 1.0)
-        squared = (1.0 + k) * (sx * sx + sy * sy) + (2.0 * k - 1.0) * (sx * sy) + 3.0 * (txy * txy)
-        return np.maximum(squared, 0.0)
+        (mean, _, _), (difference, _, _), (_, _, shear) = von_mises_root(self.out_of_plane)
+        total, apart = mean * (sx + sy), difference * (sx - sy)
+        squared = total * total
+        squared += apart * apart
+        squared += (shear * txy) ** 2
+        return np.asarray(squared)
 
 
 @dataclass(frozen=True)
@@ -324,42 +307,3 @@ def worst_stress(
     )
     trajectory = evaluation.motion
     return modes.worst(modes.coordinates(trajectory, name), trajectory.t)
-
-
-def _stresses(body: FlexibleBody, fields: Block) -> tuple[Array, Array]:
-    """Points (cells, points, 2) and stress resultants (cells, points, 3, columns) there."""
-    domain = body.domain
-    kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
-    triangle = kind == basix.CellType.triangle
-    degree = max(1, 2 * domain.order - (2 if triangle else 1))
-    reference = np.asarray(basix.make_quadrature(kind, degree)[0])
-    cells = np.arange(domain.n_cells, dtype=np.int32)
-    position = ufl.SpatialCoordinate(domain.mesh)
-    points = _compat.evaluate_expression(position, reference, domain.mesh, cells)
-    displacement = fem.Function(domain.space)
-    stress = body.material.on(domain.mesh).stress(displacement)
-    evaluate = _compat.compiled_expression(
-        ufl.as_vector([stress[0, 0], stress[1, 1], stress[0, 1]]), reference, domain.mesh
-    )
-    values = np.empty((len(cells), len(reference), 3, fields.shape[1]))
-    for i, column in enumerate(fields.T):
-        displacement.x.array[: len(column)] = column
-        displacement.x.scatter_forward()
-        values[..., i] = evaluate(cells)
-    return points, values
-
-
-def _static_correction(body: FlexibleBody, reduced: ReducedBody) -> Block:
-    """What the modes left out do statically under -M b, for each field of b."""
-    elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
-    factored = body.factored(reduced)
-    k = basis.n_constraint
-    unit, reference = reduction.unit_translations, reduction.reference[:, None]
-    fields = np.hstack(
-        [unit, reference, rotated(reference), basis.shapes[:, :k], rotated(basis.shapes)]
-    )
-    load = -elasticity.apply(factored.matrices.mass, fields)
-    load[reduction.held] = 0.0
-    normal = basis.shapes[:, k:]
-    modal = elasticity.inner(normal, load) / basis.eigenvalues[:, None]
-    return np.asarray(factored.solve(load) - normal @ modal)

@@ -11,10 +11,13 @@ from .geometric_stiffness import MARKERS
 from .integrals import RoundOffWarning
 from .normal_modes import CLUSTER
 from .residual_modes import with_residual_modes
+from .static_correction import ShapesBar
+from .stress import BodyStress
 
 __all__ = [
     "CLUSTER",
     "MARKERS",
+    "BodyStress",
     "ChordFrame",
     "CraigBampton",
     "FactoredBody",
@@ -22,6 +25,7 @@ __all__ = [
     "ReducedBasis",
     "ReducedBody",
     "RoundOffWarning",
+    "ShapesBar",
     "TangentFrame",
     "with_residual_modes",
 ]

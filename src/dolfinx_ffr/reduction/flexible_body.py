@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from threading import RLock
 from time import perf_counter
 from typing import Any
@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..fem import SIMP, Domain, Elasticity, ElasticMaterial, Interpolation, kept_by
+from ..fem import (
+    SIMP,
+    Domain,
+    Elasticity,
+    ElasticMaterial,
+    Interpolation,
+    StressRecovery,
+    kept_by,
+)
 from ..parallel import check_alike
 from .craig_bampton import CraigBampton, ReducedBasis
 from .factored_body import FactoredBody
@@ -24,6 +32,7 @@ from .frame import Frame
 from .geometric_stiffness import GeometricStiffening
 from .integrals import volume_integrals, volume_integrals_pullback
 from .point_marker import PointMarker
+from .static_correction import ShapesBar
 
 __all__ = ["FlexibleBody", "ReducedBody"]
 
@@ -126,7 +135,7 @@ class FlexibleBody:
         #: The one that was worked at last, or nothing
         self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with what fills them.
-        self._working = RLock()
+        self.working = RLock()
 
     def with_modes(self, modes: int) -> FlexibleBody:
         """The same body with another number of normal modes.
@@ -176,6 +185,11 @@ class FlexibleBody:
         _warn_of_points()
         return self.markers
 
+    @cached_property
+    def stress_recovery(self) -> StressRecovery:
+        """Stress of the solid at points of each cell, from displacements."""
+        return StressRecovery(self.elasticity, self.material)
+
     def volume(self, x: ArrayLike) -> tuple[float, NDArray[np.float64]]:
         """The filled share of the body's area, and its derivative.
 
@@ -207,7 +221,7 @@ class FlexibleBody:
         """
         density = np.array(self.domain.check_density(x))
         density.setflags(write=False)
-        with self._working:
+        with self.working:
             return self._reduce(density)
 
     def _reduce(self, density: NDArray[np.float64]) -> ReducedBody:
@@ -288,7 +302,7 @@ class FlexibleBody:
         return self.stiffening.stiffened(factored, basis, found)
 
     def pullback(
-        self, reduced: ReducedBody, bar: VolumeIntegrals
+        self, reduced: ReducedBody, bar: VolumeIntegrals, shapes: ShapesBar | None = None
     ) -> tuple[NDArray[np.float64], dict[str, float]]:
         """The derivative with respect to each density, given that to the integrals.
 
@@ -297,24 +311,31 @@ class FlexibleBody:
                 density since, its matrices are assembled and factored again.
             bar: Derivative of psi with respect to the integrals; psi must not depend on the choice
                 of basis within the span of the shape functions, as no physical quantity does.
+            shapes: Derivative of psi with respect to the shape functions themselves, at fixed
+                integrals, where it has one (`BodyStress.pullback`). Only psi as a whole need not
+                depend on the choice of basis, and one adjoint solution serves both.
 
         Returns:
             Derivative for each cell owned by this rank, shape (cells,), and what was learnt:
             ``iterations`` of the adjoint systems and seconds spent.
         """
-        with self._working:
-            return self._pullback(reduced, bar)
+        with self.working:
+            return self._pullback(reduced, bar, shapes)
 
     def _pullback(
-        self, reduced: ReducedBody, bar: VolumeIntegrals
+        self, reduced: ReducedBody, bar: VolumeIntegrals, fields: ShapesBar | None
     ) -> tuple[NDArray[np.float64], dict[str, float]]:
         """The pullback while no other thread works with the body."""
         start = perf_counter()
         factored = self.factored(reduced)
+        if fields is not None and fields.K is not None:
+            bar = replace(bar, K=bar.K + fields.K)
         pull = volume_integrals_pullback(
             self.reduction, factored.matrices, reduced.basis, self.markers, bar
         )
         shapes_bar, stiff = pull.shapes, None
+        if fields is not None:
+            shapes_bar = shapes_bar + fields.shapes
         if self.stiffening is not None:
             stiff = self.stiffening.pullback(factored, reduced.basis, bar)
             shapes_bar = shapes_bar + stiff.shapes
@@ -328,6 +349,10 @@ class FlexibleBody:
             w, y = np.hstack([w, stiff.loads]), np.hstack([y, stiff.adjoints])
             shapes = np.hstack([shapes, stiff.displacements])
             kappa = np.hstack([kappa, -stiff.adjoints])
+        if fields is not None and fields.pairs is not None:
+            w, y, shapes, kappa = (
+                np.hstack(both) for both in zip((w, y, shapes, kappa), fields.pairs, strict=True)
+            )
         gradient = self.elasticity.density_gradient(reduced.density, w, y, shapes, kappa)
         if stiff is not None:
             gradient += stiff.direct

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""The coordinates that the stress of a body is linear in, and their pullback to the motion.
+
+They are the elastic ones and, with static correction, the factors of the fields that make up the
+acceleration of the body's points in its frame,
+
+    b = A^T (a_R - g) + alpha J w + sum_j q''_j w_j - omega^2 w + 2 omega J sum_j q'_j w_j.
+
+Modes that were left out follow the inertia forces of b statically (the method of mode
+accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dynamics import Trajectory, TrajectoryBar
+
+__all__ = ["stress_coordinates", "stress_coordinates_pullback"]
+
+Array = NDArray[np.float64]
+
+
+def stress_coordinates(
+    trajectory: Trajectory, name: str, n_constraint: int, *, correction: bool
+) -> Array:
+    """The coordinates z over time, shape (steps + 1, coordinates).
+
+    These are the elastic coordinates and, with static correction, the factors of the fields e_x,
+    e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b.
+
+    Args:
+        trajectory: The motion.
+        name: Of the body.
+        n_constraint: Number of its constraint modes.
+        correction: Whether to add the factors of the static correction.
+    """
+    q = trajectory.elastic(name)
+    if not correction:
+        return q
+    where, k = trajectory.model.coordinates(name), n_constraint
+    velocity, acceleration = trajectory.v, trajectory.w
+    omega = velocity[:, where.rotation, None]
+    alpha = acceleration[:, where.rotation, None]
+    return np.column_stack(
+        [
+            q,
+            *_forces(trajectory, name),
+            -(omega**2),
+            alpha,
+            acceleration[:, where.elastic][:, :k] - omega**2 * q[:, :k],
+            alpha * q + 2.0 * omega * velocity[:, where.elastic],
+        ]
+    )
+
+
+def stress_coordinates_pullback(
+    trajectory: Trajectory, name: str, n_constraint: int, bar: Array
+) -> TrajectoryBar:
+    """The transpose of the derivative of `stress_coordinates`.
+
+    Args:
+        trajectory: The motion.
+        name: Of the body.
+        n_constraint: Number of its constraint modes.
+        bar: Derivative with respect to the coordinates, shape (steps + 1, coordinates); without
+            those of the static correction, that was none.
+    """
+    q, k = trajectory.elastic(name), n_constraint
+    where, r = trajectory.model.coordinates(name), q.shape[1]
+    out = TrajectoryBar.zeros(trajectory)
+    out.y[:, where.elastic] = bar[:, :r]
+    if bar.shape[1] == r:
+        return out
+    along, across = _forces(trajectory, name)
+    angle = trajectory.y[:, where.rotation]
+    c, s = np.cos(angle), np.sin(angle)
+    omega = trajectory.v[:, where.rotation, None]
+    alpha = trajectory.w[:, where.rotation, None]
+    rate = trajectory.v[:, where.elastic]
+    along_bar, across_bar, square, turn = bar[:, r : r + 4].T
+    carried, turned = bar[:, r + 4 : r + 4 + k], bar[:, r + 4 + k :]
+    out.y[:, where.rotation] = along_bar * across - across_bar * along
+    out.w[:, where.position] = np.column_stack(
+        [c * along_bar - s * across_bar, s * along_bar + c * across_bar]
+    )
+    out.w[:, where.rotation] = turn + np.sum(turned * q, axis=1)
+    elastic = bar[:, :r] + alpha * turned
+    elastic[:, :k] -= omega**2 * carried
+    out.y[:, where.elastic] = elastic
+    accelerations = np.zeros_like(q)
+    accelerations[:, :k] = carried
+    out.w[:, where.elastic] = accelerations
+    out.v[:, where.elastic] = 2.0 * omega * turned
+    out.v[:, where.rotation] = -2.0 * omega[:, 0] * (
+        square + np.sum(carried * q[:, :k], axis=1)
+    ) + 2.0 * np.sum(turned * rate, axis=1)
+    return out
+
+
+def _forces(trajectory: Trajectory, name: str) -> tuple[Array, Array]:
+    """A^T (a_R - g) along both axes of the body's frame, shape (steps + 1,) each [m/s^2]."""
+    where = trajectory.model.coordinates(name)
+    angle = trajectory.y[:, where.rotation]
+    gravity = trajectory.model.arrays.gravity[: len(angle)]
+    x, y = (trajectory.w[:, where.position] - gravity).T
+    c, s = np.cos(angle), np.sin(angle)
+    return c * x + s * y, c * y - s * x

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Stress of a reduced body for unit coordinates, and its pullback to shape functions and density.
+
+The stress is linear in the displacement, so each shape function has a stress mode, and each field
+of the static correction another one.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fem import Block
+from ..parallel import announce, gathered
+from .flexible_body import FlexibleBody, ReducedBody
+from .static_correction import ShapesBar, static_correction, static_correction_pullback
+
+__all__ = ["BodyStress"]
+
+Array = NDArray[np.float64]
+Kept = TypeVar("Kept")
+
+
+class BodyStress:
+    """Stress of a body at one design for unit coordinates; each rank holds that of its own cells.
+
+    All is computed when it is first asked for.
+
+    Args:
+        body: The body.
+        reduced: Its shape functions, from `FlexibleBody.reduce`, at any time: if the body has been
+            worked at another design since, its matrices are made again for the static correction.
+    """
+
+    def __init__(self, body: FlexibleBody, reduced: ReducedBody) -> None:
+        self.body, self.reduced = body, reduced
+        self._modes: dict[bool, Array] = {}
+
+    @property
+    def n_constraint(self) -> int:
+        """Number of constraint modes."""
+        return self.reduced.basis.n_constraint
+
+    @property
+    def out_of_plane(self) -> float:
+        """The stress s_z / (s_x + s_y) [-]."""
+        return self.body.material.out_of_plane
+
+    @property
+    def points(self) -> Array:
+        """Where the stress is given, undeformed, shape (cells, points, 2) [m]."""
+        return self.body.stress_recovery.points
+
+    @property
+    def weights(self) -> Array:
+        """Area that each point stands for, shape (cells, points) [m^2]."""
+        return self.body.stress_recovery.weights
+
+    def modes(self, correction: bool) -> Array:
+        """Stress s_x, s_y, t_xy of the solid for unit coordinates; collective.
+
+        Args:
+            correction: Whether the fields of the static correction follow the shape functions.
+
+        Returns:
+            Shape (cells, points, 3, coordinates) [Pa].
+        """
+        if correction not in self._modes:
+            announce(self.body.domain.comm, "the stress of a body")
+            with self.body.working:
+                self._modes[correction] = self.body.stress_recovery(self._fields(correction))
+        return self._modes[correction]
+
+    def _fields(self, correction: bool) -> Block:
+        """The displacements for unit coordinates, shape (dofs, coordinates)."""
+        basis = self.reduced.basis
+        if not correction:
+            return basis.shapes
+        factored = self.body.factored(self.reduced)
+        more = static_correction(self.body.reduction, factored, basis)
+        return np.hstack([basis.shapes, more])
+
+    def pullback(self, bar: Array) -> ShapesBar:
+        """The transpose of the derivative of `modes`; collective.
+
+        Args:
+            bar: Derivative with respect to the stress for unit coordinates, of this rank's cells,
+                shape (cells, points, 3, coordinates), with or without the static correction.
+        """
+        r = self.reduced.basis.shapes.shape[1]
+        with self.body.working:
+            fields = self.body.stress_recovery.transposed(bar)
+            if fields.shape[1] == r:
+                return ShapesBar(fields)
+            factored = self.body.factored(self.reduced)
+            through = static_correction_pullback(
+                self.body.reduction, factored, self.reduced.basis, fields[:, r:]
+            )
+        return ShapesBar(fields[:, :r] + through.shapes, through.K, through.pairs)
+
+    def sum(self, local: Array) -> Array:
+        """The sum over the ranks of an array, bit-identical on every rank; collective."""
+        announce(self.body.domain.comm, "a sum over the stresses of a body")
+        return self.body.elasticity.sum(np.ascontiguousarray(local))
+
+    def gathered(self, value: Kept) -> list[Kept]:
+        """The values of all ranks, alike on every one of them; collective."""
+        found: list[Any] = gathered(self.body.domain.comm, "the stresses of a body", value)
+        return found
