@@ -381,7 +381,7 @@ class Problem:
             if name in stresses or bars[name].dot(bars[name]) != 0.0:
                 reduced, shapes = evaluation.bodies[name], None
                 if name in stresses:
-                    shapes = BodyStress(body, reduced).pullback(stresses[name])
+                    shapes = body.stress_pullback(reduced, stresses[name])
                 gradient[name], learnt = body.pullback(reduced, bars[name], shapes)
                 iterations[name] += int(learnt.pop("iterations"))
                 _add(seconds, learnt)

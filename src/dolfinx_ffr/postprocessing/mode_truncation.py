@@ -27,13 +27,22 @@ from ..body import VolumeIntegrals
 from ..dynamics import Integrator, integrate
 from ..parallel import announce, on_every_rank
 from ..problem import Evaluation, Problem
-from ..reduction import CLUSTER, FlexibleBody, ReducedBasis, with_residual_modes
+from ..reduction import (
+    CLUSTER,
+    BodyStress,
+    FlexibleBody,
+    ReducedBasis,
+    ReducedBody,
+    with_residual_modes,
+)
 from .local_modes import warn_of_local_modes
 
 __all__ = [
     "ModeSelection",
+    "integrals_of",
     "mode_error",
     "modes_below",
+    "own_bodies",
     "propose_modes",
     "psi_with",
     "relative_change",
@@ -42,6 +51,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+#: Bodies by name, flexible ones with their shape functions.
+Bodies = dict[str, ReducedBody | VolumeIntegrals]
 
 #: How far above the squared frequency of a residual mode normal modes are counted, relative to it:
 #: the one that it stands for lies below it, by Rayleigh and Ritz, but for round-off
@@ -70,7 +81,7 @@ def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
         SimulationError: If the motion with more modes cannot be computed.
     """
     whole = _checked(problem, evaluation, "mode_error", terms=1)
-    own = problem.integrals(evaluation)
+    own = own_bodies(problem, evaluation)
     return {
         name: relative_change(
             evaluation.psi, psi_with(problem, evaluation, {**own, name: whole[name]})
@@ -110,17 +121,17 @@ def propose_modes(
     """
     tolerance = validation.number("propose_modes: tolerance", tolerance, above=0.0)
     whole = _checked(problem, evaluation, "propose_modes", terms=2)
-    own = problem.integrals(evaluation)
+    own = own_bodies(problem, evaluation)
     warn_of_local_modes(problem, evaluation)
     proposed = {}
     for name, body in problem.flexible.items():
         reduced = evaluation.bodies[name]
-        basis, residual = reduced.basis, whole[name]
-        exact = psi_with(problem, evaluation, {**own, name: residual})
+        basis, residual = reduced.basis, integrals_of(whole[name])
+        exact = psi_with(problem, evaluation, {**own, name: whole[name]})
 
         def holds(number: int, name: str = name, exact: float = exact) -> bool:
             shorter = whole[name].leading(evaluation.bodies[name].basis.n_constraint + number)
-            if shorter.modes == 0:  # a flexible body without any shape function
+            if integrals_of(shorter).modes == 0:  # a flexible body without any shape function
                 return False
             psi = psi_with(problem, evaluation, {**own, name: shorter})
             return relative_change(psi, exact) <= tolerance
@@ -237,10 +248,8 @@ def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None
         factored.destroy()
 
 
-def with_all_residual_modes(
-    problem: Problem, evaluation: Evaluation, *, terms: int = 2
-) -> dict[str, VolumeIntegrals]:
-    """The integrals of all bodies, of flexible ones with residual modes, in the order given.
+def with_all_residual_modes(problem: Problem, evaluation: Evaluation, *, terms: int = 2) -> Bodies:
+    """All bodies, flexible ones with residual modes, in the order given.
 
     Args:
         problem: The scene.
@@ -248,7 +257,7 @@ def with_all_residual_modes(
         terms: Of the series, 1 or 2.
     """
     return {
-        name: with_residual_modes(body, evaluation.bodies[name], terms=terms).integrals
+        name: with_residual_modes(body, evaluation.bodies[name], terms=terms)
         if isinstance(body, FlexibleBody)
         else body
         for name, body in problem.bodies.items()
@@ -258,28 +267,57 @@ def with_all_residual_modes(
 def psi_with(
     problem: Problem,
     evaluation: Evaluation,
-    integrals: Mapping[str, VolumeIntegrals],
+    bodies: Bodies,
     integrator: Integrator | None = None,
 ) -> float:
-    """The objective at the densities of an evaluation with other integrals or other steps.
+    """The objective at the densities of an evaluation with other shape functions or other steps.
 
     Args:
         problem: The scene.
         evaluation: What its `value` returned.
-        integrals: Of all bodies, in the order of the problem's.
+        bodies: All bodies, in the order of the problem's.
         integrator: Another one than the problem's.
 
     Raises:
         SimulationError: On every rank, if the motion cannot be computed.
     """
+    integrals = {name: integrals_of(body) for name, body in bodies.items()}
+    stresses = {
+        name: BodyStress(problem.flexible[name], body)
+        for name, body in bodies.items()
+        if isinstance(body, ReducedBody)
+    }
     # given elastic coordinates are those of the problem's own shape functions
     modes = {name: body.modes for name, body in integrals.items()}
     mechanism = replace(problem.mechanism, start=problem.mechanism.start.resized(modes))
     with on_every_rank(problem.comm, "the evaluation of a problem"):
         trajectory = integrate(mechanism, integrals, integrator or problem.integrator)
-        response = replace(problem.response(evaluation), trajectory=trajectory, bodies=integrals)
+        response = replace(
+            problem.response(evaluation),
+            trajectory=trajectory,
+            bodies=integrals,
+            stresses=stresses,
+        )
         psi = problem.objective.evaluate(response)
     return psi
+
+
+def integrals_of(body: ReducedBody | VolumeIntegrals) -> VolumeIntegrals:
+    """The integrals of a ``body``, reduced or given by them."""
+    return body.integrals if isinstance(body, ReducedBody) else body
+
+
+def own_bodies(problem: Problem, evaluation: Evaluation) -> Bodies:
+    """All bodies as they were evaluated, in the order given.
+
+    Args:
+        problem: The scene.
+        evaluation: What its `value` returned.
+    """
+    return {
+        name: body if isinstance(body, VolumeIntegrals) else evaluation.bodies[name]
+        for name, body in problem.bodies.items()
+    }
 
 
 def relative_change(found: float, exact: float) -> float:
@@ -287,10 +325,8 @@ def relative_change(found: float, exact: float) -> float:
     return abs(found - exact) / abs(exact) if exact else abs(found)
 
 
-def _checked(
-    problem: Problem, evaluation: Evaluation, call: str, *, terms: int
-) -> dict[str, VolumeIntegrals]:
-    """The integrals with residual modes of a problem and its evaluation, or refuse them."""
+def _checked(problem: Problem, evaluation: Evaluation, call: str, *, terms: int) -> Bodies:
+    """The bodies with residual modes of a problem and its evaluation, or refuse them."""
     validation.instance(f"{call}: problem", problem, Problem, "a Problem")
     validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
     evaluation.motion  # noqa: B018  it refuses an evaluation without one

@@ -28,7 +28,7 @@ from ..fem import Domain
 from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import MARKERS
-from .mode_truncation import psi_with, relative_change, with_all_residual_modes
+from .mode_truncation import own_bodies, psi_with, relative_change, with_all_residual_modes
 
 __all__ = ["BodyReport", "ModelReport", "model_report"]
 
@@ -152,7 +152,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
             left_out.append(what)
     coarse = problem.integrator.coarser
     exact = psi_with(problem, evaluation, with_all_residual_modes(problem, evaluation))
-    longer = psi_with(problem, evaluation, integrals, coarse)
+    longer = psi_with(problem, evaluation, own_bodies(problem, evaluation), coarse)
     return ModelReport(
         bodies=bodies,
         coordinates=trajectory.model.size,

@@ -32,7 +32,7 @@ from .frame import Frame
 from .geometric_stiffness import GeometricStiffening
 from .integrals import volume_integrals, volume_integrals_pullback
 from .point_marker import PointMarker
-from .static_correction import ShapesBar
+from .static_correction import ShapesBar, static_correction, static_correction_pullback
 
 __all__ = ["FlexibleBody", "ReducedBody"]
 
@@ -48,6 +48,26 @@ class ReducedBody:
     basis: ReducedBasis  #: Shape functions of this rank's dofs, frequencies
     density: NDArray[np.float64]  #: (cells,) of this rank, not to be written to
     seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
+
+    def leading(self, shapes: int) -> ReducedBody:
+        """The same body with its first shape functions alone.
+
+        Args:
+            shapes: Number of shape functions that are kept, the constraint modes among them.
+
+        Raises:
+            ValueError: If the body has fewer, or more constraint modes.
+        """
+        k = self.basis.n_constraint
+        if shapes < k:
+            raise ValueError(f"the body has {k} constraint modes, and cannot keep {shapes} shapes")
+        basis = replace(
+            self.basis,
+            shapes=self.basis.shapes[:, :shapes],
+            eigenvalues=self.basis.eigenvalues[: shapes - k],
+            mass_times_normal=self.basis.mass_times_normal[:, : shapes - k],
+        )
+        return replace(self, basis=basis, integrals=self.integrals.leading(shapes))
 
 
 class FlexibleBody:
@@ -135,7 +155,7 @@ class FlexibleBody:
         #: The one that was worked at last, or nothing
         self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with what fills them.
-        self.working = RLock()
+        self._working = RLock()
 
     def with_modes(self, modes: int) -> FlexibleBody:
         """The same body with another number of normal modes.
@@ -221,7 +241,7 @@ class FlexibleBody:
         """
         density = np.array(self.domain.check_density(x))
         density.setflags(write=False)
-        with self.working:
+        with self._working:
             return self._reduce(density)
 
     def _reduce(self, density: NDArray[np.float64]) -> ReducedBody:
@@ -312,14 +332,14 @@ class FlexibleBody:
             bar: Derivative of psi with respect to the integrals; psi must not depend on the choice
                 of basis within the span of the shape functions, as no physical quantity does.
             shapes: Derivative of psi with respect to the shape functions themselves, at fixed
-                integrals, where it has one (`BodyStress.pullback`). Only psi as a whole need not
+                integrals, where it has one (`stress_pullback`). Only psi as a whole need not
                 depend on the choice of basis, and one adjoint solution serves both.
 
         Returns:
             Derivative for each cell owned by this rank, shape (cells,), and what was learnt:
             ``iterations`` of the adjoint systems and seconds spent.
         """
-        with self.working:
+        with self._working:
             return self._pullback(reduced, bar, shapes)
 
     def _pullback(
@@ -361,6 +381,41 @@ class FlexibleBody:
             "reduction pullback": solved - before,
             "integrals pullback": perf_counter() - solved + before - start,
         }
+
+    def stress_modes(self, reduced: ReducedBody, *, correction: bool) -> NDArray[np.float64]:
+        """Stress s_x, s_y, t_xy of the solid for unit coordinates; collective.
+
+        Args:
+            reduced: What `reduce` returned, at any time.
+            correction: Whether the fields of the static correction follow the shape functions.
+
+        Returns:
+            Of the cells owned by this rank, shape (cells, points, 3, coordinates) [Pa].
+        """
+        with self._working:
+            fields = reduced.basis.shapes
+            if correction:
+                factored = self.factored(reduced)
+                more = static_correction(self.reduction, factored, reduced.basis)
+                fields = np.hstack([fields, more])
+            return self.stress_recovery(fields)
+
+    def stress_pullback(self, reduced: ReducedBody, bar: NDArray[np.float64]) -> ShapesBar:
+        """The transpose of the derivative of `stress_modes`, for `pullback`; collective.
+
+        Args:
+            reduced: What `reduce` returned, at any time.
+            bar: Derivative with respect to the stress for unit coordinates, of this rank's cells,
+                shape (cells, points, 3, coordinates), with or without the static correction.
+        """
+        basis, r = reduced.basis, reduced.basis.shapes.shape[1]
+        with self._working:
+            fields = self.stress_recovery.transposed(bar)
+            if fields.shape[1] == r:
+                return ShapesBar(fields)
+            factored = self.factored(reduced)
+            through = static_correction_pullback(self.reduction, factored, basis, fields[:, r:])
+        return replace(through, shapes=fields[:, :r] + through.shapes)
 
 
 def _warn_of_points() -> None:

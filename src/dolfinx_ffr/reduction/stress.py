@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stress of a reduced body for unit coordinates, and its pullback to shape functions and density.
+"""Stress of a reduced body for unit coordinates, as objectives and pictures see it.
 
 The stress is linear in the displacement, so each shape function has a stress mode, and each field
 of the static correction another one.
@@ -12,10 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fem import Block
 from ..parallel import announce, gathered
 from .flexible_body import FlexibleBody, ReducedBody
-from .static_correction import ShapesBar, static_correction, static_correction_pullback
 
 __all__ = ["BodyStress"]
 
@@ -69,36 +67,8 @@ class BodyStress:
         """
         if correction not in self._modes:
             announce(self.body.domain.comm, "the stress of a body")
-            with self.body.working:
-                self._modes[correction] = self.body.stress_recovery(self._fields(correction))
+            self._modes[correction] = self.body.stress_modes(self.reduced, correction=correction)
         return self._modes[correction]
-
-    def _fields(self, correction: bool) -> Block:
-        """The displacements for unit coordinates, shape (dofs, coordinates)."""
-        basis = self.reduced.basis
-        if not correction:
-            return basis.shapes
-        factored = self.body.factored(self.reduced)
-        more = static_correction(self.body.reduction, factored, basis)
-        return np.hstack([basis.shapes, more])
-
-    def pullback(self, bar: Array) -> ShapesBar:
-        """The transpose of the derivative of `modes`; collective.
-
-        Args:
-            bar: Derivative with respect to the stress for unit coordinates, of this rank's cells,
-                shape (cells, points, 3, coordinates), with or without the static correction.
-        """
-        r = self.reduced.basis.shapes.shape[1]
-        with self.body.working:
-            fields = self.body.stress_recovery.transposed(bar)
-            if fields.shape[1] == r:
-                return ShapesBar(fields)
-            factored = self.body.factored(self.reduced)
-            through = static_correction_pullback(
-                self.body.reduction, factored, self.reduced.basis, fields[:, r:]
-            )
-        return ShapesBar(fields[:, :r] + through.shapes, through.K, through.pairs)
 
     def sum(self, local: Array) -> Array:
         """The sum over the ranks of an array, bit-identical on every rank; collective."""
