@@ -219,24 +219,39 @@ class Problem:
             self.bodies, self.mechanism, chosen.integrator, self.objective, self.constraints
         )
 
-    def calibrated(self, evaluation: Evaluation) -> Problem:
+    def calibrated(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
         """The same problem with objectives that stand for other numbers corrected at a design.
 
         Those are `PeakStress` as objective, in sums and in constraints, which then equals the
-        largest stress there. Calibrate between runs, or stages of one, and not within.
+        largest stress there. Nothing is simulated for it.
 
         Args:
             evaluation: What `value` returned.
+
+        Returns:
+            The problem, and the evaluation with its values, without gradients. Both are those
+            given, where no objective is to be corrected.
         """
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         with on_every_rank(self.comm, "the evaluation of a problem"):
             response = self.response(evaluation)
             objective = self.objective.calibrated(response)
-            constraints = [
-                replace(constraint, objective=constraint.objective.calibrated(response))
-                for constraint in self.constraints
-            ]
-        return Problem(self.bodies, self.mechanism, self.integrator, objective, constraints)
+            constraints = [constraint.calibrated(response) for constraint in self.constraints]
+        same = all(a is b for a, b in zip(constraints, self.constraints, strict=True))
+        if objective is self.objective and same:
+            return self, evaluation
+        problem = Problem(self.bodies, self.mechanism, self.integrator, objective, constraints)
+        with on_every_rank(self.comm, "the evaluation of a problem"):
+            psi = objective.evaluate(response)
+            values = {
+                c.label: ConstraintValue(c.scaled(told), told)
+                for c in constraints
+                for told in [c.objective.evaluate(response)]
+            }
+        psi, values = self.comm.bcast((psi, values), root=0)
+        return problem, replace(
+            evaluation, psi=psi, constraints=values, gradient=None, integrals_gradient=None
+        )
 
     def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
         """What the mechanism sees of all bodies, in the order in which they were given.

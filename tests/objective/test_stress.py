@@ -263,17 +263,23 @@ def test_calibrated_at_a_design(comm: MPI.Intracomm) -> None:
     evaluation = problem.value(x)
     response = problem.response(evaluation)
     largest, volume = peak.largest(response), ffr.Volume("rod").evaluate(response)
-    calibrated = problem.calibrated(evaluation)
+    calibrated, told = problem.calibrated(evaluation)
     again = calibrated.value(x)
-    assert again.psi == pytest.approx(2.0 * largest + volume, rel=1e-7)
-    assert again.constraints["stress"].psi == pytest.approx(largest, rel=1e-7)
+    for found in (told, again):
+        assert found.psi == pytest.approx(2.0 * largest + volume, rel=1e-7)
+        assert found.constraints["stress"].psi == pytest.approx(largest, rel=1e-7)
+        assert found.constraints["stress"].value == pytest.approx(largest / 1e6 - 1.0, rel=1e-7)
     # once more changes nothing, and near to the design the ratio hardly changes
-    twice = calibrated.calibrated(again).constraints[0].objective
+    twice = calibrated.calibrated(again)[0].constraints[0].objective
     assert isinstance(twice, ffr.PeakStress)
-    assert twice.scale == pytest.approx(largest / bound.objective.evaluate(response), rel=1e-7)
+    assert twice.scale == pytest.approx(largest / peak.evaluate(response), rel=1e-7)
     near = calibrated.value(x + 1e-3 * direction)
     top = peak.largest(calibrated.response(near))
     assert near.constraints["stress"].psi == pytest.approx(top, rel=1e-2)
+    # nothing to be done is nothing done
+    plain = slider_crank(comm, ffr.IntegralCompliance() + ffr.Volume("rod"))
+    value = plain.value(x)
+    assert plain.calibrated(value) == (plain, value)
 
 
 def test_model_report_takes_the_stress_of_residual_modes() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -335,7 +335,9 @@ class Sum(Objective):
         return sum(parts, Derivatives())
 
     def calibrated(self, response: Response) -> Sum:
-        return Sum([(weight, term.calibrated(response)) for weight, term in self.terms])
+        terms = [(weight, term.calibrated(response)) for weight, term in self.terms]
+        same = all(new is old for (_, new), (_, old) in zip(terms, self.terms, strict=True))
+        return self if same else Sum(terms)
 
     def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
         return self.evaluate(Response(trajectory, bodies))
@@ -400,6 +402,15 @@ class Constraint:
     def slope(self) -> float:
         """Derivative of g with respect to the objective."""
         return (-1.0 if self.upper is None else 1.0) / abs(self.bound)
+
+    def calibrated(self, response: Response) -> Constraint:
+        """The constraint with its objective corrected at a design, see `Objective.calibrated`.
+
+        Args:
+            response: Of the design.
+        """
+        objective = self.objective.calibrated(response)
+        return self if objective is self.objective else replace(self, objective=objective)
 
     def scaled(self, psi: float) -> float:
         """The value of g, at most zero where the bound holds.
