@@ -25,6 +25,10 @@ __all__ = ["Drawing", "Face", "gmsh_model", "mesh_faces", "quiet", "surfaces"]
 Array = NDArray[np.float64]
 
 _numbers = count()
+#: Smallest Jacobian determinant of a curved cell, in units of that of the straight one
+_FLATTEST = 0.2
+#: How often cells next to straightened ones are looked at again
+_ROUNDS = 10
 
 
 @dataclass(frozen=True)
@@ -199,13 +203,44 @@ def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int])
     )
 
 
-def _bend(model: Any, order: int) -> None:
-    """Curve the cells at curves, where that can be done: not in the tip of a cusp."""
-    model.mesh.setOrder(order)
-    try:
-        model.mesh.optimize("HighOrder")
-    except Exception:  # gmsh raises nothing more precise
-        model.mesh.setOrder(1)
+def _bend(model: Any) -> None:
+    """Curve the cells at curves to order 2, but for those that would fold, as in tips of cusps."""
+    model.mesh.setOrder(2)
+    kind = model.mesh.getElementType("Triangle", 2)
+    _, nodes = model.mesh.getElementsByType(kind)
+    nodes = np.asarray(nodes, dtype=np.int64).reshape(-1, 6)
+    tags, positions, _ = model.mesh.getNodes()
+    x = np.zeros((int(np.max(tags)) + 1, 3))
+    x[np.asarray(tags, dtype=np.int64)] = np.reshape(positions, (-1, 3))
+    moved: set[int] = set()
+    for _ in range(_ROUNDS):
+        folded = _flattest(x[nodes][:, :, :2]) < _FLATTEST
+        if not np.any(folded):
+            break
+        for i in range(3):
+            middle = nodes[folded, 3 + i]
+            x[middle] = 0.5 * (x[nodes[folded, i]] + x[nodes[folded, (i + 1) % 3]])
+            moved.update(middle.tolist())
+    for node in sorted(moved):
+        model.mesh.setNode(node, x[node].tolist(), [])
+
+
+def _flattest(x: Array) -> Array:
+    """The smallest Jacobian determinant of triangles of order 2, in units of the straight one's.
+
+    Args:
+        x: Corners and middles of the sides, shape (cells, 6, 2).
+    """
+    corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
+    least = np.full(len(x), np.inf)
+    for r, s in corners:
+        t = 1.0 - r - s
+        by_r = np.array([1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s])
+        by_s = np.array([1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)])
+        a, b = by_r @ x, by_s @ x
+        least = np.minimum(least, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    e, f = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
+    return np.asarray(least / (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]))
 
 
 def mesh_faces(
@@ -222,7 +257,7 @@ def mesh_faces(
         gmsh: The module.
         drawing: Curves and faces.
         size: Of the triangles [m].
-        order: Of their geometry; 1 where curved cells would fold, as in cusps.
+        order: Of their geometry, 1 or 2; cells that would fold, as in cusps, stay straight.
         local: Largest size at a place (x, y) [m], where it must be smaller.
 
     Raises:
@@ -249,7 +284,7 @@ def mesh_faces(
         try:
             model.mesh.generate(2)
             if order > 1:
-                _bend(model, order)
+                _bend(model)
         except Exception as error:  # gmsh raises nothing more precise
             raise ValueError(
                 f"gmsh cannot mesh the outline by triangles of {size:.4g} m: {error}; give a "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..fem import Arc, Curve, Line
 from .cut import Field, Segments
-from .fitting import corners, fitted, thinned
+from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
 
 __all__ = ["Side", "boundary", "loops"]
@@ -158,7 +158,7 @@ def _curves(
     if len(kept) > 4:
         kept, at = corners(kept, field, closed=closed)
     if closed and not at:
-        yield (chain[0], chain[0]), fitted(kept, tolerance, closed=True)
+        yield (chain[0], chain[0]), followed(kept, field, tolerance, closed=True)
         return
     if closed:  # begin at a corner
         kept = np.vstack([kept[at[0] : -1], kept[: at[0] + 1]])
@@ -169,7 +169,8 @@ def _curves(
     inner = [first + i for i in range(len(cuts))]
     inner[0], inner[-1] = (inner[0], inner[0]) if closed else (chain[0], chain[-1])
     for i in range(len(cuts) - 1):
-        yield (inner[i], inner[i + 1]), fitted(kept[cuts[i] : cuts[i + 1] + 1], tolerance)
+        some = kept[cuts[i] : cuts[i + 1] + 1]
+        yield (inner[i], inner[i + 1]), followed(some, field, tolerance)
 
 
 # ---------------------------------------------------------------------- sides of the mesh

@@ -44,16 +44,14 @@ def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
     values = domain.everywhere(domain.check_density(x))
     centers = domain.everywhere(domain.centroids)
     radii = _REACH * np.sqrt(domain.everywhere(domain.cell_volumes))
-    nearest = cKDTree(centers)
+    nearest, farthest = cKDTree(centers), float(radii.max())
 
     def field(points: Array) -> Array:
-        tree = cKDTree(points)
-        near = tree.query_ball_point(centers, radii, return_sorted=True)
-        counts = np.array([len(each) for each in near])
-        cell = np.repeat(np.arange(len(centers)), counts)
-        point = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
-        s = np.linalg.norm(points[point] - centers[cell], axis=1) / radii[cell]
-        weight = np.maximum(1.0 - s, 0.0) ** 4 * (4.0 * s + 1.0)
+        near = cKDTree(points).sparse_distance_matrix(nearest, farthest, output_type="ndarray")
+        reached = near["v"] < radii[near["j"]]
+        point, cell = near["i"][reached], near["j"][reached]
+        s = near["v"][reached] / radii[cell]
+        weight = (1.0 - s) ** 4 * (4.0 * s + 1.0)
         matrix = csr_matrix((weight, (point, cell)), shape=(len(points), len(centers)))
         total = np.asarray(matrix.sum(axis=1)).ravel()
         bare = ~(total > 0.0)  # no centroid is near: the cell is much longer than wide

@@ -11,17 +11,20 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, splprep
+from scipy.interpolate import BSpline, make_interp_spline, splprep
 
 from ..fem import Curve, Line, Spline
 from .cut import Field, evaluated
 
-__all__ = ["corners", "fitted", "thinned"]
+__all__ = ["corners", "fitted", "followed", "thinned"]
 
 Array = NDArray[np.float64]
 
 #: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
 _CORNER = 0.7
+#: How often points are added where a curve leaves the zero line
+_ROUNDS = 4
+_AXES = np.eye(2)
 
 
 def thinned(points: Array, least: float) -> Array:
@@ -103,6 +106,56 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
+def followed(points: Array, field: Field, tolerance: float, *, closed: bool = False) -> Curve:
+    """A curve along the zero line of a field, through points on it and more where it bends.
+
+    Args:
+        points: Shape (n, 2), in turn [m]; the last one is the first one where it is closed.
+        field: Of positions (n, 2) [m].
+        tolerance: Largest distance from the zero line [m].
+        closed: Whether the curve has no corner where it closes.
+    """
+    for _ in range(_ROUNDS if len(points) > 3 else 0):
+        at = _chord_lengths(points)
+        through = make_interp_spline(at, points, k=3, bc_type="periodic" if closed else None)
+        between = through(0.5 * (at[1:] + at[:-1]))
+        step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        on_it = projected(between, field, 0.2 * step)
+        off = np.linalg.norm(on_it - between, axis=1)
+        more = (off > tolerance) & (off < 0.2 * step)
+        if not np.any(more):
+            break
+        points = np.insert(points, np.flatnonzero(more) + 1, on_it[more], axis=0)
+    return fitted(points, tolerance, closed=closed)
+
+
+def projected(points: Array, field: Field, reach: Array) -> Array:
+    """The points of the zero line of a field next to given ones, by Newton's method.
+
+    Args:
+        points: Shape (n, 2) [m].
+        field: Of positions (n, 2) [m].
+        reach: How far they may be [m]; the distance at which the field is differentiated is a
+            thousandth of it.
+    """
+    found = points.copy()
+    h = 1e-3 * reach[:, None]
+    for _ in range(2):
+        around = [found, *(found + side * h * e for e in _AXES for side in (1.0, -1.0))]
+        value, right, left, up, down = evaluated(field, np.vstack(around)).reshape(5, -1)
+        slope = np.column_stack([right - left, up - down]) / (2.0 * h)
+        size = np.einsum("ij,ij->i", slope, slope)
+        steps = np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 0.0)
+        found = found - steps[:, None] * slope
+    return found
+
+
+def _chord_lengths(points: Array) -> Array:
+    """Parameters of points in proportion to the chords between them, from 0 to 1."""
+    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.asarray(u / u[-1])
+
+
 def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
     """A curve that passes points at less than a distance, and ends in the first and the last.
 
@@ -119,8 +172,7 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
         along = (points - start) @ chord
         if np.max(np.abs((points - start) @ normal)) <= tolerance and np.all(np.diff(along) > 0.0):
             return Line(start, end)
-    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    u /= u[-1]
+    u = _chord_lengths(points)
     degree = min(3, len(points) - 1)
     weights = np.ones(len(points))
     if not closed:
