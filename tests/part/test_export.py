@@ -151,3 +151,15 @@ def test_what_cannot_be_written(comm: MPI.Comm, tmp_path: Path) -> None:
         part.write(tmp_path / "part.svg", unit="inch")
     with pytest.raises(ValueError, match="its thickness is that of a material"):
         part.write(tmp_path / "part.step")
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".dxf"])
+def test_round_trip(part: ffr.Part, tmp_path: Path, suffix: str) -> None:
+    """A part that was written is a body to design again, with its interfaces by name."""
+    (path,) = part.write(tmp_path / f"rod{suffix}")
+    held = {"left": "left", "right": "right"}
+    body = ffr.Domain.from_outline(MPI.COMM_SELF, path, interfaces=held, size=0.004, order=2)
+    assert body.area == pytest.approx(part.area, rel=1e-6)
+    for name, interface in body.interfaces.items():
+        center = part.body.interfaces[name].center
+        np.testing.assert_allclose(interface.center, center, atol=EXACT)

@@ -8,10 +8,16 @@ doi:10.1109/TIM.1976.6312298), whose solution is exact for points on a circle.
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
+import ufl
+from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
-__all__ = ["fit_circle"]
+from .mesh_checks import facet_points
+
+__all__ = ["fit_circle", "interface_center"]
 
 #: Fewer points lie on a circle by chance: any three do, and the corners of a rectangle
 FEWEST = 5
@@ -48,3 +54,27 @@ def fit_circle(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
     if np.max(np.abs(radii - radius)) > ROUND * radius or radius > 2.0 * (1.0 + ROUND):
         return None
     return np.asarray(middle + extent * center)
+
+
+def interface_center(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
+    """The centre of the circle on which facets lie, or else their centroid; collective.
+
+    Args:
+        domain: The mesh.
+        facets: Local facets on this rank, ghosts included.
+
+    Returns:
+        Shape (2,) [m], the same on every rank.
+    """
+    circle = fit_circle(facet_points(domain, facets))
+    if circle is not None:
+        return circle
+    tags = mesh.meshtags(domain, 1, np.sort(facets), np.full(len(facets), 1, dtype=np.int32))
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    x = ufl.SpatialCoordinate(domain)
+    one = fem.Constant(domain, np.float64(1.0))
+    comm: MPI.Comm = domain.comm
+    moments = [
+        comm.allreduce(fem.assemble_scalar(fem.form(f * ds))) for f in (one, one * x[0], one * x[1])
+    ]
+    return np.array(moments[1:]) / moments[0]

@@ -25,11 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..parallel import gathered, on_every_rank
 from . import _compat
-from .circles import fit_circle
+from .circles import interface_center
 from .form_cache import claim_form_cache
-from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
-from .mesh_copy import MeshCopy
+from .mesh_checks import check_cells, check_hanging_nodes, check_held
+from .mesh_copy import MeshCopy, from_copy
 from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
+from .outline import mesh_outline
 from .regions import Predicate, located, located_cells
 
 __all__ = ["Domain", "Interface"]
@@ -245,11 +246,9 @@ class Domain:
         Args:
             comm: Communicator over which the mesh is distributed.
             model: ``gmsh.model`` with a mesh on rank 0; not used on the others.
-            interfaces: Names of the physical curves that are rigid interfaces.
-            solid: Names of physical surfaces that are not designed; by default the one that is
-                called "solid", if the model has it.
-            void: Names of physical surfaces that stay void; by default the one that is called
-                "void", if the model has it.
+            interfaces: As for `from_gmsh`.
+            solid: As for `from_gmsh`.
+            void: As for `from_gmsh`.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
 
@@ -258,6 +257,48 @@ class Domain:
                 has a surface in several physical groups, holds volumes, or leaves the plane.
         """
         return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, void, order, centers)
+
+    @classmethod
+    def from_outline(
+        cls,
+        comm: MPI.Comm,
+        outline: str | Path | Any,
+        *,
+        interfaces: Mapping[str, Predicate | str],
+        size: float,
+        unit: str | None = None,
+        solid: Predicate | None = None,
+        void: Predicate | None = None,
+        order: int = 1,
+        centers: Mapping[str, Sequence[float]] | None = None,
+    ) -> Domain:
+        """Mesh a closed outline, with holes or without, by triangles.
+
+        Args:
+            comm: Communicator over which the mesh is distributed; rank 0 reads and meshes.
+            outline: A .dxf or .svg file, rings of points (n, 2), or polygons of shapely. Lines,
+                arcs and splines stay what they are; y of SVG files, downwards, is turned.
+            interfaces: For each name a predicate as for `Domain`, or the layer (.dxf), id or label
+                (.svg) of its curves. A curve on a boundary that is drawn already only names it.
+            size: Of the triangles [m].
+            unit: Of the outline, "mm", "cm", "m" or "in"; by default that of the file, or metres.
+            solid: Cells that stay solid, a predicate.
+            void: Cells that stay void, a predicate.
+            order: Polynomial order of the displacements; cells at curves are curved from 2 on.
+            centers: Reference points of interfaces [m]; by default as described for `Domain`.
+
+        Raises:
+            FileNotFoundError: On every rank, if there is no such file.
+            ValueError: On every rank, if curves are open, cross or touch, a layer or id is not
+                there, the file does not say its unit, or the mesh is refused by `Domain`.
+        """
+        held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
+        layers = {name: where for name, where in held.items() if isinstance(where, str)}
+        degree = validation.whole("from_outline: order", order, least=1)
+        read = mesh_outline(comm, outline, list(layers.values()), size, unit, min(degree, 2))
+        tags, curves = read.facet_tags, read.groups(1)
+        facets = {name: tags.indices[tags.values == curves[of]] for name, of in layers.items()}
+        return cls(read.mesh, {**held, **facets}, solid, void=void, order=order, centers=centers)
 
     @classmethod
     def _from_tags(
@@ -307,7 +348,7 @@ class Domain:
         facets = {part.name: part.facets for part in held}
         centers = {part.name: part.center for part in held}
         regions = self.solid_cells, self.void_cells
-        return _from_copy, (
+        return from_copy, (
             type(self),
             MeshCopy.of(self.mesh),
             facets,
@@ -507,25 +548,10 @@ class Domain:
             if name in centers:
                 center = np.array(validation.pair(f"interface {name!r}: center", centers[name]))
             else:
-                center = self._center(facets)
+                center = interface_center(self.mesh, facets)
             owner[name] = dofs
             found[name] = Interface(name, facets, dofs, center, extent)
         return found
-
-    def _center(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
-        circle = fit_circle(facet_points(self.mesh, facets))
-        return self._facet_centroid(facets) if circle is None else circle
-
-    def _facet_centroid(self, facets: NDArray[np.int32]) -> NDArray[np.float64]:
-        tags = mesh.meshtags(self.mesh, 1, np.sort(facets), np.full(len(facets), 1, dtype=np.int32))
-        ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
-        x = ufl.SpatialCoordinate(self.mesh)
-        one = fem.Constant(self.mesh, np.float64(1.0))
-        moments = [
-            self.comm.allreduce(fem.assemble_scalar(fem.form(f * ds)))
-            for f in (one, one * x[0], one * x[1])
-        ]
-        return np.array(moments[1:]) / moments[0]
 
     def _find_passive(
         self, solid: Predicate | ArrayLike | None, void: Predicate | ArrayLike | None
@@ -565,17 +591,3 @@ class Domain:
                     "leave cells along it out of the void region"
                 )
         check_held(self.mesh, [part.facets for part in self.interfaces.values()], void)
-
-
-def _from_copy(
-    kind: type[Domain],
-    copied: MeshCopy,
-    facets: Mapping[str, NDArray[np.int32]],
-    solid: NDArray[np.bool_],
-    void: NDArray[np.bool_],
-    order: int,
-    centers: Mapping[str, Sequence[float]],
-) -> Domain:
-    """A domain as it was before it was pickled."""
-    claim_form_cache(MPI.COMM_SELF)
-    return kind(copied.build(), facets, solid, void=void, order=order, centers=centers)

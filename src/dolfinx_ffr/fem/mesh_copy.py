@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from mpi4py import MPI
 
@@ -13,8 +15,11 @@ from dolfinx import mesh
 from numpy.typing import NDArray
 
 from . import _compat
+from .form_cache import claim_form_cache
 
-__all__ = ["MeshCopy"]
+__all__ = ["MeshCopy", "from_copy"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +75,17 @@ class MeshCopy:
                 "the mesh; make the Domain anew, as it was made there"
             )
         return domain
+
+
+def from_copy(
+    kind: Callable[..., T],
+    copied: MeshCopy,
+    facets: Mapping[str, NDArray[np.int32]],
+    solid: NDArray[np.bool_],
+    void: NDArray[np.bool_],
+    order: int,
+    centers: Mapping[str, Sequence[float]],
+) -> T:
+    """A domain as it was before it was pickled."""
+    claim_form_cache(MPI.COMM_SELF)
+    return kind(copied.build(), facets, solid, void=void, order=order, centers=centers)

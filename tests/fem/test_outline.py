@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""Domains from outlines: DXF, SVG, polygons; what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+
+from dolfinx_ffr import Domain
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:i="http://i" {head}>{body}</svg>'
+
+
+def left(x: np.ndarray) -> np.ndarray:
+    return x[0] < 1e-9
+
+
+def drawn(path: Path, draw: Callable[[Any], object], unit: int = 4) -> Path:
+    """A DXF file with what ``draw`` adds to its modelspace."""
+    drawing = ezdxf.new("R2010")
+    drawing.header["$INSUNITS"] = unit
+    drawing.layers.add("pin")
+    draw(drawing)
+    drawing.saveas(path)
+    return path
+
+
+def rectangle(drawing: Any) -> None:
+    """A closed polyline of 100 x 20 with a round right end of radius 10."""
+    points = [(0, -10, 0), (100, -10, 1), (100, 10, 0), (0, 10, 0)]
+    drawing.modelspace().add_lwpolyline(points, format="xyb", close=True)
+
+
+@pytest.mark.mpi
+def test_dxf_with_all_kinds_of_curves(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """Polylines with arcs, a circle on a layer, a block, an ellipse, a closed spline; no notes."""
+
+    def draw(drawing: Any) -> None:
+        rectangle(drawing)
+        space = drawing.modelspace()
+        space.add_circle((100, 0), 4, dxfattribs={"layer": "pin"})
+        block = drawing.blocks.new("slot")
+        block.add_ellipse((0, 0), major_axis=(6, 0), ratio=0.5)
+        space.add_blockref("slot", (30, 0))
+        space.add_text("a note").set_placement((50, 50))
+        space.add_spline(fit_points=[(60, -3), (66, 0), (60, 3), (54, 0), (60, -3)])
+
+    path = shared_tmp_path / "rod.dxf"
+    if comm.rank == 0:
+        drawn(path, draw)
+    comm.Barrier()
+    body = Domain.from_outline(
+        comm, path, interfaces={"pin": "pin", "wall": left}, size=0.002, order=2
+    )
+    ellipse, bore = np.pi * 0.006 * 0.003, np.pi * 0.004**2
+    plain = 0.1 * 0.02 + 0.5 * np.pi * 0.01**2 - ellipse - bore
+    hole = plain - body.area
+    assert 0.5 * 12e-3 * 6e-3 < hole < 12e-3 * 6e-3  # between rhombus and rectangle
+    np.testing.assert_allclose(body.interfaces["pin"].center, [0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(body.interfaces["wall"].center, [0.0, 0.0], atol=1e-12)
+    assert body.interfaces["wall"].extent == pytest.approx(0.02, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("code", "unit", "length"), [(4, None, 0.1), (6, None, 100.0), (0, "cm", 1)]
+)
+def test_units(comm: MPI.Comm, tmp_path: Path, code: int, unit: str | None, length: float) -> None:
+    path = drawn(tmp_path / "rod.dxf", rectangle, code)
+    body = Domain.from_outline(
+        comm, path, interfaces={"a": left}, size=length / 5, unit=unit, order=2
+    )
+    area = length**2 * (0.2 + 0.5 * np.pi * 0.01)
+    assert body.area == pytest.approx(area, rel=1e-3)
+
+
+def test_svg(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Shapes and groups with transforms, in the unit of the page, y upwards."""
+    path = tmp_path / "plate.svg"
+    body = (
+        '<g transform="translate(10,0)"><rect x="0" y="0" width="200" height="100"/>'
+        '<g i:label="bore"><circle cx="150" cy="30" r="10"/></g></g>'
+        '<path id="slot" d="M 40,60 h 40 a 10,5 0 0 1 0,10 h -40 Q 30,65 40,60 Z"/>'
+    )
+    path.write_text(SVG.format(head='width="110mm" height="50mm" viewBox="0 0 220 100"', body=body))
+    found = Domain.from_outline(
+        comm, path, interfaces={"pin": "bore", "slot": "slot"}, size=0.0015, order=2
+    )
+    np.testing.assert_allclose(found.bounding_box, [[0.005, -0.05], [0.105, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(found.interfaces["pin"].center, [0.08, -0.015], atol=1e-9)
+    # a parabola bulges by a half of its control point's distance, and covers two thirds of it
+    slot = 40 * 10 + 0.5 * np.pi * 10 * 5 + 2 / 3 * 5 * 10
+    assert found.area == pytest.approx(0.25e-6 * (200 * 100 - np.pi * 100 - slot), rel=1e-5)
+
+
+def test_polygons(comm: MPI.Comm) -> None:
+    """Rings of points, with a hole and a piece of its own in the hole; polygons of shapely."""
+    rings = [np.array(shapely.box(*b).exterior.coords) for b in ((0, 0, 9, 9), (1, 1, 8, 8))]
+    island = np.array(shapely.box(3, 3, 5, 5).exterior.coords)[::-1]
+    held = {"a": lambda x: x[0] < 1e-9, "b": lambda x: np.isclose(x[0], 0.003)}
+    body = Domain.from_outline(comm, [*rings, island], interfaces=held, size=0.001, unit="mm")
+    assert body.area == pytest.approx(1e-6 * (81 - 49 + 4), rel=1e-12)
+    shape = shapely.box(0, 0, 9, 9).difference(shapely.box(1, 1, 8, 8))
+    body = Domain.from_outline(comm, shape, interfaces={"a": left}, size=1.0)
+    assert body.area == pytest.approx(32.0, rel=1e-12)
+    assert body.interfaces["a"].extent == pytest.approx(9.0)
+
+
+def open_corner(drawing: Any) -> None:
+    drawing.modelspace().add_lwpolyline([(0, 0), (100, 0), (100, 20), (0, 20), (0, 0.5)])
+
+
+def crossing(drawing: Any) -> None:
+    drawing.modelspace().add_lwpolyline([(0, 0), (100, 20), (100, 0), (0, 20)], close=True)
+
+
+def with_axis(drawing: Any) -> None:
+    rectangle(drawing)
+    drawing.modelspace().add_line((0, -10), (100, 10))
+
+
+def overlapping(drawing: Any) -> None:
+    rectangle(drawing)
+    drawing.modelspace().add_circle((50, 10), 5)
+
+
+def with_face(drawing: Any) -> None:
+    rectangle(drawing)
+    drawing.modelspace().add_3dface([(0, 0, 0), (1, 0, 0), (1, 1, 0)])
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (open_corner, r"the outline is open: 2 curves end .* 0\.5 mm from the nearest other end"),
+        (crossing, r"the outline crosses itself at \(50, 10\) mm"),
+        (with_axis, r"3 curves meet at"),
+        (overlapping, r"two closed curves of the outline cross or touch at \((45|55), 10\) mm"),
+        (with_face, r"holds a 3DFACE, which is no curve in the plane"),
+        (lambda drawing: None, "it holds no curves"),
+    ],
+)
+def test_faulty_drawings(comm: MPI.Comm, tmp_path: Path, draw: Any, message: str) -> None:
+    path = drawn(tmp_path / "rod.dxf", draw)
+    with pytest.raises(ValueError, match=message):
+        Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01)
+
+
+@pytest.mark.mpi
+def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """Errors come on every rank, before anything is meshed."""
+    path = shared_tmp_path / "rod.dxf"
+    if comm.rank == 0:
+        drawn(path, rectangle, 0)
+        (shared_tmp_path / "page.svg").write_text(
+            SVG.format(head='viewBox="0 0 9 9"', body='<rect width="5" height="5"/>')
+        )
+        (shared_tmp_path / "broken.svg").write_text("<svg")
+        (shared_tmp_path / "broken.dxf").write_text("no drawing")
+    comm.Barrier()
+
+    def outline(name: str, **options: Any) -> None:
+        given = {"interfaces": {"a": left}, "size": 0.01, **options}
+        Domain.from_outline(comm, shared_tmp_path / name, **given)
+
+    for name in ("rod.dxf", "page.svg"):
+        with pytest.raises(ValueError, match=r"does not say its unit.*give unit='mm'"):
+            outline(name)
+    for name in ("broken.svg", "broken.dxf"):
+        with pytest.raises(ValueError, match="file that can be read"):
+            outline(name, unit="mm")
+    with pytest.raises(ValueError, match=r"no curve has the name 'bore'.*\['0'\]"):
+        outline("rod.dxf", unit="mm", interfaces={"a": "bore"})
+    with pytest.raises(ValueError, match="outline: unit must be one of"):
+        outline("rod.dxf", unit="foot")
+    with pytest.raises(ValueError, match=r"ends in \.dxf or \.svg"):
+        outline("rod.step", unit="mm")
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        outline("none.dxf", unit="mm")
+    with pytest.raises(ValueError, match="size must be positive"):
+        outline("rod.dxf", unit="mm", size=0.0)
