@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from .density_filter import DensityFilter, HeavisideProjection
-from .level_set import LevelSet, LevelSetDesign
+from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
-from .parametrization import DensityDesign, Design, VolumeBisection, check_stages, shrunk
+from .mirrors import Mirror, mirror_lines
+from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
     Gaussian,
     Kernel,
     Multiquadric,
-    RadialBasis,
     ThinPlate,
     Wendland,
     check_kernel,
@@ -28,14 +28,14 @@ __all__ = [
     "HeavisideProjection",
     "Kernel",
     "LevelSet",
-    "LevelSetDesign",
+    "Mirror",
     "Multiquadric",
-    "RadialBasis",
     "ThinPlate",
     "VelocityExtension",
     "VolumeBisection",
     "Wendland",
     "check_kernel",
-    "check_stages",
+    "check_volume",
+    "mirror_lines",
     "shrunk",
 ]

@@ -1,29 +1,45 @@
 # SPDX-License-Identifier: MIT
-"""A level set of radial basis functions, and the density that it gives each element.
+"""A level set of normalised radial basis functions, from an open gray to a crisp boundary.
 
-The body's material is where phi(X) = sum_j alpha_j g(|X - X_j|) is positive. The knots X_j are a
-regular grid of their own or given points, whatever the mesh. The density of an element is its fill
-fraction, the mean of a smoothed Heaviside function over the element's area,
+One field on knots X_j, which know nothing of the mesh, with coefficients u_j in [0, 1]:
 
-    x_e = sum_q w_q H(phi(X_q) / width),     H(s) = 1/2 + 15/16 (s - 2/3 s^3 + 1/5 s^5), |s| < 1,
+    f(X) = sum_j g(|X - X_j|) u_j / sum_j g(|X - X_j|),     0 <= f <= 1.
 
-so that the derivative with respect to the coefficients is exact. Cells that are not designed are
-solid. Coefficients are replicated: every rank holds all of them, bit-identical.
+The body's material is where f > 1/2. The density of an element is the mean of a projection over its
+area,
+
+    x_e = sum_q w_q H(f(X_q)),   H(f) = [tanh(beta/2) + tanh(beta (f - 1/2))] / [2 tanh(beta/2)].
+
+At beta = 1 this is a filtered density: all of the body is gray, and there are derivatives
+everywhere. At beta = 32 the projection steps from void to solid within a fifth of an element, and
+x_e is the share of the element that the boundary f = 1/2 encloses. The derivative with respect to
+the coefficients is exact at each beta. Coefficients are replicated: every rank holds all of them,
+bit-identical.
+
+**Minimum size.** Where f is flat it must be far enough from 1/2, or a member (a gap) is thinner
+than wanted. With E = exp(-c |R grad f|^2), which is one where f is flat, the penalty is
+
+    g = sum_e V_e/V E { H min(0, f - eta_s)^2 + 0.2 (1 - H) max(0, f - eta_v)^2 }.
+
+The thresholds eta_s > 1/2 and eta_v < 1/2 belong to the thinnest member and the narrowest gap: for
+a strip of coefficients 1 as wide as f = 1/2 encloses the wanted width, f is eta_s in its middle.
 
 References:
-    S. Wang and M. Y. Wang, International Journal for Numerical Methods in Engineering 65 (2006),
-    doi:10.1002/nme.1536.
+    C. S. Andreasen, M. O. Elingaard and N. Aage, Structural and Multidisciplinary Optimization 62
+    (2020), doi:10.1007/s00158-020-02527-1 (level sets by the ingredients of density methods).
+    M. Zhou, B. S. Lazarov, F. Wang and O. Sigmund, Computer Methods in Applied Mechanics and
+    Engineering 293 (2015), doi:10.1016/j.cma.2015.05.003 (minimum size by geometric constraints).
     P. Wei, Z. Li, X. Li and M. Y. Wang, Structural and Multidisciplinary Optimization 58 (2018),
-    doi:10.1007/s00158-018-1904-8.
+    doi:10.1007/s00158-018-1904-8 (level sets of radial basis functions).
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, ClassVar
 
 from mpi4py import MPI
 
@@ -31,65 +47,95 @@ import contourpy
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..fem import Domain
 from ..parallel import ROUND_OFF
-from .parametrization import Design, check_stages
-from .rbf import Kernel, RadialBasis, Wendland, check_kernel, finite_vector
+from .density_filter import HeavisideProjection
+from .mirrors import Mirror, image_cells, images
+from .parametrization import SHARP, Design, finite_vector, steepness
+from .rbf import Wendland
 
-__all__ = ["LevelSet", "LevelSetDesign"]
+__all__ = ["LevelSet"]
 
 Array = NDArray[np.float64]
+Matrix = scipy.sparse.csr_matrix
 
-#: Entries of the largest dense matrix that a rank may hold (4 GB)
-LARGEST = 2**29
+#: Radius of the kernel in mean elements: the shortest one whose strips of one element keep their
+#: width on the mesh; longer ones round corners and cost 0.5 % to 2 % of psi
+RADIUS = 2.75
+#: f in the middle of the thinner of the thinnest member and the narrowest gap, see `_narrowest`
+FLAT = 0.6
+#: c of the penalty: wide enough to see the flanks of a strip, whose middle alone is flat
+DECAY = 0.93
+#: Of the penalty beside log psi; half as much lets struts thin out, ten times as much costs 4 %
+WEIGHT = 400.0
+#: Of a gap beside a member: a gap too narrow costs less than a broken strut
+GAP = 0.2
+#: Progress at which the penalty sets in and has its full weight: after the topology is found
+PENALTY = (0.45, 0.6)
+#: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
+#: SIMP is zero, and nothing would ever grow there
+CONTRAST = 0.25
+#: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
+BAND = 3.0
 
 
-class LevelSet:
-    """Phi on knots over a body, and the fill fraction of the body's elements.
+class LevelSet(Design):
+    """A level set on knots over a body, and the fill fraction of the body's elements.
 
     Args:
         domain: The body.
+        minimum_member: Width that no member may fall below [m]. By default what the mesh resolves,
+            1.02 mean elements. It is asked for by a penalty and told of the finished part, see
+            `Part.thinnest_member`.
+        minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`.
+        mirrors: Lines about which the design is its own mirror image, exactly, on any mesh; see
+            `mirror_lines`.
         knots: Shape (knots, 2) [m], the same on every rank; by default a regular grid over the
             body's bounding box.
-        spacing: Distance of the grid's knots [m]; by default the size of a mean element. With
-            given knots it is the resolution at which the zero line is drawn, by default their
-            median distance.
-        kernel: Radial basis function; by default Wendland's with a radius of three spacings. The
-            matrices of a global kernel are dense: take a spacing of two or more elements with it.
-        width: Half-width of the smoothed Heaviside function in units of phi, which re-initialised
-            is a distance [m]; by default the size of a mean element.
+        spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
+            is 2.7 times the larger of the two sizes.
         quadrature: Points in each direction of an element.
 
     Raises:
-        ValueError: On every rank, if there are no knots, a length is not positive, the spacing
-            leaves fewer than three knots across the body, the kernel does not reach from knot to
-            knot, the knots do not cover the body, or a dense matrix would not fit into memory.
+        ValueError: On every rank, if there are no knots, a length is not positive, a size is below
+            what the mesh resolves, one of the sizes is so much smaller than the other that one
+            kernel cannot hold both, a mirror line is none of the body, the spacing leaves fewer than three knots across the body, or
+            the knots do not cover the body.
     """
+
+    each: ClassVar[str] = "knot"
+    lower, upper = 0.0, 1.0
+    fills: ClassVar[bool] = True
 
     def __init__(
         self,
         domain: Domain,
         *,
+        minimum_member: float | None = None,
+        minimum_gap: float | None = None,
+        mirrors: Sequence[Mirror] = (),
         knots: ArrayLike | None = None,
         spacing: float | None = None,
-        kernel: Kernel | None = None,
-        width: float | None = None,
-        quadrature: int = 3,
+        quadrature: int = 4,
     ) -> None:
         self.domain = validation.instance("level set: domain", domain, Domain, "a Domain")
         #: Size of a mean element [m]
         self.element = float(np.sqrt(domain.area / domain.n_cells_global))
-        for name, value in (("spacing", spacing), ("width", width)):
-            if value is not None:
-                validation.number(f"level set: {name}", value, above=0.0, unit="m")
         points_across = validation.whole("level set: quadrature", quadrature, least=1)
-        given = None if knots is None else _check_knots(knots)
-        wanted = spacing
-        if wanted is None:
-            wanted = self.element if given is None else _median_distance(given)
+        #: Thinnest member and narrowest gap asked for [m]
+        self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
+        larger = max(self.minimum_member, self.minimum_gap)
+        #: Of the kernel [m]
+        self.radius = larger / _narrowest(FLAT)
+        self._solid, self._void = (_flat(size / self.radius) for size in self._both)
+        wanted = self.radius / RADIUS
+        if spacing is not None:
+            wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
         low, high = domain.bounding_box
         # halves are rounded up, whatever the order in which the ranks add up the area
         counts = np.floor((high - low) / wanted + 0.5 + ROUND_OFF).astype(int) + 1
@@ -98,128 +144,185 @@ class LevelSet:
                 f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
                 f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
             )
-        #: Coordinates of the columns and rows of the grid on which the zero line is drawn [m]; by
-        #: default the knots form this grid, column by column
-        self.grid = (
-            np.linspace(low[0], high[0], counts[0]),
-            np.linspace(low[1], high[1], counts[1]),
+        columns, rows = (np.linspace(*ends, n) for *ends, n in zip(low, high, counts, strict=True))
+        grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
+        #: Distance of neighbouring knots of the grid [m]
+        self.spacing = float(max(columns[1] - columns[0], rows[1] - rows[0]))
+        self.mirrors = tuple(
+            validation.instance("level set: mirrors", m, Mirror, "a sequence of Mirror")
+            for m in mirrors
         )
-        #: Distance of neighbouring grid points [m]
-        self.spacing = float(max(g[1] - g[0] for g in self.grid))
-        self._width = self.element if width is None else float(width)
-        grid = np.column_stack([x.ravel() for x in np.meshgrid(*self.grid, indexing="ij")])
+        for mirror in self.mirrors:
+            if image_cells(domain, mirror) is None:
+                raise ValueError(
+                    f"level set: {mirror} is no mirror line of the body or of its solid regions; "
+                    "mirror_lines(domain) finds those that it has"
+                )
+        self._images = images(self.mirrors)
+        #: Positions of the knots, shape (knots, 2) [m]
+        self.knots = grid if knots is None else _check_knots(knots)
+        self.kernel = Wendland(self.radius)
+        self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
-        if kernel is None:
-            kernel = Wendland(3.0 * self.spacing)
-        check_kernel("level set", kernel)
-        self._check_memory(kernel, self._weights.size, len(grid if given is None else given))
-        self.basis = RadialBasis(grid if given is None else given, kernel)
-        self._matrix = self.basis.matrix(points.reshape(-1, 2))
-        self._check_cover()
-        self._knot_matrix = self.basis.matrix(self.knots)
-        self._grid_matrix = self._knot_matrix if given is None else self.basis.matrix(grid)
-
-    def _check_memory(self, kernel: Kernel, points: int, knots: int) -> None:
-        largest = self.domain.comm.allreduce(points, MPI.MAX)
-        if math.isinf(kernel.support) and largest * knots > LARGEST:
-            raise ValueError(
-                f"level set: a global kernel on {knots} knots makes a dense matrix of "
-                f"{8e-9 * largest * knots:.1f} GB; take a larger spacing, fewer quadrature points, "
-                "or a compactly supported kernel"
-            )
-
-    def _check_cover(self) -> None:
-        if not isinstance(self._matrix, scipy.sparse.csr_matrix):
-            return
-        reached = np.where(np.diff(self._matrix.indptr) > 0, 1.0, 0.0)
-        bare = 1.0 - self.domain.sum(reached) / self.domain.sum(np.ones(len(reached)))
-        if bare:
-            raise ValueError(
-                f"level set: {100.0 * bare:.2g} % of the body is beyond the reach of all "
-                "knots; add knots there or take a kernel with a larger radius"
-            )
+        self._check_cover(points.reshape(-1, 2))
+        if knots is None:  # those of the grid that no element sees are no variables
+            seen = np.unique(self._weighted(points.reshape(-1, 2)).indices)
+            everywhere = np.zeros(len(grid), dtype=bool)
+            everywhere[np.concatenate(domain.comm.allgather(seen))] = True
+            self.knots = grid[everywhere]
+            self._tree = cKDTree(self.knots)
+        self.size = len(self.knots)
+        self._matrix = self._means(points.reshape(-1, 2))
+        #: Steepness beta of the projection
+        self.sharpness = SHARP
+        #: Weight of the penalty of sizes below the minimum ones
+        self.weight = WEIGHT
 
     @property
-    def knots(self) -> Array:
-        """Positions of the knots, shape (knots, 2) [m]."""
-        return self.basis.knots
+    def _both(self) -> tuple[float, float]:
+        return self.minimum_member, self.minimum_gap
 
-    @property
-    def width(self) -> float:
-        """Half-width of the smoothed Heaviside function [m]."""
-        return self._width
+    def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
+        """Both minimum sizes, or refuse what the mesh cannot resolve."""
+        least = RADIUS * self.element * _narrowest(FLAT)
+        for name, value in (("minimum_member", member), ("minimum_gap", gap)):
+            if value is not None:
+                validation.number(f"level set: {name}", value, above=0.0, unit="m")
+        sizes = (least if member is None else member, least if gap is None else gap)
+        if max(sizes) < least * (1.0 - 1e-9):
+            raise ValueError(
+                f"level set: a minimum size of {max(sizes):.4g} m is below the {least:.4g} m that "
+                f"elements of {self.element:.4g} m resolve; take smaller elements, or leave it out"
+            )
+        if min(sizes) < 0.25 * max(sizes):
+            raise ValueError(
+                f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
+                " may differ by a factor of four at most; raise the smaller one"
+            )
+        return sizes
 
-    @width.setter
-    def width(self, value: float) -> None:
-        warnings.warn(
-            "LevelSet.width cannot be set any more from the next release on: take "
-            "levelset.with_width(width)",
-            DeprecationWarning,
-            stacklevel=2,
+    # ------------------------------------------------------------------ field
+
+    def _weighted(self, points: Array) -> Matrix:
+        """g(|X_i - X_j|), shape (points, knots)."""
+        near = cKDTree(points).sparse_distance_matrix(
+            self._tree, self.kernel.support, output_type="ndarray"
         )
-        self._width = float(value)
+        return Matrix(
+            (self.kernel(near["v"]), (near["i"], near["j"])), shape=(len(points), len(self.knots))
+        )
 
-    def with_width(self, width: float) -> LevelSet:
-        """The same level set with another half-width of the smoothed Heaviside function.
+    def _means(self, points: Array) -> Matrix:
+        """The matrix that takes coefficients to f at points, averaged over the mirror images."""
+        total = 0.0
+        for image in self._images:
+            g = self._weighted(image(points))
+            sums = np.asarray(g.sum(axis=1)).ravel()
+            # beyond the reach of all knots, far outside of the body, f is 0
+            total = total + scipy.sparse.diags(1.0 / np.where(sums > 0.0, sums, 1.0)) @ g
+        return Matrix(total / len(self._images))
+
+    def _slopes(self, points: Array) -> tuple[Matrix, Matrix]:
+        """The matrices that take coefficients to both derivatives of f at points."""
+        total: list[Any] = [0.0, 0.0]
+        for image in self._images:
+            x = image(points)
+            g = self._weighted(x).tocoo()
+            sums = np.bincount(g.row, weights=g.data, minlength=len(x))
+            offset = x[g.row] - self.knots[g.col]
+            s = np.linalg.norm(offset, axis=1) / self.radius
+            slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
+            values = np.empty_like(slope)
+            for k in range(2):
+                mean = np.bincount(g.row, weights=slope[:, k], minlength=len(x)) / sums
+                values[:, k] = (slope[:, k] - g.data * mean[g.row]) / sums[g.row]
+            values = values @ image.turn  # back from the image
+            for k in range(2):
+                total[k] = total[k] + Matrix((values[:, k], (g.row, g.col)), shape=g.shape)
+        return tuple(Matrix(part / len(self._images)) for part in total)  # type: ignore[return-value]
+
+    def _check_cover(self, points: Array) -> None:
+        bare = np.isinf(self._tree.query(points, distance_upper_bound=self.radius)[0])
+        missing = np.any(bare.reshape(len(self._weights), -1), axis=1)
+        share = self.domain.sum(missing * self.domain.cell_volumes) / self.domain.area
+        if share:
+            raise ValueError(
+                f"level set: {100.0 * share:.2g} % of the body is beyond the reach of all "
+                "knots; add knots there or ask for a larger minimum size"
+            )
+
+    def level(self, variables: ArrayLike) -> Callable[[ArrayLike], Array]:
+        """F - 1/2 as a function of positions (n, 2) [m], positive in the material.
+
+        Not collective: each rank may ask for its own points.
 
         Args:
-            width: In units of phi [m].
-
-        Raises:
-            ValueError: If it is not a positive length.
+            variables: Coefficients, shape (knots,).
         """
-        validation.number("level set: width", width, above=0.0, unit="m")
-        other = copy(self)
-        other._width = float(width)
-        return other
+        u = self._check(variables)
 
-    def as_design(self) -> LevelSetDesign:
-        """The coefficients as bounded variables, in the stages of `LevelSetDesign`."""
-        return LevelSetDesign(self)
+        def at(points: ArrayLike) -> Array:
+            x = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+            return np.asarray(self._means(x) @ u) - 0.5
+
+        return at
 
     # ------------------------------------------------------------------ density
 
-    def fill_fraction(self, coefficients: ArrayLike) -> Array:
+    @property
+    def projection(self) -> HeavisideProjection:
+        """From f to material."""
+        return HeavisideProjection(self.sharpness)
+
+    def at(self, progress: float) -> LevelSet:
+        """The design as sharp as at a ``progress``, with its penalty."""
+        validation.number("level set: progress", progress, least=0.0, most=1.0)
+        other = self.with_sharpness(steepness(progress))
+        begin, end = PENALTY
+        other.weight = WEIGHT * min(max((progress - begin) / (end - begin), 0.0), 1.0)
+        return other
+
+    def with_sharpness(self, sharpness: float) -> LevelSet:
+        """The same level set with another steepness ``sharpness`` of its projection."""
+        validation.number("level set: sharpness", sharpness, above=0.0)
+        other = copy(self)
+        other.sharpness = float(sharpness)
+        return other
+
+    def density(self, variables: ArrayLike) -> Array:
         """The density of each cell owned by this rank, shape (cells,), in [0, 1].
 
         Args:
-            coefficients: Alpha, shape (knots,).
+            variables: Coefficients, shape (knots,).
 
         Raises:
             ValueError: If there is not one finite coefficient a knot.
         """
-        phi = self._at_points(coefficients)
-        x = np.einsum("cq,cq->c", self._weights, _heaviside(phi / self.width))
+        f = self._at_points(variables)
+        x = np.einsum("cq,cq->c", self._weights, self.projection(f))
         # the mean of values in [0, 1] may leave it by round-off
         return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), 1.0)
 
-    def pullback(self, coefficients: ArrayLike, x_bar: Array) -> Array:
-        """The transpose of the derivative of `fill_fraction`.
+    def pullback(self, variables: ArrayLike, x_bar: Array) -> Array:
+        """The transpose of the derivative of `density`.
 
         Args:
-            coefficients: Alpha, shape (knots,).
+            variables: Coefficients, shape (knots,).
             x_bar: Derivative with respect to the density of this rank's cells, shape (cells,).
 
         Returns:
             Derivative with respect to the coefficients, shape (knots,), summed over the ranks and
             bit-identical on each.
         """
-        phi = self._at_points(coefficients)
-        slope = _heaviside_slope(phi / self.width) / self.width
-        bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights * slope
-        local = np.ascontiguousarray(self._matrix.T @ bar.ravel())
-        return self._sum(local)
+        bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights
+        f_bar = self.projection.pullback(self._at_points(variables), bar)
+        return self._sum(np.ascontiguousarray(self._matrix.T @ f_bar.ravel()))
 
-    def volume(self, coefficients: ArrayLike) -> float:
-        """The filled share of the body's area at ``coefficients``, alike on every rank."""
-        filled = self.fill_fraction(coefficients) * self.domain.cell_volumes
-        return self.domain.sum(filled) / self.domain.area
+    def _at_points(self, variables: ArrayLike) -> Array:
+        return np.asarray(self._matrix @ self._check(variables)).reshape(self._weights.shape)
 
-    def _at_points(self, coefficients: ArrayLike) -> Array:
-        return np.asarray(self._matrix @ self._check(coefficients)).reshape(self._weights.shape)
-
-    def _check(self, coefficients: ArrayLike) -> Array:
-        return finite_vector(coefficients, len(self.knots), "level set", "coefficients, one a knot")
+    def _check(self, variables: ArrayLike) -> Array:
+        return finite_vector(variables, self.size, "level set", "coefficients, one a knot")
 
     def _sum(self, local: Array) -> Array:
         comm: MPI.Comm = self.domain.comm
@@ -228,32 +331,64 @@ class LevelSet:
         comm.Bcast(total, root=0)
         return total
 
-    def identity(self) -> dict[str, Any]:
-        """What the level sets of a checkpoint and of the run that reads it have in common."""
-        return {
-            "knots": self.knots,
-            "kernel": repr(self.basis.kernel),
-            "cells": self.domain.n_cells_global,
-        }
+    # ------------------------------------------------------------------ minimum size
 
-    # ------------------------------------------------------------------ phi on the knots
+    @cached_property
+    def _at_centroids(self) -> tuple[Matrix, Matrix, Matrix]:
+        points = self.domain.centroids
+        return self._means(points), *self._slopes(points)
 
-    def interpolate(self, phi: ArrayLike | Callable[[Array], Array]) -> Array:
-        """The coefficients of a function given at the knots.
+    def penalty(self, variables: ArrayLike) -> tuple[float, Array]:
+        """What members and gaps below their minimum sizes cost, beside log psi.
 
         Args:
-            phi: Values at the knots, shape (knots,) [m], or a function of positions (n, 2) [m].
+            variables: Coefficients, shape (knots,).
+
+        Returns:
+            Value, and derivative with respect to the coefficients, shape (knots,), on every rank.
         """
-        return self.basis.interpolate(phi(self.knots) if callable(phi) else phi)
+        weight = self.weight
+        if weight == 0.0:
+            return 0.0, np.zeros(self.size)
+        u = self._check(variables)
+        mean, across, along = self._at_centroids
+        f, fx, fy = (np.asarray(matrix @ u) for matrix in (mean, across, along))
+        share = self.domain.cell_volumes / self.domain.area * self.domain.design_cells
+        project = HeavisideProjection(max(self.sharpness, 8.0))
+        decay = DECAY * self.radius**2
+        flat = share * np.exp(-decay * (fx * fx + fy * fy))
+        material = project(f)
+        thin = np.minimum(0.0, f - self._solid)
+        narrow = np.maximum(0.0, f - self._void)
+        wanting = material * thin**2 + GAP * (1.0 - material) * narrow**2
+        value = weight * self.domain.sum(flat * wanting)
+        f_bar = weight * flat * 2.0 * (material * thin + GAP * (1.0 - material) * narrow)
+        f_bar += project.pullback(f, weight * flat * (thin**2 - GAP * narrow**2))
+        slope_bar = -2.0 * decay * weight * flat * wanting
+        local = mean.T @ f_bar + across.T @ (slope_bar * fx) + along.T @ (slope_bar * fy)
+        return value, self._sum(np.ascontiguousarray(local))
 
-    def at_knots(self, coefficients: ArrayLike) -> Array:
-        """Phi at the knots for ``coefficients`` (knots,), shape (knots,) [m]."""
-        return np.asarray(self._knot_matrix @ self._check(coefficients))
+    # ------------------------------------------------------------------ starts
 
-    def on_grid(self, coefficients: ArrayLike) -> Array:
-        """Phi on `grid` for ``coefficients`` (knots,), shape (columns, rows) [m]."""
-        values = np.asarray(self._grid_matrix @ self._check(coefficients))
-        return values.reshape(len(self.grid[0]), len(self.grid[1]))
+    def from_distance(self, distance: ArrayLike | Callable[[Array], Array]) -> Array:
+        """Coefficients whose boundary is that of a signed distance, positive in the material.
+
+        Args:
+            distance: At the knots, shape (knots,) [m], or a function of positions (n, 2) [m].
+
+        Returns:
+            Coefficients, shape (knots,): 1 or 0 from three mean elements off the boundary on.
+
+        Raises:
+            ValueError: If there is not one finite value a knot.
+        """
+        given = distance(self.knots) if callable(distance) else distance
+        d = finite_vector(given, self.size, "level set", "distances, one a knot")
+        return 0.5 + 0.5 * np.clip(d / (BAND * self.element), -1.0, 1.0)
+
+    def even(self, value: float = 0.5) -> Array:
+        """Coefficients that all have the same ``value`` in [0, 1], shape (knots,)."""
+        return np.full(self.size, validation.number("level set: value", value, least=0, most=1))
 
     def with_holes(
         self, columns: int, rows: int, radius: float, *, margin: float | None = None
@@ -268,7 +403,7 @@ class LevelSet:
                 half the distance between rows.
 
         Returns:
-            Coefficients of the signed distance, shape (knots,).
+            Coefficients, shape (knots,), see `from_distance`.
         """
         columns = validation.whole("level set: columns of holes", columns, least=1)
         rows = validation.whole("level set: rows of holes", rows, least=1)
@@ -290,125 +425,65 @@ class LevelSet:
                 center[long] = low[long] + (column + 0.5 + shift) * pitch
                 center[1 - long] = low[1 - long] + offset
                 centers.append(center)
-        distance = cKDTree(np.array(centers)).query(self.knots)[0] - radius
-        return self.interpolate(np.minimum(distance, radius + pitch))
+        return self.from_distance(cKDTree(np.array(centers)).query(self.knots)[0] - radius)
 
-    def signed_distance(self, phi: ArrayLike) -> Array:
-        """The signed distance from the zero line of phi, at the knots.
+    def begin(self, start: ArrayLike) -> Array:
+        """A ``start`` with a quarter of its contrast, so that there are derivatives everywhere."""
+        return 0.5 + CONTRAST * (self.check(start) - 0.5)
 
-        The zero line is the polygon along which phi, bilinear on `grid`, is zero.
+    # ------------------------------------------------------------------ boundary
 
-        Args:
-            phi: Values at the knots, shape (knots,).
+    @cached_property
+    def _drawn(self) -> tuple[Array, Array, Matrix]:
+        """Columns and rows of a grid of half elements over the body, and the matrix to f there."""
+        low, high = self.domain.bounding_box
+        counts = np.ceil((high - low) / (0.5 * self.element)).astype(int) + 1
+        columns, rows = (np.linspace(*ends, n) for *ends, n in zip(low, high, counts, strict=True))
+        grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
+        return columns, rows, self._means(grid)
 
-        Returns:
-            Values at the knots, shape (knots,) [m]; ``phi`` itself where it has no zero line.
-        """
-        values = np.asarray(phi, dtype=np.float64)
-        line = self._zero_line(self.basis.interpolate(values))
-        if line is None:
-            return values.copy()
-        return np.where(values >= 0.0, 1.0, -1.0) * _distance(self.knots, *line)
+    def distance(self, variables: ArrayLike, points: ArrayLike | None = None) -> Array:
+        """The signed distance from the boundary f = 1/2, positive in the material.
 
-    def boundary_distance(self, coefficients: ArrayLike, points: ArrayLike | None = None) -> Array:
-        """The signed distance from the active boundary, the zero line of phi.
-
-        The zero line is that of `signed_distance`. The distance is positive in the material. Not
+        The boundary is the polygon along which f, bilinear on a grid of half elements, is 1/2. Not
         collective: each rank may ask for its own points.
 
         Args:
-            coefficients: Alpha, shape (knots,).
+            variables: Coefficients, shape (knots,).
             points: Positions, shape (n, 2) [m]; by default the centroids of this rank's cells.
 
         Returns:
-            Shape (n,) [m]; infinite, with the sign of phi, where phi has no zero line.
+            Shape (n,) [m]; infinite, with the sign of f - 1/2, where there is no boundary.
 
         Raises:
             ValueError: If there is not one finite coefficient a knot, or a point is not finite.
         """
-        alpha = self._check(coefficients)
+        u = self._check(variables)
         x = np.asarray(self.domain.centroids if points is None else points, dtype=np.float64)
         if x.ndim != 2 or x.shape[1] != 2 or not np.all(np.isfinite(x)):
             raise ValueError(
                 f"level set: points in an array of shape {x.shape} must be finite coordinates of "
                 "shape (n, 2)"
             )
-        sign = np.where(np.asarray(self.basis.matrix(x) @ alpha) >= 0.0, 1.0, -1.0)
-        line = self._zero_line(alpha)
-        return sign * (math.inf if line is None or len(x) == 0 else _distance(x, *line))
-
-    def _zero_line(self, coefficients: Array) -> tuple[Array, Array] | None:
-        """Start and end of the segments along which phi, bilinear on `grid`, is zero."""
-        generator = contourpy.contour_generator(*self.grid, self.on_grid(coefficients).T)
-        lines = [line for line in generator.lines(0.0) if len(line) > 1]
-        if not lines:
-            return None
-        return np.vstack([line[:-1] for line in lines]), np.vstack([line[1:] for line in lines])
-
-
-class LevelSetDesign(Design):
-    """The coefficients of a level set, bounded.
-
-    Args:
-        levelset: Of radial basis functions; its own width does not count.
-        widths: Half-widths of the smoothed Heaviside function in units of a mean element, one a
-            stage.
-        bound: Largest size of a coefficient, in knot spacings.
-
-    Raises:
-        ValueError: If a number is out of range.
-    """
-
-    each = "knot"
-
-    def __init__(
-        self,
-        levelset: LevelSet,
-        *,
-        widths: Sequence[float] = (1.0, 0.6, 0.35),
-        bound: float = 1.0,
-    ) -> None:
-        validation.instance("level set design: levelset", levelset, LevelSet, "a LevelSet")
-        stages = check_stages("level set design: widths", widths)
-        validation.number("level set design: bound", bound, above=0.0)
-        self.domain = levelset.domain
-        self.stages = len(stages)
-        self.size = len(levelset.knots)
-        self.upper = bound * levelset.spacing
-        self.lower = -self.upper
-        self._widths = stages
-        #: With the width of this stage
-        self.levelset = levelset.with_width(levelset.element * self._widths[0])
-
-    @property
-    def width(self) -> float:  # type: ignore[override]
-        """Half-width of the smoothed Heaviside function [m]."""
-        return self.levelset.width
-
-    def at_stage(self, stage: int) -> LevelSetDesign:
-        """The design with the width of a ``stage``."""
-        other = copy(self)
-        other.levelset = self.levelset.with_width(self.levelset.element * self._widths[stage])
-        return other
-
-    def density(self, variables: Array) -> Array:
-        """The fill fraction at the coefficients ``variables``."""
-        return self.levelset.fill_fraction(variables)
-
-    def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The transpose of the fill fraction's derivative at ``variables``, on ``x_bar``."""
-        return self.levelset.pullback(variables, x_bar)
-
-    def distance(self, variables: Array) -> Array:
-        """The distance from the zero line of the coefficients ``variables``."""
-        return self.levelset.boundary_distance(variables)
+        sign = np.where(self.level(u)(x) >= 0.0, 1.0, -1.0)
+        columns, rows, matrix = self._drawn
+        values = np.asarray(matrix @ u).reshape(len(columns), len(rows))
+        lines = contourpy.contour_generator(columns, rows, values.T).lines(0.5)
+        lines = [line for line in lines if len(line) > 1]
+        if not lines or len(x) == 0:
+            return sign * math.inf
+        start = np.vstack([line[:-1] for line in lines])
+        end = np.vstack([line[1:] for line in lines])
+        return sign * _distance(x, start, end)
 
     def identity(self) -> dict[str, Any]:
-        """Knots, kernel, cells, widths and bound."""
+        """What the level sets of a checkpoint and of the run that reads it have in common."""
         return {
-            **self.levelset.identity(),
-            "widths": self._widths,
-            "bound": self.upper,
+            "knots": self.knots,
+            "radius": self.radius,
+            "sizes": list(self._both),
+            "mirrors": repr(self.mirrors),
+            "cells": self.domain.n_cells_global,
         }
 
 
@@ -421,24 +496,35 @@ def _check_knots(knots: ArrayLike) -> Array:
         )
     if not np.all(np.isfinite(given)):
         raise ValueError("level set: a knot has a coordinate that is NaN or infinite")
-    return given
-
-
-def _median_distance(points: Array) -> float:
-    distance = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-    if distance == 0.0:
+    if np.min(cKDTree(given).query(given, k=2)[0][:, 1]) == 0.0:
         raise ValueError("level set: two knots coincide; remove one of them")
-    return distance
+    return np.ascontiguousarray(given)
 
 
-def _heaviside(s: Array) -> Array:
-    s = np.clip(s, -1.0, 1.0)
-    s2 = s * s  # powers are slow
-    return 0.5 + s * (0.9375 + s2 * (0.1875 * s2 - 0.625))
+@cache
+def _strip() -> tuple[Array, Array]:
+    """Share of the kernel on one side of a line, over the line's distance in radii."""
+    r = np.linspace(-1.0, 1.0, 2001)
+    kernel = Wendland(1.0)
+    across = kernel(np.hypot(r[:, None], r[None, :])).sum(axis=1)
+    share = cumulative_trapezoid(across, r, initial=0.0)
+    return r, share / share[-1]
 
 
-def _heaviside_slope(s: Array) -> Array:
-    return np.where(np.abs(s) < 1.0, 15.0 / 16.0 * (1.0 - s**2) ** 2, 0.0)
+def _narrowest(flat: float) -> float:
+    """Width of the strip in radii that f = 1/2 encloses, where f is ``flat`` in its middle."""
+    r, share = _strip()
+
+    def f(x: float, width: float) -> float:
+        return float(np.diff(np.interp([x - 0.5 * width, x + 0.5 * width], r, share))[0])
+
+    width = brentq(lambda w: f(0.0, w) - flat, 0.0, 2.0)
+    return 2.0 * float(brentq(lambda x: f(x, width) - 0.5, 0.0, 1.0))
+
+
+def _flat(width: float) -> float:
+    """F in the middle of the strip that f = 1/2 encloses with a ``width`` in radii."""
+    return float(brentq(lambda f: _narrowest(f) - width, 0.5001, 0.99))
 
 
 def _distance(points: Array, start: Array, end: Array) -> Array:

@@ -21,12 +21,14 @@ from collections.abc import Callable
 from copy import copy
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from .. import validation
 from .level_set import LevelSet
 from .parametrization import VolumeBisection, check_volume
-from .rbf import RadialBasis, Wendland
+from .rbf import Wendland
 
 __all__ = ["Evolution", "VelocityExtension"]
 
@@ -34,33 +36,29 @@ Array = NDArray[np.float64]
 
 
 class VelocityExtension:
-    """Carries derivatives from the neighbourhood of the zero line to the knots around.
+    """Carries derivatives from the neighbourhood of the boundary to the knots around.
 
     A derivative with respect to phi at the knots is smoothed with a positive definite kernel, so
-    that the negative result is a descent direction for any basis of the level set.
+    that the negative result is a descent direction.
 
     Args:
         levelset: Gives the knots.
-        radius: Of the smoothing kernel [m]; by default three spacings.
+        radius: Of the smoothing kernel [m]; by default that of the level set's kernel.
     """
 
     def __init__(self, levelset: LevelSet, radius: float | None = None) -> None:
-        self.levelset = validation.instance(
-            "velocity extension: levelset", levelset, LevelSet, "a LevelSet"
+        validation.instance("velocity extension: levelset", levelset, LevelSet, "a LevelSet")
+        kernel = Wendland(levelset.radius if radius is None else radius)
+        tree = cKDTree(levelset.knots)
+        near = tree.sparse_distance_matrix(tree, kernel.support, output_type="ndarray")
+        size = len(levelset.knots)
+        self._matrix = scipy.sparse.csr_matrix(
+            (kernel(near["v"]), (near["i"], near["j"])), shape=(size, size)
         )
-        kernel = Wendland(3.0 * levelset.spacing if radius is None else radius)
-        if levelset.basis.kernel == kernel:
-            self._matrix = None  # smoothing undoes the interpolation exactly
-        else:
-            self._matrix = RadialBasis(levelset.knots, kernel).matrix(levelset.knots)
 
-    def __call__(self, coefficients_bar: Array) -> Array:
-        """The extended derivative at the knots, given ``coefficients_bar`` (knots,)."""
-        if self._matrix is None:
-            return coefficients_bar
-        return np.asarray(
-            self._matrix @ self.levelset.basis.interpolate_transposed(coefficients_bar)
-        )
+    def __call__(self, phi_bar: Array) -> Array:
+        """The extended derivative at the knots, given ``phi_bar`` (knots,)."""
+        return np.asarray(self._matrix @ phi_bar)
 
 
 class Evolution:
@@ -73,7 +71,7 @@ class Evolution:
             that size can vanish within that many steps.
         extension: Velocity extension; by default with its default radius.
         distance: Re-initialiser, from phi at the knots (knots,) to a signed distance at the knots;
-            by default `LevelSet.signed_distance`.
+            by default that from the boundary of the level set.
 
     Raises:
         ValueError: On every rank, if the bound is out of range or below the share of the regions
@@ -97,24 +95,33 @@ class Evolution:
         self.band = band * levelset.spacing
         self.bisection = VolumeBisection(volume)
         self.extension = extension or VelocityExtension(levelset)
-        self.distance = distance or levelset.signed_distance
+        self.distance = distance or self._signed_distance
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
 
-    def with_width(self, width: float) -> Evolution:
-        """The same steps of a level set whose Heaviside function has another ``width`` [m]."""
+    def with_sharpness(self, sharpness: float) -> Evolution:
+        """The same steps of a level set whose projection has another ``sharpness``."""
         other = copy(self)
-        other.levelset = self.levelset.with_width(width)
+        other.levelset = self.levelset.with_sharpness(sharpness)
         return other
 
-    def start(self, coefficients: Array) -> Array:
+    def variables(self, phi: Array) -> Array:
+        """The coefficients of a level set with ``phi`` (knots,) [m] at the knots."""
+        return np.asarray(0.5 + 0.5 * np.clip(phi / self.band, -1.0, 1.0))
+
+    def start(self, variables: Array) -> Array:
         """Phi at the knots of a start design, shrunk evenly until the volume bound holds.
 
-        A design without a zero line becomes an even gray of the bound's volume.
+        A design without a boundary becomes an even gray of the bound's volume.
 
         Args:
-            coefficients: Of the start design, shape (knots,).
+            variables: Of the start design, shape (knots,).
         """
-        return self.reinitialize(self.levelset.at_knots(coefficients))
+        return self.reinitialize(self.band * (2.0 * np.asarray(variables) - 1.0))
+
+    def _signed_distance(self, phi: Array) -> Array:
+        variables = self.variables(phi)
+        found = self.levelset.distance(variables, self.levelset.knots)
+        return np.where(np.isfinite(found), found, phi)
 
     def reinitialize(self, phi: Array) -> Array:
         """The signed distance from the zero line of ``phi`` (knots,), within the bounds.
@@ -139,9 +146,9 @@ class Evolution:
             New values at the knots, shape (knots,), and Lambda >= 0 in units of the scaled
             velocity.
         """
-        coefficients = self.levelset.interpolate(phi)
-        psi_bar = self.extension(self.levelset.pullback(coefficients, gradient))
-        volume_bar = self.extension(self.levelset.pullback(coefficients, self._cell_share))
+        variables = self.variables(phi)
+        psi_bar = self.extension(self.levelset.pullback(variables, gradient))
+        volume_bar = self.extension(self.levelset.pullback(variables, self._cell_share))
         near = np.abs(volume_bar) > 1e-3 * np.max(np.abs(volume_bar), initial=0.0)
         if not np.any(near):
             return phi.copy(), 0.0
@@ -158,7 +165,9 @@ class Evolution:
         """The first member of a family of shrinking designs that keeps the volume bound."""
 
         def volume(multiplier: float) -> float:
-            return self.levelset.volume(self.levelset.interpolate(family(multiplier)))
+            x = self.levelset.density(self.variables(family(multiplier)))
+            domain = self.levelset.domain
+            return domain.sum(x * domain.cell_volumes) / domain.area
 
         multiplier = self.bisection.multiplier(volume)
         return family(multiplier), multiplier

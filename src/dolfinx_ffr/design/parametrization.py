@@ -5,17 +5,17 @@
 
     variables z -> filter -> projection -> density x,
 
-and `LevelSetDesign` the coefficients of a `LevelSet`. Both become sharper in stages, and hand
-derivatives back by the exact transpose.
+and a `LevelSet` one for each knot. Both become sharper along a run, and hand derivatives back by
+the exact transpose.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,37 +23,55 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..fem import Domain
 from .density_filter import DensityFilter, HeavisideProjection
-from .rbf import finite_vector
 
 __all__ = [
     "DensityDesign",
     "Design",
     "VolumeBisection",
-    "check_stages",
     "check_volume",
+    "finite_vector",
     "shrunk",
+    "steepness",
 ]
 
 Array = NDArray[np.float64]
 
 
+#: Steepness of the projection of a finished design: a step within a fifth of an element
+SHARP = 32.0
+#: Progress between which the projection becomes steeper, by the same factor each iteration: time
+#: before it to find the topology, and after it to find the best crisp boundary
+SHARPENING = (0.05, 0.55)
+
+
+def steepness(progress: float) -> float:
+    """Steepness of the projection: 1 at the beginning, 32 from a progress of 0.55 on.
+
+    Args:
+        progress: In [0, 1].
+    """
+    begin, end = SHARPENING
+    return float(SHARP ** min(max((progress - begin) / (end - begin), 0.0), 1.0))
+
+
 class Design(ABC):
     """From bounded variables to the density of one body, and back.
 
-    A design never changes: the sharper one of a later stage is another object.
+    A design never changes: the sharper one of a later iteration is another object.
     """
 
     domain: Domain  #: Of the body
     lower: float  #: Smallest value of a variable
     upper: float  #: Largest value of a variable
     size: int  #: Number of variables
-    each: str  #: What there is one variable for
-    stages: int  #: Number of stages, each sharper than the one before
-    width: float  #: Of the smoothed step from void to solid
+    each: ClassVar[str]  #: What there is one variable for
+    sharpness: float  #: Steepness of the step from void to solid; 1 is open, 32 is crisp
+    #: Whether a density is the share of its element that the boundary encloses
+    fills: ClassVar[bool] = False
 
     @abstractmethod
-    def at_stage(self, stage: int) -> Design:
-        """The design as sharp as in ``stage``, counted from 0."""
+    def at(self, progress: float) -> Design:
+        """The design as sharp as at a ``progress`` between 0, the start, and 1, the end."""
 
     @abstractmethod
     def density(self, variables: Array) -> Array:
@@ -75,6 +93,18 @@ class Design(ABC):
     def identity(self) -> dict[str, Any]:
         """What a checkpoint and the run that reads it must have in common."""
 
+    @abstractmethod
+    def even(self, value: float = 0.5) -> Array:
+        """Variables that all have the same ``value``, shape (size,)."""
+
+    def penalty(self, variables: Array) -> tuple[float, Array]:
+        """What is added to log psi at ``variables``, and its derivative, shape (size,)."""
+        return 0.0, np.zeros(self.size)
+
+    def begin(self, start: ArrayLike) -> Array:
+        """The variables from which moving asymptotes take up a ``start``, shape (size,)."""
+        return self.check(start)
+
     def distance(self, variables: Array) -> Array | None:
         """The distance of this rank's cells from the boundary at ``variables``, or None."""
         return None
@@ -88,10 +118,6 @@ class Design(ABC):
         variables = finite_vector(start, self.size, "design", f"variables, one a {self.each}")
         return np.clip(variables, self.lower, self.upper)
 
-    def as_design(self) -> Design:
-        """The design itself; what else can be designed says here how its variables are bounded."""
-        return self
-
 
 class DensityDesign(Design):
     """One variable in [0, 1] for each designed element, filtered and projected (SIMP).
@@ -104,47 +130,43 @@ class DensityDesign(Design):
         radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
             struts may hang together by corners of elements, which looks stiffer than it is. Zero
             filters nothing.
-        betas: Steepness of the projection, one a stage.
         eta: Threshold of the projection.
 
     Raises:
         ValueError: On every rank, if a number is out of range.
     """
 
-    lower, upper, each = 0.0, 1.0, "designed cell"
+    each: ClassVar[str] = "designed cell"
+    lower, upper = 0.0, 1.0
 
     def __init__(
         self,
         domain: Domain,
         *,
         radius: float | None = None,
-        betas: Sequence[float] = (2.0, 4.0, 8.0, 16.0, 32.0),
         eta: float = 0.5,
     ) -> None:
-        steepness = check_stages("density design: betas", betas)
         self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
         element = float(np.sqrt(domain.area / domain.n_cells_global))
         self.filter = DensityFilter(domain, 2.5 * element if radius is None else radius)
-        #: Of the stages
-        self.projections = [HeavisideProjection(beta, eta) for beta in steepness]
-        self.stages = len(self.projections)
-        self.projection = self.projections[0]  #: Of this stage
+        #: From means to densities
+        self.projection = HeavisideProjection(SHARP, eta)
         self._designed = domain.everywhere(domain.design_cells)
         self._passive = domain.everywhere(domain.passive_density)
         self.size = int(np.count_nonzero(self._designed))
 
     @property
-    def width(self) -> float:  # type: ignore[override]
-        """Inverse of the steepness of the projection."""
-        return 1.0 / self.projection.beta
+    def sharpness(self) -> float:  # type: ignore[override]
+        """Steepness of the projection."""
+        return self.projection.beta
 
-    def at_stage(self, stage: int) -> DensityDesign:
-        """The design with the projection of a ``stage``."""
+    def at(self, progress: float) -> DensityDesign:
+        """The design as sharp as at a ``progress``."""
         other = copy(self)
-        other.projection = self.projections[stage]
+        other.projection = HeavisideProjection(steepness(progress), self.projection.eta)
         return other
 
-    def even(self, value: float) -> Array:
+    def even(self, value: float = 0.5) -> Array:
         """Variables that all have the same ``value`` in [0, 1], shape (designed cells,)."""
         return np.full(
             self.size, validation.number("density design: value", value, least=0, most=1)
@@ -166,7 +188,6 @@ class DensityDesign(Design):
         return {
             "cells": self.domain.n_cells_global,
             "radius": self.filter.radius,
-            "betas": [projection.beta for projection in self.projections],
             "eta": self.projection.eta,
         }
 
@@ -230,25 +251,6 @@ class VolumeBisection:
         return high
 
 
-def check_stages(what: str, values: Sequence[float]) -> list[float]:
-    """Positive numbers, one for each stage of a design.
-
-    Args:
-        what: Their name, for the message.
-        values: The numbers.
-
-    Raises:
-        TypeError: If they are no list of numbers.
-        ValueError: If there are none, or one is not positive and finite.
-    """
-    stages = validation.real_array(what, values, (None,), expected="a number for each stage")
-    if not stages.size:
-        raise ValueError(f"{what} must have a number for each stage, but it is empty")
-    for value in stages:
-        validation.number(what, value, above=0.0)
-    return [float(value) for value in stages]
-
-
 def check_volume(domain: Domain, volume: float) -> None:
     """Refuse a volume bound that leaves nothing to design.
 
@@ -293,3 +295,25 @@ def shrunk(design: Design, variables: Array, volume: float) -> Array:
         return domain.sum(x * domain.cell_volumes) / domain.area
 
     return lowered(VolumeBisection(volume).multiplier(filled))
+
+
+def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
+    """``values`` as finite numbers, shape (size,).
+
+    Args:
+        values: What is checked.
+        size: How many there must be.
+        where: Who asks.
+        what: Their name, for the message.
+
+    Raises:
+        ValueError: If there are more or fewer, or one is not finite.
+    """
+    vector = validation.numbers(f"{where}: {what}", values)
+    finite = bool(np.all(np.isfinite(vector)))
+    if vector.shape != (size,) or not finite:
+        raise ValueError(
+            f"{where}: expected {size} finite {what}, and got an array of shape {vector.shape}"
+            + ("" if finite else " with NaN or infinity")
+        )
+    return vector

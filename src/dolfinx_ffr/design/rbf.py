@@ -19,17 +19,11 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
-import scipy.sparse.linalg
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
+from numpy.typing import NDArray
 from scipy.special import xlogy
 
 from .. import validation
@@ -39,7 +33,6 @@ __all__ = [
     "Gaussian",
     "Kernel",
     "Multiquadric",
-    "RadialBasis",
     "ThinPlate",
     "Wendland",
 ]
@@ -186,123 +179,3 @@ class ThinPlate(Kernel):
         """G at distances ``r`` [m]."""
         distance = np.asarray(r)
         return distance * xlogy(distance, distance)
-
-
-def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
-    """``values`` as finite numbers, shape (size,).
-
-    Args:
-        values: What is checked.
-        size: How many there must be.
-        where: Who asks.
-        what: Their name, for the message.
-
-    Raises:
-        ValueError: If there are more or fewer, or one is not finite.
-    """
-    vector = validation.numbers(f"{where}: {what}", values)
-    finite = bool(np.all(np.isfinite(vector)))
-    if vector.shape != (size,) or not finite:
-        raise ValueError(
-            f"{where}: expected {size} finite {what}, and got an array of shape {vector.shape}"
-            + ("" if finite else " with NaN or infinity")
-        )
-    return vector
-
-
-class RadialBasis:
-    """A kernel on knots, with the factored interpolation matrix.
-
-    Args:
-        knots: Shape (knots, d) [m], all different.
-        kernel: Function of the distance.
-
-    Raises:
-        ValueError: If there are no knots, two coincide, a coordinate is not finite, the kernel
-            needs a linear polynomial beside it, its support does not reach the next knot, or the
-            interpolation is ill-conditioned.
-    """
-
-    def __init__(self, knots: ArrayLike, kernel: Kernel) -> None:
-        self.knots = np.ascontiguousarray(validation.numbers("radial basis: knots", knots))
-        self.kernel = check_kernel("radial basis", kernel)
-        if kernel.minimal_degree > 0:
-            raise ValueError(
-                f"radial basis: {kernel!r} needs a polynomial of degree {kernel.minimal_degree} "
-                "beside it, which this basis does not have; take Wendland, Multiquadric, "
-                "ExponentialSpline or Gaussian"
-            )
-        if self.knots.ndim != 2 or len(self.knots) == 0:
-            raise ValueError(f"radial basis: no knots (array of shape {self.knots.shape})")
-        if not np.all(np.isfinite(self.knots)):
-            raise ValueError("radial basis: a knot has a coordinate that is NaN or infinite")
-        self._tree = cKDTree(self.knots)
-        if len(self.knots) > 1:
-            nearest = self._tree.query(self.knots, k=2)[0][:, 1]
-            if nearest.min() == 0.0:
-                raise ValueError("radial basis: two knots coincide; remove one of them")
-            if kernel.support <= nearest.max():
-                raise ValueError(
-                    f"radial basis: the kernel's support {kernel.support:.4g} m does not reach "
-                    f"from knot to knot ({nearest.max():.4g} m); take a larger radius or more knots"
-                )
-        matrix = self.matrix(self.knots)
-        self._solve = _factored(matrix)
-        probe = np.cos(np.arange(len(self.knots)))
-        defect = np.max(np.abs(matrix @ self.interpolate(probe) - probe))
-        if not defect < 1e-8:
-            raise ValueError(
-                f"radial basis: interpolation on {len(self.knots)} knots is ill-conditioned "
-                f"(values reproduced to {defect:.1e} only); shorten the kernel's length"
-            )
-
-    def __reduce__(self) -> tuple[type[RadialBasis], tuple[Array, Kernel]]:
-        """How pickle and copy make it anew, with the factor."""
-        return type(self), (self.knots, self.kernel)
-
-    def matrix(self, points: ArrayLike) -> Array | scipy.sparse.csr_matrix:
-        """g(|X_i - X_j|) for points X_i and knots X_j, shape (points, knots).
-
-        Args:
-            points: Shape (points, d) [m].
-
-        Returns:
-            Sparse for compactly supported kernels, dense for global ones.
-        """
-        x = np.asarray(points, dtype=np.float64).reshape(-1, self.knots.shape[1])
-        if math.isinf(self.kernel.support):
-            return self.kernel(cdist(x, self.knots))
-        near = cKDTree(x).sparse_distance_matrix(
-            self._tree, self.kernel.support, output_type="ndarray"
-        )
-        return scipy.sparse.csr_matrix(
-            (self.kernel(near["v"]), (near["i"], near["j"])), shape=(len(x), len(self.knots))
-        )
-
-    def interpolate(self, values: ArrayLike) -> Array:
-        """The coefficients alpha for which the field takes ``values`` (knots,) at the knots.
-
-        Raises:
-            ValueError: If there is not one finite value a knot.
-        """
-        v = finite_vector(values, len(self.knots), "radial basis", "values, one a knot")
-        return self._solve(v, False)
-
-    def interpolate_transposed(self, coefficients_bar: ArrayLike) -> Array:
-        """The transpose of `interpolate` on ``coefficients_bar``, shape (knots,)."""
-        return self._solve(np.asarray(coefficients_bar, dtype=np.float64), True)
-
-
-def _factored(matrix: Array | scipy.sparse.csr_matrix) -> Callable[[Array, bool], Array]:
-    """The solution for a right-hand side, with the matrix or with its transpose."""
-    if isinstance(matrix, np.ndarray):
-        factor = scipy.linalg.lu_factor(matrix)
-        return lambda v, transposed: scipy.linalg.lu_solve(factor, v, trans=int(transposed))
-    # symmetric and positive definite: a symmetric ordering, and no pivoting to spoil it
-    solver = scipy.sparse.linalg.splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return lambda v, transposed: solver.solve(v, trans="T" if transposed else "N")

@@ -2,8 +2,8 @@
 """Design by explicit steps of level sets.
 
 Each iteration makes one explicit step of an `Evolution` and keeps it if psi falls; otherwise the
-next step is half as long. The smoothed Heaviside function starts wide, so that derivatives reach
-over an element, and narrows in stages, so that the final design is nearly solid and void.
+next step is half as long. The projection from void to solid becomes sharper in stages: at first
+derivatives reach over an element, and the final design is crisp.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..design import Evolution, LevelSet, LevelSetDesign, check_stages
+from ..design import Evolution, LevelSet
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from .loop import DesignLoop, Optimizer
@@ -45,9 +45,8 @@ class LevelSetEvolution(Optimizer):
     Args:
         evolution: How the level set moves, of several bodies by name; by default an `Evolution`
             with the volume bound of the run. One that is given brings its own bound.
-        widths: Half-widths of the smoothed Heaviside function in units of a mean element, one a
-            stage. The next stage begins where one has converged, or has had its share of the
-            iterations. Below a fifth of an element derivatives miss the quadrature points.
+        sharpness: Steepness of the projection, one a stage. The next stage begins where one has
+            converged, or has had its share of the iterations.
         step: Largest change of phi in one iteration, in knot spacings (CFL number); above one the
             zero line overshoots thin struts.
         tolerance: A stage has converged when psi falls by less than this, relatively, over five
@@ -63,7 +62,7 @@ class LevelSetEvolution(Optimizer):
     """
 
     evolution: Evolution | Mapping[str, Evolution] | None = None
-    widths: Sequence[float] = (1.0, 0.6, 0.35, 0.2)
+    sharpness: Sequence[float] = (11.0, 19.0, 32.0, 56.0)
     step: float = 1.0
     tolerance: float = 1e-3
     reinitialize_every: int = 5
@@ -72,7 +71,11 @@ class LevelSetEvolution(Optimizer):
     def __post_init__(self) -> None:
         """Check the numbers."""
         what = "LevelSetEvolution"
-        check_stages(f"{what}: widths", self.widths)
+        stages = f"{what}: sharpness"
+        if not len(validation.real_array(stages, self.sharpness, (None,))):
+            raise ValueError(f"{stages} must have a number for each stage, but it is empty")
+        for value in self.sharpness:
+            validation.number(stages, value, above=0.0)
         validation.number(f"{what}: step", self.step, above=0.0)
         validation.number(f"{what}: tolerance", self.tolerance, least=0.0)
         validation.whole(f"{what}: reinitialize_every", self.reinitialize_every)
@@ -173,8 +176,8 @@ class _Steps:
         self.bounds = {name: e.bisection.bound for name, e in evolutions.items()}
         #: Of each stage, by name of the body
         self.stages = [
-            {n: e.with_width(e.levelset.element * width) for n, e in evolutions.items()}
-            for width in options.widths
+            {n: e.with_sharpness(sharpness) for n, e in evolutions.items()}
+            for sharpness in options.sharpness
         ]
 
     # ------------------------------------------------------------------ evaluations
@@ -182,19 +185,16 @@ class _Steps:
     def coefficients(self, state: _State) -> dict[str, Array]:
         """The coefficients of the level sets."""
         evolutions = self.stages[state.stage]
-        return {name: e.levelset.interpolate(state.phi[name]) for name, e in evolutions.items()}
+        return {name: e.variables(state.phi[name]) for name, e in evolutions.items()}
 
     def densities(self, state: _State) -> dict[str, Array]:
         """The densities of this rank's cells."""
-        alpha, evolutions = self.coefficients(state), self.stages[state.stage]
-        return {name: e.levelset.fill_fraction(alpha[name]) for name, e in evolutions.items()}
+        variables, evolutions = self.coefficients(state), self.stages[state.stage]
+        return {name: e.levelset.density(variables[name]) for name, e in evolutions.items()}
 
-    def designs(self, state: _State) -> dict[str, LevelSetDesign]:
-        """The level sets as designs, as sharp as in a state."""
-        return {
-            name: LevelSetDesign(e.levelset, widths=self.options.widths).at_stage(state.stage)
-            for name, e in self.stages[state.stage].items()
-        }
+    def designs(self, state: _State) -> dict[str, LevelSet]:
+        """The level sets, as sharp as in a state."""
+        return {name: e.levelset for name, e in self.stages[state.stage].items()}
 
     def evaluate(self, state: _State) -> Evaluation:
         """The value of a state."""
@@ -204,8 +204,8 @@ class _Steps:
         """The evaluation of a state with its gradient."""
 
         def distance(name: str) -> Array:
-            levelset = self.stages[state.stage][name].levelset
-            return levelset.boundary_distance(levelset.interpolate(state.phi[name]))
+            evolution = self.stages[state.stage][name]
+            return evolution.levelset.distance(evolution.variables(state.phi[name]))
 
         return self.loop.differentiate(evaluation, distance, state.iteration)
 
@@ -265,8 +265,8 @@ class _Steps:
     # ------------------------------------------------------------------ stages
 
     def stage_ended(self, state: _State) -> bool:
-        """Whether a narrower Heaviside function is due."""
-        stages = len(self.options.widths)
+        """Whether a sharper projection is due."""
+        stages = len(self.options.sharpness)
         if state.stage + 1 >= stages:
             return False
         share = (state.stage + 1) * self.loop.stage_iterations
@@ -292,7 +292,7 @@ class _Steps:
 
     def ended(self, state: _State) -> str:
         """Why the loop ends here, or nothing."""
-        if state.stage + 1 == len(self.options.widths) and self._converged(state):
+        if state.stage + 1 == len(self.options.sharpness) and self._converged(state):
             return "converged"
         return "iterations" if state.iteration >= self.loop.iterations else ""
 
@@ -325,7 +325,8 @@ class _Steps:
             evaluation,
             accepted=accepted,
             step=state.size,
-            width=max(e.levelset.width for e in self.stages[state.stage].values()),
+            sharpness=max(e.levelset.sharpness for e in self.stages[state.stage].values()),
+            merit=evaluation.psi,
             multiplier=multiplier,
             state={**fields, **{f"phi of {name}": phi for name, phi in state.phi.items()}}
             if state.iteration
@@ -339,7 +340,7 @@ class _Steps:
             levelset = evolution.levelset
             parts = {
                 **levelset.identity(),
-                "widths": [levelset.element * w for w in self.options.widths],
+                "sharpness": list(self.options.sharpness),
                 "volume": evolution.bisection.bound,
             }
             common |= {f"{key} of {name}": value for key, value in parts.items()}

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ..design import Design, LevelSet
+from ..design import Design
 from ..dynamics import LargeDeformationWarning, SofteningWarning, TimeStepWarning
 from ..fem import Domain
 from ..gradients import Distance, GradientErrors, GradientMethod, GradientReport
@@ -39,7 +39,6 @@ from .result import DesignWarning, Result, gray_fraction, only
 __all__ = [
     "COLUMNS",
     "GRADIENT_COLUMNS",
-    "AnyDesign",
     "DesignLoop",
     "Optimizer",
 ]
@@ -47,7 +46,6 @@ __all__ = [
 Array = NDArray[np.float64]
 Row = dict[str, float]
 Callback = Callable[[int, Any, Evaluation], None]
-AnyDesign = LevelSet | Design
 
 #: Columns of the history, one row an iteration; of several bodies the worst or the sum
 COLUMNS = [
@@ -59,7 +57,8 @@ COLUMNS = [
     "accepted",  # 1 if the step was kept
     "step",  # size of the step (level set: spacings; MMA: largest change, share of the bounds)
     "multiplier",  # of the volume bound
-    "width",  # of the smoothed Heaviside function (level set: [m]; density: 1 / beta)
+    "sharpness",  # steepness of the projection from void to solid: 1 is open, 32 is crisp
+    "merit",  # what is minimised: log psi and the penalty of sizes (explicit steps: psi)
     "outer_gap",  # relative gap of eigenvalues beyond the last mode
     "solver_iterations",  # of the last pullback
     "seconds",  # since the start
@@ -273,7 +272,8 @@ class DesignLoop:
         *,
         accepted: bool,
         step: float,
-        width: float,
+        sharpness: float,
+        merit: float,
         multiplier: float = float("nan"),
         state: Mapping[str, Any] | None = None,
     ) -> None:
@@ -285,7 +285,8 @@ class DesignLoop:
             evaluation: Of the design that is kept.
             accepted: Whether it is the one that was tried.
             step: Size of the step.
-            width: Of the smoothed Heaviside function.
+            sharpness: Steepness of the projection.
+            merit: Of the design that is kept.
             multiplier: Of the volume bound.
             state: What a later run needs to go on; None writes no checkpoint.
         """
@@ -298,7 +299,8 @@ class DesignLoop:
             "iteration": iteration,
             "accepted": int(accepted),
             "step": step,
-            "width": width,
+            "sharpness": sharpness,
+            "merit": merit,
             "multiplier": multiplier,
             "seconds": self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0),
         }
@@ -431,16 +433,15 @@ class DesignLoop:
         for name, design in designs.items():
             gray = gray_fraction(design.domain, densities[name])
             if gray > GRAY:
-                unfinished = design.width > design.at_stage(design.stages - 1).width
+                unfinished = design.sharpness < design.at(1.0).sharpness
                 warnings.warn(
                     f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
                     "and no part can be cut out of that: "
                     + (
-                        "give more iterations, as the last stages, which make it sharp, were not "
-                        "reached (resume=True goes on from here)"
+                        "give more iterations, as the run ended before the design was sharp "
+                        "(resume=True goes on from here)"
                         if unfinished
-                        else "end with a sharper stage (smaller widths, larger betas), or take "
-                        "smaller elements"
+                        else "take smaller elements, or ask for larger minimum sizes"
                     ),
                     DesignWarning,
                     stacklevel=5,

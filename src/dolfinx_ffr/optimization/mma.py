@@ -1,400 +1,269 @@
 # SPDX-License-Identifier: MIT
 """Design by the method of moving asymptotes, with any number of constraints.
 
-    min over z of psi(z)   such that   g_k(z) <= 0,   lower <= z <= upper,
+    min over z of log psi(z) + penalty(z)   such that   g_k(z) <= 0,   lower <= z <= upper,
 
-where the g_k are the volume bound of each body and the constraints of the problem. The method
-replaces psi and the g_k by separable convex functions around the best design so far, whose
-curvature is raised until they are on the safe side: a design that is kept fulfils all constraints.
-It is NLopt's; here are its stages, its checkpoints and its work on several ranks.
+where the g_k are the volume bound of each body and the constraints of the problem, and the penalty
+is that of the design (a `LevelSet` asks for a minimum size by it). One value and one gradient an
+iteration; along the run the design becomes crisp, see `Design.at`.
 
-NLopt asks for one design after the other: each is an iteration, and a row of the history. The
-gradient of one that is worse than the best feasible one is never used, and not computed.
-
-NLopt cannot be interrupted and continued. What it has been told in the present stage is therefore
-part of the checkpoint, and is told again: a resumed run tries the same designs as one that was
-never interrupted.
-
-References:
-    K. Svanberg, International Journal for Numerical Methods in Engineering 24 (1987),
-    doi:10.1002/nme.1620240207.
-    K. Svanberg, SIAM Journal on Optimization 12 (2002), doi:10.1137/S1052623499362822.
-    S. G. Johnson, The NLopt nonlinear-optimization package, https://github.com/stevengj/nlopt.
+Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
+the way. Near the end the constraints that are violated are tightened by as much, so that the
+designs come to lie on the feasible side; the best feasible crisp design is the result. A design
+that falls apart (psi rises by a quarter) is taken back, and the next step is half as long.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-import nlopt
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
 from ..design import Design, shrunk
 from ..dynamics import SimulationError
-from ..parallel import announce
 from ..problem import Evaluation
 from .loop import FEASIBLE, DesignLoop, Optimizer
+from .moving_asymptotes import Asymptotes
 from .result import Result
 
 __all__ = ["MMA"]
 
 Array = NDArray[np.float64]
 
-#: Iterations over which convergence is judged; NLopt may reject several in a row
+#: Iterations over which convergence is judged
 WINDOW = 8
-#: A design that cannot be simulated counts as this many times worse than the one that is kept
-FAILED = 10.0
-#: A design this many times softer than before its projection became sharper is in pieces
-APART = 1e3
+#: Progress from which on designs are crisp, and may be the result
+CRISP = 0.6
+#: Rise of psi, relative, for which a step is taken back: more than sharpening alone brings
+APART = 0.25
+#: Steps taken back in a row after which there is no way on
+STUCK = 8
+#: Growth of the longest step after a step that was kept
+RECOVER = 1.5
+#: Violation, relative, from which on psi may rise so that a constraint is met
+VIOLATED = 1e-3
 
 
 @dataclass(frozen=True)
 class MMA(Optimizer):
-    """Globally convergent method of moving asymptotes, for densities and level sets.
+    """Method of moving asymptotes, for level sets and densities.
 
     Args:
-        approximation: ``"quadratic"`` or ``"reciprocal"``, the two separable functions of
-            Svanberg's paper of 2002. Inertia makes derivatives of both signs, for which quadratic
-            ones fit as well on both sides, and need fewer iterations.
-        tolerance: A stage has converged when psi falls by less than this, relatively, over eight
-            iterations. The next stage begins where one has converged, or has had its share of the
-            iterations, but at least eight.
-        stage_iterations: Iterations that a stage has at most; by default those of the run are
-            shared out evenly where it begins. A number makes the way of a design independent of the
-            number of iterations, which then says only where it ends.
-        boldness: psi is handed to NLopt in units of its value at the beginning of a stage, times
-            this. Larger numbers make the first steps of a stage longer, and more of them rejected.
+        move: Largest change of a variable in an iteration, in shares of its range.
+        tolerance: The run has converged when, with a crisp design, log psi and the penalty fall by
+            less than this over eight iterations. Zero makes use of all iterations.
+        length: Iterations over which the design becomes crisp; by default those of the run that
+            begins. A number makes the way of a design independent of the number of iterations,
+            which then says only where it ends; a run that is resumed keeps the length it began
+            with.
 
     Raises:
         ValueError: If a number is out of range.
     """
 
-    approximation: Literal["quadratic", "reciprocal"] = "quadratic"
+    move: float = 0.1
     tolerance: float = 1e-3
-    boldness: float = 1.0
-    stage_iterations: int | None = field(default=None, kw_only=True, repr=False)
+    length: int | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        known = ("quadratic", "reciprocal")
-        validation.choice("MMA: approximation", self.approximation, known)
+        validation.number("MMA: move", self.move, above=0.0, most=1.0)
         validation.number("MMA: tolerance", self.tolerance, least=0.0)
-        validation.number("MMA: boldness", self.boldness, above=0.0)
-        if self.stage_iterations is not None:
-            validation.whole("MMA: stage_iterations", self.stage_iterations, least=1)
+        if self.length is not None:
+            validation.whole("MMA: length", self.length, least=1)
 
     @staticmethod
     def fits(design: Any) -> bool:
         """Whether the method can move a ``design``: any whose variables are bounded."""
-        return hasattr(design, "as_design")
+        return isinstance(design, Design)
 
     def run(
         self,
         loop: DesignLoop,
-        designs: Mapping[str, Any],
+        designs: Mapping[str, Design],
         start: Mapping[str, Array],
         volume: Mapping[str, float],
     ) -> Result:
-        """The best ``designs`` of the last stage from ``start`` below ``volume`` in a ``loop``."""
+        """The best crisp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
         run = _Run(self, loop, designs, volume)
         with loop.running():
             data = loop.earlier(run.identity())
-            loop.plan(run.stages, self.stage_iterations)
+            loop.plan(1, self.length)
             if data is None:
-                run.begin(start)
+                point, now = run.begin(start)
             else:
-                run.load(data)
-            while not run.reason:
-                run.stage()
-        kept = run.kept
-        assert kept.evaluation is not None
-        return loop.result(
-            run.designs, run.split(kept.variables), kept.evaluation, run.reason, run.volume
-        )
+                point, now = run.load(data)
+            while not (reason := run.ended(point)):
+                point, now = run.iterate(point, now)
+            chosen = run.chosen(point)
+            return loop.result(
+                run.designs(point.progress),
+                run.split(chosen),
+                run.evaluation(point, now, chosen),
+                reason,
+                volume,
+            )
 
 
-@dataclass
-class _Kept:
-    """The best design so far: feasible with the least psi, or else the least infeasible one."""
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """All that the next iteration depends on, but the evaluation of the design that is kept."""
 
-    variables: Array
-    psi: float
-    bounds: Array  #: g of all constraints, shape (constraints,)
-    evaluation: Evaluation | None = field(default=None, repr=False)
-
-    def beats(self, other: _Kept | None) -> bool:
-        """Whether this design is better than another."""
-        if other is None:
-            return True
-        mine, its = (max(float(np.max(kept.bounds)), 0.0) for kept in (self, other))
-        if its > FEASIBLE:
-            return mine < its
-        return mine <= FEASIBLE and self.psi < other.psi
+    asymptotes: Asymptotes
+    margins: Array  #: By how much constraints are tightened, shape (m,)
+    iteration: int = 0
+    progress: float = 0.0  #: Of the same
+    rejected: int = 0  #: Steps taken back in a row
+    merit: float = math.inf  #: log psi and penalty of the design that is kept
+    best: Array | None = None  #: The best feasible crisp design, shape (n,)
+    best_merit: float = math.inf
 
 
 class _Run:
-    """One run: stages, each a call of NLopt."""
+    """What an iteration does."""
 
     def __init__(
         self,
         options: MMA,
         loop: DesignLoop,
-        designs: Mapping[str, Any],
+        designs: Mapping[str, Design],
         volume: Mapping[str, float],
     ) -> None:
         self.options, self.loop = options, loop
-        #: Of this stage
-        self.designs: dict[str, Design] = {
-            name: design.as_design() for name, design in designs.items()
-        }
-        self.volume = dict(volume)
-        self.stages = max(design.stages for design in self.designs.values())
-        self.sizes = {name: design.size for name, design in self.designs.items()}
-        self.reason = ""
-        self.iteration = -1
-        #: The best design of the stage before this one
-        self.before: _Kept | None = None
-        self.next_stage(0, np.empty(0))
-
-    def next_stage(self, stage: int, variables: Array) -> None:
-        """Begin a stage at some variables."""
-        self.number, self.start = stage, variables
-        self.since = self.iteration
-        self.told: list[Array] = []  # psi and constraints of each trial
-        self.gradients: dict[int, Array] = {}  # by number of the trial
-        self.calls = 0
-        self.ended = False
-        self.best: _Kept | None = None
-        self.sharpen(stage)
-
-    @property
-    def kept(self) -> _Kept:
-        """The best design of this stage."""
-        assert self.best is not None
-        return self.best
+        self._designs, self.volume = dict(designs), dict(volume)
+        self.sizes = {name: design.size for name, design in designs.items()}
+        self.lower, self.upper = (
+            np.concatenate([np.full(d.size, getattr(d, side)) for d in designs.values()])
+            for side in ("lower", "upper")
+        )
 
     # ------------------------------------------------------------------ variables
 
-    def begin(self, start: Mapping[str, Array]) -> None:
-        """Take the start design."""
-        self.start = self.shrunk({n: design.check(start[n]) for n, design in self.designs.items()})
-
-    def shrunk(self, variables: Mapping[str, Array]) -> Array:
-        """All variables, lowered until the volume bounds hold."""
-        return np.concatenate(
-            [
-                shrunk(design, variables[name], self.volume[name])
-                for name, design in self.designs.items()
-            ]
-        )
+    def designs(self, progress: float) -> dict[str, Design]:
+        """The designs as sharp as at a progress."""
+        return {name: design.at(progress) for name, design in self._designs.items()}
 
     def split(self, variables: Array) -> dict[str, Array]:
         """The variables of each body."""
         ends = np.cumsum(list(self.sizes.values()))[:-1]
         return dict(zip(self.sizes, np.split(variables, ends), strict=True))
 
-    def densities(self, variables: Array) -> dict[str, Array]:
+    def shrunk(self, variables: Mapping[str, Array], progress: float) -> Array:
+        """All variables, lowered until the volume bounds hold."""
+        designs = self.designs(progress)
+        return np.concatenate([shrunk(d, variables[n], self.volume[n]) for n, d in designs.items()])
+
+    def densities(self, variables: Array, progress: float) -> dict[str, Array]:
         """The densities of this rank's cells."""
         parts = self.split(variables)
-        return {name: design.density(parts[name]) for name, design in self.designs.items()}
+        return {n: design.density(parts[n]) for n, design in self.designs(progress).items()}
 
-    # ------------------------------------------------------------------ one stage
+    # ------------------------------------------------------------------ iterations
 
-    def stage(self) -> None:
-        """Let NLopt work through a stage, and begin the next one."""
-        comm = self.loop.comm
-        # rank 0 asks NLopt, the others evaluate with it what it wants to know
-        if comm.rank == 0:
-            self.ask_nlopt()
-        else:
-            while not self.ended:
-                variables = self.from_rank_0()
-                if variables is None:
-                    break
-                self.trial(variables)
-        if not self.ended:  # NLopt itself saw no way on
-            self.ended = True
-            if self.number + 1 == self.stages:
-                self.reason = "converged"
-        if not self.reason:
-            self.before = self.kept
-            number, variables = self.number + 1, self.split(self.kept.variables)
-            self.next_stage(number, np.empty(0))
-            self.start = self.shrunk(variables)
+    def begin(self, start: Mapping[str, Array]) -> tuple[_Point, Evaluation]:
+        """The first point with its evaluation."""
+        variables = self.shrunk({n: d.begin(start[n]) for n, d in self._designs.items()}, 0.0)
+        count = len(self._designs) + len(self.loop.problem.constraints)
+        state = Asymptotes(self.lower, self.upper, variables, self.options.move)
+        point = _Point(state, np.zeros(count))
+        densities = self.densities(variables, 0.0)
+        now = self.loop.value(densities)
+        point = replace(point, merit=self.merit(variables, now, 0.0))
+        now = self.differentiate(now, point)
+        self.record(point, now, densities, accepted=True, step=0.0, multiplier=0.0)
+        return point, now
 
-    def sharpen(self, stage: int) -> None:
-        """Make the designs as sharp as in a stage."""
-        self.designs = {
-            name: design.at_stage(min(stage, design.stages - 1))
-            for name, design in self.designs.items()
-        }
-
-    def ask_nlopt(self) -> None:
-        """Run NLopt's optimiser on this rank."""
-        error: list[BaseException] = []
-
-        def objective(variables: Array, gradient: Array) -> float:
-            try:
-                self.trial(self.from_rank_0(np.array(variables)))
-            except BaseException as caught:  # it must not pass through compiled code
-                error.append(caught)
-                raise nlopt.ForcedStop from None
-            if self.ended:
-                raise nlopt.ForcedStop
-            if gradient.size:
-                gradient[:] = scale() * self.gradient()[0]
-            return float(scale() * self.told[self.calls - 1][0])
-
-        def bounds(values: Array, variables: Array, gradient: Array) -> None:
-            # asked for right after the objective, at the same variables
-            if gradient.size:
-                gradient[:] = self.gradient()[1:]
-            values[:] = self.told[self.calls - 1][1:]
-
-        def scale() -> float:
-            return self.options.boldness / abs(self.told[0][0] or 1.0)
-
-        quadratic = self.options.approximation == "quadratic"
-        optimizer = nlopt.opt(nlopt.LD_CCSAQ if quadratic else nlopt.LD_MMA, len(self.start))
-        lower, upper = (
-            np.concatenate(
-                [np.full(n, getattr(self.designs[k], side)) for k, n in self.sizes.items()]
+    def iterate(self, point: _Point, now: Evaluation) -> tuple[_Point, Evaluation]:
+        """The point after one step, and the evaluation of the design that is kept."""
+        state = point.asymptotes
+        slope, values, slopes = self.functions(point, now)
+        tried, multipliers = state.step(slope, values + point.margins, slopes)
+        # every rank has computed the same, and its own last bits may decide nothing
+        tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
+        iteration = point.iteration + 1
+        progress = min(iteration / self.loop.stage_iterations, 1.0)
+        densities = self.densities(tried.x, progress)
+        try:
+            found = self.loop.value(densities)
+        except SimulationError:  # so soft that it cannot move
+            found = None
+        limit = now.psi + APART * abs(now.psi)
+        met = bool(np.max(values) <= VIOLATED)
+        if found is None or not math.isfinite(found.psi) or (met and found.psi > limit):
+            kept = replace(
+                point,
+                asymptotes=tried.retreat(state),
+                iteration=iteration,
+                rejected=point.rejected + 1,
             )
-            for side in ("lower", "upper")
+            self.record(
+                kept,
+                now,
+                self.densities(state.x, point.progress),
+                accepted=False,
+                step=self.relative_step(tried.x - state.x),
+                multiplier=float(multipliers[0]),
+            )
+            return kept, now
+        moved = replace(
+            point,
+            asymptotes=replace(tried, move=min(RECOVER * tried.move, self.options.move)),
+            iteration=iteration,
+            progress=progress,
+            rejected=0,
+            merit=self.merit(tried.x, found, progress),
         )
-        optimizer.set_lower_bounds(lower)
-        optimizer.set_upper_bounds(upper)
-        optimizer.set_min_objective(objective)
-        count = len(self.designs) + len(self.loop.problem.constraints)
-        optimizer.add_inequality_mconstraint(bounds, np.full(count, FEASIBLE))
-        # a fixed point is recognised by the rows; this only keeps NLopt from turning on the spot
-        optimizer.set_maxeval(max(self.loop.iterations, self.iteration) + 2)
-        try:
-            optimizer.optimize(self.start)
-        except (nlopt.ForcedStop, nlopt.RoundoffLimited):
-            pass
-        if error:
-            raise error[0]
-        if not self.ended:
-            self.from_rank_0()
-
-    def from_rank_0(self, variables: Array | None = None) -> Any:
-        """The variables that NLopt asks for, or None where it asks for no more."""
-        announce(self.loop.comm, "a trial of MMA")
-        return self.loop.comm.bcast(variables, root=0)
-
-    def gradient(self) -> Array:
-        """The derivatives of the last trial, shape (1 + constraints, variables)."""
-        found = self.gradients.get(self.calls - 1)
-        return np.zeros((len(self.told[0]), len(self.start))) if found is None else found
-
-    # ------------------------------------------------------------------ one trial
-
-    def trial(self, variables: Array) -> None:
-        """Evaluate what NLopt asks for, on all ranks together, and record it."""
-        call = self.calls
-        self.calls += 1
-        if call < len(self.told):
-            self.replay(call, variables)
-            return
-        densities = self.densities(variables)
-        best = self.best
-        try:
-            evaluation = self.loop.value(densities)
-        except SimulationError:  # so soft that it cannot move: as bad as can be
-            if best is None and self.before is None:
-                raise
-            if best is None:
-                self.stall()
-                return
-            bad = FAILED * max(abs(best.psi), abs(float(self.told[0][0])))
-            found = _Kept(variables, bad, best.bounds + FAILED)
-        else:
-            found = _Kept(variables, evaluation.psi, self.bounds(evaluation), evaluation)
-            if best is None and self.before and found.psi > APART * abs(self.before.psi):
-                self.stall()
-                return
-        self.iteration += 1
-        # NLopt never looks at the gradient of a trial that is worse than a feasible one
-        worse = best is not None and np.max(best.bounds) <= 0.0 and found.psi >= best.psi
-        self.told.append(np.array([found.psi, *found.bounds]))
-        if found.evaluation is not None and not worse:
-            self.differentiate(found, call)
-        accepted = found.beats(best)
-        if accepted:
-            self.best = found
-        kept = self.kept
-        assert kept.evaluation is not None
-        self.loop.record(
-            self.iteration,
-            densities if accepted else self.densities(kept.variables),
-            kept.evaluation,
-            accepted=accepted,
-            step=0.0 if best is None else self.relative_step(variables - best.variables),
-            width=max(design.width for design in self.designs.values()),
-            state=self.state() if self.iteration else None,
+        violation = self.bounds(found)
+        if progress >= CRISP:
+            # tightened by what is violated, relaxed slowly where nothing is
+            margins = np.where(violation > 0.0, point.margins + violation, 0.9 * point.margins)
+            moved = replace(moved, margins=margins)
+            if np.max(violation) <= FEASIBLE and moved.merit < point.best_merit:
+                moved = replace(moved, best=tried.x, best_merit=moved.merit)
+        if iteration < self.loop.iterations:
+            found = self.differentiate(found, moved)
+        self.record(
+            moved,
+            found,
+            densities,
+            accepted=True,
+            step=self.relative_step(tried.x - state.x),
+            multiplier=float(multipliers[0]),
         )
-        self.decide()
-
-    def stall(self) -> None:
-        """End the run with the best design of the stage before, as this one falls apart."""
-        self.number -= 1
-        self.sharpen(self.number)
-        self.best = self.before
-        self.reason, self.ended = "stalled", True
-
-    def replay(self, call: int, variables: Array) -> None:
-        """Tell NLopt again what it was told before the run was interrupted."""
-        told = self.told[call]
-        found = _Kept(variables, float(told[0]), told[1:])
-        if found.beats(self.best):
-            self.best = found
-        if call + 1 == len(self.told):
-            kept = self.kept
-            evaluation = self.loop.value(self.densities(kept.variables))
-            self.loop.resumed(evaluation)
-            kept.evaluation = self.with_gradient(evaluation, kept.variables)
-            self.decide()
+        return moved, found
 
     def relative_step(self, difference: Array) -> float:
         """The largest change of a variable as a share of its bounds."""
-        parts = self.split(np.abs(difference))
-        return max(
-            float(np.max(parts[name])) / (design.upper - design.lower)
-            for name, design in self.designs.items()
-        )
+        return float(np.max(np.abs(difference) / (self.upper - self.lower)))
+
+    def merit(self, variables: Array, evaluation: Evaluation, progress: float) -> float:
+        """Log psi and the penalties; psi itself where it has no logarithm."""
+        parts = self.split(variables)
+        penalty = sum(d.penalty(parts[n])[0] for n, d in self.designs(progress).items())
+        psi = evaluation.psi
+        return penalty + (math.log(psi) if psi > 0.0 else psi)
 
     def bounds(self, evaluation: Evaluation) -> Array:
         """G of all constraints: the volumes of the bodies, and those of the problem."""
-        volumes = [evaluation.volume[name] / self.volume[name] - 1.0 for name in self.designs]
+        volumes = [evaluation.volume[name] / self.volume[name] - 1.0 for name in self.sizes]
         return np.array([*volumes, *(c.value for c in evaluation.constraints.values())])
 
-    def with_gradient(self, evaluation: Evaluation, variables: Array) -> Evaluation:
-        """An evaluation with its gradient."""
-        parts = self.split(variables)
-
-        def distance(name: str) -> Array | None:
-            return self.designs[name].distance(parts[name])
-
-        return self.loop.differentiate(evaluation, distance, self.iteration)
-
-    def differentiate(self, found: _Kept, call: int) -> None:
-        """Add the gradients of a trial."""
-        assert found.evaluation is not None
-        evaluation = self.with_gradient(found.evaluation, found.variables)
-        found.evaluation = evaluation
-        parts = self.split(found.variables)
-        rows = [evaluation.gradient]
-        for moving, design in self.designs.items():
-            share = design.domain.cell_volumes / design.domain.area / self.volume[moving]
+    def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array, Array]:
+        """The slope of the merit, and the constraints with their slopes."""
+        parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        rows: list[Any] = [evaluation.gradient]
+        for moving in designs:
             rows.append(
                 {
-                    n: share if n == moving else np.zeros(d.domain.n_cells)
-                    for n, d in self.designs.items()
+                    n: d.domain.cell_volumes / d.domain.area / self.volume[n]
+                    if n == moving
+                    else np.zeros(d.domain.n_cells)
+                    for n, d in designs.items()
                 }
             )
         rows.extend(constraint.gradient for constraint in evaluation.constraints.values())
@@ -402,65 +271,127 @@ class _Run:
             raise ValueError(
                 "MMA: this way to the gradient gives none of the constraints; take ExactAdjoint"
             )
-        self.gradients[call] = np.array(
+        slopes = np.array(
             [
-                np.concatenate([d.pullback(parts[n], row[n]) for n, d in self.designs.items()])  # type: ignore[index]
+                np.concatenate([d.pullback(parts[n], row[n]) for n, d in designs.items()])
                 for row in rows
             ]
         )
+        psi = evaluation.psi
+        penalty = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
+        scale = psi if psi > 0.0 else 1.0
+        return slopes[0] / scale + penalty, self.bounds(evaluation), slopes[1:]
 
-    def decide(self) -> None:
-        """Set why the run ends here, or that the stage does."""
-        if self.iteration >= self.loop.iterations:
-            self.reason = "iterations"
-        elif self.loop.interrupted():
-            self.reason = "interrupted"
-        last = self.number + 1 == self.stages
-        share = (self.number + 1) * self.loop.stage_iterations
-        converged = self.converged()
-        # an even density has no shape yet that could become sharper
-        shaped = len(self.told) > WINDOW
-        if not self.reason and last and converged:
-            self.reason = "converged"
-        done = converged or (shaped and self.iteration >= share)
-        self.ended = bool(self.reason) or (done and not last)
+    def differentiate(self, evaluation: Evaluation, point: _Point) -> Evaluation:
+        """An evaluation with its gradient."""
+        parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        return self.loop.differentiate(
+            evaluation, lambda name: designs[name].distance(parts[name]), point.iteration
+        )
 
-    def converged(self) -> bool:
-        """Whether psi hardly falls any more."""
-        feasible = [i for i, told in enumerate(self.told) if np.max(told[1:]) <= FEASIBLE]
-        # from the first feasible design on, psi of the one that is kept does not rise
-        if not feasible or len(self.told) - feasible[0] <= WINDOW + 1:
+    # ------------------------------------------------------------------ end
+
+    def ended(self, point: _Point) -> str:
+        """Why the run ends here, or nothing."""
+        if point.iteration >= self.loop.iterations:
+            return "iterations"
+        if self.loop.interrupted():
+            return "interrupted"
+        if point.rejected >= STUCK:
+            return "stalled"
+        return "converged" if self.converged(point) else ""
+
+    def converged(self, point: _Point) -> bool:
+        """Whether the merit of crisp feasible designs hardly falls any more."""
+        crisp = point.iteration - math.ceil(CRISP * self.loop.stage_iterations)
+        if point.best is None or crisp <= WINDOW + 1 or point.progress < 1.0:
             return False
-        before, now = self.loop.rows[-1 - WINDOW]["psi"], self.loop.rows[-1]["psi"]
-        return before - now < self.options.tolerance * abs(before)
+        rows = self.loop.rows[-1 - WINDOW :]
+        return rows[0]["merit"] - rows[-1]["merit"] < self.options.tolerance
 
-    # ------------------------------------------------------------------ checkpoint
+    def chosen(self, point: _Point) -> Array:
+        """The variables of the result: the best feasible crisp ones, or else the last ones."""
+        return point.asymptotes.x if point.best is None else point.best
 
-    def state(self) -> dict[str, Any]:
-        """All that a later run needs to go on."""
-        calls = sorted(self.gradients)
-        return {
-            "iteration": self.iteration,
-            "stage": self.number,
-            "since": self.since,
-            "start": self.start,
-            "told": np.array(self.told),
-            "calls": np.array(calls),
-            "gradients": np.array([self.gradients[call] for call in calls]),
+    def evaluation(self, point: _Point, now: Evaluation, chosen: Array) -> Evaluation:
+        """That of the result."""
+        if chosen is point.asymptotes.x:
+            return now
+        return self.loop.value(self.densities(chosen, point.progress))
+
+    # ------------------------------------------------------------------ records
+
+    def record(
+        self,
+        point: _Point,
+        evaluation: Evaluation,
+        densities: Mapping[str, Array],
+        *,
+        accepted: bool,
+        step: float,
+        multiplier: float,
+    ) -> None:
+        """Add a point to history and checkpoint."""
+        state = point.asymptotes
+        arrays = {"x": state.x, "margins": point.margins}
+        arrays |= {
+            name: np.zeros(0) if value is None else value
+            for name, value in (
+                ("before", state.before),
+                ("earlier", state.earlier),
+                ("reach", state.reach),
+                ("best", point.best),
+            )
         }
+        numbers = {
+            name: getattr(point, name)
+            for name in ("iteration", "progress", "rejected", "merit", "best_merit")
+        }
+        self.loop.record(
+            point.iteration,
+            densities,
+            evaluation,
+            accepted=accepted,
+            step=step,
+            merit=point.merit,
+            sharpness=max(d.sharpness for d in self.designs(point.progress).values()),
+            multiplier=multiplier,
+            state={**arrays, **numbers, "move": state.move} if point.iteration else None,
+        )
 
-    def load(self, data: Mapping[str, Any]) -> None:
-        """Take the state of an earlier run."""
-        self.iteration = int(data["iteration"])
-        self.next_stage(int(data["stage"]), data["start"])
-        self.since = int(data["since"])
-        self.told = list(data["told"])
-        self.gradients = dict(zip(map(int, data["calls"]), data["gradients"], strict=True))
+    def load(self, data: Mapping[str, Any]) -> tuple[_Point, Evaluation]:
+        """The point of an earlier run, evaluated anew."""
+
+        def given(name: str) -> Array | None:
+            return np.asarray(data[name]) if len(data[name]) else None
+
+        state = Asymptotes(
+            self.lower,
+            self.upper,
+            np.asarray(data["x"]),
+            float(data["move"]),
+            given("before"),
+            given("earlier"),
+            given("reach"),
+        )
+        point = _Point(
+            state,
+            np.asarray(data["margins"]),
+            best=given("best"),
+            iteration=int(data["iteration"]),
+            progress=float(data["progress"]),
+            rejected=int(data["rejected"]),
+            merit=float(data["merit"]),
+            best_merit=float(data["best_merit"]),
+        )
+        now = self.loop.value(self.densities(state.x, point.progress))
+        self.loop.resumed(now)
+        return point, self.differentiate(now, point)
 
     def identity(self) -> dict[str, Any]:
         """What a checkpoint and the run that reads it have in common."""
         common: dict[str, Any] = {"optimizer": repr(self.options)}
-        for name, design in self.designs.items():
+        for name, design in self._designs.items():
             parts = {**design.identity(), "volume": self.volume[name]}
             common |= {f"{key} of {name}": value for key, value in parts.items()}
         return common

@@ -18,12 +18,12 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..design import Design, LevelSet
+from ..design import Design
 from ..gradients import ExactAdjoint, GradientMethod
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .level_set_evolution import LevelSetEvolution
-from .loop import AnyDesign, Callback, DesignLoop, Optimizer
+from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
 from .result import Result
 
@@ -32,7 +32,7 @@ __all__ = ["optimize"]
 
 def optimize(
     problem: Problem,
-    design: AnyDesign | Mapping[str, AnyDesign],
+    design: Design | Mapping[str, Design],
     start: ArrayLike | Mapping[str, ArrayLike],
     *,
     optimizer: Optimizer | None = None,
@@ -158,10 +158,9 @@ def optimize(
     return result
 
 
-def _default_optimizer(designs: Mapping[str, AnyDesign], options: dict[str, Any]) -> Optimizer:
+def _default_optimizer(designs: Mapping[str, Design], options: dict[str, Any]) -> Optimizer:
     """The first optimizer that can move all designs."""
-    kinds = (LevelSetEvolution, MMA)
-    kind = next(kind for kind in kinds if all(map(kind.fits, designs.values())))
+    kind = MMA
     if options:
         warnings.warn(
             f"optimize: {sorted(options)} are options of the optimizer, and go there with the next "
@@ -172,7 +171,7 @@ def _default_optimizer(designs: Mapping[str, AnyDesign], options: dict[str, Any]
     return kind(**options)
 
 
-def _by_body(problem: Problem, design: AnyDesign | Mapping[str, AnyDesign]) -> dict[str, AnyDesign]:
+def _by_body(problem: Problem, design: Design | Mapping[str, Design]) -> dict[str, Design]:
     """The designs in the order of the problem's bodies."""
     names = list(problem.flexible)
     if isinstance(design, Mapping):
@@ -189,9 +188,8 @@ def _by_body(problem: Problem, design: AnyDesign | Mapping[str, AnyDesign]) -> d
     else:
         found = {names[0]: design}
     for name, part in found.items():
-        kinds = (LevelSet, Design)
         needed = "a LevelSet or a DensityDesign"
-        validation.instance(f"optimize: the design of {name!r}", part, kinds, needed)
+        validation.instance(f"optimize: the design of {name!r}", part, Design, needed)
         if part.domain is not problem.flexible[name].domain:
             raise ValueError(
                 f"optimize: the design of {name!r} is not on the domain of the problem's body; "

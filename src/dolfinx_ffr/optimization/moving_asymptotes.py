@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: MIT
+"""The method of moving asymptotes: one step from values and gradients to the next variables.
+
+    min over x of f_0(x)   such that   f_i(x) <= 0,   lower <= x <= upper.
+
+Each function is replaced by r_i + sum_j p_ij / (U_j - x_j) + q_ij / (x_j - L_j), which has its value
+and gradient at the present variables. The asymptotes L and U draw near where a variable swings, and
+move away where it keeps on. The separable convex problem is solved by its dual, which has one
+variable for each constraint. There is no line search: each step costs one value and one gradient.
+
+A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so that
+each step is defined, and leads towards the feasible side.
+
+References:
+    K. Svanberg, International Journal for Numerical Methods in Engineering 24 (1987),
+    doi:10.1002/nme.1620240207.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Asymptotes"]
+
+Array = NDArray[np.float64]
+
+#: Distance of the asymptotes in shares of the range: at first, at least, at most
+FIRST, LEAST, MOST = 0.5, 0.01, 10.0
+#: Factors of that distance where a variable keeps its direction, and where it turns round
+WIDEN, TIGHTEN = 1.2, 0.7
+#: Share of the distance to an asymptote that a step leaves
+MARGIN = 0.1
+#: Curvature where there is no slope, in units of the mean slope
+CURVATURE = 1e-5
+#: Multiplier beyond which a constraint is relaxed rather than met; slopes of log psi are about one
+PRICE = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Asymptotes:
+    """Present variables with what the next step needs; it is not changed by a step.
+
+    Args:
+        lower: Bounds, shape (n,).
+        upper: Bounds, shape (n,).
+        x: Present variables, shape (n,).
+        move: Largest change of a variable in a step, in shares of its range.
+    """
+
+    lower: Array
+    upper: Array
+    x: Array
+    move: float = 0.1
+    before: Array | None = None  #: Variables one step earlier, shape (n,)
+    earlier: Array | None = None  #: Two steps earlier, shape (n,)
+    reach: Array | None = None  #: Distance of both asymptotes from ``before``, shape (n,)
+
+    def step(self, slope: Array, values: Array, slopes: Array) -> tuple[Asymptotes, Array]:
+        """The state at the next variables, and the multipliers of the constraints.
+
+        Args:
+            slope: Gradient of the objective, shape (n,), of any scale: multipliers share it.
+            values: f_i, shape (m,).
+            slopes: Gradients of the f_i, shape (m, n).
+        """
+        x, width = self.x, self.upper - self.lower
+        reach = self._reach()
+        low, high = x - reach, x + reach
+        alpha = np.maximum(self.lower, np.maximum(low + MARGIN * reach, x - self.move * width))
+        beta = np.minimum(self.upper, np.minimum(high - MARGIN * reach, x + self.move * width))
+        gradients = np.vstack([slope[None, :], slopes.reshape(len(values), len(x))])
+        typical = np.mean(np.abs(gradients), axis=1, keepdims=True)
+        bent = 0.001 * np.abs(gradients) + CURVATURE * typical
+        p = reach**2 * (np.maximum(gradients, 0.0) + bent)
+        q = reach**2 * (np.maximum(-gradients, 0.0) + bent)
+        r = values - np.sum((p[1:] + q[1:]) / reach, axis=1)
+        found, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r).solve()
+        return (
+            replace(self, x=found, before=x, earlier=self.before, reach=reach),
+            multipliers,
+        )
+
+    def retreat(self, kept: Asymptotes) -> Asymptotes:
+        """The state ``kept`` from which this one was reached, with half its reach.
+
+        Args:
+            kept: The state before the step that is taken back.
+        """
+        assert self.reach is not None
+        # at the next step, before and earlier alike, the reach stays as it is set here
+        return replace(
+            kept, move=0.5 * kept.move, before=kept.x, earlier=kept.x, reach=0.5 * self.reach
+        )
+
+    def _reach(self) -> Array:
+        """The distance of both asymptotes from the present variables."""
+        width = self.upper - self.lower
+        if self.before is None or self.reach is None or self.earlier is None:
+            return FIRST * width
+        swing = (self.x - self.before) * (self.before - self.earlier)
+        factor = np.where(swing > 0.0, WIDEN, np.where(swing < 0.0, TIGHTEN, 1.0))
+        return np.asarray(np.clip(factor * self.reach, LEAST * width, MOST * width))
+
+
+@dataclass(frozen=True, eq=False)
+class _Subproblem:
+    """The separable convex problem of one step."""
+
+    low: Array
+    high: Array
+    alpha: Array
+    beta: Array
+    x: Array  #: Where it touches the original one
+    p: Array  #: Of the objective and each constraint, shape (1 + m, n)
+    q: Array
+    r: Array  #: (m,)
+
+    def solve(self) -> tuple[Array, Array]:
+        """The minimiser and the multipliers, by Newton's method for the concave dual."""
+        multipliers = np.zeros(len(self.r))
+        x = self._minimiser(multipliers)
+        if not len(multipliers):
+            return x, multipliers
+        dual, gradient = self._dual(multipliers, x)
+        for _ in range(200):
+            free = (multipliers > 0.0) | (gradient > 0.0)
+            if np.max(np.abs(gradient[free]), initial=0.0) < 1e-12:
+                break
+            hessian = self._curvature(multipliers, x)[np.ix_(free, free)]
+            # where all variables are at their bounds the dual is linear
+            hessian += np.eye(len(hessian)) * (1e-12 * np.trace(hessian) + 1e-14)
+            direction = np.zeros_like(multipliers)
+            direction[free] = np.linalg.solve(hessian, gradient[free])
+            size = 1.0
+            for _ in range(80):
+                trial = np.maximum(multipliers + size * direction, 0.0)
+                found = self._minimiser(trial)
+                value, slope = self._dual(trial, found)
+                if value >= dual + 1e-4 * gradient @ (trial - multipliers):
+                    break
+                size *= 0.5
+            else:
+                break  # as exact as round-off allows
+            multipliers, x, dual, gradient = trial, found, value, slope
+        return x, multipliers
+
+    def _weighted(self, multipliers: Array) -> tuple[Array, Array]:
+        weights = np.concatenate([[1.0], multipliers])
+        return weights @ self.p, weights @ self.q
+
+    def _minimiser(self, multipliers: Array) -> Array:
+        """The variables that minimise the Lagrangian."""
+        p, q = (np.sqrt(part) for part in self._weighted(multipliers))
+        both = p + q
+        flat = both == 0.0
+        x = (self.low * p + self.high * q) / np.where(flat, 1.0, both)
+        return np.clip(np.where(flat, self.x, x), self.alpha, self.beta)
+
+    def _dual(self, multipliers: Array, x: Array) -> tuple[float, Array]:
+        """The dual function and its gradient."""
+        values = self.p @ (1.0 / (self.high - x)) + self.q @ (1.0 / (x - self.low))
+        relaxed = np.maximum(multipliers - PRICE, 0.0)
+        constraints = self.r + values[1:]
+        dual = values[0] + multipliers @ constraints - 0.5 * relaxed @ relaxed
+        return float(dual), constraints - relaxed
+
+    def _curvature(self, multipliers: Array, x: Array) -> Array:
+        """The negative second derivative of the dual function, shape (m, m)."""
+        p, q = self._weighted(multipliers)
+        above, below = self.high - x, x - self.low
+        moving = (x > self.alpha) & (x < self.beta)
+        curvature = 2.0 * (p / above**3 + q / below**3)
+        slopes = self.p[1:] / above**2 - self.q[1:] / below**2
+        compliance = np.where(moving, 1.0 / np.where(curvature > 0.0, curvature, 1.0), 0.0)
+        return (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
