@@ -186,13 +186,32 @@ class Problem:
             raise ValueError(
                 f"problem: no flexible body {unknown[0]!r}; there are {sorted(self.flexible)}"
             )
-        bodies = {
-            name: body.with_modes(modes[name])
-            if isinstance(body, FlexibleBody) and name in modes
-            else body
-            for name, body in self.bodies.items()
-        }
-        return Problem(bodies, self.mechanism, self.integrator, self.objective, self.constraints)
+        return self.with_bodies(
+            {name: self.flexible[name].with_modes(count) for name, count in modes.items()}
+        )
+
+    def with_bodies(self, bodies: Mapping[str, FlexibleBody | VolumeIntegrals]) -> Problem:
+        """The same problem with other bodies under some of the names.
+
+        Args:
+            bodies: By name; those that are not named stay as they are.
+
+        Raises:
+            ValueError: If there is no body of a name, or the mechanism lacks a marker of one.
+        """
+        validation.by_name("problem: bodies", bodies, "bodies")
+        unknown = sorted(set(bodies) - set(self.bodies))
+        if unknown:
+            raise ValueError(
+                f"problem: no body {unknown[0]!r} to replace; there are {sorted(self.bodies)}"
+            )
+        return Problem(
+            {**self.bodies, **bodies},
+            self.mechanism,
+            self.integrator,
+            self.objective,
+            self.constraints,
+        )
 
     def with_tolerance(self, x: Densities, tolerance: float) -> Problem:
         """The same problem with time steps for an accuracy of psi.

@@ -301,7 +301,7 @@ class LevelSet(Design):
         f = self._at_points(variables)
         x = np.einsum("cq,cq->c", self._weights, self.projection(f))
         # the mean of values in [0, 1] may leave it by round-off
-        return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), 1.0)
+        return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), self.domain.passive_density)
 
     def pullback(self, variables: ArrayLike, x_bar: Array) -> Array:
         """The transpose of the derivative of `density`.

@@ -9,7 +9,7 @@ so that another steel or another exponent compiles nothing anew.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -252,6 +252,11 @@ def _check_law(floor: float, mass: MassLaw) -> None:
     validation.number("interpolation: floor", floor, above=0.0, below=1.0)
 
 
+#: Exponent of SIMP for elements that a boundary cuts: its psi is that of a mesh which fits the
+#: boundary, see docs/from_field_to_part.md
+CUT = 1.5
+
+
 @dataclass(frozen=True)
 class SIMP:
     """Solid isotropic material with penalisation: E(x)/E = floor + (1 - floor) x^p.
@@ -278,6 +283,10 @@ class SIMP:
         floor = fem.Constant(domain, np.float64(self.floor))
         exponent = fem.Constant(domain, np.float64(self.exponent))
         return floor + (1 - floor) * x**exponent, self.mass.on(domain, x)
+
+    def cut(self) -> SIMP:
+        """The law for densities that are the share of an element which a boundary encloses."""
+        return replace(self, exponent=min(CUT, self.exponent))
 
 
 @dataclass(frozen=True)
@@ -309,3 +318,8 @@ class RAMP:
         floor = fem.Constant(domain, np.float64(self.floor))
         penalty = fem.Constant(domain, np.float64(self.penalty))
         return floor + (1 - floor) * x / (1 + penalty * (1 - x)), self.mass.on(domain, x)
+
+    def cut(self) -> RAMP:
+        """The law for densities that are the share of an element which a boundary encloses."""
+        # half an element is worth as much as by SIMP
+        return replace(self, penalty=min(2.0 * (2.0 ** (CUT - 1.0) - 1.0), self.penalty))

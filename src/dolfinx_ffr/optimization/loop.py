@@ -82,6 +82,8 @@ OF_BODY = ["volume", "frequency", "gray"]
 SAME = 1e-6
 #: Constraints hold to this, relative to their bounds
 FEASIBLE = 1e-8
+#: Steepness from which on the densities of a level set are shares of cut elements
+CRISP = 16.0
 #: Share of a body's area between void and solid from which on a design is no part yet
 GRAY = 0.1
 #: Warnings that speak of one motion, and hardly differ from design to design
@@ -393,7 +395,8 @@ class DesignLoop:
     ) -> Result:
         """The design that was kept last, with the history.
 
-        A `DesignWarning` says which constraints it violates, and if more than a tenth of a body is
+        A crisp level set is evaluated once more with the law of cut elements, which is that of the
+        part its boundary encloses. A `DesignWarning` says which constraints it violates, and if more than a tenth of a body is
         gray.
 
         Args:
@@ -403,11 +406,23 @@ class DesignLoop:
             reason: Why the loop ended.
             volume: Upper bounds of the filled shares by body, if there are any.
         """
+        densities = {name: design.density(variables[name]) for name, design in designs.items()}
+        problem = self.problem.with_bodies(
+            {
+                name: self.problem.flexible[name].with_cut_elements()
+                for name, design in designs.items()
+                if design.fills and design.sharpness >= CRISP
+            }
+        )
+        if problem.bodies != self.problem.bodies:
+            told = problem.value(densities if len(densities) > 1 else only(densities))
+        else:
+            problem, told = self.problem, evaluation
         over = {
-            f"volume of {name}": evaluation.volume[name] / bound - 1.0
+            f"volume of {name}": told.volume[name] / bound - 1.0
             for name, bound in (volume or {}).items()
         }
-        over |= {name: found.value for name, found in evaluation.constraints.items()}
+        over |= {name: found.value for name, found in told.constraints.items()}
         # what is not a number is no value below a bound
         violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
         if violations:
@@ -421,11 +436,17 @@ class DesignLoop:
                 stacklevel=4,
             )
         history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
-        densities = {name: design.density(variables[name]) for name, design in designs.items()}
         if reason != "interrupted":
             self._warn_of_gray(designs, densities)
         return Result(
-            densities, dict(variables), evaluation, history, reason, dict(designs), violations
+            densities,
+            dict(variables),
+            told,
+            history,
+            reason,
+            dict(designs),
+            problem,
+            violations,
         )
 
     def _warn_of_gray(self, designs: Mapping[str, Design], densities: Mapping[str, Array]) -> None:

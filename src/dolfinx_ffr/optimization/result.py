@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import validation
 from ..design import Design
 from ..fem import Domain
-from ..problem import Evaluation
+from ..problem import Evaluation, Problem
 
 __all__ = ["DesignWarning", "Result", "gray_fraction", "only"]
 
@@ -53,14 +53,18 @@ class Result:
     #: By body, the same on every rank: coefficients of a level set, shape (knots,), or design
     #: variables of a `DensityDesign`, shape (designed cells,)
     variables: dict[str, Array]
-    evaluation: Evaluation = field(repr=False)  #: psi, gradient and motion of the design
+    #: psi and motion of the design, by `problem`
+    evaluation: Evaluation = field(repr=False)
     history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
     #: Why the loop ended: "converged", "iterations" (none were left), "interrupted", "stalled" (the
     #: design would fall apart with a narrower Heaviside function), or "infeasible" (without a
     #: design that fulfils all constraints)
     reason: str
-    #: By body, as sharp as in the last stage: its `Design.density` of the variables is the density
+    #: By body, as sharp as at the end: its `Design.density` of the variables is the density
     designs: dict[str, Design] = field(repr=False)
+    #: The one that evaluates the design: of a crisp level set with the law of cut elements, of
+    #: anything else the one that was given
+    problem: Problem = field(repr=False)
     #: Constraints that the design violates, by name (that of a volume bound is "volume of rod"), by
     #: how much relative to their bounds
     violations: dict[str, float] = field(default_factory=dict)

@@ -173,6 +173,25 @@ class FlexibleBody:
         """
         return type(self)(domain, self.material, **self._options)
 
+    def with_interpolation(self, interpolation: Interpolation) -> FlexibleBody:
+        """The same body with another law between void and solid.
+
+        Args:
+            interpolation: Stiffness and mass.
+        """
+        return type(self)(
+            self.domain, self.material, **{**self._options, "interpolation": interpolation}
+        )
+
+    def with_cut_elements(self) -> FlexibleBody:
+        """The same body, for densities that are shares of elements which a boundary cuts.
+
+        Its interpolation law is the one that its own law's method ``cut`` returns: by that the
+        body is as stiff as one whose mesh fits the boundary. A law without that method stays.
+        """
+        cut = getattr(self.interpolation, "cut", None)
+        return self if cut is None else self.with_interpolation(cut())
+
     def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
         """How pickle and copy make the body anew, without matrices of a density."""
         return partial(type(self), **self._options), (self.domain, self.material)
