@@ -163,7 +163,9 @@ def mirror_lines(
     angles = {0.0, 90.0}
     spread, axes = np.linalg.eigh(moments)
     if spread[1] - spread[0] > 1e-3 * spread[1]:
-        angles |= {float(round(math.degrees(math.atan2(*axis[::-1])) % 180.0, 6)) for axis in axes.T}
+        angles |= {
+            float(round(math.degrees(math.atan2(*axis[::-1])) % 180.0, 6)) for axis in axes.T
+        }
     else:
         angles |= {15.0 * k for k in range(12)}
     density = None
@@ -183,4 +185,3 @@ def mirror_lines(
                 continue
         found.append(mirror)
     return found
-
