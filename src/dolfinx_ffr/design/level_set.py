@@ -45,10 +45,10 @@ from mpi4py import MPI
 
 import contourpy
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from .. import validation
@@ -62,7 +62,6 @@ from .rbf import Wendland
 __all__ = ["LevelSet"]
 
 Array = NDArray[np.float64]
-Matrix = scipy.sparse.csr_matrix
 
 #: Radius of the kernel in mean elements: the shortest one whose strips of one element keep their
 #: width on the mesh; longer ones round corners and cost 0.5 % to 2 % of psi
@@ -104,8 +103,8 @@ class LevelSet(Design):
     Raises:
         ValueError: On every rank, if there are no knots, a length is not positive, a size is below
             what the mesh resolves, one of the sizes is so much smaller than the other that one
-            kernel cannot hold both, a mirror line is none of the body, the spacing leaves fewer than three knots across the body, or
-            the knots do not cover the body.
+            kernel cannot hold both, a mirror line is none of the body, the spacing leaves fewer
+            than three knots across the body, or the knots do not cover the body.
     """
 
     each: ClassVar[str] = "knot"
@@ -144,7 +143,7 @@ class LevelSet(Design):
                 f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
                 f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
             )
-        columns, rows = (np.linspace(*ends, n) for *ends, n in zip(low, high, counts, strict=True))
+        columns, rows = (np.linspace(low[k], high[k], counts[k]) for k in range(2))
         grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
         #: Distance of neighbouring knots of the grid [m]
         self.spacing = float(max(columns[1] - columns[0], rows[1] - rows[0]))
@@ -203,26 +202,26 @@ class LevelSet(Design):
 
     # ------------------------------------------------------------------ field
 
-    def _weighted(self, points: Array) -> Matrix:
+    def _weighted(self, points: Array) -> csr_matrix:
         """g(|X_i - X_j|), shape (points, knots)."""
         near = cKDTree(points).sparse_distance_matrix(
             self._tree, self.kernel.support, output_type="ndarray"
         )
-        return Matrix(
+        return csr_matrix(
             (self.kernel(near["v"]), (near["i"], near["j"])), shape=(len(points), len(self.knots))
         )
 
-    def _means(self, points: Array) -> Matrix:
+    def _means(self, points: Array) -> csr_matrix:
         """The matrix that takes coefficients to f at points, averaged over the mirror images."""
         total = 0.0
         for image in self._images:
             g = self._weighted(image(points))
             sums = np.asarray(g.sum(axis=1)).ravel()
             # beyond the reach of all knots, far outside of the body, f is 0
-            total = total + scipy.sparse.diags(1.0 / np.where(sums > 0.0, sums, 1.0)) @ g
-        return Matrix(total / len(self._images))
+            total = total + diags(1.0 / np.where(sums > 0.0, sums, 1.0)) @ g
+        return csr_matrix(total / len(self._images))
 
-    def _slopes(self, points: Array) -> tuple[Matrix, Matrix]:
+    def _slopes(self, points: Array) -> tuple[csr_matrix, csr_matrix]:
         """The matrices that take coefficients to both derivatives of f at points."""
         total: list[Any] = [0.0, 0.0]
         for image in self._images:
@@ -238,8 +237,8 @@ class LevelSet(Design):
                 values[:, k] = (slope[:, k] - g.data * mean[g.row]) / sums[g.row]
             values = values @ image.turn  # back from the image
             for k in range(2):
-                total[k] = total[k] + Matrix((values[:, k], (g.row, g.col)), shape=g.shape)
-        return tuple(Matrix(part / len(self._images)) for part in total)  # type: ignore[return-value]
+                total[k] = total[k] + csr_matrix((values[:, k], (g.row, g.col)), shape=g.shape)
+        return tuple(csr_matrix(part / len(self._images)) for part in total)
 
     def _check_cover(self, points: Array) -> None:
         bare = np.isinf(self._tree.query(points, distance_upper_bound=self.radius)[0])
@@ -334,7 +333,7 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ minimum size
 
     @cached_property
-    def _at_centroids(self) -> tuple[Matrix, Matrix, Matrix]:
+    def _at_centroids(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
         points = self.domain.centroids
         return self._means(points), *self._slopes(points)
 
@@ -434,11 +433,11 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ boundary
 
     @cached_property
-    def _drawn(self) -> tuple[Array, Array, Matrix]:
+    def _drawn(self) -> tuple[Array, Array, csr_matrix]:
         """Columns and rows of a grid of half elements over the body, and the matrix to f there."""
         low, high = self.domain.bounding_box
         counts = np.ceil((high - low) / (0.5 * self.element)).astype(int) + 1
-        columns, rows = (np.linspace(*ends, n) for *ends, n in zip(low, high, counts, strict=True))
+        columns, rows = (np.linspace(low[k], high[k], counts[k]) for k in range(2))
         grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
         return columns, rows, self._means(grid)
 

@@ -396,8 +396,8 @@ class DesignLoop:
         """The design that was kept last, with the history.
 
         A crisp level set is evaluated once more with the law of cut elements, which is that of the
-        part its boundary encloses. A `DesignWarning` says which constraints it violates, and if more than a tenth of a body is
-        gray.
+        part its boundary encloses. A `DesignWarning` says which constraints it violates, and if
+        more than a tenth of a body is gray.
 
         Args:
             designs: By body, as sharp as in the last stage.

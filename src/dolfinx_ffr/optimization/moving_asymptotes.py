@@ -3,13 +3,14 @@
 
     min over x of f_0(x)   such that   f_i(x) <= 0,   lower <= x <= upper.
 
-Each function is replaced by r_i + sum_j p_ij / (U_j - x_j) + q_ij / (x_j - L_j), which has its value
-and gradient at the present variables. The asymptotes L and U draw near where a variable swings, and
-move away where it keeps on. The separable convex problem is solved by its dual, which has one
-variable for each constraint. There is no line search: each step costs one value and one gradient.
+Each function is replaced by r_i + sum_j p_ij / (U_j - x_j) + q_ij / (x_j - L_j), which has its
+value and gradient at the present variables. The asymptotes L and U draw near where a variable
+swings, and move away where it keeps on. The separable convex problem is solved by its dual, which
+has one variable for each constraint. There is no line search: each step costs one value and one
+gradient.
 
-A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so that
-each step is defined, and leads towards the feasible side.
+A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so
+that each step is defined, and leads towards the feasible side.
 
 References:
     K. Svanberg, International Journal for Numerical Methods in Engineering 24 (1987),

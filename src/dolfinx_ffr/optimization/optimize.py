@@ -22,7 +22,6 @@ from ..design import Design
 from ..gradients import ExactAdjoint, GradientMethod
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
-from .level_set_evolution import LevelSetEvolution
 from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
 from .result import Result
