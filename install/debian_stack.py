@@ -57,7 +57,7 @@ def check(path: Path) -> None:
     if faults:
         sys.exit("\n".join(faults))
 
-    for module_name in ("dolfinx.fem", "dolfinx.mesh", "gmsh", "nlopt", "pyvista"):
+    for module_name in ("dolfinx.fem", "dolfinx.mesh", "gmsh", "pyvista"):
         importlib.import_module(module_name)
 
     from threadpoolctl import threadpool_info

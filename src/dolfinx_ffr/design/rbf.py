@@ -6,8 +6,8 @@ supported kernels give sparse matrices and suit many knots; global kernels give 
 
 Each kernel states the least degree m of the polynomial that interpolation with it needs: -1 (none)
 for positive definite kernels, 0 (a constant) for the multiquadric, 1 (linear) for the thin plate.
-Then (-1)^(m + 1) g is conditionally positive definite of order m + 1. `RadialBasis` has no
-polynomial part; `ScatteredInterpolation` has.
+Then (-1)^(m + 1) g is conditionally positive definite of order m + 1; `ScatteredInterpolation`
+brings the polynomial.
 
 References:
     C. A. Micchelli, Interpolation of scattered data, Constructive Approximation 2 (1986),

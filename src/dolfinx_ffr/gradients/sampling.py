@@ -94,7 +94,7 @@ class GradientElements:
             domain: The body.
             distance: Signed or absolute distance of the centroid of each cell owned by this rank
                 from the active boundary, shape (cells,) [m], such as
-                `LevelSet.boundary_distance`. None, or infinite in all cells: there is no boundary.
+                `LevelSet.distance`. None, or infinite in all cells: there is no boundary.
 
         Returns:
             Shape (cells,), for the cells owned by this rank.

@@ -219,10 +219,8 @@ class DesignLoop:
             stages: Their number.
             each: Iterations of a stage at most; None shares out those of the run.
         """
-        if each is not None:
-            self.stage_iterations = float(each)
-        elif math.isnan(self.stage_iterations):
-            self.stage_iterations = self.iterations / stages
+        if math.isnan(self.stage_iterations):
+            self.stage_iterations = self.iterations / stages if each is None else float(each)
 
     def resumed(self, evaluation: Evaluation) -> None:
         """Check that a design evaluates as it did in the earlier run, and go on with its history.
@@ -407,17 +405,15 @@ class DesignLoop:
             volume: Upper bounds of the filled shares by body, if there are any.
         """
         densities = {name: design.density(variables[name]) for name, design in designs.items()}
-        problem = self.problem.with_bodies(
-            {
-                name: self.problem.flexible[name].with_cut_elements()
-                for name, design in designs.items()
-                if design.fills and design.sharpness >= CRISP
-            }
-        )
-        if problem.bodies != self.problem.bodies:
+        cut = {
+            name: self.problem.flexible[name].with_cut_elements()
+            for name, design in designs.items()
+            if design.fills and design.sharpness >= CRISP
+        }
+        problem, told = self.problem, evaluation
+        if any(body is not problem.flexible[name] for name, body in cut.items()):
+            problem = problem.with_bodies(cut)
             told = problem.value(densities if len(densities) > 1 else only(densities))
-        else:
-            problem, told = self.problem, evaluation
         over = {
             f"volume of {name}": told.volume[name] / bound - 1.0
             for name, bound in (volume or {}).items()

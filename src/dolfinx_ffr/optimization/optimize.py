@@ -32,7 +32,7 @@ __all__ = ["optimize"]
 def optimize(
     problem: Problem,
     design: Design | Mapping[str, Design],
-    start: ArrayLike | Mapping[str, ArrayLike],
+    start: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
     optimizer: Optimizer | None = None,
     volume: float | Mapping[str, float] = 0.5,
@@ -56,18 +56,18 @@ def optimize(
         design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`; with several
             flexible bodies a mapping from their names to one each.
         start: Variables of the start design, with several bodies by name: coefficients of the level
-            set, shape (knots,), for example from `LevelSet.with_holes`, or those of
-            `DensityDesign.even`. It is shrunk until the volume bound holds. Where that makes a
-            level set fall apart, the loop warns and begins with an even density.
-        optimizer: `LevelSetEvolution` or `MMA`; by default the former for level sets and the latter
-            for densities.
+            set, shape (knots,), for example from `LevelSet.with_holes`, or variables of a density.
+            By default they all are one half (`Design.even`). They are lowered until the volume bound
+            holds. Where that makes a level set fall apart that explicit steps move, the loop warns
+            and begins with an even density.
+        optimizer: `MMA` (the default) or `LevelSetEvolution`.
         volume: Upper bound of the filled share of the body, in (0, 1]; for several bodies one
             number for each, or a mapping by name.
         gradient: How derivatives are found; by default `ExactAdjoint`. The report of each goes
             into the history.
         iterations: Steps at most, those before ``resume`` among them; a run that has made as many
-            is returned as it is. A run that begins shares them out among the stages of its
-            optimiser, and keeps to that when it is resumed with others.
+            is returned as it is. A run that begins becomes crisp over them, and keeps to that when
+            it is resumed with others.
         output: Folder for ``history.csv`` and ``checkpoint``; None writes nothing.
         resume: Go on from the checkpoint in ``output``. If there is none, the run begins anew, with
             a `DesignWarning`.
@@ -142,6 +142,8 @@ def optimize(
             progress=progress,
             callback=callback,
         )
+        if start is None:
+            start = {name: part.even() for name, part in designs.items()}
         starts = start if isinstance(start, Mapping) else dict.fromkeys(designs, start)
         bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(designs, volume)
         for what, given in (("start", starts), ("volume", bounds)):
