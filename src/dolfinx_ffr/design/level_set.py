@@ -131,7 +131,9 @@ class LevelSet(Design):
         larger = max(self.minimum_member, self.minimum_gap)
         #: Of the kernel [m]
         self.radius = larger / _narrowest(FLAT)
-        self._solid, self._void = (_flat(size / self.radius) for size in self._both)
+        #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
+        self._solid = _flat(self.minimum_member / self.radius)
+        self._void = 1.0 - _flat(self.minimum_gap / self.radius)
         wanted = self.radius / RADIUS
         if spacing is not None:
             wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
@@ -188,9 +190,9 @@ class LevelSet(Design):
             if value is not None:
                 validation.number(f"level set: {name}", value, above=0.0, unit="m")
         sizes = (least if member is None else member, least if gap is None else gap)
-        if max(sizes) < least * (1.0 - 1e-9):
+        if min(sizes) < least * (1.0 - 1e-9):
             raise ValueError(
-                f"level set: a minimum size of {max(sizes):.4g} m is below the {least:.4g} m that "
+                f"level set: a minimum size of {min(sizes):.4g} m is below the {least:.4g} m that "
                 f"elements of {self.element:.4g} m resolve; take smaller elements, or leave it out"
             )
         if min(sizes) < 0.25 * max(sizes):

@@ -57,7 +57,7 @@ def optimize(
             flexible bodies a mapping from their names to one each.
         start: Variables of the start design, with several bodies by name: coefficients of the level
             set, shape (knots,), for example from `LevelSet.with_holes`, or variables of a density.
-            By default they all are one half (`Design.even`). They are lowered until the volume bound
+            By default all are one half (`Design.even`). They are lowered until the volume bound
             holds. Where that makes a level set fall apart that explicit steps move, the loop warns
             and begins with an even density.
         optimizer: `MMA` (the default) or `LevelSetEvolution`.
