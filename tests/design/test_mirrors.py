@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""Mirror lines: the images they generate, those that a body has, those that a gradient confirms."""
+
+from __future__ import annotations
+
+import math
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.meshes import annulus, plate, prongs
+from shared.problems import slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.design.mirrors import images
+
+
+def line(degrees: float, point: tuple[float, float] = (0.3, -0.1)) -> ffr.Mirror:
+    return ffr.Mirror(point, (math.cos(math.radians(degrees)), math.sin(math.radians(degrees))))
+
+
+def angles(mirrors: list[ffr.Mirror]) -> list[float]:
+    """Of the lines [degrees]."""
+    return [round(math.degrees(math.atan2(*m.direction[::-1])) % 180.0, 3) for m in mirrors]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "number"),
+    [((), 1), ((0,), 2), ((10, 10), 2), ((0, 90), 4), ((0, 45), 8), ((0, 60), 6), ((0, 36), 10)],
+)
+def test_lines_at_an_angle_of_pi_over_n_have_2n_images(
+    degrees: tuple[float, ...], number: int
+) -> None:
+    found = images([line(angle) for angle in degrees])
+    assert len(found) == number
+    np.testing.assert_array_equal(found[0].turn, np.eye(2))
+    points = np.array([[0.1, 0.4], [0.7, 0.2], [-0.3, 0.5]])
+    center = np.array([0.3, -0.1])
+    for image in found:
+        np.testing.assert_allclose(image.turn @ image.turn.T, np.eye(2), atol=1e-14)
+        np.testing.assert_allclose(
+            np.linalg.norm(image(points) - center, axis=1), np.linalg.norm(points - center, axis=1)
+        )
+
+
+def test_lines_without_an_end_of_images_are_refused() -> None:
+    for mirrors in ([line(0), line(0, (0.3, 0.2))], [line(0), line(math.sqrt(2.0))]):
+        with pytest.raises(ValueError, match="must meet in one point at angles that divide"):
+            images(mirrors)
+    for direction, why in (((0.0, 0.0), "must have .* a direction"), ((1.0, math.nan), "holds NaN")):
+        with pytest.raises(ValueError, match=why):
+            ffr.Mirror((0.0, 0.0), direction)
+
+
+@pytest.mark.mpi
+def test_lines_of_bodies(comm: MPI.Intracomm) -> None:
+    """Two of a rectangle on either mesh, four of a square, twelve of a ring, two of a fork."""
+    for cell in ("quadrilateral", "triangle"):
+        domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(20, 4), cell=cell)
+        found = ffr.mirror_lines(domain)
+        assert angles(found) == [0.0, 90.0]
+        assert len({found[0].point, found[1].point}) == 1
+        assert found[0].point == pytest.approx((0.2, 0.0), abs=1e-14)
+        assert len(set(comm.allgather(repr(found)))) == 1
+    assert angles(ffr.mirror_lines(plate(comm, 8, hole=2))) == [0.0, 45.0, 90.0, 135.0]
+    assert len(ffr.mirror_lines(annulus(comm, 24, 3))) == 12
+    assert angles(ffr.mirror_lines(prongs(comm))) == [0.0, 90.0]
+
+
+@pytest.mark.mpi
+def test_solid_regions_count(comm: MPI.Intracomm) -> None:
+    """A body that is solid at one end only has one line less."""
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(20, 4), solid=lambda x: x[0] < 0.11)
+    assert angles(ffr.mirror_lines(domain)) == [0.0]
+
+
+@pytest.mark.mpi
+def test_the_gradient_confirms_the_axis_of_the_slider_crank(comm: MPI.Intracomm) -> None:
+    """The rod's two ends bear different loads; above and below, run backwards, they are alike."""
+    problem = slider_crank(comm)
+    domain = problem.flexible["rod"].domain
+    x = np.where(domain.design_cells, 0.5, 1.0)
+    gradient = problem.gradient(x).gradient
+    assert gradient is not None
+    assert angles(ffr.mirror_lines(domain)) == [0.0, 90.0]
+    assert angles(ffr.mirror_lines(domain, gradient["rod"])) == [0.0]
+    with pytest.raises(ValueError, match="mirror lines: gradient"):
+        ffr.mirror_lines(domain, gradient["rod"][1:])
