@@ -279,8 +279,16 @@ class LevelSet(Design):
         """The design as sharp as at a ``progress``, with its penalty."""
         validation.number("level set: progress", progress, least=0.0, most=1.0)
         other = self.with_sharpness(steepness(progress))
+        import os
+
+        W2 = float(os.environ.get("W2", "1"))
+        A, B = map(float, os.environ.get("AB", ".7,.9").split(","))
         begin, end = PENALTY
-        other.weight = WEIGHT * min(max((progress - begin) / (end - begin), 0.0), 1.0)
+        other.weight = (
+            float(os.environ.get("W1", "400"))
+            * min(max((progress - begin) / (end - begin), 0.0), 1.0)
+            * W2 ** min(max((progress - A) / (B - A), 0), 1)
+        )
         return other
 
     def with_sharpness(self, sharpness: float) -> LevelSet:

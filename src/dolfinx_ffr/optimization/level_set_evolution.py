@@ -254,6 +254,7 @@ class _Steps:
         except SimulationError:  # so soft that it cannot move: as bad as can be
             found = None
         if found is not None and found.psi < evaluation.psi:
+            found = self.loop.with_modes(found, self.densities(trial), trial.iteration)
             trial.size = min(GROW * state.size, self.options.step)
             trial.accepted = 0 if due else state.accepted + 1
             return trial, self.differentiate(found, trial), True, multiplier

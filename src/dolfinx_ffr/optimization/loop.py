@@ -9,13 +9,9 @@ goes on, shows the progress, calls back, and says when the user wants to stop.
 from __future__ import annotations
 
 import math
-import re
-import signal
-import sys
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -27,14 +23,14 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ..design import Design
-from ..dynamics import LargeDeformationWarning, SofteningWarning, TimeStepWarning
 from ..fem import Domain
 from ..gradients import Distance, GradientErrors, GradientMethod, GradientReport
 from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
 from ..parallel import check_alike, on_every_rank, on_rank_0, same
 from ..problem import Evaluation, Problem
-from ..reduction import RoundOffWarning
-from .result import DesignWarning, Result, gray_fraction, only
+from .enough_modes import EVERY, with_enough_modes
+from .result import DesignWarning, Result, gray_fraction, of_problem
+from .running import interruptible, warnings_above
 
 __all__ = [
     "COLUMNS",
@@ -59,6 +55,8 @@ COLUMNS = [
     "multiplier",  # of the volume bound
     "sharpness",  # steepness of the projection from void to solid: 1 is open, 32 is crisp
     "merit",  # what is minimised: log psi and the penalty of sizes (explicit steps: psi)
+    "modes",  # normal modes of all bodies together
+    "mode_error",  # estimated relative error of psi by the modes left out, when last estimated
     "outer_gap",  # relative gap of eigenvalues beyond the last mode
     "solver_iterations",  # of the last pullback
     "seconds",  # since the start
@@ -86,10 +84,6 @@ FEASIBLE = 1e-8
 CRISP = 16.0
 #: Share of a body's area between void and solid from which on a design is no part yet
 GRAY = 0.1
-#: Warnings that speak of one motion, and hardly differ from design to design
-LIMITS = (LargeDeformationWarning, RoundOffWarning, SofteningWarning, TimeStepWarning)
-#: A text in quotes, or a number
-_NUMBER = re.compile(r"('[^']*')|\d[\d.]*(?:e[-+]?\d+)?")
 _UNKNOWN = GradientErrors(float("nan"), float("nan"), float("nan"))
 
 
@@ -105,6 +99,8 @@ class DesignLoop:
         resume: Go on from the checkpoint in ``output``; a `DesignWarning` says if there is none.
         progress: Show a progress bar on rank 0.
         callback: Called after each iteration with its number, densities and evaluation.
+        mode_tolerance: Relative error of psi by the modes that a body leaves out, above which it
+            gets more; None leaves the modes as they are.
     """
 
     def __init__(
@@ -118,8 +114,13 @@ class DesignLoop:
         resume: bool = False,
         progress: bool = True,
         callback: Callback | None = None,
+        mode_tolerance: float | None = None,
     ) -> None:
+        #: With as many modes as the design needed last
         self.problem = problem
+        self._mode_tolerance = mode_tolerance
+        self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
+        self._mode_error = float("nan")
         self.domains = dict(domains)
         self.gradient = gradient
         self.iterations = iterations
@@ -143,7 +144,7 @@ class DesignLoop:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Show the progress, catch signals, and warn of each limit once within this context."""
-        with self._bar, _beside(self._bar), _interruptible(self.comm) as self._interrupted:
+        with self._bar, warnings_above(self._bar), interruptible(self.comm) as self._interrupted:
             yield
 
     def interrupted(self) -> bool:
@@ -161,7 +162,25 @@ class DesignLoop:
         Raises:
             SimulationError: On every rank, if the motion cannot be computed.
         """
-        return self.problem.value(densities if len(densities) > 1 else only(densities))
+        return self.problem.value(of_problem(densities))
+
+    def with_modes(
+        self, evaluation: Evaluation, densities: Mapping[str, Array], iteration: int
+    ) -> Evaluation:
+        """The evaluation of a design that is kept, with as many modes as it needs.
+
+        Args:
+            evaluation: What `value` returned.
+            densities: Of this rank's cells by body, shape (cells,).
+            iteration: Number of the iteration; every fifth one is looked at.
+        """
+        if self._mode_tolerance is None or iteration % EVERY:
+            return evaluation
+        self.problem, evaluation, errors = with_enough_modes(
+            self.problem, densities, evaluation, self._mode_tolerance, self._first_modes
+        )
+        self._mode_error = max(errors.values())
+        return evaluation
 
     def differentiate(
         self, evaluation: Evaluation, distance: Distance, iteration: int
@@ -205,6 +224,10 @@ class DesignLoop:
             if key not in data or not same(data[key], value):
                 raise self._other_problem(f"it differs in {key!r}")
         self.stage_iterations = float(data.get("stage_iterations", np.nan))
+        modes = dict(zip(self.problem.flexible, map(int, data["modes"]), strict=True))
+        if not same(self._modes, data["modes"]):
+            self.problem = self.problem.with_modes(modes)
+        self._mode_error = float(data["mode_error"])
         self._columns = [str(name) for name in data["columns"]]
         self.rows = [dict(zip(self._columns, map(float, row), strict=True)) for row in data["rows"]]
         return data
@@ -253,6 +276,11 @@ class DesignLoop:
             f"checkpoint {self._checkpoint} is of another problem: {why}. Delete it to start "
             "anew, or write into another folder"
         )
+
+    @property
+    def _modes(self) -> list[int]:
+        """Normal modes of each body."""
+        return [body.modes for body in self.problem.flexible.values()]
 
     @property
     def _checkpoint(self) -> Path | None:
@@ -317,6 +345,8 @@ class DesignLoop:
                     **state,
                     **self._identity,
                     "stage_iterations": self.stage_iterations,
+                    "modes": self._modes,
+                    "mode_error": self._mode_error,
                     "columns": self._columns,
                     "rows": table,
                 },
@@ -332,7 +362,7 @@ class DesignLoop:
         x = dict(densities)
         with on_every_rank(self.comm, "the callback of a design loop"):
             if self._callback is not None:
-                self._callback(iteration, x if len(x) > 1 else only(x), evaluation)
+                self._callback(iteration, of_problem(x), evaluation)
 
     def _all_columns(self, evaluation: Evaluation) -> list[str]:
         several = list(self.domains) if len(self.domains) > 1 else []
@@ -363,6 +393,8 @@ class DesignLoop:
             "volume": sum(evaluation.volume[name] * area[name] for name in area) / total,
             "frequency": min(first.values()),
             "gray": sum(gray[name] * area[name] for name in area) / total,
+            "modes": sum(self._modes),
+            "mode_error": self._mode_error,
             "outer_gap": min(evaluation.outer_gap[name] for name in area),
             "solver_iterations": sum(evaluation.solver_iterations.values()),
             "gradient_elements": sum(report.elements for report in reports),
@@ -413,7 +445,12 @@ class DesignLoop:
         problem, told = self.problem, evaluation
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
-            told = problem.value(densities if len(densities) > 1 else only(densities))
+            told = problem.value(of_problem(densities))
+        errors = {}
+        if self._mode_tolerance is not None:
+            problem, told, errors = with_enough_modes(
+                problem, densities, told, self._mode_tolerance, self._first_modes
+            )
         over = {
             f"volume of {name}": told.volume[name] / bound - 1.0
             for name, bound in (volume or {}).items()
@@ -443,6 +480,7 @@ class DesignLoop:
             dict(designs),
             problem,
             violations,
+            errors,
         )
 
     def _warn_of_gray(self, designs: Mapping[str, Design], densities: Mapping[str, Array]) -> None:
@@ -488,50 +526,3 @@ class Optimizer(Protocol):
             SimulationError: On every rank, if not even the motion of the start can be computed.
         """
         ...
-
-
-@contextmanager
-def _beside(bar: tqdm) -> Iterator[None]:
-    """Context in which warnings stand on lines of their own, above the progress bar.
-
-    What the motion of each design says anew, with other numbers, is shown once.
-    """
-    show = warnings.showwarning
-    known: set[tuple[type[Warning], str]] = set()
-
-    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
-        if issubclass(category, LIMITS):
-            # names of bodies are quoted, and keep their numbers
-            said = category, _NUMBER.sub(lambda found: found[1] or "", str(message))
-            if said in known:
-                return
-            known.add(said)
-        with nullcontext() if bar.disable else bar.external_write_mode(file=sys.stderr):
-            show(message, category, *rest, **options)
-
-    warnings.showwarning = shown
-    try:
-        yield
-    finally:
-        warnings.showwarning = show
-
-
-@contextmanager
-def _interruptible(comm: MPI.Comm) -> Iterator[Callable[[], bool]]:
-    """Give a function that tells, alike on every rank, whether the user wants to stop."""
-    asked = threading.Event()
-    previous: dict[signal.Signals, Any] = {}
-
-    def handle(number: int, frame: Any) -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
-
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            previous[number] = signal.signal(number, handle)
-    try:
-        yield lambda: bool(comm.allreduce(asked.is_set(), MPI.LOR))
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

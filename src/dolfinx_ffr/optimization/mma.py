@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 #: Iterations over which convergence is judged
 WINDOW = 8
 #: Progress from which on designs are crisp, and may be the result
-CRISP = 0.6
+CRISP = 0.85
 #: Rise of psi, relative, for which a step is taken back: more than sharpening alone brings
 APART = 0.25
 #: Steps taken back in a row after which there is no way on
@@ -172,7 +172,7 @@ class _Run:
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
         point = _Point(state, np.zeros(count))
         densities = self.densities(variables, 0.0)
-        now = self.loop.value(densities)
+        now = self.loop.with_modes(self.loop.value(densities), densities, 0)
         point = replace(point, merit=self.merit(variables, now, 0.0))
         now = self.differentiate(now, point)
         self.record(point, now, densities, accepted=True, step=0.0, multiplier=0.0)
@@ -210,6 +210,7 @@ class _Run:
                 multiplier=float(multipliers[0]),
             )
             return kept, now
+        found = self.loop.with_modes(found, densities, iteration)
         moved = replace(
             point,
             asymptotes=replace(tried, move=min(RECOVER * tried.move, self.options.move)),

@@ -42,6 +42,7 @@ def optimize(
     resume: bool = False,
     progress: bool = True,
     callback: Callback | None = None,
+    mode_tolerance: float | None = 2e-3,
     **options: Any,
 ) -> Result:
     """Design one or several bodies by the gradient of all their elements.
@@ -74,6 +75,9 @@ def optimize(
         progress: Show a progress bar on rank 0.
         callback: Called after each iteration with its number, the density of this rank's cells
             (with several bodies by name) and the evaluation of the design that is kept.
+        mode_tolerance: Relative error of psi by the normal modes that a body leaves out. It is
+            estimated every five iterations, and modes are added where it is exceeded; None leaves
+            the modes as they are.
         options: Those of the optimizer, where none is given. Deprecated: give an optimizer.
 
     Returns:
@@ -103,6 +107,7 @@ def optimize(
                 "optimizer": optimizer,
                 "gradient": gradient,
                 "options": options,
+                "mode_tolerance": mode_tolerance,
             },
         )
         iterations = validation.whole("optimize: iterations", iterations)
@@ -117,6 +122,8 @@ def optimize(
             validation.provider(
                 "optimize: gradient", gradient, ("__call__", "exact"), "ExactAdjoint()"
             )
+        if mode_tolerance is not None:
+            validation.number("optimize: mode_tolerance", mode_tolerance, above=0.0)
         if resume and output is None:
             raise ValueError(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
@@ -141,6 +148,7 @@ def optimize(
             resume=resume,
             progress=progress,
             callback=callback,
+            mode_tolerance=mode_tolerance,
         )
         if start is None:
             start = {name: part.even() for name, part in designs.items()}

@@ -15,7 +15,7 @@ from ..design import Design
 from ..fem import Domain
 from ..problem import Evaluation, Problem
 
-__all__ = ["DesignWarning", "Result", "gray_fraction", "only"]
+__all__ = ["DesignWarning", "Result", "gray_fraction", "of_problem", "only"]
 
 Array = NDArray[np.float64]
 
@@ -68,6 +68,9 @@ class Result:
     #: Constraints that the design violates, by name (that of a volume bound is "volume of rod"), by
     #: how much relative to their bounds
     violations: dict[str, float] = field(default_factory=dict)
+    #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
+    #: was not asked for
+    mode_errors: dict[str, float] = field(default_factory=dict)
 
     @property
     def feasible(self) -> bool:
@@ -84,6 +87,8 @@ class Result:
             "violations": self.violations,
             "volume": self.evaluation.volume,
             "gray": float(self.history["gray"][-1]),
+            "modes": {name: body.modes for name, body in self.problem.flexible.items()},
+            "mode_error": max(self.mode_errors.values(), default=None),
         }
 
     @property
@@ -122,3 +127,12 @@ def only(by_name: Mapping[str, Any]) -> Any:
             f"result.densities[{next(iter(by_name))!r}]"
         )
     return next(iter(by_name.values()))
+
+
+def of_problem(densities: Mapping[str, Array]) -> Any:
+    """Densities as `Problem.value` takes them: by name, or those of the only body.
+
+    Args:
+        densities: By body.
+    """
+    return dict(densities) if len(densities) > 1 else only(densities)
