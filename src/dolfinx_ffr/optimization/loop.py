@@ -446,7 +446,7 @@ class DesignLoop:
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
             told = problem.value(of_problem(densities))
-        errors = {}
+        errors: dict[str, float] = {}
         if self._mode_tolerance is not None:
             problem, told, errors = with_enough_modes(
                 problem, densities, told, self._mode_tolerance, self._first_modes
@@ -487,7 +487,9 @@ class DesignLoop:
         """Say which bodies are no parts yet, and what helps."""
         for name, design in designs.items():
             gray = gray_fraction(design.domain, densities[name])
-            if gray > GRAY:
+            # of a crisp level set that is what the boundary cuts
+            crisp = design.fills and design.sharpness >= CRISP
+            if gray > GRAY and not crisp:
                 unfinished = design.sharpness < design.at(1.0).sharpness
                 warnings.warn(
                     f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
