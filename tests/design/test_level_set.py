@@ -282,7 +282,10 @@ def test_thin_members_and_narrow_gaps_are_penalised() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"minimum_member": 0.008}, "of 0.008 m is below the 0.0102 m that elements of 0.01 m resolve"),
+        (
+            {"minimum_member": 0.008},
+            "of 0.008 m is below the 0.0102 m that elements of 0.01 m resolve",
+        ),
         ({"minimum_member": 0.05, "minimum_gap": 0.011}, "may differ by a factor of four"),
         ({"minimum_gap": -1.0}, "minimum_gap must be positive"),
     ],

@@ -48,7 +48,10 @@ def test_lines_without_an_end_of_images_are_refused() -> None:
     for mirrors in ([line(0), line(0, (0.3, 0.2))], [line(0), line(math.sqrt(2.0))]):
         with pytest.raises(ValueError, match="must meet in one point at angles that divide"):
             images(mirrors)
-    for direction, why in (((0.0, 0.0), "must have .* a direction"), ((1.0, math.nan), "holds NaN")):
+    for direction, why in (
+        ((0.0, 0.0), "must have .* a direction"),
+        ((1.0, math.nan), "holds NaN"),
+    ):
         with pytest.raises(ValueError, match=why):
             ffr.Mirror((0.0, 0.0), direction)
 

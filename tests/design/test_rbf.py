@@ -18,6 +18,7 @@ from dolfinx_ffr.design.rbf import (
 )
 from dolfinx_ffr.verification import convergence_order
 
+
 def grid(n: int) -> np.ndarray:
     """A square of n x n knots, slightly irregular."""
     x, y = np.meshgrid(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, n), indexing="ij")

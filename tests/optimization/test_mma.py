@@ -18,6 +18,7 @@ import pytest
 from shared.problems import Copy, four_bar, slider_crank
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.design import image_cells
 from dolfinx_ffr.mechanical_problem import ConstraintValue
 from dolfinx_ffr.optimization.loop import COLUMNS
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
@@ -47,40 +48,58 @@ class BoundedCopy(Copy):
         return replace(super().value(x), constraints={"left half": value})
 
 
-def plain(domain: ffr.Domain) -> ffr.DensityDesign:
-    """A design whose variables are the densities: no neighbours, hardly any projection."""
-    return ffr.DensityDesign(domain, radius=0.0, betas=(1e-4,))
+class Plain(ffr.DensityDesign):
+    """A design whose variables are the densities: no neighbours, and never any projection."""
+
+    def __init__(self, domain: ffr.Domain) -> None:
+        super().__init__(domain, radius=0.0)
+        self.projection = ffr.HeavisideProjection(1e-4)
+
+    def at(self, progress: float) -> Plain:
+        return self
 
 
 def run(problem: Any, design: Any, start: Any = None, **options: Any) -> ffr.Result:
     """Run the method without noise, by default from an even density."""
-    options = {"optimizer": ffr.MMA(), "progress": False, "iterations": 20, **options}
+    options = {"progress": False, "iterations": 12, **options}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ffr.SofteningWarning)
-        return ffr.optimize(
-            problem, design, design.even(0.5) if start is None else start, **options
-        )
+        for expected in (ffr.SofteningWarning, ffr.LargeDeformationWarning):
+            warnings.simplefilter("ignore", expected)
+        return ffr.optimize(problem, design, start, **options)
 
 
-def rod(comm: MPI.Intracomm, **options: Any) -> tuple[ffr.Problem, ffr.DensityDesign]:
-    """The slider-crank on a coarse mesh, and a design in two stages."""
+def rod(
+    comm: MPI.Intracomm, kind: Callable[..., Any] = ffr.LevelSet, **constraint: Any
+) -> tuple[ffr.Problem, Any]:
+    """The slider-crank on a coarse mesh with a design, and a constraint if one is given."""
     problem = slider_crank(comm)
-    domain = problem.flexible["rod"].domain
-    return problem, ffr.DensityDesign(domain, **{"radius": 0.015, "betas": (1.0, 4.0), **options})
+    if constraint:
+        problem = ffr.Problem(
+            problem.bodies,
+            problem.mechanism,
+            problem.integrator,
+            problem.objective,
+            [ffr.Constraint(**constraint, name="bound")],
+        )
+    return problem, kind(problem.flexible["rod"].domain)
+
+
+#: On so coarse a mesh a short run ends gray, and says so
+gray = pytest.mark.filterwarnings("ignore:.*is gray:dolfinx_ffr.DesignWarning")
 
 
 # ---------------------------------------------------------------------- closed forms
 
 
+@gray
 @pytest.mark.mpi
-@pytest.mark.parametrize("approximation", ["quadratic", "reciprocal"])
-def test_a_quadratic_function_under_a_volume_bound(comm: MPI.Intracomm, approximation: Any) -> None:
+def test_a_quadratic_function_under_a_volume_bound(comm: MPI.Intracomm) -> None:
     """The densities are the wanted ones less one number, the multiplier of the bound."""
     problem = Copy(comm, hills)
-    optimizer = ffr.MMA(approximation=approximation, tolerance=1e-9)
-    result = run(problem, plain(problem.domain), optimizer=optimizer, iterations=200)
-    assert result.reason == "converged"
-    assert result.history["volume"][-1] == pytest.approx(0.5, rel=1e-6)
+    result = run(problem, Plain(problem.domain), iterations=60)
+    assert result.feasible and result.reason in ("converged", "iterations")
+    assert result.evaluation.volume["plate"] == pytest.approx(0.5, rel=1e-5)
+    assert result.evaluation.volume["plate"] <= 0.5 * (1.0 + 1e-8)
     domain = problem.domain
     missing = (problem.target - result.x)[domain.design_cells]
     weights = domain.cell_volumes[domain.design_cells]
@@ -90,15 +109,15 @@ def test_a_quadratic_function_under_a_volume_bound(comm: MPI.Intracomm, approxim
     assert domain.sum(weights * (missing - mean) ** 2) / domain.area < 1e-6
 
 
+@gray
 @pytest.mark.mpi
 def test_several_constraints(comm: MPI.Intracomm) -> None:
-    """Each half has a multiplier of its own, and both bounds are used up."""
+    """From an infeasible start: each half has a multiplier, and both bounds are used up."""
     problem = BoundedCopy(comm, hills, upper=0.3)
-    result = run(problem, plain(problem.domain), optimizer=ffr.MMA(tolerance=1e-9), iterations=200)
-    assert result.history["constraint left half"][-1] == pytest.approx(0.0, abs=1e-5)
-    assert result.history["volume"][-1] == pytest.approx(0.5, rel=1e-5)
-    assert result.evaluation.constraints["left half"].value <= 1e-8
-    assert result.history["volume"][-1] <= 0.5 * (1.0 + 1e-8)
+    result = run(problem, Plain(problem.domain), iterations=60)
+    assert result.history["constraint left half"][0] > 0.4 and result.feasible
+    assert result.evaluation.constraints["left half"].value == pytest.approx(0.0, abs=1e-5)
+    assert result.evaluation.volume["plate"] == pytest.approx(0.5, rel=1e-5)
     domain = problem.domain
     means = []
     for half in (problem.left, domain.design_cells & ~problem.left):
@@ -109,16 +128,7 @@ def test_several_constraints(comm: MPI.Intracomm) -> None:
     assert means[0] > means[1] + 0.1
 
 
-@pytest.mark.mpi
-def test_an_infeasible_start_becomes_feasible(comm: MPI.Intracomm) -> None:
-    problem = BoundedCopy(comm, hills, upper=0.2)
-    result = run(problem, plain(problem.domain), iterations=30)
-    kept = result.history["constraint left half"]
-    assert kept[0] > 0.5 and kept[-1] <= 1e-8
-    first = int(np.argmax(kept <= 1e-8))
-    assert np.all(np.diff(result.history["psi"][first:]) <= 0.0)
-
-
+@gray
 @pytest.mark.mpi
 def test_constraints_that_cannot_be_met_are_named(
     comm: MPI.Intracomm, shared_tmp_path: Path
@@ -127,7 +137,7 @@ def test_constraints_that_cannot_be_met_are_named(
     problem = BoundedCopy(comm, hills, upper=1e-3)
     message = r"violates 'left half' by .*% of the bound, after 4 iterations \(infeasible\)"
     with pytest.warns(ffr.DesignWarning, match=message):
-        result = run(problem, ffr.DensityDesign(problem.domain), iterations=4)
+        result = run(problem, Plain(problem.domain), iterations=4)
     assert (result.reason, result.feasible, list(result.violations)) == (
         "infeasible",
         False,
@@ -142,7 +152,7 @@ def test_constraints_that_cannot_be_met_are_named(
     domains = {"plate": problem.domain}
     loop = ffr.DesignLoop(problem, domains, gradient=ffr.ExactAdjoint(), iterations=1)
     loop.differentiate(evaluation, lambda name: None, 0)
-    loop.record(0, result.densities, evaluation, accepted=True, step=0.0, width=1.0)
+    loop.record(0, result.densities, evaluation, accepted=True, step=0.0, sharpness=1.0, merit=0.0)
     bound = 0.5 * evaluation.volume["plate"]
     with pytest.warns(ffr.DesignWarning, match=r"violates 'volume of plate' by 100\.000% of the"):
         above = loop.result(
@@ -155,11 +165,12 @@ def test_constraints_that_cannot_be_met_are_named(
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("beta", [2.0, 8.0])
-def test_taylor_order_of_the_whole_chain(comm: MPI.Intracomm, beta: float) -> None:
-    """From the variables by filter, projection, shape functions and motion to psi, and back."""
-    problem, design = rod(comm, betas=(beta,))
-    z = 0.55 + 0.15 * np.sin(np.arange(len(design.even(0.5))))
+@pytest.mark.parametrize("kind", [ffr.DensityDesign, ffr.LevelSet])
+def test_taylor_order_of_the_whole_chain(comm: MPI.Intracomm, kind: Any) -> None:
+    """From the variables by density, shape functions and motion to psi, and back."""
+    problem, design = rod(comm, kind)
+    design = design.at(0.3)
+    z = 0.55 + 0.15 * np.sin(np.arange(design.size))
     direction = np.cos(0.7 * np.arange(len(z)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ffr.SofteningWarning)
@@ -178,68 +189,58 @@ def test_taylor_order_of_the_whole_chain(comm: MPI.Intracomm, beta: float) -> No
         )
 
 
+@gray
+@pytest.mark.slow
 @pytest.mark.mpi
-def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm) -> None:
-    problem, design = rod(comm)
-    result = run(problem, design, volume=0.6)
+@pytest.mark.parametrize("kind", [ffr.DensityDesign, ffr.LevelSet])
+def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm, kind: Any) -> None:
+    problem, design = rod(comm, kind)
+    result = run(problem, design, volume=0.6, iterations=16)
     history = result.history
     assert list(history) == COLUMNS
-    assert history["iteration"].tolist() == list(range(21))
-    assert (result.reason, result.iterations) == ("iterations", 20)
+    assert history["iteration"].tolist() == list(range(17))
+    assert (result.reason, result.iterations) == ("iterations", 16)
     assert history["psi"][-1] < 0.6 * history["psi"][0]
-    assert np.all(history["volume"] <= 0.6 * (1.0 + 1e-8))
-    same_stage = np.diff(history["width"]) == 0.0
-    kept = history["accepted"][1:] == 1.0
-    falls = np.diff(history["psi"])
-    assert np.all(falls[same_stage & kept] < 0.0)
-    assert np.all(falls[same_stage & ~kept] == 0.0)
-    assert np.unique(history["width"]).tolist() == [0.25, 1.0]
-    # the result is what the last row says, and fits together
-    assert result.psi == history["psi"][-1]
+    assert np.all(history["volume"] <= 0.61)
+    assert result.evaluation.volume["rod"] <= 0.6 * (1.0 + 1e-8)
+    assert history["sharpness"][[0, -1]].tolist() == pytest.approx([1.0, 32.0])
+    assert np.all(np.diff(history["sharpness"]) >= 0.0)
+    assert np.all(history["step"] <= 0.1 + 1e-12)
+    # the result is the best crisp one, and fits together
     last = result.designs["rod"]
-    assert last.width == history["width"][-1] and design.width == history["width"][0]
+    assert last.sharpness == 32.0
     np.testing.assert_array_equal(result.x, last.density(result.variables["rod"]))
     assert np.all(result.x[~design.domain.design_cells] == 1.0)
-    assert result.evaluation.gradient is not None
+    value = problem.value(result.x).psi
+    best = np.nanmin(np.abs(history["psi"] / value - 1.0))
+    assert best < 1e-9
+    assert result.problem.value(result.x).psi == pytest.approx(result.psi, rel=1e-9)
+    if kind is ffr.LevelSet:  # told by the law of cut elements, which is stiffer
+        assert result.problem is not problem and 0.7 * value < result.psi < value
+        assert result.problem.flexible["rod"].interpolation == ffr.SIMP(exponent=1.5)
+    else:
+        assert result.problem is problem
 
 
-@pytest.mark.mpi
-def test_level_set_coefficients(comm: MPI.Intracomm) -> None:
-    problem, _ = rod(comm)
-    levelset = ffr.LevelSet(problem.flexible["rod"].domain)
-    start = levelset.with_holes(6, 1, 0.01)
-    result = run(problem, levelset, start, volume=0.6)
-    assert result.history["psi"][-1] < 0.7 * result.history["psi"][0]
-    assert np.all(result.history["volume"] <= 0.6 * (1.0 + 1e-8))
-    levelset = levelset.with_width(result.history["width"][-1])
-    np.testing.assert_array_equal(result.x, levelset.fill_fraction(result.coefficients))
-    assert np.unique(result.history["width"] / levelset.element) == pytest.approx([0.35, 0.6, 1.0])
-
-
+@gray
 @pytest.mark.slow
 @pytest.mark.mpi
 def test_constraints_of_the_problem(comm: MPI.Intracomm) -> None:
     """A bound on the first frequency, which the design without it violates."""
-    problem, design = rod(comm, betas=(2.0,))
-
-    def bounded_by(least: float) -> ffr.Problem:
-        bound = ffr.Constraint(ffr.Frequency("rod"), lower=least, name="frequency")
-        return ffr.Problem(
-            problem.bodies, problem.mechanism, problem.integrator, problem.objective, [bound]
-        )
-
-    free = run(bounded_by(1.0), design, volume=0.6, iterations=8)
-    least = 1.05 * free.evaluation.constraints["frequency"].psi
-    bounded = bounded_by(least)
-    result = run(bounded, design, volume=0.6, iterations=14)
-    assert result.evaluation.constraints["frequency"].psi >= least * (1.0 - 1e-8)
-    assert result.history["constraint frequency"][-1] <= 1e-8
-    assert result.history["volume"][-1] <= 0.6 * (1.0 + 1e-8)
+    frequency = {"objective": ffr.Frequency("rod")}
+    free = run(*rod(comm, ffr.DensityDesign, **frequency, lower=1.0), volume=0.6)
+    least = 1.03 * free.evaluation.constraints["bound"].psi
+    problem, design = rod(comm, ffr.DensityDesign, **frequency, lower=least)
+    result = run(problem, design, volume=0.6)
+    assert result.feasible
+    assert result.evaluation.constraints["bound"].psi >= least * (1.0 - 1e-8)
+    assert result.evaluation.volume["rod"] <= 0.6 * (1.0 + 1e-8)
+    assert result.psi > free.psi
     with pytest.raises(ValueError, match="takes a volume bound and no other constraint"):
-        levelset = ffr.LevelSet(design.domain)
-        ffr.optimize(bounded, levelset, levelset.with_holes(6, 1, 0.01), progress=False)
+        run(problem, ffr.LevelSet(design.domain), optimizer=ffr.LevelSetEvolution())
 
 
+@gray
 @pytest.mark.parametrize(
     ("objective", "bound"),
     [(ffr.Frequency("rod"), {"lower": 1e6}), (ffr.Mass("rod"), {"upper": 1e-6})],
@@ -249,169 +250,182 @@ def test_bounds_of_the_rod_that_cannot_be_met(
     objective: ffr.Objective, bound: dict[str, float]
 ) -> None:
     """No rod of this size vibrates at 1 MHz, and its ends alone weigh more than a milligram."""
-    problem, design = rod(MPI.COMM_SELF, betas=(1.0,))
-    problem = ffr.Problem(
-        problem.bodies,
-        problem.mechanism,
-        problem.integrator,
-        problem.objective,
-        [ffr.Constraint(objective, **bound, name="bound")],
-    )
+    problem, design = rod(MPI.COMM_SELF, objective=objective, **bound)
     with pytest.warns(ffr.DesignWarning, match="violates 'bound' by"):
         result = run(problem, design, iterations=2)
     assert (result.reason, list(result.violations)) == ("infeasible", ["bound"])
 
 
+@gray
 @pytest.mark.mpi
 def test_any_number_of_ranks(comm: MPI.Intracomm) -> None:
     """A few iterations are those of one rank, to the accuracy of the solvers."""
     together = run(*rod(comm), iterations=6)
     alone = run(*rod(MPI.COMM_SELF), iterations=6)
-    for name in ("psi", "volume", "frequency", "gray", "step"):
-        assert together.history[name] == pytest.approx(alone.history[name], rel=1e-6), name
+    for name in ("psi", "volume", "frequency", "gray", "step", "merit"):
+        near = 1e-6 * np.abs(alone.history[name]).max()
+        assert together.history[name] == pytest.approx(alone.history[name], abs=near), name
     assert together.variables["rod"] == pytest.approx(alone.variables["rod"], abs=1e-6)
     columns = np.array([together.history[name] for name in COLUMNS])
     mine = together.variables["rod"].tobytes() + columns.tobytes() + together.reason.encode()
     assert len(set(comm.allgather(mine))) == 1
 
 
+@gray
+def test_mirrored_designs_of_the_rod() -> None:
+    """The same above and below."""
+    problem, design = rod(MPI.COMM_SELF)
+    lines = ffr.mirror_lines(design.domain)[:1]
+    design = ffr.LevelSet(design.domain, mirrors=lines)
+    result = run(problem, design, iterations=6)
+    nearest = image_cells(design.domain, lines[0])
+    x = design.domain.everywhere(result.x)
+    np.testing.assert_allclose(x[nearest], x, atol=1e-10)
+    assert np.ptp(x) > 0.9
+
+
 # ---------------------------------------------------------------------- several bodies
 
 
+@gray
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_a_design_for_each_body(comm: MPI.Intracomm) -> None:
-    """Each on its mesh with its share; one adjoint pass serves both."""
+    """A level set and a density, each on its mesh with its share; one adjoint pass for both."""
     problem = four_bar(comm, ffr.IntegralCompliance(["coupler", "rocker"]))
     designs = {
-        name: ffr.DensityDesign(body.domain, radius=0.018, betas=(1.0, 3.0))
-        for name, body in problem.flexible.items()
+        "coupler": ffr.LevelSet(problem.flexible["coupler"].domain),
+        "rocker": ffr.DensityDesign(problem.flexible["rocker"].domain),
     }
-    start = {name: design.even(0.5) for name, design in designs.items()}
+    start = {
+        "coupler": designs["coupler"].with_holes(4, 1, 0.005),
+        "rocker": designs["rocker"].even(),
+    }
     seen: list[set[str]] = []
     result = run(
         problem,
         designs,
         start,
         volume={"coupler": 0.6, "rocker": 0.7},
-        iterations=12,
+        iterations=20,
         callback=lambda iteration, x, evaluation: seen.append(set(x)),
     )
-    history = result.history
-    assert history["psi"][-1] < 0.8 * history["psi"][0]
-    assert np.all(history["volume of coupler"] <= 0.6 * (1.0 + 1e-8))
-    assert np.all(history["volume of rocker"] <= 0.7 * (1.0 + 1e-8))
-    assert seen == [{"coupler", "rocker"}] * 12
+    assert result.psi < 0.8 * result.history["psi"][0]
+    assert result.evaluation.volume["coupler"] <= 0.6 * (1.0 + 1e-8)
+    assert result.evaluation.volume["rocker"] <= 0.7 * (1.0 + 1e-8)
+    assert seen == [{"coupler", "rocker"}] * 20
     for name, design in result.designs.items():
         assert len(result.variables[name]) == len(start[name])
         np.testing.assert_array_equal(
             result.densities[name], design.density(result.variables[name])
         )
+    laws = {name: body.interpolation for name, body in result.problem.flexible.items()}
+    assert laws == {"coupler": ffr.SIMP(exponent=1.5), "rocker": ffr.SIMP()}
     with pytest.raises(ValueError, match="several bodies are designed"):
         _ = result.x
-
-
-@pytest.mark.slow
-@pytest.mark.mpi
-def test_a_level_set_for_each_body(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    """Explicit steps move both level sets; a density and a level set go together by MMA."""
-    problem = four_bar(comm, ffr.IntegralCompliance(["coupler", "rocker"]))
-    levelsets = {name: ffr.LevelSet(body.domain) for name, body in problem.flexible.items()}
-    start = {name: ls.with_holes(4, 1, 0.0) for name, ls in levelsets.items()}
-    evolution = ffr.LevelSetEvolution(widths=(1.0,))
-    options = {"volume": {"coupler": 0.7, "rocker": 0.8}, "output": shared_tmp_path}
-    whole = run(
-        problem, levelsets, start, optimizer=evolution, iterations=4, volume=options["volume"]
-    )
-    run(problem, levelsets, start, optimizer=evolution, iterations=4, **options)
-    assert whole.history["psi"][-1] < 0.8 * whole.history["psi"][0]
-    assert np.all(whole.history["volume of coupler"] <= 0.7 + 1e-12)
-    assert np.all(whole.history["volume of rocker"] <= 0.8 + 1e-12)
-    again = run(
-        problem, levelsets, start, optimizer=evolution, iterations=4, resume=True, **options
-    )
-    for name in levelsets:
-        # on several ranks MUMPS adds up in an order that changes from run to run
-        size = np.abs(whole.variables[name]).max()
-        atol = 1e-12 if comm.size == 1 else 1e-6 * size
-        np.testing.assert_allclose(again.variables[name], whole.variables[name], atol=atol)
-
-    mixed = {
-        "coupler": levelsets["coupler"],
-        "rocker": ffr.DensityDesign(levelsets["rocker"].domain),
-    }
-    begin = {"coupler": start["coupler"], "rocker": mixed["rocker"].even(0.5)}
-    result = run(problem, mixed, begin, iterations=4, volume=0.7)
-    assert result.history["psi"][-1] < result.history["psi"][0]
 
 
 # ---------------------------------------------------------------------- interruption
 
 
+@gray
 @pytest.mark.slow
 @pytest.mark.mpi
-@pytest.mark.parametrize("at", [3, 5])
 def test_interrupted_and_resumed_is_as_if_uninterrupted(
-    comm: MPI.Intracomm, shared_tmp_path: Path, at: int
+    comm: MPI.Intracomm, shared_tmp_path: Path
 ) -> None:
-    """In the middle of a stage, and where one ends."""
     problem, design = rod(comm)
-    whole = run(problem, design, iterations=10)
+    whole = run(problem, design, iterations=8)
 
     def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
-        if iteration == at and comm.rank == comm.size - 1:
+        if iteration == 5 and comm.rank == comm.size - 1:
             os.kill(os.getpid(), signal.SIGINT)
 
-    first = run(problem, design, iterations=10, output=shared_tmp_path, callback=interrupt)
-    assert (first.reason, first.iterations) == ("interrupted", at)
-    rest = run(problem, design, iterations=10, output=shared_tmp_path, resume=True)
+    first = run(problem, design, iterations=8, output=shared_tmp_path, callback=interrupt)
+    assert (first.reason, first.iterations) == ("interrupted", 5)
+    rest = run(problem, design, iterations=8, output=shared_tmp_path, resume=True)
     assert (rest.reason, rest.iterations) == (whole.reason, whole.iterations)
     # what was done before is not done again; what follows agrees to the accuracy of the solvers,
     # whose iterations begin where the last ones ended
-    for name in ("psi", "volume", "gray", "accepted", "step", "width"):
-        assert np.array_equal(rest.history[name][: at + 1], first.history[name]), name
-        # psi is small, the others are shares
-        near = 0.0 if name == "psi" else 1e-6
-        assert rest.history[name] == pytest.approx(whole.history[name], rel=1e-6, abs=near), name
+    for name in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
+        assert np.array_equal(rest.history[name][:6], first.history[name]), name
+        size = np.abs(whole.history[name]).max()
+        assert rest.history[name] == pytest.approx(whole.history[name], abs=1e-6 * size), name
     assert rest.variables["rod"] == pytest.approx(whole.variables["rod"], abs=1e-6)
     comm.Barrier()
     found = ffr.read_history(shared_tmp_path / "history.csv")
     assert np.array_equal(found["psi"], rest.history["psi"])
-    finished = run(problem, design, iterations=10, output=shared_tmp_path, resume=True)
+    finished = run(problem, design, iterations=8, output=shared_tmp_path, resume=True)
     assert np.array_equal(finished.variables["rod"], rest.variables["rod"])
     assert np.array_equal(finished.history["seconds"], rest.history["seconds"])
 
 
+@gray
+@pytest.mark.mpi
+def test_a_run_of_a_given_length_in_two_calls(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """8 iterations and then up to 16 are 16, whose sharpness the length alone decides."""
+    problem = Copy(comm, hills)
+    design = ffr.LevelSet(problem.domain)
+    optimizer = ffr.MMA(length=16)
+    whole = run(problem, design, optimizer=optimizer, iterations=16)
+    first = run(problem, design, optimizer=optimizer, iterations=8, output=shared_tmp_path)
+    assert first.designs["plate"].sharpness == pytest.approx(32.0**0.9)
+    options = {"output": shared_tmp_path, "resume": True}
+    for later in (ffr.MMA(), ffr.MMA(length=99)):  # keeps the length it began with
+        rest = run(problem, design, optimizer=later, iterations=16, **options)
+        for name in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
+            np.testing.assert_allclose(
+                rest.history[name], whole.history[name], rtol=1e-9, atol=1e-12
+            )
+        np.testing.assert_allclose(rest.coefficients, whole.coefficients, atol=1e-9)
+
+
+@gray
 @pytest.mark.mpi
 def test_a_checkpoint_of_another_problem_is_refused(
     comm: MPI.Intracomm, shared_tmp_path: Path
 ) -> None:
-    problem, design = rod(comm)
-    run(problem, design, iterations=2, output=shared_tmp_path)
-    changes: list[tuple[Callable[[], Any], dict[str, Any], str]] = [
-        (lambda: design, {"volume": 0.4}, "volume of rod"),
-        (lambda: rod(comm, betas=(1.0, 5.0))[1], {}, "betas of rod"),
-        (lambda: design, {"optimizer": ffr.MMA(boldness=2.0)}, "optimizer"),
-    ]
-    for make, options, what in changes:
-        other = make()
-        parts = (problem, other) if other is design else rod(comm, betas=(1.0, 5.0))
+    problem, design = rod(comm, ffr.DensityDesign)
+    run(problem, design, iterations=1, output=shared_tmp_path)
+    again = {"iterations": 1, "output": shared_tmp_path, "resume": True}
+    shorter = ffr.DensityDesign(design.domain, radius=0.02)
+    for options, what in (
+        ({"volume": 0.4}, "volume of rod"),
+        ({"design": shorter}, "radius of rod"),
+        ({"optimizer": ffr.MMA(move=0.2)}, "optimizer"),
+    ):
         with pytest.raises(ffr.CheckpointError, match=f"of another problem.*{what}"):
-            run(*parts, iterations=2, output=shared_tmp_path, resume=True, **options)
+            run(problem, options.pop("design", design), **again, **options)
     problem.integrator = ffr.GeneralizedAlpha(2.0, 190)
     with pytest.raises(ffr.CheckpointError, match="psi of its design was"):
-        run(problem, design, iterations=2, output=shared_tmp_path, resume=True)
+        run(problem, design, **again)
 
 
 # ---------------------------------------------------------------------- failures
 
 
+@gray
 @pytest.mark.mpi
-def test_a_trial_that_cannot_be_simulated_is_rejected(comm: MPI.Intracomm) -> None:
+def test_a_trial_that_cannot_be_simulated_is_taken_back(comm: MPI.Intracomm) -> None:
+    """The next step is half as long, and later ones grow again."""
     problem = Copy(comm, hills)
     problem.broken = {3}
-    result = run(problem, plain(problem.domain), iterations=25)
-    assert result.history["accepted"][2] == 0.0
-    assert result.history["psi"][-1] < result.history["psi"][1]
+    result = run(problem, Plain(problem.domain))
+    history = result.history
+    assert history["accepted"].tolist() == [1, 1, 0, *[1] * 10]
+    assert history["psi"][2] == history["psi"][1]
+    assert history["step"][3] == pytest.approx(0.5 * history["step"][2])
+    assert history["psi"][-1] < history["psi"][1]
+
+
+@gray
+@pytest.mark.mpi
+def test_a_run_that_cannot_go_on_is_stalled(comm: MPI.Intracomm) -> None:
+    problem = Copy(comm, hills)
+    problem.broken = set(range(3, 99))
+    result = run(problem, Plain(problem.domain), iterations=20)
+    assert (result.reason, result.iterations) == ("stalled", 9)
+    assert result.psi == result.history["psi"][1] == result.history["psi"][-1]
 
 
 @pytest.mark.mpi
@@ -419,30 +433,20 @@ def test_a_start_that_cannot_be_simulated_is_reported(comm: MPI.Intracomm) -> No
     problem = Copy(comm, hills)
     problem.broken = {1}
     with pytest.raises(ffr.SimulationError, match="too soft"):
-        run(problem, plain(problem.domain))
-
-
-@pytest.mark.mpi
-def test_a_stage_that_falls_apart_is_not_entered(comm: MPI.Intracomm) -> None:
-    problem = Copy(comm, hills)
-    design = ffr.DensityDesign(problem.domain, betas=(1.0, 4.0))
-    problem.broken = {12}
-    result = run(problem, design, iterations=20, optimizer=ffr.MMA(tolerance=0.0))
-    assert (result.reason, result.iterations) == ("stalled", 10)
-    design = result.designs["plate"]
-    assert design.width == 1.0
-    assert result.psi == problem.value(design.density(result.variables["plate"])).psi
+        run(problem, Plain(problem.domain))
 
 
 @pytest.mark.mpi
 def test_bad_input_is_refused(comm: MPI.Intracomm) -> None:
-    problem, design = rod(comm)
-    with pytest.raises(ValueError, match=r"approximation must be .* but it is 'cubic'"):
-        ffr.MMA(approximation="cubic")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="tolerance must not be negative"):
-        ffr.MMA(tolerance=-1.0)
-    with pytest.raises(ValueError, match="boldness must be positive"):
-        ffr.MMA(boldness=0.0)
+    problem = Copy(comm, hills)
+    design = ffr.DensityDesign(problem.domain)
+    for options, message in (
+        ({"move": 0.0}, "move must lie between 0 and 1, 0 excluded"),
+        ({"tolerance": -1.0}, "tolerance must not be negative"),
+        ({"length": 0}, "length must be a positive whole number"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ffr.MMA(**options)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"expected .* finite variables, one a designed cell"):
         run(problem, design, np.ones(3))
     with pytest.raises(ValueError, match="with NaN"):
@@ -456,14 +460,12 @@ def test_bad_input_is_refused(comm: MPI.Intracomm) -> None:
     with pytest.raises(ValueError, match="moves level sets"):
         run(problem, design, optimizer=ffr.LevelSetEvolution())
     with pytest.raises(ValueError, match=r"give \['step'\] to the optimizer, MMA"):
-        run(problem, design, step=0.5)
+        run(problem, design, optimizer=ffr.MMA(), step=0.5)
     with pytest.warns(DeprecationWarning), pytest.raises(TypeError, match="'widths'"):
-        run(problem, design, optimizer=None, widths=(1.0,))
+        run(problem, design, widths=(1.0,))
     with pytest.raises(ValueError, match=r"start is given for \['beam'\]"):
         run(problem, design, {"beam": design.even(0.5)})
     with pytest.raises(ValueError, match=r"designs are given for \['beam'\]"):
         run(problem, {"beam": design}, design.even(0.5))
-    with pytest.raises(ValueError, match="betas"):
-        ffr.DensityDesign(design.domain, betas=())
     with pytest.raises(ValueError, match="not on the domain"):
-        run(problem, rod(comm)[1])
+        run(problem, ffr.DensityDesign(Copy(comm, hills).domain))

@@ -6,7 +6,7 @@ from __future__ import annotations
 from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
-from .mirrors import Mirror, mirror_lines
+from .mirrors import Mirror, image_cells, mirror_lines
 from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
@@ -36,6 +36,7 @@ __all__ = [
     "Wendland",
     "check_kernel",
     "check_volume",
+    "image_cells",
     "mirror_lines",
     "shrunk",
 ]

@@ -193,8 +193,14 @@ class _Run:
         except SimulationError:  # so soft that it cannot move
             found = None
         limit = now.psi + APART * abs(now.psi)
-        met = bool(np.max(values) <= VIOLATED)
-        if found is None or not math.isfinite(found.psi) or (met and found.psi > limit):
+        if found is None or not math.isfinite(found.psi):
+            apart = True
+        else:
+            # psi may rise where that brings a violated constraint nearer
+            worst = float(np.max(values))
+            pays = worst > VIOLATED and float(np.max(self.bounds(found))) < worst
+            apart = found.psi > limit and not pays
+        if found is None or apart:
             kept = replace(
                 point,
                 asymptotes=tried.retreat(state),

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""The bare method of moving asymptotes, on published problems and beside another method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+
+#: Values f_0 ... f_m and their gradients, shape (1 + m, n)
+Functions = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def cantilever(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight of a beam of five hollow boxes, and its tip's deflection (Svanberg 1987, 5.1)."""
+    c = np.array([61.0, 37.0, 19.0, 7.0, 1.0])
+    values = [0.0624 * x.sum(), np.sum(c / x**3) - 1.0]
+    return np.array(values), np.array([np.full(5, 0.0624), -3.0 * c / x**4])
+
+
+def two_bars(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weight of two bars, by area and half their span, and their stresses (Svanberg 1987, 5.2)."""
+    a, s = x
+    root = math.sqrt(1.0 + s * s)
+    tension, compression = (8.0 / a + sign / (a * s) for sign in (1.0, -1.0))
+    values = [a * root, 0.124 * root * tension - 1.0, 0.124 * root * compression - 1.0]
+    slopes = [[root, a * s / root]]
+    for stress, sign in ((tension, 1.0), (compression, -1.0)):
+        by_area = -stress / a
+        slopes.append(
+            [0.124 * root * by_area, 0.124 * (s / root * stress - sign * root / (a * s * s))]
+        )
+    return np.array(values), np.array(slopes)
+
+
+def spheres(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The point of two intersecting balls that is nearest to the origin."""
+    centers = np.array([[0.0, 0.0, 0.0], [5.0, 2.0, 1.0], [3.0, 4.0, 3.0]])
+    away = x - centers
+    return np.sum(away**2, axis=1) - [0.0, 9.0, 9.0], 2.0 * away
+
+
+def run(
+    functions: Functions, start: list[float], low: float, high: float, steps: int, **options: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variables and multipliers after some steps."""
+    x = np.array(start)
+    state = Asymptotes(np.full(len(x), low), np.full(len(x), high), x, **options)
+    multipliers = np.zeros(0)
+    for _ in range(steps):
+        values, slopes = functions(state.x)
+        state, multipliers = state.step(slopes[0], values[1:], slopes[1:])
+    return state.x, multipliers
+
+
+@pytest.mark.parametrize("functions", [cantilever, two_bars, spheres])
+def test_the_gradients_below_are_right(functions: Functions) -> None:
+    x = {cantilever: np.arange(3.0, 8.0), two_bars: np.array([1.5, 0.5])}.get(
+        functions, np.array([4.0, 3.0, 2.0])
+    )
+    slopes = functions(x)[1]
+    for row in range(len(slopes)):
+        assert_taylor_order(
+            taylor_test(
+                lambda y, r=row: float(functions(y)[0][r]),
+                lambda d, r=row: float(slopes[r] @ d),
+                x,
+                np.cos(np.arange(len(x)) + 1.0),
+            )
+        )
+
+
+def test_cantilever_of_five_boxes() -> None:
+    """The published optimum; all sections matter, and the constraint is active."""
+    x, multipliers = run(cantilever, [5.0] * 5, 1.0, 10.0, 30, move=1.0)
+    assert x == pytest.approx([6.016, 5.309, 4.494, 3.502, 2.153], abs=2e-3)
+    values = cantilever(x)[0]
+    assert values[0] == pytest.approx(1.340, abs=5e-4)
+    assert values[1] == pytest.approx(0.0, abs=1e-6)
+    # the optimum scales as c^(1/4): the multiplier is a third of the weight
+    assert multipliers == pytest.approx([values[0] / 3.0], rel=1e-3)
+
+
+def test_two_bars() -> None:
+    x, multipliers = run(two_bars, [1.5, 0.5], 0.1, 4.0, 40, move=0.2)
+    assert x == pytest.approx([1.41, 0.38], abs=5e-3)
+    values = two_bars(x)[0]
+    assert values[0] == pytest.approx(1.51, abs=2e-3)
+    assert values[1] == pytest.approx(0.0, abs=1e-5)
+    assert multipliers[0] > 0.1 and multipliers[1] == 0.0 and values[2] < 0.0
+
+
+def test_several_active_constraints_beside_another_method() -> None:
+    """SLSQP finds the same, and the multipliers fulfil the conditions of Karush and others."""
+    x, multipliers = run(spheres, [4.0, 3.0, 2.0], 0.0, 5.0, 60, move=0.3)
+    inequality = {
+        "type": "ineq",
+        "fun": lambda y: -spheres(y)[0][1:],
+        "jac": lambda y: -spheres(y)[1][1:],
+    }
+    found = minimize(
+        lambda y: spheres(y)[0][0],
+        [4.0, 3.0, 2.0],
+        jac=lambda y: spheres(y)[1][0],
+        method="SLSQP",
+        bounds=[(0.0, 5.0)] * 3,
+        constraints=[inequality],
+        options={"ftol": 1e-14},
+    )
+    assert x == pytest.approx(found.x, abs=1e-4)
+    values, slopes = spheres(x)
+    assert values[1:] == pytest.approx([0.0, 0.0], abs=1e-4)
+    assert np.all(multipliers > 0.1)
+    assert slopes[0] + multipliers @ slopes[1:] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_constraints_that_cannot_be_met_are_violated_least(together: bool) -> None:
+    """One that is out of reach draws to the bound, two that contradict each other in between."""
+
+    def functions(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if together:  # x <= 0.2 and x >= 0.6
+            return np.array([-x[0], x[0] - 0.2, 0.6 - x[0]]), np.array([[-1.0], [1.0], [-1.0]])
+        return np.array([x[0], 2.0 - x[0]]), np.array([[1.0], [-1.0]])
+
+    x, multipliers = run(functions, [0.1], 0.0, 1.0, 30)
+    violation = np.maximum(functions(x)[0][1:], 0.0).sum()
+    assert violation == pytest.approx(0.4 if together else 1.0, abs=1e-3)
+    assert np.all(multipliers > 100.0)
+
+
+def test_without_constraints_and_without_a_slope() -> None:
+    """Downhill to the bounds; where there is no slope nothing moves."""
+    slope = np.array([1.0, -2.0, 0.0])
+    state = Asymptotes(np.zeros(3), np.ones(3), np.full(3, 0.5))
+    for _ in range(10):
+        state, multipliers = state.step(slope, np.zeros(0), np.zeros((0, 3)))
+    assert state.x == pytest.approx([0.0, 1.0, 0.5]) and len(multipliers) == 0
+    flat, _ = Asymptotes(np.zeros(2), np.ones(2), np.array([0.3, 0.6])).step(
+        np.zeros(2), np.zeros(0), np.zeros((0, 2))
+    )
+    assert flat.x.tolist() == [0.3, 0.6]
+
+
+def test_steps_keep_the_move_limit_and_a_retreat_halves_it() -> None:
+    state = Asymptotes(np.zeros(3), np.full(3, 2.0), np.ones(3), 0.1)
+    slope = np.array([1.0, -1.0, 1e-3])
+    for _ in range(3):
+        tried, _ = state.step(slope, np.zeros(0), np.zeros((0, 3)))
+        assert np.max(np.abs(tried.x - state.x)) == pytest.approx(0.2)
+        kept, state = state, tried
+    back = state.retreat(kept)
+    assert back.x is kept.x and back.move == 0.05
+    again, _ = back.step(slope, np.zeros(0), np.zeros((0, 3)))
+    assert np.max(np.abs(again.x - back.x)) == pytest.approx(0.1)
+    assert again.reach == pytest.approx(0.5 * state.reach)
