@@ -61,7 +61,7 @@ class Plain(ffr.DensityDesign):
 
 def run(problem: Any, design: Any, start: Any = None, **options: Any) -> ffr.Result:
     """Run the method without noise, by default from an even density."""
-    options = {"progress": False, "iterations": 12, **options}
+    options = {"progress": False, "iterations": 12, "mode_tolerance": None, **options}
     with warnings.catch_warnings():
         for expected in (ffr.SofteningWarning, ffr.LargeDeformationWarning):
             warnings.simplefilter("ignore", expected)
