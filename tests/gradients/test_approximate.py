@@ -23,8 +23,8 @@ def holed(comm: MPI.Comm) -> tuple[ffr.Problem, np.ndarray, Distance]:
     problem = reference_problem(comm, (30, 6), modes=4, steps=100)
     levelset = ffr.LevelSet(problem.flexible["rod"].domain)
     alpha = levelset.with_holes(5, 1, 0.012)
-    distance = levelset.boundary_distance(alpha)
-    return problem, levelset.fill_fraction(alpha), lambda name: distance
+    distance = levelset.distance(alpha)
+    return problem, levelset.density(alpha), lambda name: distance
 
 
 def smooth(comm: MPI.Comm) -> tuple[ffr.Problem, np.ndarray]:
@@ -200,9 +200,10 @@ def test_design_loop_with_each_gradient(comm: MPI.Intracomm) -> None:
         return ffr.optimize(
             problem,
             levelset,
-            levelset.with_holes(4, 1, 0.012),
+            levelset.with_holes(4, 1, 0.01),
             volume=0.7,
             gradient=method,
+            optimizer=ffr.LevelSetEvolution(sharpness=(11.0,)),
             iterations=4,
             progress=False,
         )

@@ -391,11 +391,6 @@ class Scene:
         knots = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         kernels = (1.0, "gaussian", ffr.Wendland, np.sin)
         yield (
-            ffr.RadialBasis,
-            {"knots": knots, "kernel": ffr.Wendland(3.0)},
-            {"knots": (*ARRAY, 1.0, [], knots * math.nan), "kernel": (None, *kernels)},
-        )
-        yield (
             ffr.ScatteredInterpolation,
             {"points": knots, "kernel": ffr.Wendland(3.0)},
             {
@@ -411,8 +406,9 @@ class Scene:
                 "domain": no_domain,
                 "knots": (*(v for v in ARRAY if v is not None), 1.0, [], [[0.0, math.nan]] * 3),
                 "spacing": (*optional, 1.0),
-                "kernel": kernels,
-                "width": optional,
+                "minimum_member": (*optional, 1e-6),
+                "minimum_gap": (*optional, 1e-6),
+                "mirrors": (1.0, [1.0], "axis", [ffr.Mirror((0.0, 0.01), (1.0, 0.0))]),
                 "quadrature": WHOLE_FROM_1,
             },
         )
@@ -426,12 +422,26 @@ class Scene:
         )
         no_vector = (*ARRAY, 1.0, np.ones(2), np.full(len(self.levelset.knots), math.nan))
         flat = np.ones(len(self.levelset.knots))
-        yield self.levelset.fill_fraction, {"coefficients": flat}, {"coefficients": no_vector}
-        yield self.levelset.with_width, {"width": 0.01}, {"width": POSITIVE}
+        for method in (self.levelset.density, self.levelset.level, self.levelset.penalty):
+            yield method, {"variables": flat}, {"variables": no_vector}
+        yield self.levelset.distance, {"variables": flat}, {"variables": no_vector}
+        yield self.levelset.from_distance, {"distance": flat}, {"distance": no_vector}
+        yield self.levelset.with_sharpness, {"sharpness": 8.0}, {"sharpness": POSITIVE}
+        for part in (self.levelset, self.design):
+            yield part.at, {"progress": 0.5}, {"progress": SHARE}
         yield (
-            ffr.LevelSetDesign,
-            {"levelset": self.levelset},
-            {"levelset": (None, "phi", self.rod), "widths": STAGES, "bound": POSITIVE},
+            ffr.Mirror,
+            {"point": (0.0, 0.0), "direction": (1.0, 0.0)},
+            {"point": PAIR, "direction": (*PAIR, (0.0, 0.0))},
+        )
+        yield (
+            ffr.mirror_lines,
+            {"domain": self.rod},
+            {
+                "domain": no_domain,
+                "gradient": (*(v for v in ARRAY if v is not None), 1.0, np.ones(2)),
+                "tolerance": NOT_NEGATIVE,
+            },
         )
         yield (
             ffr.Evolution,
@@ -452,7 +462,7 @@ class Scene:
         yield (
             ffr.DensityDesign,
             {"domain": self.rod},
-            {"domain": no_domain, "radius": negative, "betas": STAGES, "eta": (*SHARE, 0.0, 1.0)},
+            {"domain": no_domain, "radius": negative, "eta": (*SHARE, 0.0, 1.0)},
         )
         yield self.design.even, {"value": 0.5}, {"value": (*SHARE, 2.0)}
         yield (
@@ -465,7 +475,7 @@ class Scene:
             ffr.LevelSetEvolution,
             {},
             {
-                **{"evolution": (1.0, "fast", {"rod": 1.0}), "widths": STAGES, "step": POSITIVE},
+                **{"evolution": (1.0, "fast", {"rod": 1.0}), "sharpness": STAGES, "step": POSITIVE},
                 **{"tolerance": NOT_NEGATIVE, "reinitialize_every": COUNT},
             },
         )
@@ -473,9 +483,9 @@ class Scene:
             ffr.MMA,
             {},
             {
-                "approximation": (*TEXT, "cubic"),
+                "move": (*SHARE, 0.0),
                 "tolerance": NOT_NEGATIVE,
-                "boldness": POSITIVE,
+                "length": tuple(value for value in WHOLE_FROM_1 if value is not None),
             },
         )
         yield (
@@ -487,7 +497,7 @@ class Scene:
             {
                 "problem": (None, 1.0, self.body, ffr.Problem),
                 "design": (None, "level set", self.rod, ffr.LevelSet, ffr.DensityDesign(self.rod)),
-                "start": (*no_vector, {"arm": flat}),
+                "start": (*(v for v in no_vector if v is not None), {"arm": flat}),
                 "optimizer": (1.0, "mma", ffr.MMA, np.sin),
                 "volume": (*SHARE, 0.0, 0.01, {"arm": 0.5}),
                 "gradient": (1.0, "adjoint", ffr.ExactAdjoint, np.sin),

@@ -149,10 +149,7 @@ class LevelSet(Design):
         grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
         #: Distance of neighbouring knots of the grid [m]
         self.spacing = float(max(columns[1] - columns[0], rows[1] - rows[0]))
-        self.mirrors = tuple(
-            validation.instance("level set: mirrors", m, Mirror, "a sequence of Mirror")
-            for m in mirrors
-        )
+        self.mirrors = tuple(validation.instances("level set: mirrors", mirrors, Mirror, "mirrors"))
         for mirror in self.mirrors:
             if image_cells(domain, mirror) is None:
                 raise ValueError(
@@ -277,7 +274,6 @@ class LevelSet(Design):
 
     def at(self, progress: float) -> LevelSet:
         """The design as sharp as at a ``progress``, with its penalty."""
-        validation.number("level set: progress", progress, least=0.0, most=1.0)
         other = self.with_sharpness(steepness(progress))
         import os
 

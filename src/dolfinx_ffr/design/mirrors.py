@@ -154,6 +154,7 @@ def mirror_lines(
         The lines that are confirmed, the same on every rank.
     """
     validation.instance("mirror lines: domain", domain, Domain, "a Domain")
+    validation.number("mirror lines: tolerance", tolerance, least=0.0)
     centroids = np.asarray(domain.everywhere(domain.centroids))
     volumes = np.asarray(domain.everywhere(domain.cell_volumes))
     designed = np.asarray(domain.everywhere(domain.design_cells))

@@ -49,7 +49,11 @@ def steepness(progress: float) -> float:
 
     Args:
         progress: In [0, 1].
+
+    Raises:
+        ValueError: If it is out of range.
     """
+    validation.number("design: progress", progress, least=0.0, most=1.0)
     begin, end = SHARPENING
     return float(SHARP ** min(max((progress - begin) / (end - begin), 0.0), 1.0))
 
