@@ -277,8 +277,7 @@ def _plate_tables(rows: list[dict[str, Any]], designs: dict[str, Any]) -> list[T
         "Static limit: a whole design",
         f"The plate with {designs['mesh']} elements, at most half of it filled, one filter of "
         f"{RADIUS} elements for both, no projection, from an even start. Each code has its own "
-        "method of moving asymptotes: this package NLopt's, which rejects steps that fail and "
-        "counts them as iterations, with either of its two approximations; pyMOTO the one of 2007 "
+        "method of moving asymptotes: this package the one of 1987, pyMOTO the one of 2007, each "
         "with its defaults. The codes take turns, iteration by iteration. Compliances are over "
         "that of the solid plate; *near* is the time until the design is within one per cent of "
         "the best of all.",

@@ -96,6 +96,7 @@ def main(arguments: list[str] | None = None) -> None:
             problem,
             levelset,
             start,
+            optimizer=ffr.LevelSetEvolution(),
             volume=VOLUME,
             gradient=method,
             iterations=options.iterations,
@@ -105,10 +106,11 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% One gradient of the start design, timed by each method
     levelset = ffr.LevelSet(domain)
-    shrunk = levelset.interpolate(ffr.Evolution(levelset, VOLUME).start(start))
-    x_start = levelset.fill_fraction(shrunk)
+    evolution = ffr.Evolution(levelset, VOLUME)
+    shrunk = evolution.variables(evolution.start(start))
+    x_start = levelset.density(shrunk)
     evaluation = problem.value(x_start)
-    distance = levelset.boundary_distance(shrunk)
+    distance = levelset.distance(shrunk)
     once: dict[str, float] = {}
     found: dict[str, ffr.Evaluation] = {}
     reports: dict[str, ffr.GradientReport] = {}
@@ -143,7 +145,7 @@ def main(arguments: list[str] | None = None) -> None:
         comm=comm,
     )
     last = results[near]
-    final = levelset.boundary_distance(last.coefficients)
+    final = levelset.distance(last.coefficients)
     plotting.plot_gradient_elements(
         domain,
         {

@@ -240,7 +240,7 @@ def bars(domains: dict[str, ffr.Domain], share: float) -> Densities:
 
 def even(design: ffr.DensityDesign, share: float) -> Array:
     """Equal variables with which a link has a share of its full mass."""
-    domain = design.domain
+    domain, design = design.domain, design.at(0.0)
 
     def excess(value: float) -> float:
         x = design.density(design.even(value))
