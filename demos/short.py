@@ -26,8 +26,7 @@ problem = ffr.Problem(
 )
 
 levelset = ffr.LevelSet(rod)
-start = levelset.with_holes(10, 3, 0.008, margin=0.01)
-result = ffr.optimize(problem, levelset, start, volume=0.5, output="results/short")
+result = ffr.optimize(problem, levelset, volume=0.5, output="results/short")
 
 plotting.plot_design(rod, result.x, "results/short/design.png")
 plotting.animate_motion(problem, result.evaluation, "results/short/motion.gif")
