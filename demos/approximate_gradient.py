@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
         seconds[name] = comm.bcast(perf_counter() - begin, root=0)
 
     # %% One gradient of the start design, timed by each method
-    levelset = ffr.LevelSet(domain)
+    levelset = ffr.LevelSet(domain).with_sharpness(ffr.LevelSetEvolution().sharpness[0])
     evolution = ffr.Evolution(levelset, VOLUME)
     shrunk = evolution.variables(evolution.start(start))
     x_start = levelset.density(shrunk)
