@@ -29,9 +29,9 @@ def designs(problem: ffr.Problem) -> dict[str, np.ndarray]:
     # as good as random, but the same on any number of ranks
     noise = np.modf(43758.5453 * np.sin(12.9898e2 * c[:, 0] + 78.233e2 * c[:, 1]))[0]
     # so steep that elements inside the hole are void to the last digit
-    levelset = ffr.LevelSet(domain).with_sharpness(64.0)
+    levelset = ffr.LevelSet(domain).with_sharpness(400.0)
     hole = levelset.from_distance(
-        lambda x: 0.012 * (np.hypot((x[:, 0] - 0.2) / 0.12, x[:, 1] / 0.014) - 1.0)
+        lambda x: 0.12 * (np.hypot((x[:, 0] - 0.2) / 0.12, x[:, 1] / 0.014) - 1.0)
     )
     return {
         "random": 0.55 + 0.4 * noise,
