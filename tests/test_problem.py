@@ -31,7 +31,7 @@ def designs(problem: ffr.Problem) -> dict[str, np.ndarray]:
     # so steep that elements inside the hole are void to the last digit
     levelset = ffr.LevelSet(domain).with_sharpness(400.0)
     hole = levelset.from_distance(
-        lambda x: 0.12 * (np.hypot((x[:, 0] - 0.2) / 0.12, x[:, 1] / 0.014) - 1.0)
+        lambda x: 0.03 * (np.hypot((x[:, 0] - 0.2) / 0.12, x[:, 1] / 0.014) - 1.0)
     )
     return {
         "random": 0.55 + 0.4 * noise,
