@@ -33,6 +33,7 @@ _FOLDERS = {
         "VelocityExtension",
         "VolumeBisection",
         "Wendland",
+        "density_field",
         "mirror_lines",
     ],
     "dynamics": [
@@ -135,7 +136,6 @@ _FOLDERS = {
         "Part",
         "PartWarning",
         "Verification",
-        "density_field",
         "verify",
     ],
     "postprocessing": [

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
@@ -36,6 +37,7 @@ __all__ = [
     "Wendland",
     "check_kernel",
     "check_volume",
+    "density_field",
     "image_cells",
     "mirror_lines",
     "shrunk",

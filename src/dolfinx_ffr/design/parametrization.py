@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..fem import Domain
+from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
 
 __all__ = [
@@ -100,6 +101,14 @@ class Design(ABC):
     @abstractmethod
     def even(self, value: float = 0.5) -> Array:
         """Variables that all have the same ``value``, shape (size,)."""
+
+    @abstractmethod
+    def level(self, variables: Array) -> Callable[[Array], Array]:
+        """The field whose zero line bounds the material at ``variables``.
+
+        Collective; what it returns takes positions (n, 2) [m] and gives (n,) numbers, positive in
+        the material, on any rank alone.
+        """
 
     def penalty(self, variables: Array) -> tuple[float, Array]:
         """What is added to log psi at ``variables``, and its derivative, shape (size,)."""
@@ -186,6 +195,10 @@ class DensityDesign(Design):
         bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
         means_bar = self.projection.pullback(self._means(variables), bar)
         return np.asarray(self.filter.pullback(means_bar)[self._designed])
+
+    def level(self, variables: Array) -> Callable[[Array], Array]:
+        """Where a smooth mean of the densities at ``variables`` is one half (`density_field`)."""
+        return density_field(self.domain, self.density(variables))
 
     def identity(self) -> dict[str, Any]:
         """Cells, filter and projections."""

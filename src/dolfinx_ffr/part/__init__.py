@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from .density_field import density_field
 from .part import Part
 from .shape import PartWarning
 from .verify import BodyFigures, Figures, Verification, verify
@@ -16,6 +15,5 @@ __all__ = [
     "PartWarning",
     "Verification",
     "Width",
-    "density_field",
     "verify",
 ]

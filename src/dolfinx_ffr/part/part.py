@@ -25,13 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..design import DensityDesign
+from ..design import Design
 from ..fem import Curve, Domain, Drawing, ElasticMaterial, gmsh_model, mesh_faces, polygon
 from ..parallel import on_rank_0
 from ..problem import Evaluation, Problem
 from .boundary import Side, boundary
 from .cut import Field, cut, evaluated
-from .density_field import density_field
 from .export import write
 from .lattice import Lattice
 from .pieces import drawing, held, outlines, pieces
@@ -122,7 +121,7 @@ class Part(Shape):
             warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
 
     @classmethod
-    def of(cls, design: Any, variables: ArrayLike, **options: Any) -> Part:
+    def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Part:
         """The part that a design encloses; collective.
 
         Args:
@@ -131,13 +130,8 @@ class Part(Shape):
             variables: At which it ended, as ``Result.variables``.
             options: Those of `Part`.
         """
-        chosen: Any = design.as_design()
-        at = chosen.check(variables)
-        if isinstance(chosen, DensityDesign):
-            field = density_field(chosen.domain, chosen.density(at))
-        else:
-            field = chosen.level(at)
-        return cls(chosen.domain, field, **options)
+        validation.instance("part: design", design, Design, "a LevelSet or a DensityDesign")
+        return cls(design.domain, design.level(design.check(variables)), **options)
 
     # ------------------------------------------------------------------ what it is
 
