@@ -37,6 +37,7 @@ FLOORS = (
     "verification",
     "validation",
     "caches",
+    "files",
 )
 #: What knows nothing of finite elements and of other ranks.
 MECHANICAL = ("body", "dynamics", "mechanical_problem", "mechanism", "objective")

@@ -12,7 +12,6 @@ import csv
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,8 @@ from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
 from . import validation
-from .body import named_in_errors
 from .fem import Domain
+from .files import replace_file
 from .parallel import check_alike, on_every_rank, on_rank_0
 
 __all__ = [
@@ -46,17 +45,9 @@ class CheckpointError(RuntimeError):
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Write a file in one stroke."""
+    """Write a file in one stroke, in a directory that is made if need be."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with named_in_errors(path), open(beside, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    replace_file(path, content)
 
 
 def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) -> None:

@@ -34,14 +34,14 @@ _NUMBER = re.compile(r"(\d+\.?\d*(?:e[-+]?\d+)?)")
 _SHOWN = 60
 
 
-class _Alone(RuntimeError):
+class _UnmatchedCall(RuntimeError):
     """A call that takes all ranks, and that not all of them make."""
 
 
 # ---------------------------------------------------------------------- errors
 
 
-def _meeting(comm: MPI.Comm) -> MPI.Comm:
+def _common_communicator(comm: MPI.Comm) -> MPI.Comm:
     """Where ranks meet that come by different ways: each mesh has a communicator of its own."""
     alike = MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT)
     return MPI.COMM_WORLD if alike else comm
@@ -74,11 +74,11 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
     """
     if comm.size == 1:
         return [value]
-    said = _meeting(comm).allgather((call, value))
+    said = _common_communicator(comm).allgather((call, value))
     calls = [other for other, _ in said]
     if calls != [call] * comm.size:
         here = [rank for rank, other in enumerate(calls) if other == call]
-        raise _Alone(
+        raise _UnmatchedCall(
             f"{call} was called on rank {', '.join(map(str, here))} of {comm.size} only; it takes "
             "all ranks: call it outside of conditions that differ between ranks"
         )
@@ -103,7 +103,7 @@ def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
         yield
         return
     announce(comm, what)
-    comm = _meeting(comm)
+    comm = _common_communicator(comm)
     mine: BaseException | None = None
     try:
         yield
@@ -118,8 +118,8 @@ def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
     failed = [rank for rank, kind in enumerate(kinds) if kind]
     if not failed:
         return
-    # those that were left alone follow from another error, if there is one
-    source = min(failed, key=lambda rank: (kinds[rank] == _kind(_Alone()), rank))
+    # unmatched calls follow from another error, if there is one
+    source = min(failed, key=lambda rank: (kinds[rank] == _kind(_UnmatchedCall()), rank))
     if mine is not None and kinds == [kind] * comm.size:
         raise mine
     sent = _portable(mine) if comm.rank == source else None

@@ -163,9 +163,9 @@ def test_best_length_is_where_the_leave_one_out_error_is_smallest() -> None:
 @pytest.mark.parametrize(
     ("points", "kernel", "options", "message"),
     [
-        (np.zeros((0, 2)), Gaussian(1.0), {}, "no usable points"),
-        (np.zeros((4, 3)), Gaussian(1.0), {}, "no usable points"),
-        (np.array([[0.0, np.nan], [1.0, 0.0]]), Gaussian(1.0), {}, "NaN or infinite"),
+        (np.zeros((0, 2)), Gaussian(1.0), {}, "there are no points"),
+        (np.zeros((4, 3)), Gaussian(1.0), {}, r"points must have shape \(n, 2\)"),
+        (np.array([[0.0, np.nan], [1.0, 0.0]]), Gaussian(1.0), {}, "points holds NaN or infinity"),
         (np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]]), Gaussian(1.0), {}, "coincide"),
         (scattered(2), ThinPlate(), {}, "too few for a polynomial of degree 1"),
         (scattered(9), ThinPlate(), {"degree": 0}, "needs a polynomial of degree 1"),
@@ -191,9 +191,9 @@ def test_bad_values_and_queries_are_refused() -> None:
     points = scattered(9)
     through = ScatteredInterpolation(points, Gaussian(0.1))
     for call in (through.leave_one_out, lambda values: through(values, points)):
-        with pytest.raises(ValueError, match="expected 9 finite values"):
+        with pytest.raises(ValueError, match="must have 9 values, one a point"):
             call(np.ones(8))
-        with pytest.raises(ValueError, match="with NaN or infinity"):
+        with pytest.raises(ValueError, match="values holds NaN or infinity"):
             call(np.full(9, np.nan))
     for queries in ([0.0, 0.0], [[0.0, math.inf]]):
         with pytest.raises(ValueError, match="queries"):

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from .file import named_in_errors
 from .marker import BodyMarker
 from .parametric import ParametricBody
 from .volume_integrals import QUARTER_TURN, VolumeIntegrals
@@ -13,5 +12,4 @@ __all__ = [
     "BodyMarker",
     "ParametricBody",
     "VolumeIntegrals",
-    "named_in_errors",
 ]

@@ -28,10 +28,7 @@ A marker whose geometric stiffness is all zero has none.
 from __future__ import annotations
 
 import io
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
+from ..files import replace_file
 
-__all__ = ["checked_ending", "named_in_errors", "read_arrays", "write_arrays"]
+__all__ = ["checked_ending", "read_arrays", "write_arrays"]
 
 _MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
 _MARKER_STIFFENING = "marker_stiffening"
@@ -60,36 +58,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """
     content = io.BytesIO()
     np.savez(content, **arrays)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
-    try:
-        with named_in_errors(path), os.fdopen(descriptor, "wb") as file:
-            file.write(content.getbuffer())
-        # Readable for those who may read other new files of this user.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def named_in_errors(path: Path) -> Iterator[None]:
-    """Context in which errors of writing name the file, as that of a full disk does not.
-
-    Args:
-        path: The file.
-
-    Raises:
-        OSError: With the name of the file.
-    """
-    try:
-        yield
-    except OSError as error:
-        if error.filename is not None or error.errno is None:
-            raise
-        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+    replace_file(path, content.getbuffer())
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -16,7 +16,7 @@ from .integration.compiled import (
 from .integration.generalized_alpha import GeneralizedAlpha
 from .integration.radau import RadauIIA
 from .integration.stages import stage_integrals
-from .memory import available_memory, check_memory, required_memory
+from .memory import available_memory, check_memory
 from .model import FlatModel, assemble_model
 from .simulation import integrate, simulate
 from .trajectory import Integrator, Trajectory, TrajectoryBar
@@ -44,7 +44,6 @@ __all__ = [
     "compiled_functions",
     "initial_state",
     "integrate",
-    "required_memory",
     "run_to_tolerance",
     "simulate",
     "stage_integrals",

@@ -110,9 +110,14 @@ class _Isotropic(ABC):
         validation.number("material: poisson", self.poisson, above=-1.0, below=0.5)
 
     @property
-    @abstractmethod
     def lame(self) -> tuple[float, float]:
         """Lame's constants of the plane problem (lambda, mu) [Pa]."""
+        return self._first_lame, self.young / (2.0 * (1.0 + self.poisson))
+
+    @property
+    @abstractmethod
+    def _first_lame(self) -> float:
+        """Lame's constant lambda of the plane problem [Pa]."""
 
     @property
     @abstractmethod
@@ -157,9 +162,8 @@ class PlaneStress(_Isotropic):
     """
 
     @property
-    def lame(self) -> tuple[float, float]:
-        mu = self.young / (2.0 * (1.0 + self.poisson))
-        return self.young * self.poisson / (1.0 - self.poisson**2), mu
+    def _first_lame(self) -> float:
+        return self.young * self.poisson / (1.0 - self.poisson**2)
 
     @property
     def out_of_plane(self) -> float:
@@ -181,9 +185,8 @@ class PlaneStrain(_Isotropic):
     """
 
     @property
-    def lame(self) -> tuple[float, float]:
-        mu = self.young / (2.0 * (1.0 + self.poisson))
-        return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson)), mu
+    def _first_lame(self) -> float:
+        return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
 
     @property
     def out_of_plane(self) -> float:

@@ -153,12 +153,7 @@ class ScatteredInterpolation:
             ValueError: If there is not one finite value a point, or a query is not finite.
         """
         v = self._check_values(values)
-        x = np.asarray(queries, dtype=np.float64)
-        if x.ndim != 2 or x.shape[1] != 2 or not np.all(np.isfinite(x)):
-            raise ValueError(
-                f"scattered interpolation: queries in an array of shape {x.shape} must be finite "
-                "coordinates of shape (q, 2)"
-            )
+        x = validation.real_array("scattered interpolation: queries", queries, (None, 2))
         fields = v.reshape(len(v), -1)
         found = np.empty((len(x), fields.shape[1]))
         solution = self._system.solve(fields)
@@ -196,14 +191,11 @@ class ScatteredInterpolation:
         return errors.reshape(v.shape)
 
     def _check_values(self, values: ArrayLike) -> Array:
-        v = validation.numbers("scattered interpolation: values", values)
-        if v.ndim not in (1, 2) or len(v) != len(self.points) or not np.all(np.isfinite(v)):
-            raise ValueError(
-                f"scattered interpolation: expected {len(self.points)} finite values, one a point, "
-                f"and got an array of shape {v.shape}"
-                + ("" if np.all(np.isfinite(v)) else " with NaN or infinity")
-            )
-        return v
+        n, shape = len(self.points), np.shape(values)
+        expected = f"{n} values, one a point, or several of each in columns"
+        wanted = (n, None) if len(shape) == 2 else (n,)
+        what = "scattered interpolation: values"
+        return validation.real_array(what, values, wanted, expected=expected)
 
 
 def best_length(
@@ -342,17 +334,10 @@ class _System:
 
 
 def _check_points(points: ArrayLike) -> Array:
-    x = np.ascontiguousarray(validation.numbers("scattered interpolation: points", points))
-    if x.ndim != 2 or x.shape[1] != 2 or len(x) == 0:
-        raise ValueError(
-            f"scattered interpolation: no usable points in an array of shape {x.shape}; give "
-            "coordinates of shape (n, 2)"
-        )
-    if not np.all(np.isfinite(x)):
-        raise ValueError(
-            "scattered interpolation: a point has a coordinate that is NaN or infinite"
-        )
-    return x
+    x = validation.real_array("scattered interpolation: points", points, (None, 2))
+    if len(x) == 0:
+        raise ValueError("scattered interpolation: there are no points")
+    return np.ascontiguousarray(x)
 
 
 def _polynomial(points: Array, x: Array, degree: int) -> Array:

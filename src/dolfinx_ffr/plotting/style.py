@@ -19,7 +19,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from .. import validation
-from ..body import named_in_errors
+from ..files import named_in_errors
 from ..parallel import on_rank_0
 
 __all__ = [

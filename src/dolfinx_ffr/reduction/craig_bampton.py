@@ -237,10 +237,10 @@ class CraigBampton:
         )
 
     def _warn_about_cluster(self, found: NormalModes) -> None:
-        if self.modes in found.uncut:
+        if self.modes in found.cluster_bounds:
             return
         possible = range(1, self._eigensolver.freedoms)
-        advice = " or ".join(str(number) for number in found.uncut if number in possible)
+        advice = " or ".join(str(number) for number in found.cluster_bounds if number in possible)
         pair = np.sqrt(found.eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
         warnings.warn(
             f"reduction: modes = {self.modes} cuts through a cluster of frequencies "

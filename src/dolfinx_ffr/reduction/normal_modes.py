@@ -44,13 +44,13 @@ ROOM = 1e-2
 
 @dataclass(frozen=True)
 class NormalModes:
-    """Eigenpairs of a body with all interfaces held, ascending; none is missing in ``uncut``."""
+    """Eigenpairs of a body with all interfaces held, ascending, none left out below the last."""
 
     eigenvalues: NDArray[np.float64]  #: (k,) lambda_i [rad^2/s^2]
     fields: Block = field(repr=False)  #: (dofs of this rank, k) phi_i, phi_i^T M phi_i = 1
     #: Numbers of modes that keep the cluster around the last mode asked for together: the largest
     #: below the number asked for, and the least that is not below it
-    uncut: tuple[int, int]
+    cluster_bounds: tuple[int, int]
 
 
 class EigenSolver:
