@@ -24,20 +24,20 @@ __all__ = [
     "described",
     "flag",
     "function",
+    "implementation",
     "instance",
     "instances",
     "instances_by_name",
+    "integer",
     "is_number",
     "listed",
     "name",
     "names",
     "number",
     "numbers",
-    "pair",
     "path",
-    "provider",
+    "plane_vector",
     "real_array",
-    "whole",
 ]
 
 T = TypeVar("T")
@@ -126,7 +126,7 @@ def _range(above: float, least: float, below: float, most: float) -> str:
     return f"lie between {low:g} and {high:g}{without[len(excluded)]}"
 
 
-def whole(what: str, value: Any, *, least: float = 0, most: float = math.inf) -> int:
+def integer(what: str, value: Any, *, least: float = 0, most: float = math.inf) -> int:
     """A whole number in its range; 2.0 is one.
 
     Args:
@@ -303,7 +303,7 @@ def numbers(what: str, value: Any) -> NDArray[np.float64]:
     return np.asarray(given, dtype=np.float64)
 
 
-def pair(what: str, value: Any) -> tuple[float, float]:
+def plane_vector(what: str, value: Any) -> tuple[float, float]:
     """Two finite numbers.
 
     Args:
@@ -411,7 +411,7 @@ def instances_by_name(
     return found
 
 
-def provider(what: str, value: Any, members: Sequence[str], needed: str) -> Any:
+def implementation(what: str, value: Any, members: Sequence[str], needed: str) -> Any:
     """An object, of whatever class, that has all members of a protocol.
 
     Args:

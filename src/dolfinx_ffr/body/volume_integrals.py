@@ -131,7 +131,7 @@ class VolumeIntegrals:
             )
         mass = validation.number("rigid body: mass", mass, above=0.0, unit="kg")
         inertia = validation.number("rigid body: inertia", inertia, above=0.0, unit="kg m^2")
-        c = np.array(validation.pair("rigid body: center", center))
+        c = np.array(validation.plane_vector("rigid body: center", center))
         points = validation.by_name("rigid body: markers", markers or {}, "positions")
         none = np.zeros((2, 0))
         return VolumeIntegrals(

@@ -125,7 +125,7 @@ class LevelSet(Design):
         self.domain = validation.instance("level set: domain", domain, Domain, "a Domain")
         #: Size of a mean element [m]
         self.element = float(np.sqrt(domain.area / domain.n_cells_global))
-        points_across = validation.whole("level set: quadrature", quadrature, least=1)
+        points_across = validation.integer("level set: quadrature", quadrature, least=1)
         #: Thinnest member and narrowest gap asked for [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         larger = max(self.minimum_member, self.minimum_gap)
@@ -410,8 +410,8 @@ class LevelSet(Design):
         Returns:
             Coefficients, shape (knots,), see `from_distance`.
         """
-        columns = validation.whole("level set: columns of holes", columns, least=1)
-        rows = validation.whole("level set: rows of holes", rows, least=1)
+        columns = validation.integer("level set: columns of holes", columns, least=1)
+        rows = validation.integer("level set: rows of holes", rows, least=1)
         validation.number("level set: radius of holes", radius, least=0.0, unit="m")
         if margin is not None:
             validation.number("level set: margin", margin, unit="m")

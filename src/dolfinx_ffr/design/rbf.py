@@ -69,7 +69,7 @@ def check_kernel(what: str, kernel: object) -> Kernel:
         TypeError: If it is no kernel.
     """
     needed = "a radial basis function, as Wendland(...)"
-    found: Kernel = validation.provider(
+    found: Kernel = validation.implementation(
         f"{what}: the kernel", kernel, ("support", "minimal_degree", "__call__"), needed
     )
     return found

@@ -93,7 +93,7 @@ class Domain:
                 f"{domain.geometry.dim} dimensions; a body in the plane needs 2 in 2 (with "
                 f"gmsh, read with gdim=2)"
             )
-        degree = validation.whole("domain: order", order, least=1)
+        degree = validation.integer("domain: order", order, least=1)
         claim_form_cache(domain.comm)
         self.mesh = domain
         self.order = degree
@@ -166,8 +166,8 @@ class Domain:
         length = validation.number("rectangle: length", length, above=0.0, unit="m")
         height = validation.number("rectangle: height", height, above=0.0, unit="m")
         validation.real_array("rectangle: elements", elements, (2,), expected="two numbers")
-        nx, ny = (validation.whole("rectangle: elements", n, least=1) for n in elements)
-        if 2 * validation.whole("rectangle: solid_columns", solid_columns) >= nx:
+        nx, ny = (validation.integer("rectangle: elements", n, least=1) for n in elements)
+        if 2 * validation.integer("rectangle: solid_columns", solid_columns) >= nx:
             raise ValueError(
                 f"rectangle: solid_columns = {solid_columns} leaves nothing to design among "
                 f"{nx} element columns"
@@ -294,7 +294,7 @@ class Domain:
         """
         held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
         layers = {name: where for name, where in held.items() if isinstance(where, str)}
-        degree = validation.whole("from_outline: order", order, least=1)
+        degree = validation.integer("from_outline: order", order, least=1)
         read = mesh_outline(comm, outline, list(layers.values()), size, unit, min(degree, 2))
         tags, curves = read.facet_tags, read.groups(1)
         facets = {name: tags.indices[tags.values == curves[of]] for name, of in layers.items()}
@@ -435,7 +435,7 @@ class Domain:
             Points of shape (cells, q, 2) [m] and weights of shape (cells, q) with sum 1 in each
             cell.
         """
-        n = validation.whole("quadrature points: n", n, least=1)
+        n = validation.integer("quadrature points: n", n, least=1)
         cell = getattr(basix.CellType, _compat.cell_name(self.mesh))
         reference, weights = basix.make_quadrature(cell, 2 * n - 1)
         cells = np.arange(self.n_cells, dtype=np.int32)
@@ -546,7 +546,9 @@ class Domain:
                     f"rotation"
                 )
             if name in centers:
-                center = np.array(validation.pair(f"interface {name!r}: center", centers[name]))
+                center = np.array(
+                    validation.plane_vector(f"interface {name!r}: center", centers[name])
+                )
             else:
                 center = interface_center(self.mesh, facets)
             owner[name] = dofs

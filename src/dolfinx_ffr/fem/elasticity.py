@@ -69,9 +69,9 @@ class Elasticity:
         validation.instance("body: domain", domain, Domain, "a Domain")
         needed = "an elastic material, as PlaneStress(...)"
         members = ("on", "thickness", "out_of_plane")
-        validation.provider("body: material", material, members, needed)
+        validation.implementation("body: material", material, members, needed)
         needed = "SIMP(...) or RAMP(...)"
-        validation.provider("body: interpolation", interpolation, ("on",), needed)
+        validation.implementation("body: interpolation", interpolation, ("on",), needed)
         self.domain = domain
         self.comm: MPI.Comm = domain.comm
         space = domain.space

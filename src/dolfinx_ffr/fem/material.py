@@ -250,7 +250,7 @@ class Interpolation(Protocol):
 
 
 def _check_law(floor: float, mass: MassLaw) -> None:
-    validation.provider("interpolation: mass", mass, ["on"], "a law of mass, as LinearMass()")
+    validation.implementation("interpolation: mass", mass, ["on"], "a law of mass, as LinearMass()")
     # a void without any stiffness makes the equations singular
     validation.number("interpolation: floor", floor, above=0.0, below=1.0)
 

@@ -90,14 +90,14 @@ class ApproximateGradient:
         if not callable(self.kernel):
             check_kernel(what, self.kernel)
         if self.degree is not None:
-            validation.whole(f"{what}: degree", self.degree, least=-1)
+            validation.integer(f"{what}: degree", self.degree, least=-1)
         for name in ("tolerance", "band"):
             if getattr(self, name) is not None:
                 validation.number(f"{what}: {name}", getattr(self, name), above=0.0)
         validation.number(f"{what}: largest_share", self.largest_share, above=0.0, most=1.0)
-        validation.whole(f"{what}: compare_every", self.compare_every)
+        validation.integer(f"{what}: compare_every", self.compare_every)
         validation.choice(f"{what}: solver", self.solver, SOLVERS)
-        validation.whole(f"{what}: batch", self.batch, least=1)
+        validation.integer(f"{what}: batch", self.batch, least=1)
 
     def __call__(
         self,

@@ -117,7 +117,7 @@ class ElementByElement:
     def __post_init__(self) -> None:
         """Check the numbers."""
         validation.choice("element by element: solver", self.solver, SOLVERS)
-        validation.whole("element by element: batch", self.batch, least=1)
+        validation.integer("element by element: batch", self.batch, least=1)
 
     def __call__(
         self,

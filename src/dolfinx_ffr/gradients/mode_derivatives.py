@@ -96,7 +96,7 @@ def mode_derivatives(
     """
     check_reduced("mode derivatives", body, reduced)
     validation.choice("mode derivatives: solver", solver, SOLVERS)
-    batch = validation.whole("mode derivatives: batch", batch, least=1)
+    batch = validation.integer("mode derivatives: batch", batch, least=1)
     cells = cell_numbers(body, cells)
     elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
     k = basis.n_constraint

@@ -91,7 +91,7 @@ class ScatteredInterpolation:
         self.kernel = check_kernel("scattered interpolation", kernel)
         if degree is None:
             degree = kernel.minimal_degree
-        self.degree = validation.whole("scattered interpolation: degree", degree, least=-1)
+        self.degree = validation.integer("scattered interpolation: degree", degree, least=-1)
         n = len(self.points)
         # a multiquadric is nonsingular without its constant as well (Micchelli 1986)
         least = -1 if kernel.minimal_degree == 0 else kernel.minimal_degree
@@ -238,7 +238,7 @@ def best_length(
         if math.isfinite(kernel(extent).support):
             low = 1.001 * float(np.max(nearest))
         bounds = (low, max(extent, 2.0 * low))
-    bounds = validation.pair("best length: bounds", bounds)
+    bounds = validation.plane_vector("best length: bounds", bounds)
     if not 0.0 < bounds[0] < bounds[1]:
         raise ValueError(f"best length: bounds {bounds} must be positive, finite and in order")
 

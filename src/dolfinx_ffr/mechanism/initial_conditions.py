@@ -49,7 +49,7 @@ class Placement:
             ValueError: If there are too many or too few, or one is NaN or infinite.
         """
         for part in ("position", "velocity"):
-            validation.pair(f"{what}: {part}", getattr(self, part))
+            validation.plane_vector(f"{what}: {part}", getattr(self, part))
         for part in ("angle", "angular_velocity"):
             validation.number(f"{what}: {part}", getattr(self, part))
 

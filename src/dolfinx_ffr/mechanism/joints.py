@@ -351,7 +351,10 @@ def _check_motion(what: str, motion: object) -> None:
 
 
 def _check_direction(what: str, direction: Pair) -> None:
-    if not math.hypot(*validation.pair(f"{what}: the direction of the line", direction)) > 0.0:
+    if (
+        not math.hypot(*validation.plane_vector(f"{what}: the direction of the line", direction))
+        > 0.0
+    ):
         raise ValueError(f"{what}: the direction of the line must not be zero")
 
 

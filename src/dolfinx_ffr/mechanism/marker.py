@@ -47,7 +47,7 @@ class Ground:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        validation.pair("ground: position", self.position)
+        validation.plane_vector("ground: position", self.position)
         validation.number("ground: angle", self.angle)
         validation.name("ground: name", self.name)
 
@@ -114,7 +114,7 @@ class Moving:
             parts = path.value, path.velocity, path.acceleration
             return Motion(*parts, angle.name, angle.jumps)
 
-        x, y = validation.pair(f"{name}: center", center)
+        x, y = validation.plane_vector(f"{name}: center", center)
         return Moving(along(x, 0.0), along(y, math.pi / 2.0), angle, name)
 
 

@@ -186,8 +186,8 @@ class Frequency(Objective):
     def __post_init__(self) -> None:
         """Check the numbers."""
         validation.name("frequency: body", self.body)
-        validation.whole("frequency: number", self.number, least=1)
-        validation.whole("frequency: cluster", self.cluster, least=1)
+        validation.integer("frequency: number", self.number, least=1)
+        validation.integer("frequency: cluster", self.cluster, least=1)
         validation.flag("frequency: free", self.free)
 
     @property

@@ -78,9 +78,9 @@ class LevelSetEvolution(Optimizer):
             validation.number(stages, value, above=0.0)
         validation.number(f"{what}: step", self.step, above=0.0)
         validation.number(f"{what}: tolerance", self.tolerance, least=0.0)
-        validation.whole(f"{what}: reinitialize_every", self.reinitialize_every)
+        validation.integer(f"{what}: reinitialize_every", self.reinitialize_every)
         if self.stage_iterations is not None:
-            validation.whole(f"{what}: stage_iterations", self.stage_iterations, least=1)
+            validation.integer(f"{what}: stage_iterations", self.stage_iterations, least=1)
         given = self.evolution if isinstance(self.evolution, Mapping) else {"": self.evolution}
         for evolution in given.values():
             kinds = (Evolution, type(None))

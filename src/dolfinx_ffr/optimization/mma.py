@@ -75,7 +75,7 @@ class MMA(Optimizer):
         validation.number("MMA: move", self.move, above=0.0, most=1.0)
         validation.number("MMA: tolerance", self.tolerance, least=0.0)
         if self.length is not None:
-            validation.whole("MMA: length", self.length, least=1)
+            validation.integer("MMA: length", self.length, least=1)
 
     @staticmethod
     def fits(design: Any) -> bool:

@@ -92,7 +92,7 @@ def optimize(
         OSError: On every rank, if a file cannot be written.
     """
     kind = ("flexible", "value", "differentiate")
-    validation.provider("optimize: problem", problem, kind, "a Problem")
+    validation.implementation("optimize: problem", problem, kind, "a Problem")
     comm = next(iter(problem.flexible.values())).domain.comm
     # what is a user's own may fail on one rank: designs, objectives, gradients, callbacks
     with on_every_rank(comm, "optimize"):
@@ -110,7 +110,7 @@ def optimize(
                 "mode_tolerance": mode_tolerance,
             },
         )
-        iterations = validation.whole("optimize: iterations", iterations)
+        iterations = validation.integer("optimize: iterations", iterations)
         validation.flag("optimize: resume", resume)
         validation.flag("optimize: progress", progress)
         if output is not None:
@@ -119,7 +119,7 @@ def optimize(
             of = "iteration, density and evaluation"
             validation.function("optimize: callback", callback, of)
         if gradient is not None:
-            validation.provider(
+            validation.implementation(
                 "optimize: gradient", gradient, ("__call__", "exact"), "ExactAdjoint()"
             )
         if mode_tolerance is not None:
@@ -131,7 +131,7 @@ def optimize(
         designs = _by_body(problem, design)
         if optimizer is not None:
             needed = "LevelSetEvolution(...) or MMA(...)"
-            validation.provider("optimize: optimizer", optimizer, ("run",), needed)
+            validation.implementation("optimize: optimizer", optimizer, ("run",), needed)
         if optimizer is None:
             optimizer = _default_optimizer(designs, options)
         elif options:

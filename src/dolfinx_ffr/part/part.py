@@ -102,10 +102,12 @@ class Part(Shape):
             spacing = float(np.sqrt(domain.area / domain.n_cells_global))
         #: Length on which the field varies [m]
         self.spacing = validation.number("part: spacing", spacing, above=0.0, unit="m")
-        steps = validation.whole("part: resolution", resolution, least=2)
+        steps = validation.integer("part: resolution", resolution, least=2)
         share = validation.number("part: tolerance", tolerance, above=0.0, below=0.1)
         if material is not None:
-            validation.provider("part: material", material, ["thickness"], "an elastic material")
+            validation.implementation(
+                "part: material", material, ["thickness"], "an elastic material"
+            )
         self.material = material
         self.accuracy = 1e-3 * self.spacing
         self._field = field
@@ -179,7 +181,7 @@ class Part(Shape):
             ValueError: On every rank, if gmsh cannot mesh the part, or a number is out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
-        degree = validation.whole("part: order", order, least=1)
+        degree = validation.integer("part: order", order, least=1)
         comm = self.body.comm
         with gmsh_model() if comm.rank == 0 else _nothing() as gmsh:
             on_rank_0(comm, lambda: self._build(gmsh, size, degree))

@@ -172,7 +172,7 @@ def verify(
     validation.number("verify: tolerance", tolerance, above=0.0)
     if size is not None:
         validation.number("verify: size", size, above=0.0, unit="m")
-    meshes = validation.whole("verify: most", most, least=2)
+    meshes = validation.integer("verify: most", most, least=2)
     unknown = sorted(set(parts) - set(problem.flexible))
     if unknown or not parts:
         raise ValueError(

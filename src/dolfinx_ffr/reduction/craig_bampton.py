@@ -93,11 +93,11 @@ class CraigBampton:
     ) -> None:
         validation.instance("reduction: elasticity", elasticity, Elasticity, "an Elasticity")
         needed = "ChordFrame(...) or TangentFrame(...)"
-        validation.provider("body: frame", frame, ("origin", "retained"), needed)
+        validation.implementation("body: frame", frame, ("origin", "retained"), needed)
         validation.number("body: tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
         self.elasticity = elasticity
         self.frame = frame
-        self.modes = validation.whole("reduction: modes", modes, least=-np.inf)
+        self.modes = validation.integer("reduction: modes", modes, least=-np.inf)
         self.tolerance = tolerance
         domain = elasticity.domain
         self.origin = frame.origin(domain)

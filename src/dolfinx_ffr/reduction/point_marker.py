@@ -46,7 +46,7 @@ class PointMarker:
         Raises:
             ValueError: On every rank, if the point lies outside the body.
         """
-        point = np.array(validation.pair(f"marker {name!r}: position", position))
+        point = np.array(validation.plane_vector(f"marker {name!r}: position", position))
         index_map = domain.space.dofmap.index_map
         n_owned, n_local = index_map.size_local, index_map.size_local + index_map.num_ghosts
         dofs = _compat.dofmap_array(domain.space)

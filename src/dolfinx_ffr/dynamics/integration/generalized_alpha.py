@@ -71,7 +71,7 @@ class GeneralizedAlpha(Integrator):
     def __post_init__(self) -> None:
         """Check the numbers."""
         validation.number("end_time", self.end_time, above=0.0, unit="s")
-        validation.whole("steps", self.steps, least=1)
+        validation.integer("steps", self.steps, least=1)
         validation.number("spectral_radius", self.spectral_radius, least=0.0, most=1.0)
 
     @property

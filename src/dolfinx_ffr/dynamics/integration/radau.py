@@ -126,7 +126,7 @@ class RadauIIA(Integrator):
         if self.steps is None:
             return
         if np.ndim(self.steps) == 0:
-            validation.whole("steps", self.steps, least=1)
+            validation.integer("steps", self.steps, least=1)
             return
         ends = validation.numbers("steps", self.steps)
         if ends.ndim != 1 or ends.size < 2 or not np.all(np.diff(ends) > 0.0):
