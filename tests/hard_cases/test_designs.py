@@ -151,12 +151,32 @@ def test_modes_that_swap(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
-def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm) -> None:
-    """Cutting through a pair of equal frequencies is reported, with a number that does not."""
+@pytest.mark.parametrize("difference", [0.0, 1e-10, 1e-5])
+def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm, difference: float) -> None:
+    """Cutting through a pair of equal frequencies is reported, with a number that does not.
+
+    The gradient is that of the value where the solver tells them apart, and refused where not.
+    """
     domain = prongs(comm)
     body = ffr.FlexibleBody(domain, STEEL, frame=ffr.TangentFrame("root"), modes=3)
-    with pytest.warns(UserWarning, match=r"cuts through a cluster.*take modes = 2 or 4"):
-        body.reduce(np.ones(domain.n_cells))
+    upper = domain.centroids[:, 1] > 0.5
+    x = np.where(upper, 0.8 * (1.0 + difference), 0.8)
+    cut = pytest.warns(UserWarning, match=r"cuts through a cluster.*take modes = 2 or 4")
+    if difference < 1e-6:
+        with cut:
+            reduced = body.reduce(x)
+        with pytest.raises(RuntimeError, match=r"there is no gradient; take modes = 2 or 4"):
+            body.pullback(reduced, reduced.integrals)
+        with pytest.raises(RuntimeError, match="there is no gradient"):
+            next(ffr.mode_derivatives(body, reduced, [0]))
+        return
+    direction = np.where(upper, 1.0, -1.0) * np.cos(3 * domain.centroids[:, 0])
+    step = 0.1 * difference
+    with cut:
+        slope = comm.allreduce(float(body_compliance(body, x)[1] @ direction))
+    with cut:
+        ends = [body_compliance(body, x + s * step * direction)[0] for s in (-1.0, 1.0)]
+    assert slope == pytest.approx((ends[1] - ends[0]) / (2.0 * step), rel=1e-3)
 
 
 @pytest.mark.mpi

@@ -92,9 +92,11 @@ def mode_derivatives(
 
     Raises:
         ValueError: On every rank, for an unknown solver or a batch below one.
-        RuntimeError: On every rank, if a factor cannot be made or an iteration does not converge.
+        RuntimeError: On every rank, if a factor cannot be made, an iteration does not converge, or
+            modes left out have the frequency of one that is kept.
     """
     check_reduced("mode derivatives", body, reduced)
+    body.reduction.check_gap(body.factored(reduced), reduced.basis)
     validation.choice("mode derivatives: solver", solver, SOLVERS)
     batch = validation.integer("mode derivatives: batch", batch, least=1)
     cells = cell_numbers(body, cells)

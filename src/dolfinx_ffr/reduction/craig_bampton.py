@@ -29,16 +29,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..fem import Block, Domain, Elasticity, Matrices, rigid_fields
-from .factored_body import FactoredBody, direct_solver
+from ..fem import Block, Domain, Elasticity, Matrices, kept_by, rigid_fields
+from .factored_body import FactoredBody, HeldMatrices
 from .frame import Frame
 from .inertia import InertiaCount
-from .normal_modes import EigenSolver, NormalModes
+from .normal_modes import CLUSTER, EigenSolver, NormalModes, cluster
 
 __all__ = ["CraigBampton", "ReducedBasis"]
 
 #: Bounds of the solvers' tolerance: round-off leaves no less, and beyond no digit would be right.
 TIGHTEST, LOOSEST = 1e-14, 1e-2
+#: Relative round-off of eigenvalues at least
+ROUND_OFF = 1e-14
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,8 @@ class CraigBampton:
             nodes = interface.dofs[interface.dofs < n // 2]
             self.held[2 * nodes] = self.held[2 * nodes + 1] = True
         self._inertia = InertiaCount(elasticity)
+        #: Of a density before, for the next one: at most one
+        self._spare: list[HeldMatrices] = kept_by(self, elasticity.comm)
         self._eigensolver = EigenSolver(elasticity, self.held, tolerance)
         free = self._eigensolver.freedoms
         if not 0 <= self.modes < free:
@@ -179,30 +183,28 @@ class CraigBampton:
         Raises:
             RuntimeError: On every rank, if the held stiffness is singular.
         """
-        held = []
-        for source, diagonal in ((matrices.stiffness, 1.0), (matrices.mass, 0.0)):
-            target = self.elasticity.new_matrix()
-            source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            target.zeroRowsColumnsLocal(self._held_rows, diagonal)
-            held.append(target)
-        ksp = PETSc.KSP().create(self.elasticity.comm)
-        ksp.setType("preonly")
-        pc = ksp.getPC()
-        pc.setType("cholesky")
-        pc.setFactorSolverType(direct_solver(self.elasticity.comm.size))
-        ksp.setErrorIfNotConverged(True)
-        ksp.setOperators(held[0])
         try:
-            ksp.setUp()
+            held = self._filled(matrices)
         except PETSc.Error as error:
-            for item in (ksp, *held):
-                item.destroy()
             matrices.destroy()
             raise RuntimeError(
                 "reduction: the stiffness with all interfaces held is singular: a part of the body "
                 "can move without strain (nodes joined in one point only, or a void without floor)"
             ) from error
-        return FactoredBody(self.elasticity, matrices, held[0], held[1], ksp, self._inertia)
+        return FactoredBody(self.elasticity, matrices, self._inertia, [held], self._spare)
+
+    def _filled(self, matrices: Matrices) -> HeldMatrices:
+        """The matrices with all interfaces held, with an ordering from before if there is one."""
+        while True:
+            used = bool(self._spare)
+            held = self._spare.pop() if used else HeldMatrices.of(self.elasticity)
+            try:
+                held.fill(matrices, self._held_rows)
+                return held
+            except PETSc.Error:
+                held.destroy()
+                if not used:  # else a new ordering may do
+                    raise
 
     def basis(self, factored: FactoredBody) -> ReducedBasis:
         """The shape functions at one density.
@@ -244,9 +246,42 @@ class CraigBampton:
         pair = np.sqrt(found.eigenvalues[self.modes - 1 : self.modes + 1]) / (2 * np.pi)
         warnings.warn(
             f"reduction: modes = {self.modes} cuts through a cluster of frequencies "
-            f"({pair[0]:.6g} and {pair[1]:.6g} Hz): the gradient is ill-defined; take modes = "
-            f"{advice}",
+            f"({pair[0]:.6g} and {pair[1]:.6g} Hz): psi and its gradient depend on how the solver "
+            f"tells them apart, and where it cannot the gradient is refused; take modes = {advice}",
             stacklevel=4,
+        )
+
+    def check_gap(self, factored: FactoredBody, basis: ReducedBasis) -> None:
+        """Refuse modes whose span has no derivative: others, left out, have the same frequency.
+
+        Across a relative gap g the round-off r of the eigenvalues, relative to them, leaves a share
+        r / g of the first mode left out in the last one kept; where the density changes, the span
+        turns by 1 / g. So the gradient is wrong by r / g^2 of its size, and below g = sqrt(r), 1e-7
+        with most bodies, it has no digit.
+
+        Args:
+            factored: The body at one density.
+            basis: Its shape functions.
+
+        Raises:
+            RuntimeError: On every rank, if the modes cannot be told apart.
+        """
+        if basis.outer_gap >= CLUSTER:
+            return
+        n = len(basis.eigenvalues)
+        values = np.array([basis.eigenvalues[-1], basis.outer_eigenvalue])
+        pair = np.hstack([basis.shapes[:, -1:], basis.outer_modes[:, :1]])
+        image = self.elasticity.apply(factored.held_stiffness, pair)
+        off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
+        reach = np.sqrt(max(float(np.max(off)), ROUND_OFF))
+        if basis.outer_gap >= reach:
+            return
+        uncut = cluster(np.append(basis.eigenvalues, basis.outer_eigenvalues), n)
+        advice = " or ".join(str(k) for k in uncut if 0 < k < self._eigensolver.freedoms)
+        raise RuntimeError(
+            f"reduction: modes = {n} cuts through modes of the same frequency "
+            f"({basis.frequencies[-1]:.6g} Hz, relative gap {basis.outer_gap:.1e}, and round-off "
+            f"reaches to {reach:.0e}): there is no gradient; take modes = {advice}"
         )
 
     # ------------------------------------------------------------------ pullback
@@ -271,8 +306,9 @@ class CraigBampton:
             The adjoint fields and how long the iteration took.
 
         Raises:
-            RuntimeError: On every rank, if the iteration does not converge.
+            RuntimeError: On every rank, if the iteration does not converge, or as `check_gap` does.
         """
+        self.check_gap(factored, basis)
         right = -shapes_bar
         right[self.held] = 0.0
         fields = np.zeros_like(right)

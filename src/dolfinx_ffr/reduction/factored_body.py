@@ -8,11 +8,66 @@ from dataclasses import dataclass, field
 from petsc4py import PETSc
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..fem import Block, Elasticity, Matrices
 from .inertia import InertiaCount
 
-__all__ = ["FactoredBody", "direct_solver"]
+__all__ = ["FactoredBody", "HeldMatrices", "direct_solver"]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldMatrices:
+    """Matrices with all interfaces held, and a factor of the stiffness.
+
+    One density after the other is written into them: their entries stay where they are, and the
+    factor's ordering is found once.
+    """
+
+    stiffness: PETSc.Mat  #: One on the diagonal of held rows
+    mass: PETSc.Mat  #: Zero in held rows
+    ksp: PETSc.KSP  #: Holds the factor
+
+    @staticmethod
+    def of(elasticity: Elasticity) -> HeldMatrices:
+        """Matrices without values yet.
+
+        Args:
+            elasticity: The body.
+        """
+        stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
+        ksp = PETSc.KSP().create(elasticity.comm)
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("cholesky")
+        pc.setFactorSolverType(direct_solver(elasticity.comm.size))
+        ksp.setErrorIfNotConverged(True)
+        ksp.setOperators(stiffness)
+        return HeldMatrices(stiffness, mass, ksp)
+
+    def fill(self, matrices: Matrices, rows: NDArray[np.int32]) -> None:
+        """Write the matrices of a density, and factor the stiffness.
+
+        Args:
+            matrices: Of the body that floats freely.
+            rows: Local numbers of the dofs that are held, ghosts left out.
+
+        Raises:
+            petsc4py.PETSc.Error: If the stiffness is singular.
+        """
+        for source, target, diagonal in (
+            (matrices.stiffness, self.stiffness, 1.0),
+            (matrices.mass, self.mass, 0.0),
+        ):
+            source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            target.zeroRowsColumnsLocal(rows, diagonal)
+        self.ksp.setOperators(self.stiffness)
+        self.ksp.setUp()
+
+    def destroy(self) -> None:
+        """Free the memory on all ranks together."""
+        for item in (self.ksp, self.stiffness, self.mass):
+            item.destroy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +76,38 @@ class FactoredBody:
 
     elasticity: Elasticity = field(repr=False)  #: The body
     matrices: Matrices  #: Of the body that floats freely
-    #: With all interfaces held: one on the diagonal of held rows of the stiffness, zero of the mass
-    held_stiffness: PETSc.Mat = field(repr=False)
-    held_mass: PETSc.Mat = field(repr=False)
-    ksp: PETSc.KSP = field(repr=False)  #: Holds the factor
     inertia: InertiaCount = field(repr=False)  #: Of the body, at any density
+    _held: list[HeldMatrices] = field(repr=False)  #: Those of this density, until they are freed
+    _spare: list[HeldMatrices] = field(repr=False)  #: Where the next density finds them
+
+    @property
+    def held(self) -> HeldMatrices:
+        """With all interfaces held.
+
+        Raises:
+            RuntimeError: If they have been freed.
+        """
+        if not self._held:
+            raise RuntimeError(
+                "reduction: the matrices of this density are freed, as the body has been worked at "
+                "another one since; ask FlexibleBody.factored for them again"
+            )
+        return self._held[0]
+
+    @property
+    def held_stiffness(self) -> PETSc.Mat:
+        """K with all interfaces held: one on the diagonal of held rows."""
+        return self.held.stiffness
+
+    @property
+    def held_mass(self) -> PETSc.Mat:
+        """M with all interfaces held: zero in held rows."""
+        return self.held.mass
+
+    @property
+    def ksp(self) -> PETSc.KSP:
+        """Holds the factor of K with all interfaces held."""
+        return self.held.ksp
 
     def solve(self, block: Block) -> Block:
         """K^{-1} times block with all interfaces held, several right-hand sides at once."""
@@ -54,10 +136,13 @@ class FactoredBody:
         return self.inertia.below(self.held_stiffness, self.held_mass, limit)
 
     def destroy(self) -> None:
-        """Free the memory on all ranks together."""
-        self.ksp.destroy()
-        self.held_stiffness.destroy()
-        self.held_mass.destroy()
+        """Free the memory on all ranks together, or leave it to the next density."""
+        while self._held:
+            held = self._held.pop()
+            if self._spare:
+                held.destroy()
+            else:
+                self._spare.append(held)
         self.matrices.destroy()
 
 

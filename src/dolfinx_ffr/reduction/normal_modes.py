@@ -32,7 +32,7 @@ from slepc4py import SLEPc
 from ..fem import Block, Elasticity
 from .factored_body import FactoredBody
 
-__all__ = ["CLUSTER", "EigenSolver", "NormalModes"]
+__all__ = ["CLUSTER", "EigenSolver", "NormalModes", "cluster"]
 
 #: Relative distance below which neighbouring eigenvalues count as one cluster. A kept mode holds a
 #: share of about solver tolerance / distance of the first one left out: a thousandth at 1e-6
@@ -86,7 +86,7 @@ class EigenSolver:
         """
         eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
-            last, end = _cluster(eigenvalues, number)
+            last, end = cluster(eigenvalues, number)
             if end == self.freedoms:
                 break
             missing, below = len(eigenvalues), np.inf
@@ -182,8 +182,13 @@ class EigenSolver:
         return field_[:, None]
 
 
-def _cluster(eigenvalues: NDArray[np.float64], number: int) -> tuple[int, int]:
-    """The numbers before the cluster of the last one of ``number`` modes and up to its end."""
+def cluster(eigenvalues: NDArray[np.float64], number: int) -> tuple[int, int]:
+    """The numbers before the cluster of the last one of some modes and up to its end.
+
+    Args:
+        eigenvalues: Ascending.
+        number: Of modes, at least one.
+    """
     apart = np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]
     ends = np.array([0, *(np.flatnonzero(apart) + 1), len(eigenvalues)])
     return int(ends[ends < number][-1]), int(ends[ends >= number][0])
