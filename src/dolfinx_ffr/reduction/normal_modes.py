@@ -133,8 +133,7 @@ class EigenSolver:
             transform.setType(SLEPc.ST.Type.SINVERT)
             transform.setShift(0.0)
             transform.setKSP(factored.ksp)
-            # SLEPc's purification stays on: where there is void there is no mass, and round-off of
-            # the Krylov space grows there without bound as modes become many
+            eps.setPurify(False)  # done below for all at once
             eps.setInitialSpace(starts)
             if deflated:
                 eps.setDeflationSpace(deflated)
@@ -161,10 +160,20 @@ class EigenSolver:
         # all ranks decide by the same numbers, to the last bit
         eigenvalues = self.elasticity.comm.bcast(eigenvalues)
         order = np.argsort(eigenvalues, kind="stable")
-        fields = fields[:, order]
-        # the held rows have no mass: what the solver leaves there has no meaning
+        return eigenvalues[order], self._purified(factored, fields[:, order])
+
+    def _purified(self, factored: FactoredBody, fields: Block) -> Block:
+        """Eigenvectors without what the mass does not see.
+
+        Where there is void, and in held rows, there is no mass, and round-off of the Krylov space
+        grows there without bound as modes become many. K^-1 M leaves an eigenvector as it is but
+        for a factor, and takes that away.
+        """
+        elasticity = self.elasticity
+        fields = factored.solve(elasticity.apply(factored.held_mass, fields))
         fields[self._held] = 0.0
-        return eigenvalues[order], fields
+        image = elasticity.apply(factored.held_mass, fields)
+        return fields / np.sqrt(elasticity.sum(np.einsum("ij,ij->j", fields, image)))
 
     def _ritz(self, factored: FactoredBody, fields: Block) -> tuple[NDArray[np.float64], Block]:
         """The best eigenpairs in the span of fields."""
