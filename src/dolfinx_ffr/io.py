@@ -97,11 +97,22 @@ def write_history(
     Raises:
         OSError: On every rank, if the file cannot be written.
     """
+    validation.instance("write_history: comm", comm, MPI.Comm, "an MPI communicator")
+    file = validation.path("write_history: path", path)
+    names = validation.names("write_history: columns", columns)
+    needed = "a mapping from columns to numbers"
+    given = validation.instances("write_history: rows", rows, Mapping, needed)
+    for number, row in enumerate(given):
+        if set(row) != set(names):
+            raise ValueError(
+                f"write_history: row {number} has the columns {sorted(map(str, row))}, and the "
+                f"file {sorted(names)}"
+            )
     text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
-    on_rank_0(comm, lambda: _replace(Path(path), text.getvalue().encode()))
+    writer.writerows(given)
+    on_rank_0(comm, lambda: _replace(file, text.getvalue().encode()))
 
 
 def read_history(path: str | Path) -> dict[str, NDArray[np.float64]]:
@@ -135,11 +146,23 @@ def save_checkpoint(comm: MPI.Comm, path: str | Path, state: Mapping[str, Any]) 
     Raises:
         OSError: On every rank, if the file cannot be written; an older checkpoint stays as it was.
     """
+    validation.instance("save_checkpoint: comm", comm, MPI.Comm, "an MPI communicator")
+    file = validation.path("save_checkpoint: path", path)
+    arrays = {
+        name: np.asarray(value)
+        for name, value in validation.by_name("save_checkpoint: state", state, "arrays").items()
+    }
+    for name, array in arrays.items():
+        if array.dtype.hasobject:
+            raise TypeError(
+                f"save_checkpoint: {name!r} must be an array, a number or a text, but it is "
+                f"{validation.described(state[name])}"
+            )
     buffer = io.BytesIO()
-    np.savez(buffer, **{key: np.asarray(value) for key, value in state.items()})
+    np.savez(buffer, **arrays)
     content = buffer.getvalue()
     digest = hashlib.sha256(content).hexdigest().encode()
-    on_rank_0(comm, lambda: _replace(Path(path), digest + b"\n" + content))
+    on_rank_0(comm, lambda: _replace(file, digest + b"\n" + content))
 
 
 def load_checkpoint(comm: MPI.Comm, path: str | Path) -> dict[str, NDArray[Any]]:
@@ -153,9 +176,11 @@ def load_checkpoint(comm: MPI.Comm, path: str | Path) -> dict[str, NDArray[Any]]
         FileNotFoundError: On every rank, if there is no such file.
         CheckpointError: On every rank, if the file is damaged.
     """
+    validation.instance("load_checkpoint: comm", comm, MPI.Comm, "an MPI communicator")
+    file = validation.path("load_checkpoint: path", path)
 
     def read() -> dict[str, NDArray[Any]]:
-        digest, _, content = Path(path).read_bytes().partition(b"\n")
+        digest, _, content = file.read_bytes().partition(b"\n")
         if hashlib.sha256(content).hexdigest().encode() != digest:
             raise CheckpointError(
                 f"checkpoint {path} is damaged: its checksum does not fit its content. Delete it "

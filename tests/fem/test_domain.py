@@ -250,8 +250,11 @@ def test_gmsh_file_without_the_groups(comm: MPI.Intracomm, shared_tmp_path: Path
         (2, r"leaves the x-y plane: its z spans 0\.1 m"),
     ],
 )
-def test_gmsh_model_in_space(comm: MPI.Intracomm, dim: int, message: str) -> None:
+def test_gmsh_model_in_space(
+    comm: MPI.Intracomm, shared_tmp_path: Path, dim: int, message: str
+) -> None:
     """A volume, and a surface that is turned out of the plane: neither is projected."""
+    path = shared_tmp_path / "part.msh"
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize()
     try:
@@ -268,8 +271,13 @@ def test_gmsh_model_in_space(comm: MPI.Intracomm, dim: int, message: str) -> Non
         gmsh.model.mesh.generate(dim)
         with pytest.raises(ValueError, match=message):
             Domain.from_gmsh_model(comm, gmsh.model, interfaces=["left"])
+        if comm.rank == 0:
+            gmsh.write(str(path))
     finally:
         gmsh.finalize()
+    comm.Barrier()
+    with pytest.raises(ValueError, match=message):
+        Domain.from_gmsh(comm, path, interfaces=["left"])
 
 
 def test_gmsh_file_without_names(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:

@@ -22,6 +22,8 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+from dolfinx_ffr.io import load_checkpoint, save_checkpoint, write_history
 from dolfinx_ffr.plotting import plot_design
 
 PACKAGE = Path(ffr.__file__).parent
@@ -101,6 +103,8 @@ class Scene:
         yield from self.of_designs()
         yield from self.of_parts()
         yield from self.of_files()
+        yield from self.of_runs()
+        yield from self.of_pictures()
 
     def of_mechanisms(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
         held = ffr.Motion.constant(0.1)
@@ -551,6 +555,17 @@ class Scene:
             {"problem": self.problem, "evaluation": self.evaluation},
             {"problem": (None, self.body), "evaluation": (None, self.full)},
         )
+        for call in (ffr.mode_error, ffr.local_modes, ffr.propose_modes):
+            yield (
+                call,
+                {"problem": self.problem, "evaluation": self.evaluation},
+                {"problem": (None, self.body), "evaluation": (None, self.full)},
+            )
+        yield (
+            ffr.propose_modes,
+            {"problem": self.problem, "evaluation": self.evaluation},
+            {"tolerance": POSITIVE},
+        )
 
     def of_files(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
         comm, place, no_path = MPI.COMM_SELF, self.folder, (None, 1, 1.0, True, ["a"], np.sin)
@@ -580,6 +595,115 @@ class Scene:
             plot_design,
             {"domain": self.rod, "x": self.full, "path": place / "design.png"},
             {"domain": no_domain, "x": (*density, {}), "path": (*no_path, "design.xyz")},
+        )
+
+    def of_runs(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
+        """What a run leaves, and finds again."""
+        comm, place, no_path = MPI.COMM_SELF, self.folder, (None, 1, 1.0, True, ["a"], np.sin)
+        no_comm = (None, 1, "world", MPI)
+        yield (
+            write_history,
+            {**{"comm": comm, "path": place / "run.csv"}, "columns": ["psi"], "rows": [{"psi": 1}]},
+            {
+                **{"comm": no_comm, "path": no_path, "columns": (*LIST[:4], [1.0], ["x"])},
+                "rows": (*LIST[:3], [1.0], [{"x": 1.0}], [{"psi": 1.0, "x": 1.0}], [{}]),
+            },
+        )
+        yield (
+            save_checkpoint,
+            {"comm": comm, "path": place / "checkpoint", "state": {"x": self.full, "n": 1}},
+            {"comm": no_comm, "path": no_path, "state": (*MAPPING, {"x": self.rod}, {"x": None})},
+        )
+        yield (
+            load_checkpoint,
+            {"comm": comm, "path": place / "checkpoint"},
+            {"comm": no_comm, "path": no_path},
+        )
+
+    def of_pictures(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
+        place, evaluation = self.folder, self.evaluation
+        no_path = (None, 1, ["a.png"], "picture.xyz")
+        picture = {"path": place / "picture.png"}
+        common = {"path": no_path, "title": TEXT, "comm": (None, 1, "world", MPI)}
+        alone = {"path": no_path, "title": TEXT}
+        columns = {"iteration": [0.0, 1.0], "psi": [2.0, 1.0]}
+        no_columns = ({}, {"psi": 1.0}, {"psi": ["1"]}, {"psi": [1.0, 2.0], "volume": [1.0]})
+        runs = (*MAPPING, {"a": 1.0}, *({"a": history} for history in no_columns))
+        nothing = (None, 1.0, "rod", np.sin, [], {})
+        cells = (*ARRAY, self.full[1:])
+        yield (
+            plotting.plot_history,
+            {"history": columns, **picture},
+            {
+                **{"history": (*MAPPING[:2], *no_columns), **common},
+                **{"psi_solid": POSITIVE[:1] + POSITIVE[2:], "volume_bound": (0.0, "1", math.nan)},
+            },
+        )
+        yield (
+            plotting.plot_gradient_histories,
+            {"histories": {"exact": columns}, "psi_solid": 1.0, **picture},
+            {"histories": runs, "psi_solid": POSITIVE, **common},
+        )
+        yield (
+            plotting.plot_crank_motion,
+            {"source": CRANK.angle, "end_time": 1.0, **picture},
+            {"source": MOTION, "end_time": POSITIVE, **common},
+        )
+        curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
+        yield (
+            plotting.plot_curves,
+            {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}, **picture},
+            {
+                **{"panels": (*MAPPING, {}, *curves), "xlabel": TEXT, "logarithmic": FLAG},
+                **{"markers": FLAG, **common},
+            },
+        )
+        yield (
+            plotting.plot_kernel,
+            {"kernel": ffr.Gaussian(0.1), "extent": 1.0, **picture},
+            {"kernel": FUNCTION[:3], "extent": POSITIVE, **common},
+        )
+        yield (
+            plotting.plot_stress,
+            {"domain": self.rod, "stress": self.full, **picture},
+            {"domain": nothing, "stress": cells, "solid": (cells[0], *cells[2:]), **alone},
+        )
+        yield (
+            plotting.plot_gradient_elements,
+            {"domain": self.rod, "selections": {"a": (self.full, self.full > 0.5)}, **picture},
+            {
+                **{"domain": nothing, **alone},
+                "selections": (*MAPPING, {}, {"a": 1.0}, {"a": (self.full,)}),
+            },
+        )
+        yield (
+            plotting.plot_modes,
+            {"body": self.body, "reduced": evaluation.bodies["rod"], **picture},
+            {"body": nothing, "reduced": nothing, **alone},
+        )
+        yield (
+            plotting.mesh_grid,
+            {"domain": self.rod, "fields": {"x": self.full}},
+            {"domain": nothing, "fields": (*MAPPING, {"x": self.full[1:]}, {"x": "1"})},
+        )
+        scene = {"problem": self.problem, "evaluation": evaluation}
+        no_scene = {"problem": nothing, "evaluation": nothing}
+        scale = tuple(value for value in NOT_NEGATIVE if value is not None)
+        yield (
+            plotting.plot_scene,
+            {**scene, **picture},
+            {
+                **{**no_scene, **alone, "time": (*scale, 1.0), "color": (*TEXT[:3], "red")},
+                "deformation_scale": scale,
+            },
+        )
+        yield (
+            plotting.animate_motion,
+            {**scene, "path": place / "motion.gif", "frames": 2},
+            {
+                **{**no_scene, **alone, "deformation_scale": scale},
+                **{"frames": (*COUNT, 1), "frames_per_second": POSITIVE},
+            },
         )
 
     def of_parts(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:

@@ -693,11 +693,17 @@ def test_bad_input_is_refused_on_every_rank(
         ("the kind '' is not known", lambda: plot_history({"psi": [1.0]}, here / "x")),
         ("no design given", lambda: plot_design(domain, {}, here / "x.png")),
         ("design 'b': values from 2", lambda: plot_design(domain, {"b": 2 * x}, here / "x.png")),
-        ("color = 'red'", lambda: plot_scene(problem, evaluation, here / "x.png", color="red")),
-        ("time = 7.0 s lies", lambda: plot_scene(problem, evaluation, here / "x.png", time=7.0)),
-        ("frames = 1", lambda: animate_motion(problem, evaluation, here / "x.gif", frames=1)),
         (
-            "frames_per_second = 0",
+            "color must be 'density' or",
+            lambda: plot_scene(problem, evaluation, here / "x.png", color="red"),
+        ),
+        ("time = 7.0 s lies", lambda: plot_scene(problem, evaluation, here / "x.png", time=7.0)),
+        (
+            "frames must be .* at least 2",
+            lambda: animate_motion(problem, evaluation, here / "x.gif", frames=1),
+        ),
+        (
+            "frames_per_second must be .*, but it is 0",
             lambda: animate_motion(problem, evaluation, here / "x.gif", frames_per_second=0),
         ),
     ]

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import mesh
 
+from ..parallel import on_every_rank
 from . import _compat
 
 __all__ = ["TaggedMesh", "read_gmsh", "read_gmsh_model"]
@@ -79,16 +80,12 @@ def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
 
 
 def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
-    model, groups, error = None, {}, None
-    if comm.rank == 0:
-        try:
+    model, groups = None, {}
+    with on_every_rank(comm, "reading a mesh"):
+        if comm.rank == 0:
             model = get()
             groups = _groups(model, source)
-        except (OSError, ValueError, ImportError) as exc:
-            error = exc
-    groups, error = comm.bcast((groups, error), root=0)
-    if error is not None:
-        raise error
+    groups = comm.bcast(groups, root=0)
     domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0)
     return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
 

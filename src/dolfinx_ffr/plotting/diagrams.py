@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from .. import validation
 from ..design import Kernel
 from ..dynamics import Trajectory
 from ..io import read_history
@@ -77,11 +78,16 @@ def plot_history(
         ValueError: On every rank, if the history has none of these columns or no line, or the kind
             of file is not known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    for what, bound in (("psi_solid", psi_solid), ("volume_bound", volume_bound)):
+        if bound is not None:
+            validation.number(f"plot_history: {what}", bound, above=0.0)
+    if not isinstance(history, Mapping):
+        validation.path("plot_history: history", history)
 
     def draw(file: Path) -> None:
         if isinstance(history, Mapping):
-            columns = {name: np.asarray(v, dtype=np.float64) for name, v in history.items()}
+            columns = _numbers("plot_history", history)
         else:
             columns = read_history(history)
         chosen = [name for name in _COLUMNS if name in columns]
@@ -101,6 +107,19 @@ def plot_history(
                 _draw_column(axes, name, iteration, columns[name], psi_solid, volume_bound, gray)
 
     return written(comm, path, draw)
+
+
+def _numbers(what: str, history: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """The columns of a history, or refuse what is none."""
+    given = validation.by_name(what, history, "columns")
+    columns = {name: validation.numbers(f"{what}: {name!r}", v) for name, v in given.items()}
+    for name, column in columns.items():
+        if column.ndim != 1 or len(column) != len(next(iter(columns.values()))):
+            raise ValueError(
+                f"{what}: {name!r} must have one number for each iteration, as the other columns, "
+                f"but it has the shape {column.shape}"
+            )
+    return columns
 
 
 #: Heading and unit of each panel, by the name of the column
@@ -177,7 +196,11 @@ def plot_crank_motion(
         ValueError: On every rank, if there is no such marker, the end time is missing or not
             positive, or the kind of file is not known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    needed = "a Motion or a Trajectory"
+    validation.instance("plot_crank_motion: source", source, (Motion, Trajectory), needed)
+    if end_time is not None:
+        validation.number("plot_crank_motion: end_time", end_time, above=0.0, unit="s")
     if isinstance(source, Trajectory):
         motion = _crank_angle(source)
         end = float(source.t[-1]) if end_time is None else end_time
@@ -226,9 +249,11 @@ def plot_curves(
         ValueError: On every rank, if there is no panel, an abscissa does not fit its values, or the
             kind of file is not known.
     """
-    path = writable(path, KINDS)
-    if not panels:
-        raise ValueError("plot_curves: no panels to draw")
+    path = writable(path, KINDS, title)
+    validation.name("plot_curves: xlabel", xlabel)
+    validation.flag("plot_curves: logarithmic", logarithmic)
+    validation.flag("plot_curves: markers", markers)
+    _check_panels(panels)
 
     def draw(file: Path) -> None:
         size = (7.2, 2.5 * len(panels) + 0.8)
@@ -244,6 +269,23 @@ def plot_curves(
                 axes.set_title(heading, loc="left")
 
     return written(comm, path, draw)
+
+
+def _check_panels(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]]) -> None:
+    """Refuse what cannot be drawn as curves."""
+    if not validation.by_name("plot_curves: panels", panels, "curves by name"):
+        raise ValueError("plot_curves: no panels to draw")
+    for heading, curves in panels.items():
+        for name, curve in validation.by_name(
+            f"plot_curves: {heading!r}", curves, "curves"
+        ).items():
+            what = f"plot_curves: {heading!r}, curve {name!r}"
+            pair = validation.listed(what, curve, "an abscissa and values")
+            sizes = [validation.numbers(what, part).shape for part in pair]
+            if len(sizes) != 2 or sizes[0] != sizes[1] or len(sizes[0]) != 1:
+                raise ValueError(
+                    f"{what} must be an abscissa and as many values, but has the shapes {sizes}"
+                )
 
 
 def plot_gradient_histories(
@@ -272,13 +314,22 @@ def plot_gradient_histories(
     Raises:
         ValueError: On every rank, if the kind of file is not known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    psi_solid = validation.number("plot_gradient_histories: psi_solid", psi_solid, above=0.0)
+    given = validation.by_name("plot_gradient_histories: histories", histories, "histories")
+    runs = {
+        name: _numbers(f"plot_gradient_histories: {name!r}", history)
+        for name, history in given.items()
+    }
+    for name, run in runs.items():
+        missing = sorted({"iteration", "psi"} - set(run))
+        if missing:
+            raise ValueError(
+                f"plot_gradient_histories: {name!r} has the columns {sorted(run)} and lacks "
+                f"{' and '.join(missing)}"
+            )
 
     def draw(file: Path) -> None:
-        runs = {
-            name: {key: np.asarray(v, dtype=np.float64) for key, v in history.items()}
-            for name, history in histories.items()
-        }
         with _panels(file, 1, 3, (12.6, 4.0), title, "iteration") as panels:
             for (name, run), color, line in zip(
                 runs.items(), cycle(ACCENTS), cycle(["-", "--", "-."]), strict=False
@@ -342,9 +393,9 @@ def plot_kernel(
     Raises:
         ValueError: On every rank, if the extent is not positive or the kind of file is not known.
     """
-    path = writable(path, KINDS)
-    if not (np.isfinite(extent) and extent > 0.0):
-        raise ValueError(f"plot_kernel: extent = {extent} must be a positive length [m]")
+    path = writable(path, KINDS, title)
+    validation.function("plot_kernel: kernel", kernel, "distances")
+    extent = validation.number("plot_kernel: extent", extent, above=0.0, unit="m")
 
     def draw(file: Path) -> None:
         side = np.linspace(-extent, extent, 101)

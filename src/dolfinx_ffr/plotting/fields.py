@@ -22,6 +22,7 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from .. import validation
 from ..fem import Domain
 from ..parallel import on_every_rank
 from ..postprocessing import StressEnvelope
@@ -92,8 +93,11 @@ def plot_design(
             DeprecationWarning,
             stacklevel=2,
         )
-    path = writable(path, KINDS)
-    designs = dict(x) if isinstance(x, Mapping) else {"": x}
+    path = writable(path, KINDS, title)
+    validation.instance("plot_design: domain", domain, Domain, "a Domain")
+    designs = (
+        validation.by_name("plot_design: x", x, "densities") if isinstance(x, Mapping) else {"": x}
+    )
     if not designs:
         raise ValueError("plot_design: no design given")
     drawn = DrawnMesh.of(domain)
@@ -139,10 +143,24 @@ def plot_gradient_elements(
         ValueError: On every rank, if a design does not fit the domain or the kind of file is not
             known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    validation.instance("plot_gradient_elements: domain", domain, Domain, "a Domain")
+    what, needed = "plot_gradient_elements: selections", "a design and a mask over its cells"
+    given = validation.by_name(what, selections, needed)
+    if not given:
+        raise ValueError(f"{what}: no design given")
+    pairs = {}
+    with on_every_rank(domain.comm, "plot_gradient_elements"):
+        for name, value in given.items():
+            pairs[name] = validation.listed(f"{what}: {name!r}", value, needed)
+            if len(pairs[name]) != 2 or np.shape(pairs[name][1]) != (domain.n_cells,):
+                raise ValueError(
+                    f"{what}: {name!r} must be {needed}, one value of each for each of the "
+                    f"{domain.n_cells} cells owned by rank {domain.comm.rank}"
+                )
     drawn = DrawnMesh.of(domain)
     shades = {}
-    for name, (x, selected) in selections.items():
+    for name, (x, selected) in pairs.items():
         shades[name] = _gray(drawn, 0.75 * domain.check_density(x, name))
         chosen = drawn.cell_values(np.asarray(selected, dtype=bool))
         shades[name][chosen] = 0.55 * shades[name][chosen] + 0.45 * np.array(to_rgb(ORANGE))
@@ -185,14 +203,15 @@ def plot_stress(
         ValueError: On every rank, if an array does not have one finite value a cell, no cell is
             solid, or the kind of file is not known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    validation.instance("plot_stress: domain", domain, Domain, "a Domain")
     note = ""
     if isinstance(stress, StressEnvelope):
         note = f" at t = {stress.largest_time:.3f} s"
         solid = stress.solid if solid is None else solid
         stress = stress.stress
     with on_every_rank(domain.comm, "plot_stress"):
-        own = np.asarray(stress, dtype=np.float64)
+        own = validation.numbers("plot_stress: stress", stress)
         every = np.ones(domain.n_cells, dtype=bool)
         chosen = every if solid is None else np.asarray(solid, dtype=bool)
         for name, array in (("stress", own), ("solid", chosen)):
@@ -261,7 +280,10 @@ def plot_modes(
     Raises:
         ValueError: On every rank, if the kind of file is not known.
     """
-    path = writable(path, KINDS)
+    path = writable(path, KINDS, title)
+    validation.instance("plot_modes: body", body, FlexibleBody, "a FlexibleBody")
+    needed = "what `FlexibleBody.reduce` returned"
+    validation.instance("plot_modes: reduced", reduced, ReducedBody, needed)
     drawn = DrawnMesh.of(body.domain)
     shapes = drawn.displacements(reduced.basis.shapes)
     shown = drawn.cell_values(reduced.density)[drawn.parents] >= VOID
@@ -317,8 +339,19 @@ def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.Unstru
         >>> grid.plot(scalars="density", cmap="gray_r", cpos="xy")
         >>> grid.save("design.vtu")
     """
+    validation.instance("mesh_grid: domain", domain, Domain, "a Domain")
+    given = validation.by_name("mesh_grid: fields", fields, "values of the cells")
     drawn = DrawnMesh.of(domain)
-    values = {name: drawn.cell_values(np.asarray(field)) for name, field in fields.items()}
+    with on_every_rank(domain.comm, "mesh_grid"):
+        arrays = {name: validation.numbers(f"mesh_grid: {name!r}", v) for name, v in given.items()}
+        for name, array in arrays.items():
+            if array.shape[:1] != (domain.n_cells,):
+                raise ValueError(
+                    f"mesh_grid: {name!r} must have one value for each cell owned by the rank; on "
+                    f"rank {domain.comm.rank} it has the shape {array.shape} for {domain.n_cells} "
+                    "cells"
+                )
+    values = {name: drawn.cell_values(array) for name, array in arrays.items()}
     if domain.comm.rank > 0:
         return None
     import pyvista  # takes a while

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from .. import validation
 from ..problem import Evaluation, Problem
 from .mechanism_view import VOID, MechanismView
 from .scene import DrawnBody, Scene
@@ -78,9 +79,11 @@ def plot_scene(
         ValueError: On every rank, if the colour or the kind of file is not known, or the time lies
             outside the simulation.
     """
-    path = writable(path, KINDS)
-    if color not in ("density", "energy"):
-        raise ValueError(f"plot_scene: color = {color!r} must be 'density' or 'energy'")
+    path = writable(path, KINDS, title)
+    _check("plot_scene", problem, evaluation, deformation_scale)
+    validation.choice("plot_scene: color", color, ("density", "energy"))
+    if time is not None:
+        time = validation.number("plot_scene: time", time, unit="s")
     trajectory = evaluation.motion
     energy = sum(trajectory.strain_energy(name) for name in problem.flexible)
     if time is None:
@@ -119,6 +122,16 @@ def plot_scene(
     return written(_comm(problem), path, draw)
 
 
+def _check(
+    what: str, problem: Problem, evaluation: Evaluation, deformation_scale: float | None
+) -> None:
+    """Refuse arguments of a wrong kind."""
+    validation.instance(f"{what}: problem", problem, Problem, "a Problem")
+    validation.instance(f"{what}: evaluation", evaluation, Evaluation, "an Evaluation")
+    if deformation_scale is not None:
+        validation.number(f"{what}: deformation_scale", deformation_scale, least=0.0)
+
+
 def animate_motion(
     problem: Problem,
     evaluation: Evaluation,
@@ -152,30 +165,27 @@ def animate_motion(
         ValueError: On every rank, if a number or the kind of file is out of range, or ffmpeg is
             not there for .mp4.
     """
-    path = writable(path, (".gif", ".mp4"))
+    path = writable(path, (".gif", ".mp4"), title)
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise ValueError(
             f"picture {str(path)!r}: .mp4 needs the program ffmpeg, which is not there; install it "
             "(apt-get install ffmpeg) or end the name in .gif"
         )
-    if int(frames) != frames or frames < 2:
-        raise ValueError(f"animate_motion: frames = {frames} must be a whole number of at least 2")
-    if not (np.isfinite(frames_per_second) and frames_per_second > 0.0):
-        raise ValueError(
-            f"animate_motion: frames_per_second = {frames_per_second} must be positive"
-        )
+    _check("animate_motion", problem, evaluation, deformation_scale)
+    frames = validation.whole("animate_motion: frames", frames, least=2)
+    rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
     trajectory = evaluation.motion
     t = trajectory.t  # the steps may have unlike lengths
-    wanted = np.interp(np.linspace(t[0], t[-1], int(frames)), t, np.arange(t.size))
+    wanted = np.interp(np.linspace(t[0], t[-1], frames), t, np.arange(t.size))
     steps = np.unique(np.round(wanted).astype(np.int64))
     scene = Scene.gather(problem, evaluation, steps, energy=True)
 
     def draw(file: Path) -> None:
         pictures = _film(scene, list(problem.flexible), deformation_scale, title)
         if file.suffix.lower() == ".gif":
-            _write_gif(pictures, file, frames_per_second)
+            _write_gif(pictures, file, rate)
         else:
-            _write_mp4(pictures, file, frames_per_second)
+            _write_mp4(pictures, file, rate)
 
     return written(_comm(problem), path, draw)
 

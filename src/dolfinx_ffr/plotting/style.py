@@ -127,14 +127,20 @@ def save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=figure.dpi)
 
 
-def writable(path: str | Path, suffixes: tuple[str, ...]) -> Path:
+def writable(path: str | Path, suffixes: tuple[str, ...], title: str = "") -> Path:
     """The path of a picture, or refuse its kind.
 
+    Args:
+        path: Where to.
+        suffixes: Those that are known.
+        title: Its heading.
+
     Raises:
-        TypeError: If it is no path.
+        TypeError: If it is no path, or the title no text.
         ValueError: If the suffix is not one of ``suffixes``.
     """
     path = validation.path("picture", path)
+    validation.name("picture: title", title)
     if path.suffix.lower() not in suffixes:
         raise ValueError(
             f"picture {str(path)!r}: the kind {path.suffix!r} is not known here; end the name in "
@@ -154,6 +160,7 @@ def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
     Returns:
         The path, on every rank.
     """
+    validation.instance("picture: comm", comm, MPI.Comm, "an MPI communicator")
 
     def write() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
