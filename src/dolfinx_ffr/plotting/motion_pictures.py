@@ -172,7 +172,7 @@ def animate_motion(
             "(apt-get install ffmpeg) or end the name in .gif"
         )
     _check("animate_motion", problem, evaluation, deformation_scale)
-    frames = validation.whole("animate_motion: frames", frames, least=2)
+    frames = validation.integer("animate_motion: frames", frames, least=2)
     rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
     trajectory = evaluation.motion
     t = trajectory.t  # the steps may have unlike lengths
