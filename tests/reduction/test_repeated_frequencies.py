@@ -68,6 +68,7 @@ def round_off(exact: np.ndarray) -> float:
     return float(len(exact) * np.finfo(float).eps * exact[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_no_copy_is_missed(name: str) -> None:
     """1 to 40 modes at all tolerances, against LAPACK; what is said about clusters is right."""
