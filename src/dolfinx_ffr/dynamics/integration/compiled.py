@@ -50,7 +50,7 @@ def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
         The name of each as soon as it is there.
     """
     # One function takes as long as half of all others: more processes gain nothing.
-    processes = min(3, len(os.sched_getaffinity(0)))
+    processes = min(3, os.cpu_count() or 1)
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         tasks = [pool.submit(_compile, function.name) for function in functions]
         yield from (task.result() for task in as_completed(tasks))
