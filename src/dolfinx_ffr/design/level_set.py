@@ -70,12 +70,16 @@ RADIUS = 2.75
 FLAT = 0.6
 #: c of the penalty: wide enough to see the flanks of a strip, whose middle alone is flat
 DECAY = 0.93
-#: Of the penalty beside log psi; half as much lets struts thin out, ten times as much costs 4 %
+#: Of the penalty beside log psi: half as much lets struts thin out, ten times as much costs 4 %
 WEIGHT = 400.0
+#: Factor by which it grows at last: a strut that is neither thick enough nor gone must decide
+LATE = 4.0
 #: Of a gap beside a member: a gap too narrow costs less than a broken strut
-GAP = 0.2
-#: Progress at which the penalty sets in and has its full weight: after the topology is found
-PENALTY = (0.45, 0.6)
+GAP = 0.1
+#: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
+PENALTY = (0.45, 0.6, 0.85)
+#: Size that the penalty aims at over the one that is asked for: what it allows is a fifth thinner
+SAFETY = 1.3
 #: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
 #: SIMP is zero, and nothing would ever grow there
 CONTRAST = 0.25
@@ -89,7 +93,7 @@ class LevelSet(Design):
     Args:
         domain: The body.
         minimum_member: Width that no member may fall below [m]. By default what the mesh resolves,
-            1.02 mean elements. It is asked for by a penalty and told of the finished part, see
+            0.78 mean elements. It is asked for by a penalty and told of the finished part, see
             `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`.
         mirrors: Lines about which the design is its own mirror image, exactly, on any mesh; see
@@ -97,7 +101,7 @@ class LevelSet(Design):
         knots: Shape (knots, 2) [m], the same on every rank; by default a regular grid over the
             body's bounding box.
         spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
-            is 2.7 times the larger of the two sizes.
+            is 3.5 times the larger of the two sizes.
         quadrature: Points in each direction of an element.
 
     Raises:
@@ -128,12 +132,12 @@ class LevelSet(Design):
         points_across = validation.integer("level set: quadrature", quadrature, least=1)
         #: Thinnest member and narrowest gap asked for [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
-        larger = max(self.minimum_member, self.minimum_gap)
+        larger = SAFETY * max(self.minimum_member, self.minimum_gap)
         #: Of the kernel [m]
         self.radius = larger / _narrowest(FLAT)
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
-        self._solid = _flat(self.minimum_member / self.radius)
-        self._void = 1.0 - _flat(self.minimum_gap / self.radius)
+        self._solid = _flat(SAFETY * self.minimum_member / self.radius)
+        self._void = 1.0 - _flat(SAFETY * self.minimum_gap / self.radius)
         wanted = self.radius / RADIUS
         if spacing is not None:
             wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
@@ -174,7 +178,7 @@ class LevelSet(Design):
         #: Steepness beta of the projection
         self.sharpness = SHARP
         #: Weight of the penalty of sizes below the minimum ones
-        self.weight = WEIGHT
+        self.weight = WEIGHT * LATE
 
     @property
     def _both(self) -> tuple[float, float]:
@@ -182,7 +186,7 @@ class LevelSet(Design):
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
         """Both minimum sizes, or refuse what the mesh cannot resolve."""
-        least = RADIUS * self.element * _narrowest(FLAT)
+        least = RADIUS * self.element * _narrowest(FLAT) / SAFETY
         for name, value in (("minimum_member", member), ("minimum_gap", gap)):
             if value is not None:
                 validation.number(f"level set: {name}", value, above=0.0, unit="m")
@@ -275,16 +279,9 @@ class LevelSet(Design):
     def at(self, progress: float) -> LevelSet:
         """The design as sharp as at a ``progress``, with its penalty."""
         other = self.with_sharpness(steepness(progress))
-        import os
-
-        W2 = float(os.environ.get("W2", "1"))
-        A, B = map(float, os.environ.get("AB", ".7,.9").split(","))
-        begin, end = PENALTY
-        other.weight = (
-            float(os.environ.get("W1", "400"))
-            * min(max((progress - begin) / (end - begin), 0.0), 1.0)
-            * W2 ** min(max((progress - A) / (B - A), 0), 1)
-        )
+        begin, full, end = PENALTY
+        ramp = min(max((progress - begin) / (full - begin), 0.0), 1.0)
+        other.weight = WEIGHT * ramp * LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
         return other
 
     def with_sharpness(self, sharpness: float) -> LevelSet:
