@@ -33,6 +33,7 @@ STUDIES = (
     "model",
     "differences",
     "gradient",
+    "designs",
     "peers",
     "integration",
 )
