@@ -119,9 +119,17 @@ class Evolution:
         return self.reinitialize(self.band * (2.0 * np.asarray(variables) - 1.0))
 
     def _signed_distance(self, phi: Array) -> Array:
-        variables = self.variables(phi)
-        found = self.levelset.distance(variables, self.levelset.knots)
-        return np.where(np.isfinite(found), found, phi)
+        """Phi whose mean by the level set's kernel is a signed distance near the boundary.
+
+        The kernel smooths: a distance given as coefficients would shrink holes. What the mean lacks
+        of the distance is added, which is nothing on the boundary itself.
+        """
+        levelset, variables = self.levelset, self.variables(phi)
+        found = levelset.distance(variables, levelset.knots)
+        if not np.all(np.isfinite(found)):
+            return phi
+        mean = 2.0 * self.band * levelset.level(variables)(levelset.knots)
+        return np.asarray(phi + np.clip(found, -self.band, self.band) - mean)
 
     def reinitialize(self, phi: Array) -> Array:
         """The signed distance from the zero line of ``phi`` (knots,), within the bounds.
