@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 from .part import Part
-from .shape import PartWarning
+from .shape import LoosePiece, PartWarning, Shape
 from .verify import BodyFigures, Figures, Verification, verify
 from .widths import Width
 
 __all__ = [
     "BodyFigures",
     "Figures",
+    "LoosePiece",
     "Part",
     "PartWarning",
+    "Shape",
     "Verification",
     "Width",
     "verify",

@@ -33,8 +33,8 @@ from .boundary import Side, boundary
 from .cut import Field, cut, evaluated
 from .export import write
 from .lattice import Lattice
-from .pieces import drawing, held, outlines, pieces
-from .shape import PartWarning, Shape
+from .pieces import Piece, drawing, held, outlines, pieces
+from .shape import LoosePiece, PartWarning, Shape
 from .verify import Verification, verify
 from .widths import member_widths
 
@@ -57,7 +57,7 @@ class _Found:
     on_field: list[bool]  #: Of each curve, whether it is the zero line of the field
     deviation: float  #: Largest distance of curves from the zero line [m]
     said: list[str]  #: Warnings
-    loose: list[tuple[float, Array]]  #: Area [m^2] and centre [m] of what is left out
+    loose: list[LoosePiece]  #: What is left out
     lost: list[str]  #: Interfaces without material
 
 
@@ -110,7 +110,7 @@ class Part(Shape):
             )
         self.material = material
         self.accuracy = 1e-3 * self.spacing
-        self._field = field
+        self.field = field  #: Positive in the material, of positions (n, 2) [m]
         lattice = Lattice.of(domain, self.spacing / steps)
         lengths = domain.interfaces
         found: _Found = on_rank_0(
@@ -147,8 +147,8 @@ class Part(Shape):
         return self._found.deviation
 
     @property
-    def loose(self) -> list[tuple[float, Array]]:
-        """Area [m^2] and centre (2,) [m] of the pieces that nothing holds and that are left out."""
+    def loose(self) -> list[LoosePiece]:
+        """The pieces that nothing holds and that are left out."""
         return self._found.loose
 
     @property
@@ -290,9 +290,14 @@ def _find(
         on_field,
         _deviation(drawn, on_field, field, spacing),
         said,
-        [(piece.area, piece.center) for piece in found if not piece.interfaces],
+        [_loose(sides, piece, spacing) for piece in found if not piece.interfaces],
         [name for name, length in zip(names, left, strict=True) if length == 0.0],
     )
+
+
+def _loose(sides: Sequence[Side], piece: Piece, spacing: float) -> LoosePiece:
+    (outline,) = outlines([sides[i] for i in piece.sides], 1e-3 * spacing)
+    return LoosePiece(piece.area, piece.center, outline)
 
 
 def _deviation(drawn: Drawing, on_field: Sequence[bool], field: Field, spacing: float) -> float:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,13 +14,22 @@ from .. import validation
 from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, polygon
 from .widths import Width, narrowest_gap, thinnest_member
 
-__all__ = ["PartWarning", "Shape"]
+__all__ = ["LoosePiece", "PartWarning", "Shape"]
 
 Array = NDArray[np.float64]
 
 
 class PartWarning(UserWarning):
     """What is drawn as a part is not all of the design, or not held as it should be."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoosePiece:
+    """A piece of a design that nothing holds, and that is left out of the part."""
+
+    area: float  #: [m^2]
+    center: Array  #: (2,) of its area [m]
+    outline: list[list[Curve]]  #: Its outer loop, counterclockwise, then its holes, clockwise
 
 
 class Shape:

@@ -16,6 +16,7 @@ from .diagrams import (
 )
 from .fields import mesh_grid, plot_design, plot_gradient_elements, plot_modes, plot_stress
 from .motion_pictures import animate_motion, plot_scene
+from .part_view import plot_part
 
 __all__ = [
     "animate_motion",
@@ -28,6 +29,7 @@ __all__ = [
     "plot_history",
     "plot_kernel",
     "plot_modes",
+    "plot_part",
     "plot_scene",
     "plot_stress",
 ]
