@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,11 +74,21 @@ def boundary(
     chains = list(_chains(segments.ends, marks))
     _onto_circles(points, chains, circles, step)
     sides = []
+    numbers = count(len(points))  # of corners of the zero line
     for chain, mark in chains:
         left, right, which, name = (int(m) for m in mark)
         common = {"left": left, "right": right, "interface": name, "field": which < 0}
         for nodes, curve in _curves(
-            points, chain, which, circles, lattice, segments.zero, field, step, tolerance
+            points,
+            chain,
+            which,
+            circles,
+            lattice,
+            segments.zero,
+            numbers,
+            field,
+            step,
+            tolerance,
         ):
             sides.append(Side(curve, nodes, **common))  # type: ignore[arg-type]
     return sides
@@ -130,6 +140,7 @@ def _curves(
     circles: dict[int, Array],
     lattice: Lattice,
     zero: NDArray[np.bool_],
+    numbers: Iterator[int],
     field: Field,
     step: float,
     tolerance: float,
@@ -165,8 +176,7 @@ def _curves(
         at = [i - at[0] for i in at[1:]]
     cuts = [0, *at, len(kept) - 1]
     # corners are nodes of their own
-    first = len(points) + 2 * chain[0] * len(points)
-    inner = [first + i for i in range(len(cuts))]
+    inner = [next(numbers) for _ in cuts]
     inner[0], inner[-1] = (inner[0], inner[0]) if closed else (chain[0], chain[-1])
     for i in range(len(cuts) - 1):
         some = kept[cuts[i] : cuts[i + 1] + 1]

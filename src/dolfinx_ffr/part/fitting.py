@@ -66,6 +66,10 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
     both = np.abs(turn[:-1] + turn[1:])
     sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
     candidate = np.flatnonzero(both > _CORNER)
+    # a chain that turns back on itself has sides that never meet
+    apart = np.abs(_cross(d[candidate], d[candidate + 2]))
+    lengths = np.linalg.norm(d[candidate], axis=1) * np.linalg.norm(d[candidate + 2], axis=1)
+    candidate = candidate[apart > 1e-3 * lengths]
     added: dict[int, Array] = {}
     if len(candidate):
         p, q = ring[candidate + 1], ring[candidate + 2]
@@ -146,7 +150,9 @@ def projected(points: Array, field: Field, reach: Array) -> Array:
         slope = np.column_stack([right - left, up - down]) / (2.0 * h)
         size = np.einsum("ij,ij->i", slope, slope)
         steps = np.where(size > 0.0, value / np.where(size > 0.0, size, 1.0), 0.0)
-        found = found - steps[:, None] * slope
+        # no farther than asked for, where the slope is next to nothing
+        most = reach / np.sqrt(np.where(size > 0.0, size, 1.0))
+        found = found - np.clip(steps, -most, most)[:, None] * slope
     return found
 
 

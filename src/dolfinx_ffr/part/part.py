@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
@@ -42,6 +43,10 @@ __all__ = ["Part"]
 
 Array = NDArray[np.float64]
 
+#: How much finer lattices are tried where curves cross
+_FINER = (2, 4)
+#: Accuracy of the polygons by which crossings are found, in spacings
+_CROSSING = 1e-4
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
 #: Smallest size of triangles, in units of what was asked for
@@ -59,6 +64,8 @@ class _Found:
     said: list[str]  #: Warnings
     loose: list[LoosePiece]  #: What is left out
     lost: list[str]  #: Interfaces without material
+    crossing: str  #: Where curves cross, "" if they do not
+    groups: list[str]  #: Interface of each curve of all outlines, "" if it is none
 
 
 class Part(Shape):
@@ -111,16 +118,32 @@ class Part(Shape):
         self.material = material
         self.accuracy = 1e-3 * self.spacing
         self.field = field  #: Positive in the material, of positions (n, 2) [m]
-        lattice = Lattice.of(domain, self.spacing / steps)
-        lengths = domain.interfaces
-        found: _Found = on_rank_0(
-            domain.comm,
-            lambda: _find(lattice, field, self.spacing, self.spacing / steps, share, list(lengths)),
-        )
+        found = self._found_on(self.spacing / steps, share)
+        for finer in _FINER:
+            if not found.crossing:
+                break
+            found = self._found_on(self.spacing / (finer * steps), share)
+        if found.crossing:
+            raise ValueError(
+                f"part: curves cross near {found.crossing} mm, where members or gaps are thinner "
+                "than the lattice on which they are looked for; give a larger resolution, or take "
+                "a design without hairlines"
+            )
         self._found = found
         self.drawing, self.outlines = found.drawing, found.outlines
+        every = (curve for loops in self.outlines for loop in loops for curve in loop)
+        self._groups = {id(c): group for c, group in zip(every, found.groups, strict=True)}
         for text in found.said:
             warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
+
+    def _found_on(self, step: float, share: float) -> _Found:
+        """What is found on a lattice of sides of a length [m]."""
+        lattice, names = Lattice.of(self.body, step), list(self.body.interfaces)
+        found: _Found = on_rank_0(
+            self.body.comm,
+            lambda: _find(lattice, self.field, self.spacing, step, share, names),
+        )
+        return found
 
     @classmethod
     def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Part:
@@ -281,23 +304,37 @@ def _find(
         found, dict(zip(names, full, strict=True)), dict(zip(names, left, strict=True))
     )
     drawn = drawing(sides, stay, names)
-    used = sorted({i for piece in stay for i in piece.sides})
-    kept: list[Side] = [sides[i] for i in used]
     on_field = [sides[i].field for piece in stay for i in piece.sides]
+    bounds = outlines(sides, stay, 1e-3 * spacing)
+    around = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
+    every = [side.interface for loops in bounds for loop in loops for side in loop]
     return _Found(
         drawn,
-        outlines(kept, 1e-3 * spacing),
+        around,
         on_field,
         _deviation(drawn, on_field, field, spacing),
         said,
         [_loose(sides, piece, spacing) for piece in found if not piece.interfaces],
         [name for name, length in zip(names, left, strict=True) if length == 0.0],
+        _crossing(around, _CROSSING * spacing),
+        ["" if i < 0 else names[i] for i in every],
     )
 
 
+def _crossing(around: list[list[list[Curve]]], fine: float) -> str:
+    """Where the curves of outlines cross [mm], "" if they do not."""
+    rings = [[polygon(loop, fine) for loop in loops] for loops in around]
+    shape = shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+    if shape.is_valid:
+        return ""
+    numbers = shapely.is_valid_reason(shape).partition("[")[2].strip("]").split()
+    return "(" + ", ".join(f"{1e3 * float(number):.5g}" for number in numbers[:2]) + ")"
+
+
 def _loose(sides: Sequence[Side], piece: Piece, spacing: float) -> LoosePiece:
-    (outline,) = outlines([sides[i] for i in piece.sides], 1e-3 * spacing)
-    return LoosePiece(piece.area, piece.center, outline)
+    (outline,) = outlines(sides, [piece], 1e-3 * spacing)
+    curves = [[side.curve for side in loop] for loop in outline]
+    return LoosePiece(piece.area, piece.center, curves)
 
 
 def _deviation(drawn: Drawing, on_field: Sequence[bool], field: Field, spacing: float) -> float:

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..fem import Curve, Drawing, Face, enclosed, polygon
 from .boundary import Side, loops
-from .lattice import DESIGN, SOLID, VOID
+from .lattice import DESIGN, SOLID
 
 __all__ = ["Piece", "drawing", "held", "outlines", "pieces"]
 
@@ -98,16 +98,27 @@ def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
     return found
 
 
-def outlines(sides: Sequence[Side], tolerance: float) -> list[list[list[Curve]]]:
-    """The boundary of the material: for each piece the outer loop, and those of its holes.
+def outlines(
+    sides: Sequence[Side], kept: Sequence[Piece], tolerance: float
+) -> list[list[list[Side]]]:
+    """The boundary of pieces: for each the outer loop, and those of its holes.
 
     Args:
         sides: Of all regions.
+        kept: The pieces.
         tolerance: Of the polygons by which holes are found in their pieces [m].
     """
-    outer = [side for side in sides if side.right == VOID]
-    closed = [[outer[i].curve for i in loop] for loop in loops(outer)]
-    return [[closed[i] for i in nest] for nest in _nested(closed, tolerance)]
+    walked = [each for p in kept for face in p.faces for loop in face.loops for each in loop]
+    both = set(walked)
+    # what bounds one face alone, from this face
+    outer = [
+        sides[i] if forward else sides[i].reversed()
+        for i, forward in walked
+        if (i, not forward) not in both
+    ]
+    closed = [[outer[i] for i in loop] for loop in loops(outer)]
+    nests = _nested([[side.curve for side in loop] for loop in closed], tolerance)
+    return [[closed[i] for i in nest] for nest in nests]
 
 
 def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) -> Drawing:

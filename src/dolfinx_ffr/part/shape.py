@@ -41,6 +41,7 @@ class Shape:
     drawing: Drawing  #: Curves, and the faces between them in designed and solid cells
     #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
     outlines: list[list[list[Curve]]]
+    _groups: dict[int, str]  #: Interface of each curve of the outlines by its identity
 
     @property
     def pieces(self) -> int:
@@ -72,11 +73,6 @@ class Shape:
             curve: One of `outlines`.
         """
         return self._groups[id(curve)]
-
-    @cached_property
-    def _groups(self) -> dict[int, str]:
-        pairs = zip(self.drawing.curves, self.drawing.groups, strict=True)
-        return {id(curve): group for curve, group in pairs}
 
     # ------------------------------------------------------------------ what it measures
 
