@@ -272,11 +272,17 @@ def mesh_faces(
         chosen = [ts for ts, name in zip(tags, drawing.groups, strict=True) if name == group]
         members = [tag for ts in chosen for tag in ts]
         model.setPhysicalName(1, model.addPhysicalGroup(1, members), group)
-    names = ("MeshSizeMin", "MeshSizeMax", "MeshSizeFromPoints", "MeshSizeExtendFromBoundary")
-    values = (0.0, size, 0, 0)
-    before = {name: gmsh.option.getNumber(f"Mesh.{name}") for name in names}
+    options = {
+        "MeshSizeMin": 0.0,
+        "MeshSizeMax": size,
+        "MeshSizeFromPoints": 0,
+        "MeshSizeExtendFromBoundary": 0,
+        # along curves sizes are integrated to more digits than counts of cells need
+        "LcIntegrationPrecision": 1e-3,
+    }
+    before = {name: gmsh.option.getNumber(f"Mesh.{name}") for name in options}
     try:
-        for name, value in zip(names, values, strict=True):
+        for name, value in options.items():
             gmsh.option.setNumber(f"Mesh.{name}", value)
         if local is not None:
             # releases hand on different numbers of arguments: dimension, tag, x, y, z, size
