@@ -230,20 +230,12 @@ class Part(Shape):
             return None
         sizes = np.maximum(_ACROSS * widths[narrow], _SMALLEST * size)
         tree = cKDTree(places[narrow])
-        # asked for at each point of the mesh, one by one: looked up on a grid
-        step = 0.2 * size
-        corners = np.vstack(rings)
-        low = np.min(corners, axis=0)
-        shape = np.ceil((np.max(corners, axis=0) - low) / step).astype(int) + 2
-        grid = low + step * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2)
-        distance, which = tree.query(grid, k=min(8, len(sizes)))
-        # from a narrow place on cells may grow
-        found = (sizes[which] + 0.3 * distance).reshape(len(grid), -1).min(axis=1)
-        table = found.reshape(shape).tolist()
-        x_low, y_low = low.tolist()
+        count = min(8, len(sizes))
 
         def local(x: float, y: float) -> float:
-            return float(table[round((x - x_low) / step)][round((y - y_low) / step)])
+            distance, which = tree.query([x, y], k=count)
+            # from a narrow place on cells may grow
+            return float(np.min(sizes[which] + 0.3 * distance))
 
         return local
 
