@@ -229,7 +229,9 @@ class Problem:
         """
         with on_every_rank(self.comm, "the evaluation of a problem"):
             densities = self._by_name(x)
-        reduced = {name: body.reduce(densities[name]) for name, body in self.flexible.items()}
+        reduced = {
+            name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()
+        }
         with on_every_rank(self.comm, "the evaluation of a problem"):
             chosen = self._mechanical().with_tolerance(
                 self._integrals(reduced), tolerance, self._fields(reduced), self._stresses(reduced)
@@ -314,7 +316,9 @@ class Problem:
         """
         with on_every_rank(self.comm, "the evaluation of a problem"):
             densities = self._by_name(x)
-        reduced = {name: body.reduce(densities[name]) for name, body in self.flexible.items()}
+        reduced = {
+            name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()
+        }
         seconds: dict[str, float] = {}
         for part in reduced.values():
             _add(seconds, part.seconds)
@@ -324,7 +328,7 @@ class Problem:
             )
         psi, constraints = self._agreed(found)
         _add(seconds, found.seconds)
-        volume = {name: b.volume(densities[name])[0] for name, b in self.flexible.items()}
+        volume = {name: _filled(b, densities[name]) for name, b in self.flexible.items()}
         return Evaluation(
             psi=psi,
             gradient=None,
@@ -517,6 +521,12 @@ def _field(body: FlexibleBody, density: NDArray[np.float64]) -> DensityField:
     """A density as objectives see it."""
     domain = body.domain
     return DensityField(density, domain.cell_volumes, domain.centroids, domain.sum)
+
+
+def _filled(body: FlexibleBody, density: NDArray[np.float64]) -> float:
+    """The filled share of a body's area at a density that has been checked."""
+    domain = body.domain
+    return domain.sum(density * (domain.cell_volumes / domain.area))
 
 
 def _agreed_memory(comm: MPI.Comm) -> int:

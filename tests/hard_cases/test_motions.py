@@ -173,6 +173,15 @@ def test_too_few_steps_for_vibrations_are_reported(name: str, steps: int) -> Non
     ffr.simulate(shipped.mechanism, shipped.bodies, shipped.integrator)
 
 
+@pytest.mark.parametrize("steps", [8, 12])
+def test_vibrations_that_radau_damps_away_are_reported(steps: int) -> None:
+    """Where psi is off by 43 and 17 percent, and the order of the method would promise little."""
+    shipped = scenes.robot()
+    integrator = ffr.RadauIIA(shipped.integrator.end_time, steps=steps)
+    with pytest.warns(ffr.TimeStepWarning, match=rf"of its deformations, .* instead of {steps},"):
+        ffr.simulate(shipped.mechanism, shipped.bodies, integrator)
+
+
 @pytest.mark.filterwarnings("error::dolfinx_ffr.TimeStepWarning")
 def test_vibrations_that_nothing_excites_are_not_reported() -> None:
     """A rod on a crank from rest to rest: five of its modes are above what the steps resolve."""

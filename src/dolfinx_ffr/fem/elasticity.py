@@ -119,16 +119,13 @@ class Elasticity:
         """How pickle and copy make it anew: forms and matrices cannot be handed on."""
         return type(self), (self.domain, self._material, self._interpolation)
 
-    def assemble(self, x: ArrayLike) -> Matrices:
+    def assemble(self, density: NDArray[np.float64]) -> Matrices:
         """Stiffness and mass matrix at a density.
 
         Args:
-            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
-
-        Raises:
-            ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1].
+            density: What `Domain.check_density` has returned, shape (cells,) of this rank; it is
+                not checked again.
         """
-        density = self.domain.check_density(x)
         self._set_density(density)
         stiffness, mass = self.new_matrix(), self.new_matrix()
         for matrix, form in ((stiffness, self._stiffness_form), (mass, self._mass_form)):

@@ -240,7 +240,9 @@ def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None
     """
     validation.instance("modes_below: body", body, FlexibleBody, "a FlexibleBody")
     validation.number("modes_below: frequency", frequency, least=0.0, unit="Hz")
-    matrices = body.elasticity.assemble(np.ones(body.domain.n_cells) if x is None else x)
+    domain = body.domain
+    density = domain.check_density(np.ones(domain.n_cells) if x is None else x)
+    matrices = body.elasticity.assemble(density)
     factored = body.reduction.factor(matrices)
     try:
         return factored.count_below((2.0 * math.pi * frequency) ** 2)

@@ -258,7 +258,19 @@ class FlexibleBody:
                 or if the body has no mass.
             RuntimeError: On every rank, if a solver fails.
         """
-        density = np.array(self.domain.check_density(x))
+        return self.reduce_checked(self.domain.check_density(x))
+
+    def reduce_checked(self, density: NDArray[np.float64]) -> ReducedBody:
+        """What `reduce` does, at a density that has been checked.
+
+        Args:
+            density: What `Domain.check_density` has returned, shape (cells,) of this rank.
+
+        Raises:
+            ValueError: On every rank, if the body has no mass.
+            RuntimeError: On every rank, if a solver fails.
+        """
+        density = np.array(density)
         density.setflags(write=False)
         with self._working:
             return self._reduce(density)
