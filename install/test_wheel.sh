@@ -30,6 +30,7 @@ wheel, sources = zipfile.ZipFile(sys.argv[1]), Path(sys.argv[2])
 packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
 wanted = {str(path.relative_to(sources)) for path in sources.glob("dolfinx_ffr/**/*.py")}
 wanted.add("dolfinx_ffr/py.typed")
+wanted |= {str(path.relative_to(sources)) for path in sources.glob("dolfinx_ffr/report/templates/*")}
 if packed != wanted:
     sys.exit(f"the wheel lacks {sorted(wanted - packed)} and has beside {sorted(packed - wanted)}")
 if not any(name.endswith("licenses/LICENSE") for name in wheel.namelist()):

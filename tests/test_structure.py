@@ -18,6 +18,7 @@ SOURCES = sorted(ROOT.rglob("*.py"))
 FLOORS = (
     "__main__",
     "program",
+    "report",
     "optimization",
     "plotting",
     "gradients",

@@ -164,6 +164,7 @@ _FOLDERS = {
         "RoundOffWarning",
         "TangentFrame",
     ],
+    "report": ["recorded_warnings", "run_record", "write_report"],
 }
 
 __all__ = sorted(name for names in _FOLDERS.values() for name in names)

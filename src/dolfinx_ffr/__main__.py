@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Command of the package: ``python -m dolfinx_ffr compile`` compiles the time integration."""
+"""Commands of the package.
+
+``python -m dolfinx_ffr compile`` compiles the time integration before its first use;
+``python -m dolfinx_ffr report FOLDER`` writes the report of a run from the files of its folder.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: Arguments; those of the process if left out.
     """
-    parser = argparse.ArgumentParser("python -m dolfinx_ffr", description=__doc__)
+    parser = argparse.ArgumentParser("python -m dolfinx_ffr")
     commands = parser.add_subparsers(dest="command", required=True)
     compilation = commands.add_parser(
         "compile",
@@ -24,7 +28,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         description="Compiles what the demos need, or loads it where that has been done.",
     )
     compilation.add_argument("--all", action="store_true", help="all integrators")
-    compile_beforehand(everything=parser.parse_args(arguments).all)
+    report = commands.add_parser(
+        "report",
+        help="write the report of a run as one HTML file",
+        description="Writes the report of a run from the files that it has left in its folder.",
+    )
+    report.add_argument("folder", help="of the run, for example results/slider_crank")
+    report.add_argument("--output", help="file to write (default: report.html in the folder)")
+    report.add_argument("--title", default="", help="heading (default: the recorded one)")
+    given = parser.parse_args(arguments)
+    if given.command == "compile":
+        compile_beforehand(everything=given.all)
+    else:
+        make_report(given.folder, given.output, given.title)
 
 
 def compile_beforehand(*, everything: bool) -> None:
@@ -45,6 +61,24 @@ def compile_beforehand(*, everything: bool) -> None:
             bar.set_postfix_str(name, refresh=False)
             bar.update()
     print(f"compiled {len(functions)} functions in {time.perf_counter() - began:.0f} s")
+
+
+def make_report(folder: str, output: str | None, title: str) -> None:
+    """Write the report of a run and say where it is.
+
+    Args:
+        folder: Of the run.
+        output: The file, None for that in the folder.
+        title: Heading, "" for the recorded one.
+    """
+    from mpi4py import MPI
+
+    from .report import write_report
+
+    comm = MPI.COMM_WORLD
+    file = write_report(comm, folder, output=output, title=title)
+    if comm.rank == 0:
+        print(file)
 
 
 if __name__ == "__main__":

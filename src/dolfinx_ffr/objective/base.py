@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,6 +173,9 @@ class Objective:
     :meth:`evaluate` and :meth:`derivatives` instead. Objectives are added, and multiplied by
     numbers, with the usual signs.
     """
+
+    #: SI unit of the number, for reports; "" for numbers without one, and where it is not known.
+    unit: ClassVar[str] = ""
 
     @property
     def needs_trajectory(self) -> bool:

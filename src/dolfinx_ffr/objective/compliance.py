@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,8 @@ class IntegralCompliance(_Compliance):
         ValueError: If a weight is not a finite number.
     """
 
+    unit: ClassVar[str] = "J s"
+
     @property
     def _what(self) -> str:
         return "integral compliance"
@@ -120,6 +123,8 @@ class PeakCompliance(_Compliance):
     Raises:
         ValueError: If the power is below 1, or a weight is negative or not a finite number.
     """
+
+    unit: ClassVar[str] = "J"
 
     #: The power p.
     power: float = 8.0

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,6 +89,8 @@ class PathTracking(_MarkerObjective):
         ValueError: If the window is not an interval; when the value is asked for, if the path or
             the weight has the wrong shape or holds NaN, or a name does not exist.
     """
+
+    unit: ClassVar[str] = "m^2 s"
 
     #: Pair (x, y) of motions, functions of an array of times, numbers, or arrays of shape
     #: (steps + 1,) if not both are; or an array of the positions at the instants of the trajectory,
@@ -177,6 +179,8 @@ class MarkerAcceleration(_MarkerObjective):
         ValueError: If the window is not an interval; when the value is asked for, if a name does
             not exist.
     """
+
+    unit: ClassVar[str] = "m^2/s^3"
 
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +33,8 @@ class Mass(Objective):
     Raises:
         ValueError: When the value is asked for, if the body does not exist.
     """
+
+    unit: ClassVar[str] = "kg"
 
     #: Name of the body.
     body: str
@@ -173,6 +176,8 @@ class Frequency(Objective):
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.
     """
+
+    unit: ClassVar[str] = "Hz"
 
     #: Name of the body.
     body: str

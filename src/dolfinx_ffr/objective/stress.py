@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,8 @@ class PeakStress(Objective):
     Raises:
         ValueError: If a number is out of range; when the problem is made, if the body has no mesh.
     """
+
+    unit: ClassVar[str] = "Pa"
 
     #: Name of the body.
     body: str

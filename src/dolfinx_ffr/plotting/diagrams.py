@@ -50,6 +50,7 @@ def plot_history(
     path: str | Path,
     *,
     psi_solid: float | None = None,
+    psi_unit: str = "J s",
     volume_bound: float | None = None,
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -58,15 +59,17 @@ def plot_history(
 
     One sees, each in a panel of its own as far as the history has it: the objective, with the line
     of the solid body where it is given; the volume with its bound, and the share that is neither
-    void nor solid; the first frequency (interfaces held); the size of the steps. The last value
-    stands above each panel.
+    void nor solid; the first frequency (interfaces held); the steepness of the projection; the
+    number of normal modes and the estimated error by those left out; the size of the steps. The
+    last value stands above each panel.
 
     Args:
         history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
-            ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz], ``step``
-            [knot spacings].
+            ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz],
+            ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` [knot spacings].
         path: File to write, .png, .pdf or .svg.
         psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
+        psi_unit: Unit of psi, where it is no compliance.
         volume_bound: Largest volume allowed, in [0, 1].
         title: Heading.
         comm: Ranks that call this together; rank 0 reads and writes.
@@ -90,8 +93,8 @@ def plot_history(
             columns = _numbers("plot_history", history)
         else:
             columns = read_history(history)
-        chosen = [name for name in _COLUMNS if name in columns]
-        if not chosen or not len(columns[chosen[0]]):
+        chosen = [name for name in _COLUMNS if np.isfinite(columns.get(name, [])).any()]
+        if not chosen:
             raise ValueError(
                 f"plot_history: the history has the columns {sorted(columns)} and must have a line "
                 f"and at least one of {list(_COLUMNS)}"
@@ -102,9 +105,14 @@ def plot_history(
         rows = -(-len(chosen) // across)
         size = ({1: 6.0, 2: 9.6, 3: 13.0}[across], 2.6 * rows + 0.8)
         with _panels(file, rows, across, size, title, "iteration") as panels:
-            for axes, name in zip(panels, chosen, strict=True):
+            for axes in panels[len(chosen) :]:
+                axes.remove()
+            for axes, name in zip(panels, chosen, strict=False):
                 gray = columns.get("gray") if name == "volume" else None
-                _draw_column(axes, name, iteration, columns[name], psi_solid, volume_bound, gray)
+                unit = psi_unit if name == "psi" else _COLUMNS[name][1]
+                _draw_column(
+                    axes, name, unit, iteration, columns[name], psi_solid, volume_bound, gray
+                )
 
     return written(comm, path, draw)
 
@@ -124,9 +132,12 @@ def _numbers(what: str, history: Mapping[str, ArrayLike]) -> dict[str, Array]:
 
 #: Heading and unit of each panel, by the name of the column
 _COLUMNS = {
-    "psi": ("objective ψ", "J s"),
+    "psi": ("objective ψ", ""),
     "volume": ("volume, share of the body", ""),
     "frequency": ("first frequency, interfaces held", "Hz"),
+    "sharpness": ("steepness of the projection", ""),
+    "modes": ("normal modes", ""),
+    "mode_error": ("estimated error of ψ by the modes left out", "%"),
     "step": ("size of the step / knot spacing", ""),
 }
 
@@ -134,6 +145,7 @@ _COLUMNS = {
 def _draw_column(
     axes: Axes,
     name: str,
+    unit: str,
     iteration: Array,
     values: Array,
     psi_solid: float | None,
@@ -141,11 +153,13 @@ def _draw_column(
     gray: Array | None,
 ) -> None:
     """Draw one column of the history, its last value in the upper right corner."""
-    heading, unit = _COLUMNS[name]
+    heading = _COLUMNS[name][0]
     if name == "psi" and psi_solid is not None:
         values, unit = values / psi_solid, ""
         heading = "objective ψ / ψ of the solid body"
         _line(axes, 1.0, GRAY, "solid body")
+    elif unit == "%":
+        values = 100.0 * values
     elif unit:
         unit, factor = prefixed(float(np.nanmax(np.abs(values))), unit)
         values = values * factor
@@ -424,6 +438,7 @@ def _panels(
     with styled_figure(*size) as figure:
         panels = list(figure.subplots(rows, across, squeeze=False, sharex=across == 1).ravel())
         yield panels
+        panels = list(figure.axes)
         for axes in panels:
             tidy(axes)
             if axes.get_legend_handles_labels()[0]:

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: MIT
+"""A run as one page, for those who did not make it: what was modelled, found, and how well.
+
+`run_record` gathers what a results folder must hold beside its history and pictures; `write_report`
+makes the page from the folder alone, at once or years later.
+"""
+
+from __future__ import annotations
+
+from .page import write_report
+from .record import recorded_warnings, run_record
+
+__all__ = ["recorded_warnings", "run_record", "write_report"]

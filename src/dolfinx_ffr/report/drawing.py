@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: MIT
+"""The drawing of a part with its dimensions, from the SVG file of the part and what was measured.
+
+Of the file only outlines are taken, as data: nothing else of it comes into the page.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from .numbers import Scale
+
+__all__ = ["Drawing", "Outline", "read_outline"]
+
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
+#: What the data of a path may hold
+_PATH = re.compile(r"[MLACQZHVmlacqzhv0-9eE+\-.,\s]+")
+#: Smallest width of a drawing in units of the height of its letters
+_LETTERS = 62.0
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Of a part, as its SVG file has it: millimetres, y downwards."""
+
+    path: str  #: Data of the path
+    interfaces: dict[str, str]  #: Data of their paths, by name
+    scale: float  #: Units of the file in one millimetre
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text with the line that leads to what it names."""
+
+    text: str
+    kind: str  #: Class of the line and the text
+    x: float
+    y: float
+    anchor: str
+    lines: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+
+def read_outline(path: Path) -> Outline:
+    """The outlines in an SVG file of a part.
+
+    Args:
+        path: What `Part.write` has written.
+
+    Raises:
+        ValueError: If it is no such file.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path.name} is no SVG file: {error}") from None
+    found = {
+        str(element.get("id", "")): str(element.get("d", ""))
+        for element in root.iter(f"{_NAMESPACE}path")
+    }
+    box = (root.get("viewBox") or "").split()
+    width = re.fullmatch(r"([0-9.eE+-]+)mm", root.get("width") or "")
+    good = all(_PATH.fullmatch(data) for data in found.values())
+    if "part" not in found or not good or len(box) != 4 or width is None:
+        raise ValueError(f"{path.name} is no drawing of a part")
+    outline = found.pop("part")
+    return Outline(outline, found, float(box[2]) / float(width[1]))
+
+
+class Drawing:
+    """A part with dimensions, in millimetres with y downwards; the template draws it.
+
+    Args:
+        outline: Of the part.
+        figures: What was measured, as recorded: ``bounds``, ``center``, ``thinnest_member`` and
+            ``narrowest_gap`` [m].
+
+    Raises:
+        KeyError: If ``bounds`` or ``center`` are missing.
+        TypeError: If they are no numbers.
+    """
+
+    def __init__(self, outline: Outline, figures: Mapping[str, Any]) -> None:
+        self.outline = outline
+        x0, y0, x1, y1 = (1e3 * float(v) for v in figures["bounds"])
+        left, right, top, bottom = x0, x1, -y1, -y0
+        wide, high = right - left, bottom - top
+        #: Height of letters [mm]
+        self.letter = max(wide, 0.6 * high) / _LETTERS
+        h = self.letter
+        #: Centre of mass
+        self.center = (1e3 * float(figures["center"][0]), -1e3 * float(figures["center"][1]))
+        self.labels: list[Label] = []
+        self.widths: list[tuple[str, float, float, float, float]] = []
+        rows = self._callouts(figures, left, right, top)
+        below, beside = bottom + 2.6 * h, left - 2.6 * h
+        size = Scale("m", wide).given
+        self.labels.append(
+            Label(
+                f"{size(1e-3 * round(wide, 3))} mm",
+                "size",
+                0.5 * (left + right),
+                below - 0.5 * h,
+                "middle",
+            )
+        )
+        self.labels.append(
+            Label(
+                f"{size(1e-3 * round(high, 3))} mm",
+                "size turned",
+                beside - 0.5 * h,
+                0.5 * (top + bottom),
+                "middle",
+            )
+        )
+        #: Lines of dimension and of extension: x1, y1, x2, y2, whether with arrows
+        self.lines = [
+            (left, below, right, below, True),
+            (left, bottom + 0.5 * h, left, below + 0.8 * h, False),
+            (right, bottom + 0.5 * h, right, below + 0.8 * h, False),
+            (beside, top, beside, bottom, True),
+            (left - 0.5 * h, top, beside - 0.8 * h, top, False),
+            (left - 0.5 * h, bottom, beside - 0.8 * h, bottom, False),
+        ]
+        above = (2.2 + 1.6 * rows) * h if rows else h
+        low, head = left - 5.5 * h, top - above
+        #: Of the whole drawing
+        self.box = (low, head, right + 3.0 * h - low, below + 2.0 * h - head)
+
+    def _callouts(self, figures: Mapping[str, Any], left: float, right: float, top: float) -> int:
+        """Name the thinnest member and the narrowest gap above the part; how many rows it takes."""
+        h, found = self.letter, []
+        for key, what in (
+            ("thinnest_member", "thinnest member"),
+            ("narrowest_gap", "narrowest gap"),
+        ):
+            width = figures.get(key)
+            if width:
+                ends = 1e3 * np.asarray(width["ends"], dtype=np.float64) * [1.0, -1.0]
+                value = Scale("m", width["value"]).text(width["value"], 3)
+                found.append((float(ends[:, 0].mean()), ends, f"{what} {value} mm", key))
+        found.sort(key=lambda each: each[0])
+        before = -np.inf
+        row = 0
+        for x, ends, text, key in found:
+            half = 0.32 * h * len(text)
+            middle = min(max(x, left + half), right - half)
+            if middle - half < before + h:
+                row += 1
+            before = middle + half
+            y = top - (1.6 + 1.6 * row) * h
+            (xa, ya), (xb, yb) = ends
+            self.widths.append((key, xa, ya, xb, yb))
+            self.labels.append(
+                Label(
+                    text, key, middle, y, "middle", [(x, y + 0.45 * h, x, float(ends[:, 1].mean()))]
+                )
+            )
+        return row + 1 if found else 0

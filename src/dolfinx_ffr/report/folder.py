@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: MIT
+"""What a results folder holds, and what it lacks."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from ..io import read_history
+
+__all__ = ["Folder", "Picture"]
+
+Array = NDArray[np.float64]
+
+#: Pictures that demos leave, what they show, and by what they are made
+PICTURES = {
+    "scene.png": ("The mechanism at one instant of its motion.", "plotting.plot_scene"),
+    "motion.gif": ("The mechanism in motion.", "plotting.animate_motion"),
+    "crank_motion.png": ("The prescribed motion over time.", "plotting.plot_crank_motion"),
+    "design.png": (
+        "Densities of the design: solid is black, void is white.",
+        "plotting.plot_design",
+    ),
+    "modes.png": ("Shape functions of the body.", "plotting.plot_modes"),
+    "stress.png": ("Largest von Mises stress over the motion.", "plotting.plot_stress"),
+}
+#: Those that every run can have; others are not missed
+_WANTED = ("scene.png", "motion.gif", "design.png")
+#: Drawn by the report itself
+_OWN = ("history.png", "history.svg")
+#: Bytes of pictures that a page holds
+LIMIT = 3_600_000
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as part of a page."""
+
+    name: str  #: Of the file
+    caption: str
+    source: str  #: Data URI
+    width: int  #: [pixels]
+    height: int  #: [pixels]
+    still: str = ""  #: Data URI of the first frame, for those who want no motion
+
+
+@dataclass
+class Folder:
+    """Files of a run, read as far as they are there and sound."""
+
+    path: Path
+    record: dict[str, Any]  #: What summary.json holds
+    history: dict[str, Array]  #: Columns of history.csv
+    missing: list[str] = field(default_factory=list)  #: What is not there, in words
+    _bytes: int = 0
+
+    @staticmethod
+    def read(path: Path) -> Folder:
+        """Read summary and history.
+
+        Args:
+            path: The folder.
+
+        Raises:
+            FileNotFoundError: If there is no run in it.
+            ValueError: If a file is damaged.
+            OSError: If a file cannot be read.
+        """
+        summary, history = path / "summary.json", path / "history.csv"
+        if not summary.is_file() and not history.is_file():
+            below = [f.parent for f in sorted(path.glob("*/summary.json"))]
+            found = f"; there are runs in {', '.join(map(str, below[:5]))}" if below else ""
+            what = "is no folder" if not path.is_dir() else "holds no run"
+            raise FileNotFoundError(
+                f"report: {str(path)!r} {what}: neither summary.json nor history.csv is there"
+                f"{found}. Give the folder that a demo wrote to, for example results/slider_crank "
+                "(make demo)"
+            )
+        folder = Folder(path, {}, {})
+        if summary.is_file():
+            folder.record = _record(summary)
+        else:
+            folder.missing.append(
+                "summary.json: nothing is known but the history; a run that was not interrupted "
+                "writes it by ffr.write_summary with ffr.run_record(result, ...)"
+            )
+        if history.is_file():
+            try:
+                folder.history = read_history(history)
+            except (KeyError, TypeError, ValueError) as error:
+                raise ValueError(f"report: {history} is damaged: {error}") from error
+        if not folder.history or not len(next(iter(folder.history.values()))):
+            folder.history = {}
+            folder.missing.append("history.csv: how the design came about (optimize(output=...))")
+        return folder
+
+    def picture(self, name: str, caption: str = "") -> Picture | None:
+        """A picture of the folder, if it is there, sound and not too large.
+
+        Args:
+            name: Of the file.
+            caption: Below it.
+        """
+        file = self.path / name
+        known, made_by = PICTURES.get(name, ("", ""))
+        if not file.is_file():
+            if name in _WANTED:
+                self.missing.append(f"{name}: {known[:-1].lower()} ({made_by})")
+            return None
+        content = file.read_bytes()
+        if self._bytes + len(content) > LIMIT:
+            self.missing.append(
+                f"{name}: with {len(content) / 1e6:.1f} MB it would make the page too large; it is "
+                "beside it"
+            )
+            return None
+        try:
+            with Image.open(io.BytesIO(content)) as image:
+                kind, (width, height) = str(image.format), image.size
+                image.load()
+                still = _still(image) if getattr(image, "is_animated", False) else ""
+        except (OSError, SyntaxError, UnidentifiedImageError, ValueError):
+            self.missing.append(f"{name}: the file is damaged")
+            return None
+        self._bytes += len(content) + len(still)
+        caption = caption or known or _words(Path(name).stem)
+        mime = {"PNG": "image/png", "GIF": "image/gif"}.get(kind, f"image/{kind.lower()}")
+        return Picture(name, caption, data_uri(content, mime), width, height, still)
+
+    def further_pictures(self) -> list[Picture]:
+        """Those of the folder that the report does not know."""
+        names = sorted(f.name for f in self.path.iterdir() if f.suffix.lower() in {".png", ".gif"})
+        others = [name for name in names if name not in PICTURES and name not in _OWN]
+        found = [self.picture(name) for name in others if not name.startswith(".")]
+        return [picture for picture in found if picture is not None]
+
+    def drawing_of(self, body: str, *, alone: bool) -> Path | None:
+        """The SVG file of a part.
+
+        Args:
+            body: Its name.
+            alone: Whether there is no other part.
+        """
+        safe = Path(body).name
+        names = [f"part_{safe}.svg", f"{safe}.svg", f"{safe}/part.svg"]
+        if alone:
+            names = ["part.svg", "part/part.svg", *names]
+        return next((self.path / name for name in names if (self.path / name).is_file()), None)
+
+
+def data_uri(content: bytes, mime: str) -> str:
+    """A file as an address that holds it.
+
+    Args:
+        content: Of the file.
+        mime: Its kind.
+    """
+    return f"data:{mime};base64,{base64.b64encode(content).decode()}"
+
+
+def _still(image: Image.Image) -> str:
+    """The first frame of an animation."""
+    image.seek(0)
+    buffer = io.BytesIO()
+    image.convert("RGB").quantize(64).save(buffer, "PNG", optimize=True)
+    return data_uri(buffer.getvalue(), "image/png")
+
+
+def _words(stem: str) -> str:
+    text = re.sub(r"[_-]+", " ", stem).strip()
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _record(file: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"report: {file} is damaged: {error}; run the program again") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"report: {file} must hold a mapping from names to numbers and texts")
+    return found

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Numbers as a reader wants them: with few digits, a unit of the right size, and aligned points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from .. import validation
+
+__all__ = ["NOTHING", "Scale", "aligned", "fixed", "percent"]
+
+#: Stands for what is not known
+NOTHING = "–"
+#: Spaces as wide as a digit and as a point
+_DIGIT, _POINT = "\u2007", "\u2008"
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+#: Units that engineers use in place of that of SI, and how many of them are one of it
+_USUAL = {"m": ("mm", 1e3), "m^2": ("mm²", 1e6), "rad": ("rad", 1.0), "-": ("", 1.0)}
+#: Units whose first letter takes a prefix
+_PREFIXED = ("J", "J s", "N", "N m", "W", "Pa", "Hz", "s")
+
+
+class Scale:
+    """A unit of a size that suits a number.
+
+    Args:
+        unit: Of SI.
+        value: The number, or the largest of several that are to have the same unit.
+    """
+
+    def __init__(self, unit: str, value: Any) -> None:
+        size = abs(float(value)) if _known(value) else 0.0
+        #: Its name
+        self.name = unit.replace("^2", "²").replace("^3", "³")
+        #: How many of it are one of SI
+        self.factor = 1.0
+        if unit in _USUAL:
+            self.name, self.factor = _USUAL[unit]
+        elif unit == "kg" and 0.0 < size < 0.1:
+            self.name, self.factor = "g", 1e3
+        elif unit == "Pa" and 1e6 <= size < 1e10:
+            self.name, self.factor = "MPa", 1e-6
+        elif unit == "Hz" and size < 1e5:
+            pass
+        elif unit in _PREFIXED and size > 0.0 and not 0.1 <= size < 1e3:
+            large, prefix = next((p for p in _PREFIXES if size >= 0.999999 * p[0]), _PREFIXES[-1])
+            self.name, self.factor = prefix + self.name, 1.0 / large
+
+    def text(self, value: Any, digits: int = 4) -> str:
+        """A number of SI in this unit.
+
+        Args:
+            value: The number, None if it is not known.
+            digits: That count.
+        """
+        return fixed(value * self.factor, digits) if _number(value) else NOTHING
+
+    def given(self, value: Any) -> str:
+        """A number of SI that was chosen and not computed: without zeros at its end.
+
+        Args:
+            value: The number.
+        """
+        text = self.text(value, 6)
+        return text if "×" in text or "." not in text else text.rstrip("0").rstrip(".")
+
+
+def fixed(value: Any, digits: int = 4) -> str:
+    """A number with a fixed point, or with a power of ten where that would be long.
+
+    Args:
+        value: The number; None, NaN and what is no number are not known.
+        digits: That count.
+    """
+    if not _number(value) or math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "∞" if value > 0.0 else "−∞"
+    if value == 0:
+        return "0"
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    exponent = int(power)
+    if isinstance(value, int) and abs(value) < 10**9:
+        text = str(value)
+    elif not -4 <= exponent <= 6:
+        return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPTS)}".replace("-", "−")
+    else:
+        text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    whole, point, part = text.lstrip("-").partition(".")
+    if len(whole) > 4:  # thin spaces between thousands
+        whole = f"{int(whole):,}".replace(",", "\u202f")
+    return ("−" if value < 0 else "") + whole + point + part
+
+
+def percent(value: Any, digits: int = 2, *, sign: bool = False) -> str:
+    """A share in percent, without the sign of percent.
+
+    Args:
+        value: The share, 0.01 is one percent.
+        digits: That count.
+        sign: Whether positive numbers get a plus sign.
+    """
+    if not _known(value):
+        return fixed(value)
+    if 0.0 < abs(value) < 5e-7:
+        return "< 0.0001" if value > 0.0 or not sign else "> −0.0001"
+    text = fixed(round(100.0 * value, 4), digits)
+    return f"+{text}" if sign and value > 0.0 else text
+
+
+def aligned(texts: Sequence[str]) -> list[str]:
+    """Numbers of a column, filled on the right so that their points stand below each other.
+
+    Args:
+        texts: From `fixed` or `percent`.
+    """
+    rests = [text.partition(".")[2] if _plain(text) else "" for text in texts]
+    most = max((len(rest) for rest in rests), default=0)
+    if not most:
+        return list(texts)
+    return [
+        text + ("" if rest else _POINT) + _DIGIT * (most - len(rest)) if _plain(text) else text
+        for text, rest in zip(texts, rests, strict=True)
+    ]
+
+
+def _plain(text: str) -> bool:
+    """Whether a text is a number without a power of ten."""
+    return text == NOTHING or "×" not in text
+
+
+def _number(value: Any) -> bool:
+    return validation.is_number(value)
+
+
+def _known(value: Any) -> bool:
+    return _number(value) and math.isfinite(value)

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: MIT
+"""The sections about the result: psi beside its errors, constraints, densities and part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from .numbers import NOTHING, Scale, fixed, percent
+from .run import Row, Run, Table, real
+
+__all__ = [
+    "accuracy",
+    "cards",
+    "comparison",
+    "constraints",
+    "own_figures",
+    "reported_and_part",
+    "status",
+]
+
+#: Why a run ended, in words
+_REASONS = {
+    "converged": "the design no longer changes",
+    "iterations": "all iterations were used",
+    "interrupted": "it was interrupted",
+    "stalled": "the design would fall apart with sharper edges",
+    "infeasible": "no design was found that fulfils all constraints",
+}
+
+
+def status(run: Run) -> list[str]:
+    """How the run ended, in sentences.
+
+    Args:
+        run: The run.
+    """
+    record = run.record
+    said = []
+    if record.get("feasible") is True:
+        said.append("All constraints hold.")
+    elif record.get("feasible") is False:
+        broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
+        said.append(f"Constraints are violated: {broken or 'see the table below'}.")
+    reason = str(record.get("reason") or "")
+    if reason:
+        iterations = record.get("iterations")
+        after = f" after {iterations} iterations" if isinstance(iterations, int) else ""
+        said.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
+    found = run.verification
+    if found.get("converged") is False:
+        said.append("ψ of the part still changes with its mesh.")
+    given = record.get("warnings")
+    if isinstance(given, list) and given:
+        said.append(f"{len(given)} {'warning' if len(given) == 1 else 'warnings'}, see below.")
+    return said
+
+
+def cards(run: Run) -> list[dict[str, str]]:
+    """The few numbers that matter most: label, value, unit and a line below.
+
+    Args:
+        run: The run.
+    """
+    found: list[dict[str, str]] = []
+
+    def card(label: str, value: str, unit: str, below: str) -> None:
+        found.append({"label": label, "value": value, "unit": unit, "below": below})
+
+    psi, part = run.record.get("psi"), run.verification.get("part")
+    unit = run.psi.name
+    if real(part):
+        below = f"reported {run.psi.text(psi)} {unit}"
+        card("ψ of the part", run.psi.text(part), unit, below)
+    elif real(psi):
+        card("ψ of the densities", run.psi.text(psi), unit, "not verified as a part")
+    best = part if real(part) else psi
+    if run.references and real(best):
+        name, reference = next(iter(run.references.items()))
+        card("ψ relative", percent(best / reference, 3), "%", f"of that of the {name}")
+    volume = {k: v for k, v in run.mapping("volume").items() if real(v)}
+    for name, share in list(volume.items())[:1]:
+        bound = run.bounds.get(f"volume of {name}")
+        limit = f", at most {Scale('', 1).given(100.0 * bound)} %" if real(bound) else ""
+        card("Material", percent(share, 3), "%", f"of the full {name}{limit}")
+    for name, given in list(run.mapping("parts").items())[:1]:
+        if real(given.get("mass")):
+            mass = Scale("kg", given["mass"])
+            card("Mass", mass.text(given["mass"]), mass.name, f"of the part {name}")
+    stress = {n: s["value"] for n, s in run.mapping("stress").items()}
+    of = "densities"
+    for name, body in run.mapping("verification").get("bodies", {}).items():
+        if real(body["stress"][1]):
+            stress[name], of = body["stress"][1], "part"
+    if stress:
+        worst = max(stress, key=lambda name: stress[name])
+        scale = Scale("Pa", stress[worst])
+        card("Largest stress", scale.text(stress[worst]), scale.name, f"von Mises, {of} {worst}")
+    return found
+
+
+def accuracy(run: Run) -> dict[str, Any]:
+    """The objective beside its errors.
+
+    Args:
+        run: The run.
+    """
+    found, scene = run.verification, run.mapping("scene")
+    psi, unit = run.record.get("psi"), run.psi.name
+    values: list[Row] = []
+    if real(psi):
+        values.append(("Reported, of the densities", run.psi.text(psi, 5), unit, "0"))
+    for mesh in found.get("meshes", []):
+        size = Scale("m", mesh["size"])
+        what = f"Part, triangles of {size.text(mesh['size'], 3)} {size.name}"
+        change = mesh["psi"] / found["reported"] - 1.0
+        values.append((what, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
+    errors: list[Row] = []
+
+    def error(what: str, share: Any, how: str, *, sign: bool = False) -> None:
+        if real(share):
+            size = run.psi.text(share * psi, 2) if real(psi) else NOTHING
+            plus = "+" if sign and share > 0.0 else ""
+            errors.append((what, percent(share, sign=sign), plus + size, how))
+
+    modes = scene.get("modes_error", run.record.get("mode_error"))
+    error(
+        "Part instead of densities",
+        found.get("difference"),
+        "motion of the part, computed anew",
+        sign=True,
+    )
+    if found:
+        still = "stands still" if found.get("converged") else "still changes"
+        limit = f"{still} within {percent(found.get('tolerance'))} %"
+        error("Mesh of the part", found.get("change"), f"triangles halved: {limit}")
+    error("Normal modes left out", modes, "estimated by residual modes")
+    error("Time step", scene.get("step_error"), "estimated by steps twice as long")
+    note = (
+        "Modes and time step were judged at the reported design."
+        if found
+        else "The design was not evaluated as a part."
+    )
+    return {
+        "values": Table.of(
+            f"{run.objective} ψ",
+            ["", "ψ", "Unit", "Beside reported [%]"],
+            values,
+            [1, 3],
+        ),
+        "errors": Table.of(
+            "Errors of ψ",
+            ["", "Relative [%]", f"Absolute [{unit}]" if unit else "Absolute", "How it is known"],
+            errors,
+            [1, 2],
+            note,
+        ),
+    }
+
+
+def constraints(run: Run) -> Table | None:
+    """Values and bounds.
+
+    Args:
+        run: The run.
+    """
+    rows = []
+    of_part = run.verification.get("constraints", {})
+    volumes = run.verification.get("bodies", {})
+    for name, given in run.mapping("constraints").items():
+        scale = Scale(str(given["unit"]), given["bound"])
+        part = of_part.get(name, [None, None])[1]
+        if name.startswith("volume of ") and name[10:] in volumes:
+            part = volumes[name[10:]]["volume"][1]
+        broken = given["violation"]
+        rows.append(
+            (
+                name,
+                scale.text(given["value"]),
+                scale.text(part),
+                f"{given['kind']} {scale.given(given['bound'])}",
+                scale.name or NOTHING,
+                "none" if not broken else f"{percent(broken)} %",
+            )
+        )
+    head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation"]
+    return Table.of("Constraints", head, rows, [1, 2])
+
+
+def comparison(run: Run) -> Table | None:
+    """The design beside others.
+
+    Args:
+        run: The run.
+    """
+    if not run.references:
+        return None
+    name, reference = next(iter(run.references.items()))
+    given = {
+        "Design, reported": run.record.get("psi"),
+        "Design, part": run.verification.get("part"),
+    }
+    given |= {key[:1].upper() + key[1:]: psi for key, psi in run.references.items()}
+    rows = [
+        (key, run.psi.text(psi), run.psi.name or NOTHING, percent(psi / reference, 3))
+        for key, psi in given.items()
+        if real(psi)
+    ]
+    head = ["", "ψ", "Unit", f"Of the {name} [%]"]
+    return Table.of("Beside other designs", head, rows, [1, 3])
+
+
+def reported_and_part(run: Run) -> list[Table]:
+    """For each body what was reported of the densities beside what the part has.
+
+    Args:
+        run: The run.
+    """
+    found = []
+    for name, body in run.verification.get("bodies", {}).items():
+        rows: list[Row] = []
+
+        def row(what: str, unit: str, pair: Sequence[Any], rows: list[Row] = rows) -> None:
+            before, after = pair
+            if real(before) or real(after):
+                scale = Scale(unit, max(abs(v) for v in pair if real(v)))
+                both = real(before) and real(after) and before
+                change = percent(after / before - 1.0, 3, sign=True) if both else NOTHING
+                rows.append((what, scale.text(before), scale.text(after), scale.name, change))
+
+        row("Mass", "kg", body["mass"])
+        row("Share of the full body", "-", body["volume"])
+        row("Largest stress", "Pa", body["stress"])
+        pairs = zip(*body["frequencies"], strict=False)
+        for number, pair in enumerate(pairs, 1):
+            row(f"Frequency {number}", "Hz", pair)
+        note = (
+            f"Part: {fixed(body['cells'])} triangles, {body['modes']} normal modes. Stress: "
+            "von Mises, over the whole motion. Frequencies: with all interfaces held."
+        )
+        head = ["", "Reported", "Part", "Unit", "Change [%]"]
+        table = Table.of(f"Body {name}", head, rows, [1, 2, 4], note)
+        if table:
+            found.append(table)
+    return found
+
+
+def own_figures(run: Run) -> Table | None:
+    """Of the densities alone, where no part was verified.
+
+    Args:
+        run: The run.
+    """
+    done = run.verification.get("bodies", {})
+    rows = []
+    for name, given in run.mapping("stress").items():
+        if name not in done:
+            scale = Scale("Pa", given["value"])
+            when = Scale("s", given["time"])
+            x, y = (Scale("m", 1.0).text(v) for v in given["position"])
+            where = f"at {when.text(given['time'])} {when.name}, x = {x} mm, y = {y} mm"
+            rows.append(
+                (name, "Largest von Mises stress", scale.text(given["value"]), scale.name, where)
+            )
+    for name, values in run.mapping("frequencies").items():
+        if name not in done:
+            for number, f in enumerate(values, 1):
+                rows.append((name, f"Frequency {number}", fixed(f), "Hz", "interfaces held"))
+    head = ["Body", "", "Value", "Unit", ""]
+    return Table.of("Stress and frequencies of the densities", head, rows, [2])

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""The sections of a report: what a results folder holds, as tables and texts for the template."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from ..plotting import plot_history
+from . import model, results
+from .folder import Folder, Picture, data_uri
+from .numbers import Scale, fixed, percent
+from .record import KEYS
+from .run import Row, Run, Table, real
+
+__all__ = ["sections"]
+
+#: Panels of the history: columns, and the alternative text
+_PANELS = {
+    "psi": "Objective over the iterations",
+    "volume": "Volume and gray share over the iterations",
+    "sharpness": "Sharpness of the projection over the iterations",
+    "frequency": "First frequency over the iterations",
+    "modes": "Number of normal modes over the iterations",
+    "mode_error": "Estimated error by the modes left out over the iterations",
+}
+#: Columns of the table of the history, with their headings and units of SI
+_COLUMNS = {
+    "iteration": ("Iteration", ""),
+    "psi": ("ψ", "psi"),
+    "volume": ("Volume", "%"),
+    "gray": ("Gray", "%"),
+    "sharpness": ("Sharpness", ""),
+    "modes": ("Modes", ""),
+    "mode_error": ("Mode error", "%"),
+    "frequency": ("First frequency", "Hz"),
+    "step": ("Step", ""),
+    "accepted": ("Kept", "yes"),
+}
+
+
+def sections(folder: Folder, title: str = "") -> dict[str, Any]:
+    """What the template shows of a folder; adds what is missing to `Folder.missing`.
+
+    Args:
+        folder: The run.
+        title: Heading, instead of the recorded one.
+    """
+    run = Run(folder)
+    record = run.record
+    if record:
+        _note_missing_keys(run)
+    heading = title or str(record.get("title") or "") or _title(folder.path)
+    context = {
+        "title": heading,
+        "date": run.built("date", lambda: _date(record.get("date")), ""),
+        "package": f"dolfinx_ffr {run.mapping('versions').get('dolfinx_ffr', '')}".strip(),
+        "ranks": record.get("ranks"),
+        "objective": run.objective,
+        "status": run.built("reason", lambda: results.status(run), []),
+        "feasible": record.get("feasible"),
+        "cards": run.built("psi", lambda: results.cards(run), []),
+        "accuracy": run.built("verification", lambda: results.accuracy(run), {}),
+        "constraints": run.built("constraints", lambda: results.constraints(run), None),
+        "comparison": run.built("references", lambda: results.comparison(run), None),
+        "bodies": run.built("verification", lambda: results.reported_and_part(run), []),
+        "own_figures": run.built("frequencies", lambda: results.own_figures(run), None),
+        "parts": run.built("parts", lambda: model.parts(run), []),
+        "scene": run.built("scene", lambda: model.scene(run), {}),
+        "history": run.built("psi", lambda: _history(run), {}),
+        "warnings": run.built("warnings", lambda: _warnings(run), None),
+        "versions": run.built("versions", lambda: _versions(run), None),
+        "command": record.get("command") or "",
+        "seconds": _duration(record.get("seconds")),
+        "further": run.built("further numbers", lambda: _further(run), None),
+    }
+    pictures: dict[str, Picture | None] = {
+        name: folder.picture(f"{name}.{kind}")
+        for name, kind in (
+            ("scene", "png"),
+            ("design", "png"),
+            ("motion", "gif"),
+            ("crank_motion", "png"),
+            ("stress", "png"),
+            ("modes", "png"),
+        )
+    }
+    context["pictures"] = pictures
+    context["further_pictures"] = folder.further_pictures()
+    context["files"] = _files(folder)
+    context["missing"] = folder.missing
+    return context
+
+
+def _note_missing_keys(run: Run) -> None:
+    what = {
+        "psi": "the result",
+        "scene": "bodies, joints and integrator of the scene",
+        "parts": "dimensions of the part",
+        "verification": "psi of the part beside that of the densities",
+        "constraints": "constraints and bounds",
+        "stress": "the largest stress",
+        "warnings": "warnings of the run",
+        "versions": "versions of the software",
+        "command": "the command that repeats it",
+        "date": "the date",
+    }
+    lacking = [words for key, words in what.items() if run.record.get(key) in (None, {}, "")]
+    if lacking:
+        run.missing(f"summary.json: {', '.join(lacking)} (ffr.run_record writes them)")
+
+
+# ---------------------------------------------------------------------- at the top
+
+
+def _title(folder: Path) -> str:
+    words = re.sub(r"[_-]+", " ", folder.resolve().name)
+    return f"Design run {words}"
+
+
+def _date(text: Any) -> str:
+    if not isinstance(text, str) or not text:
+        return ""
+    when = datetime.fromisoformat(text)
+    zone = f" {when:%Z}" if when.tzinfo else ""
+    return f"{when.day} {when:%B %Y, %H:%M}{zone}"
+
+
+# ---------------------------------------------------------------------- the history
+
+
+def _history(run: Run) -> dict[str, Any]:
+    columns = run.folder.history
+    if not columns:
+        return {}
+    iteration = columns.get("iteration", np.arange(float(len(next(iter(columns.values()))))))
+    panels = []
+    bound = next(iter(run.bounds.values())) if len(run.bounds) == 1 else None
+    with tempfile.TemporaryDirectory() as place:
+        for name, text in _PANELS.items():
+            values = columns.get(name)
+            if values is None or not np.isfinite(values).any():
+                continue
+            shown = {"iteration": iteration, name: values}
+            if name == "volume" and "gray" in columns:
+                shown["gray"] = columns["gray"]
+            file = Path(place) / f"{name}.svg"
+            plot_history(shown, file, psi_unit=run.psi_unit, volume_bound=bound, comm=MPI.COMM_SELF)
+            panels.append({"text": text, "source": data_uri(file.read_bytes(), "image/svg+xml")})
+    if not panels:
+        run.missing("history.csv: it has none of the columns that are drawn")
+    chosen = {n: v for n, v in columns.items() if n in _COLUMNS and np.isfinite(v).any()}
+    head, texts = [], []
+    for name, values in chosen.items():
+        heading, unit = _COLUMNS[name]
+        if unit == "%":
+            texts.append([percent(float(v), 3) for v in values])
+            heading += " [%]"
+        elif unit == "yes":
+            texts.append(["yes" if v else "no" for v in values])
+        else:
+            si = run.psi_unit if unit == "psi" else unit
+            scale = Scale(si, float(np.nanmax(np.abs(values))))
+            whole = bool(np.all(values == np.round(values)))
+            texts.append([scale.text(int(v) if whole else float(v)) for v in values])
+            heading += f" [{scale.name}]" if scale.name else ""
+        head.append(heading)
+    rows = list(zip(*texts, strict=True))
+    numeric = [i for i, name in enumerate(chosen) if name not in {"iteration", "accepted"}]
+    return {
+        "panels": panels,
+        "note": _last_psi(run, columns),
+        "table": Table.of("Iterations", head, rows, numeric),
+        "iterations": len(iteration) - 1,
+    }
+
+
+def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
+    """Why the last psi of the history is not the reported one, where they differ."""
+    psi, last = run.record.get("psi"), columns.get("psi")
+    if last is None or not real(psi) or abs(float(last[-1]) / psi - 1.0) < 1e-6:
+        return ""
+    return (
+        f"The last ψ of the history is {run.psi.text(float(last[-1]))} {run.psi.name}, the "
+        f"reported one {run.psi.text(psi)} {run.psi.name}: the finished design is evaluated once "
+        "more, with the law for elements that its boundary cuts."
+    )
+
+
+# ---------------------------------------------------------------------- at the end
+
+
+def _warnings(run: Run) -> list[Row] | None:
+    given = run.record.get("warnings")
+    if given is None:
+        return None
+    return [(str(entry["category"]), str(entry["message"])) for entry in given]
+
+
+def _versions(run: Run) -> Table | None:
+    rows = [(str(name), str(text)) for name, text in run.mapping("versions").items()]
+    return Table.of("Versions", ["", ""], rows)
+
+
+def _duration(seconds: Any) -> str:
+    if not real(seconds):
+        return ""
+    if seconds < 120.0:
+        return f"{fixed(float(seconds), 3)} s"
+    return f"{fixed(seconds / 60.0, 3)} min"
+
+
+def _further(run: Run) -> Table | None:
+    rows: list[Row] = []
+    for key, value in run.record.items():
+        if key not in KEYS:
+            inner = value if isinstance(value, dict) else {"": value}
+            for below, number in inner.items():
+                name = f"{key} {below}".replace("_", " ").strip()
+                if isinstance(number, bool):
+                    rows.append((name, "yes" if number else "no"))
+                elif real(number):
+                    rows.append((name, fixed(number, 5)))
+                elif isinstance(number, str):
+                    rows.append((name, number))
+    return Table.of("Further numbers of the run, in units of SI", ["", "Value"], rows)
+
+
+def _files(folder: Folder) -> list[str]:
+    """Names and sizes of what stands beside the report."""
+    files = sorted(f for f in folder.path.iterdir() if f.is_file() and not f.name.startswith("."))
+    return [
+        f"{f.name} ({fixed(max(f.stat().st_size / 1e3, 0.1), 2)} kB)"
+        for f in files
+        if f.suffix != ".html"
+    ]
