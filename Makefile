@@ -12,7 +12,7 @@ DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel lint docs \
+.PHONY: help setup setup-tests demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel lint docs \
 	benchmark benchmark-peers clean
 
 help: ## list the targets
@@ -21,13 +21,16 @@ help: ## list the targets
 setup: ## install Debian packages and make .venv (does nothing the second time)
 	@"$(clone)/install/setup.sh"
 
+setup-tests: # the same, and the Debian packages that only tests need
+	@"$(clone)/install/setup.sh" tests
+
 demo: setup ## run a demo, DEMO=slider_crank by default; pictures in results/ (ARGS="..." for options)
 	@cd "$(clone)" && $(env) $(python) "demos/$(DEMO).py" $(ARGS)
 
-test: setup ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS="..." for pytest)
+test: setup-tests ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS="..." for pytest)
 	@"$(clone)/tests/run.sh" $(ARGS)
 
-test-fast: setup ## run the serial tests but for the slow ones, for the day's work (ARGS="..." for pytest)
+test-fast: setup-tests ## run the serial tests but for the slow ones, for the day's work (ARGS="..." for pytest)
 	@"$(clone)/tests/run.sh" --fast $(ARGS)
 
 test-other-debian: ## run the tests in a root of the other Debian release, 12 or 13 (needs root)

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Debian packages, the virtual environment .venv and the PyPI packages in it. Running it again does nothing.
+# With the argument "tests" also the Debian packages that only tests need.
 #
 # The environment is made on Debian's own /usr/bin/python3 with Debian's packages visible in it: DOLFINx is
 # compiled against Debian's NumPy, which pip must therefore never replace. The last step checks that.
@@ -11,6 +12,8 @@ venv=$clone/.venv
 stamp=$venv/.complete
 python=/usr/bin/python3
 list=$clone/install/debian-packages.txt
+lists=("$list")
+if [ "${1:-}" = tests ]; then lists+=("$clone/install/debian-packages-tests.txt"); fi
 # shellcheck source=install/environment.sh
 . "$clone/install/environment.sh"
 
@@ -50,7 +53,7 @@ choose_packages() {
             if [ "$alternative" = "$name" ] || apt-cache show "$alternative" >/dev/null 2>&1; then break; fi
         done
         printf '%s\n' "$alternative"
-    done < <(sed 's/#.*//' "$list" | awk 'NF {print $1}')
+    done < <(sed 's/#.*//' "${lists[@]}" | awk 'NF {print $1}')
 }
 
 mapfile -t packages < <(choose_packages)
@@ -61,7 +64,7 @@ fi
 
 # One set-up at a time in this clone; the second one then finds everything done.
 if [ -z "${DOLFINX_FFR_SETUP_LOCKED:-}" ]; then
-    command -v flock >/dev/null && DOLFINX_FFR_SETUP_LOCKED=1 exec flock "$clone/.venv.lock" bash "${BASH_SOURCE[0]}"
+    command -v flock >/dev/null && DOLFINX_FFR_SETUP_LOCKED=1 exec flock "$clone/.venv.lock" bash "${BASH_SOURCE[0]}" "$@"
 fi
 
 if [ ${#missing[@]} -gt 0 ]; then

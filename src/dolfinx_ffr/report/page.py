@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from mpi4py import MPI
@@ -65,11 +66,15 @@ def render(folder: Folder, title: str = "") -> str:
         folder: The run.
         title: Heading, by default the recorded one.
     """
-    environment = jinja2.Environment(
+    return _environment().get_template("report.html").render(sections(folder, title))
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
         loader=jinja2.PackageLoader("dolfinx_ffr.report"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    return environment.get_template("report.html").render(sections(folder, title))

@@ -43,6 +43,7 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from .. import validation
+from ..dynamics import SimulationError
 from ..mechanism import Gear, Mechanism, PrescribedAngle, marker_name
 from ..objective import Constraint, JointForce, Objective
 from ..optimization import Result
@@ -120,7 +121,8 @@ def run_record(
     """What the report of a run needs beside its files, for `write_summary`; collective.
 
     It estimates the errors of the model and recovers the stress of the design, which takes a few
-    simulations. The keys are listed where this function is defined.
+    simulations; where the estimate fails, a warning is recorded. The keys are listed where this
+    function is defined.
 
     Args:
         result: What `optimize` returned.
@@ -138,7 +140,6 @@ def run_record(
     Raises:
         TypeError: If an argument is of a wrong kind.
         ValueError: If ``parts`` or ``volume`` name a body that has no density.
-        SimulationError: If a motion that the estimates take cannot be computed.
     """
     validation.instance("run_record: result", result, Result, "what optimize() returned")
     validation.instance("run_record: title", title, str, "a text")
@@ -155,6 +156,7 @@ def run_record(
         needed = "what verify() returned"
         validation.instance("run_record: verification", verification, Verification, needed)
     problem, evaluation = result.problem, result.evaluation
+    said = [dict(entry) for entry in warnings]
     found = {
         "title": title,
         **result.summary(),
@@ -172,10 +174,10 @@ def run_record(
             for name, values in evaluation.fixed_interface_frequencies.items()
         },
         "stress": _stress(problem, evaluation),
-        "scene": _scene(problem, evaluation),
+        "scene": _scene(problem, evaluation, said),
         "parts": on_rank_0(problem.comm, lambda: {n: _part(part) for n, part in given.items()}),
         "verification": None if verification is None else _verification(verification),
-        "warnings": [dict(entry) for entry in warnings],
+        "warnings": said,
         "versions": _versions(),
         "command": _command(problem.comm),
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -210,7 +212,7 @@ def _unit(objective: Objective, mechanism: Mechanism) -> str:
     return objective.unit
 
 
-def _scene(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
+def _scene(problem: Problem, evaluation: Evaluation, said: list[dict[str, str]]) -> dict[str, Any]:
     mechanism, integrator = problem.mechanism, problem.integrator
     found: dict[str, Any] = {
         "bodies": {name: {"kind": "flexible"} for name in problem.flexible},
@@ -224,8 +226,16 @@ def _scene(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
         "order": integrator.order,
     }
     if evaluation.trajectory is not None:
-        report = model_report(problem, evaluation)
-        found |= _model(report) | {"steps": len(evaluation.trajectory.step_ends) - 1}
+        found["steps"] = len(evaluation.trajectory.step_ends) - 1
+        try:
+            found |= _model(model_report(problem, evaluation))
+        except SimulationError as error:  # with steps twice as long, which is told
+            said.append(
+                {
+                    "category": type(error).__name__,
+                    "message": f"the errors by modes and time step could not be estimated: {error}",
+                }
+            )
     for name, body in problem.flexible.items():
         found["bodies"][name] |= {
             "elements": body.domain.n_cells_global,

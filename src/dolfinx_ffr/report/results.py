@@ -110,7 +110,7 @@ def accuracy(run: Run) -> dict[str, Any]:
     values: list[Row] = []
     if real(psi):
         values.append(("Reported, of the densities", run.psi.text(psi, 5), unit, "0"))
-    for mesh in found.get("meshes", []):
+    for mesh in found["meshes"] if found else []:
         size = Scale("m", mesh["size"])
         what = f"Part, triangles of {size.text(mesh['size'], 3)} {size.name}"
         change = mesh["psi"] / found["reported"] - 1.0
@@ -126,7 +126,7 @@ def accuracy(run: Run) -> dict[str, Any]:
     modes = scene.get("modes_error", run.record.get("mode_error"))
     error(
         "Part instead of densities",
-        found.get("difference"),
+        found["difference"] if found else None,
         "motion of the part, computed anew",
         sign=True,
     )

@@ -83,6 +83,8 @@ class Run:
     def mapping(self, key: str) -> dict[str, Any]:
         """What stands under a key, nothing where that is no mapping."""
         found = self.record.get(key)
+        if found is not None and not isinstance(found, dict):
+            self.missing(f"summary.json: what stands under {key!r} cannot be used (no mapping)")
         return found if isinstance(found, dict) else {}
 
     def missing(self, what: str) -> None:
@@ -90,11 +92,19 @@ class Run:
         if what not in self.folder.missing:
             self.folder.missing.append(what)
 
-    def built(self, key: str, build: Callable[[], Any], nothing: Any) -> Any:
-        """What is made of a key, or of a file that is not as it should be: nothing, and a note."""
+    def built(self, what: str, build: Callable[[], Any], nothing: Any) -> Any:
+        """What is made of the record, or nothing and a note where it holds something else.
+
+        Args:
+            what: What is made.
+            build: Makes it.
+            nothing: Stands for it.
+        """
         try:
             return build()
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             said = f"{type(error).__name__}: {error}"
-            self.missing(f"summary.json: what stands under {key!r} cannot be used ({said})")
+            self.missing(
+                f"{what}: summary.json holds something else than run_record writes ({said})"
+            )
             return nothing

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: MIT
+"""The page of a run: what a browser shows of it, what it says of files that lack or are damaged."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import pytest
+from shared.browser import Seen, look, printed
+from shared.runs import record, write_run
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.__main__ import main
+from dolfinx_ffr.program import run
+from dolfinx_ffr.report.folder import LIMIT
+
+
+def page_of(folder: Path) -> str:
+    """The report of a folder as text."""
+    return ffr.write_report(MPI.COMM_SELF, folder).read_text(encoding="utf-8")
+
+
+def words(page: str) -> str:
+    """What a page says, but for the drawing, with plain spaces."""
+    text = re.sub(r"<style>.*?</style>|<svg.*?</svg>|<[^>]*>", " ", page, flags=re.S)
+    return re.sub(r"[\s\u2007\u2008\u202f]+", " ", html.unescape(text))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a run from which nothing is missing."""
+    folder = write_run(tmp_path_factory.mktemp("run"), record())
+    return ffr.write_report(MPI.COMM_SELF, folder)
+
+
+@pytest.fixture(scope="module")
+def seen(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
+    """The page on a telephone."""
+    yield look(page, tmp_path_factory.mktemp("browser"), width=390)
+
+
+@pytest.mark.slow
+def test_browser_shows_all_pictures_and_asks_for_nothing(seen: Seen) -> None:
+    images = dict(seen.found["images"])
+    # scene, design, motion, another one, and panels of the history, but for what is not known
+    assert len(images) == 4 + 5
+    assert min(images.values()) > 0
+    assert seen.found["requested"] == seen.requests == []
+    assert seen.console == []
+    assert seen.found["width"] <= seen.found["window"]  # only tables and drawings are scrolled
+    assert seen.found["title"] == "Rod <no. 7> & slider"
+
+
+@pytest.mark.slow
+def test_browser_shows_the_numbers_with_their_units(seen: Seen) -> None:
+    text = re.sub(r"[\s\u2007\u2008\u202f]+", " ", seen.found["text"])
+    for said in (
+        "Rod <no. 7> & slider",
+        "4 March 2026, 05:06",
+        "2 MPI ranks",
+        "Constraints are violated: volume of rod by 2.0 %.",
+        "ψ of the part 33.00 µJ s reported 30.00 µJ s",
+        "ψ relative 55.0 % of that of the full rod",
+        "narrowest gap 20.0 mm",
+        "thinnest member 10.0 mm",
+        "Area 12 000 mm²",
+        "Mass 0.9420 kg",
+        "Part, triangles of 2.50 mm 33.000 µJ s +10.0",
+        "Normal modes left out 0.13 0.039",
+        "Time step 0.020 0.0060",
+        "volume of rod 0.5100 0.5200 at most 0.5",
+        "Mass 0.6000 0.6500 at most 0.7 kg none",
+        "Largest stress 2.500 5.000 MPa +100",
+        "crank pin Revolute rod.left, pin",
+        "Generalized-Alpha of order 2, 2 s in 2000 steps",
+        "22 coordinates, 3 constraints; psi = 3e-05",
+        "DesignWarning: 12 % of 'rod' is gray",
+        "python demos/slider_crank.py --elements 80 8",
+        "DOLFINx 0.5.2",
+        "level set knots 729",
+        "The last ψ of the history is 15.00 µJ s, the reported one 30.00 µJ s",
+    ):
+        assert said in text, said
+    assert "What is missing" not in text
+
+
+@pytest.mark.slow
+def test_page_is_printed(page: Path, tmp_path: Path) -> None:
+    sheets, console = printed(page, tmp_path)
+    assert 2 <= sheets <= 6
+    assert console == []
+
+
+@pytest.mark.parametrize("key", ["psi", "scene", "parts", "verification", "warnings", "versions"])
+def test_what_is_missing_is_named(key: str, tmp_path: Path) -> None:
+    given = record()
+    del given[key]
+    text = words(page_of(write_run(tmp_path, given, history=False)))
+    named = {
+        "psi": "the result",
+        "scene": "bodies, joints and integrator of the scene",
+        "parts": "dimensions of the part",
+        "verification": "psi of the part beside that of the densities",
+        "warnings": "warnings of the run",
+        "versions": "versions of the software",
+    }
+    assert f"summary.json: {named[key]} (ffr.run_record writes them)" in text
+    assert "history.csv: how the design came about" in text
+
+
+@pytest.mark.parametrize("nonsense", ["words", {"rod": 3}, {"rod": None}])
+def test_what_makes_no_sense_is_named(nonsense: Any, tmp_path: Path) -> None:
+    keys = ("constraints", "frequencies", "parts", "references", "scene", "stress", "verification")
+    for key in keys:
+        folder = write_run(tmp_path / key, {**record(), key: nonsense}, history=False)
+        text = words(page_of(folder))
+        assert "How to repeat it" in text
+        if nonsense == "words":
+            assert f"summary.json: what stands under {key!r} cannot be used (no mapping)" in text
+        elif key in {"constraints", "parts", "stress", "verification"}:
+            assert "summary.json holds something else than run_record writes" in text
+
+
+def test_summary_of_another_program_is_shown_as_it_is(tmp_path: Path) -> None:
+    given = {"compliance_final": 3.125e-5, "note": "<b>bold</b>", "ok": True, "list": [1, 2]}
+    page = page_of(write_run(tmp_path, given))
+    text = words(page)
+    assert "compliance final 3.1250 × 10⁻⁵" in text
+    assert "note <b>bold</b>" in text
+    assert "<b>" not in page
+    assert "ok yes" in text
+    assert "What is missing" in text
+
+
+def test_history_alone_makes_a_report(tmp_path: Path) -> None:
+    text = words(page_of(write_run(tmp_path / "four_bar", None)))
+    assert "Design run four bar" in text
+    assert "summary.json: nothing is known but the history" in text
+    assert "Not recorded: bodies, joints and time integration" in text
+
+
+def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, record(), history=False)
+    (folder / "scene.png").write_bytes((folder / "scene.png").read_bytes()[:60])
+    (folder / "own_thing.png").write_bytes(b"\x89PNG" + bytes(LIMIT))
+    (folder / "part.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><script/></svg>")
+    page = page_of(folder)
+    text = words(page)
+    assert "scene.png: the file is damaged" in text
+    assert "own_thing.png: with 3.6 MB it would make the page too large" in text
+    assert "part.svg: the drawing of the part rod cannot be used" in text
+    assert len(page) < 1e6
+
+
+def test_nothing_of_a_drawing_but_outlines_comes_into_the_page(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, record(), history=False)
+    drawn = (folder / "part.svg").read_text()
+    (folder / "part.svg").write_text(drawn.replace("<g id", "<script>alert(1)</script><g id"))
+    page = page_of(folder)
+    assert "M 0,20 L 400,20" in page
+    assert "alert(1)" not in page
+
+
+@pytest.mark.mpi
+def test_folder_without_a_run_is_refused_on_every_rank(
+    comm: MPI.Intracomm, shared_tmp_path: Path
+) -> None:
+    if comm.rank == 0:
+        write_run(shared_tmp_path / "below", record(), history=False)
+    comm.Barrier()
+    with pytest.raises(FileNotFoundError, match=r"holds no run.*there are runs in .*below.*Give"):
+        ffr.write_report(comm, shared_tmp_path)
+    with pytest.raises(FileNotFoundError, match="is no folder"):
+        ffr.write_report(comm, shared_tmp_path / "nothing")
+    with pytest.raises(TypeError, match="folder must be a path, but it is 3"):
+        ffr.write_report(comm, 3)  # type: ignore[arg-type]
+    made = ffr.write_report(
+        comm, shared_tmp_path / "below", output=shared_tmp_path / "r" / "a.html"
+    )
+    comm.Barrier()
+    assert made.is_file()
+
+
+@pytest.mark.parametrize("content", ["{", "[1, 2]", b"\xff\xfe"])
+def test_damaged_summary_is_refused(content: str | bytes, tmp_path: Path) -> None:
+    raw = content if isinstance(content, bytes) else content.encode()
+    (tmp_path / "summary.json").write_bytes(raw)
+    with pytest.raises(ValueError, match=r"summary\.json (is damaged|must hold)"):
+        ffr.write_report(MPI.COMM_SELF, tmp_path)
+
+
+def test_damaged_history_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "history.csv").write_text("iteration,psi\n0,abc\n")
+    with pytest.raises(ValueError, match=r"history\.csv is damaged"):
+        ffr.write_report(MPI.COMM_SELF, tmp_path)
+
+
+def test_command_makes_the_report_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_run(tmp_path / "run", record(), history=False)
+    main(["report", str(folder), "--title", "Another title"])
+    assert capsys.readouterr().out.strip() == str(folder / "report.html")
+    assert "<h1>Another title</h1>" in (folder / "report.html").read_text()
+    monkeypatch.setattr(sys, "argv", ["dolfinx_ffr", "report", str(tmp_path)])
+    with pytest.raises(SystemExit, match="holds no run"):
+        run(main)
+
+
+def test_record_of_the_tests_has_all_keys() -> None:
+    from dolfinx_ffr.report.record import KEYS
+
+    assert set(KEYS) == set(record()) - {"level_set_knots"}
+    assert json.loads(json.dumps(record())) == record()

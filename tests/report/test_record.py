@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""What a run records for its report: the numbers of result, part and verification as they are."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.problems import slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.report.drawing import read_outline
+from dolfinx_ffr.report.record import KEYS
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_record_of_a_run(
+    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = slider_crank(comm, (20, 4), modes=2, steps=200)
+    rod = problem.flexible["rod"]
+    full = problem.value(np.ones(rod.domain.n_cells))
+    design = ffr.DensityDesign(rod.domain)
+    with pytest.warns(ffr.DesignWarning), ffr.recorded_warnings() as said:
+        result = ffr.optimize(
+            problem,
+            design,
+            volume=0.8,
+            iterations=1,  # too few: the sharp design is above its volume
+            progress=False,
+            mode_tolerance=None,
+            output=shared_tmp_path,
+        )
+    part = ffr.Part(
+        rod.domain, lambda x: np.hypot(x[:, 0] - 0.2, x[:, 1]) - 0.01, material=rod.material
+    )
+    found = ffr.verify(problem, {"rod": part}, full, tolerance=0.1, order=1, most=2)
+    part.write(shared_tmp_path / "part.svg")
+    record = ffr.run_record(
+        result,
+        title="Rod",
+        parts={"rod": part},
+        verification=found,
+        warnings=said,
+        references={"full rod": full.psi, "what holds nothing": float("inf")},
+        volume=0.8,
+    )
+    assert set(record) == set(KEYS)
+    assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
+    assert record["psi"] == result.psi
+    assert record["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
+    assert record["references"] == {"full rod": full.psi, "what holds nothing": None}
+    volume = record["constraints"]["volume of rod"]
+    assert volume["bound"] == 0.8
+    assert volume["violation"] == result.violations["volume of rod"] > 0.0
+    assert record["ranks"] == comm.size
+    assert [entry["category"] for entry in record["warnings"]] == ["DesignWarning"]
+    drawn = record["parts"]["rod"]
+    assert drawn["area"] == pytest.approx(0.4 * 0.04 - np.pi * 0.01**2, rel=1e-5)
+    assert drawn["narrowest_gap"]["value"] == pytest.approx(0.02, rel=1e-2)
+    assert drawn["mass"] == part.mass
+    checked = record["verification"]
+    assert checked["part"] == found.psi
+    assert checked["difference"] == pytest.approx(found.psi / full.psi - 1.0, abs=1e-12)
+    assert checked["bodies"]["rod"]["mass"][1] == found.fitted[-1].bodies["rod"].mass
+    scene = record["scene"]
+    assert scene["text"] == str(ffr.model_report(result.problem, result.evaluation))
+    assert [joint["name"] for joint in scene["joints"]] == ["crank pin", "slider"]
+    assert scene["bodies"]["rod"]["material"]["young"] == rod.material.young
+    assert {"DOLFINx", "PETSc", "SLEPc", "NumPy", "SciPy", "Python"} < set(record["versions"])
+
+    def fails(*_: object) -> None:
+        raise ffr.SimulationError("too long steps", trajectory=None)
+
+    monkeypatch.setattr("dolfinx_ffr.report.record.model_report", fails)
+    without = ffr.run_record(result)
+    assert "step_error" not in without["scene"]
+    assert "too long steps" in without["warnings"][-1]["message"]
+
+    ffr.write_summary(comm, shared_tmp_path / "summary.json", record)
+    page = ffr.write_report(comm, shared_tmp_path).read_text(encoding="utf-8")
+    assert read_outline(shared_tmp_path / "part.svg").path in page
+    assert "Constraints are violated: volume of rod by" in page
+    # of all that a record can hold nothing is missing; pictures were not drawn here
+    assert "summary.json:" not in page
+    assert "scene.png: the mechanism" in page
+
+
+@pytest.mark.mpi
+def test_record_of_other_bodies_is_refused(comm: MPI.Intracomm) -> None:
+    with pytest.raises(TypeError, match=r"result must be what optimize\(\) returned"):
+        ffr.run_record(3)  # type: ignore[arg-type]
+
+
+def test_warnings_are_listed_once_and_shown() -> None:
+    with pytest.warns(UserWarning) as shown, ffr.recorded_warnings() as said:
+        for text in ("one", "two", "one"):
+            warnings.warn(text, ffr.DesignWarning, stacklevel=1)
+    assert [str(warning.message) for warning in shown] == ["one", "two", "one"]
+    assert said == [
+        {"category": "DesignWarning", "message": "one"},
+        {"category": "DesignWarning", "message": "two"},
+    ]
+    with pytest.warns(UserWarning):
+        warnings.warn("afterwards", UserWarning, stacklevel=1)
+    assert len(said) == 2
