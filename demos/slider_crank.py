@@ -156,14 +156,15 @@ def main(arguments: list[str] | None = None) -> None:
     levelset = ffr.LevelSet(domain)
     x_start = levelset.at(0.0).density(levelset.even())
     loop_time = perf_counter()
-    result = ffr.optimize(
-        problem,
-        levelset,
-        volume=VOLUME,
-        iterations=options.iterations,
-        output=output,
-        resume=options.resume,
-    )
+    with ffr.recorded_warnings() as warnings:
+        result = ffr.optimize(
+            problem,
+            levelset,
+            volume=VOLUME,
+            iterations=options.iterations,
+            output=output,
+            resume=options.resume,
+        )
     loop_seconds = perf_counter() - loop_time
     gray = ffr.gray_fraction(domain, result.x)
     volume = result.evaluation.volume["rod"]
@@ -200,17 +201,22 @@ def main(arguments: list[str] | None = None) -> None:
         "first_fixed_interface_frequency": float(
             result.evaluation.fixed_interface_frequencies["rod"][0]
         ),
-        **result.summary(),
+        **ffr.run_record(
+            result,
+            title="The flexible rod of a slider-crank",
+            warnings=warnings,
+            references={"full rod" if n == "solid" else n: psi for n, psi in compliance.items()},
+            volume=VOLUME,
+        ),
         "seconds_total": perf_counter() - start_time,
         "seconds_per_iteration": loop_seconds / max(result.iterations, 1),
         "design_variables": domain.n_cells_global,
         "level_set_knots": len(levelset.knots),
         "elastic_coordinates": problem.flexible["rod"].n_elastic,
         "steps": STEPS,
-        "ranks": comm.size,
-        "dolfinx": version("fenics-dolfinx"),
     }
     ffr.write_summary(comm, output / "summary.json", summary)
+    ffr.write_report(comm, output)
     say(f"{result.reason} after {result.iterations} iterations, {loop_seconds:.0f} s")
     for name, psi in {"design": result.psi, **compliance}.items():
         say(f"  {name:8s} {psi:.4e} J s   {psi / solid:6.3f} of the full rod")
