@@ -30,6 +30,10 @@ PICTURES = {
         "Densities of the design: solid is black, void is white.",
         "plotting.plot_design",
     ),
+    "part.png": (
+        "The part, and enlarged where it is thinnest and tightest.",
+        "plotting.plot_part",
+    ),
     "modes.png": ("Shape functions of the body.", "plotting.plot_modes"),
     "stress.png": ("Largest von Mises stress over the motion.", "plotting.plot_stress"),
 }

@@ -91,6 +91,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
         for name, kind in (
             ("scene", "png"),
             ("design", "png"),
+            ("part", "png"),
             ("motion", "gif"),
             ("crank_motion", "png"),
             ("stress", "png"),
