@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.meshes import star
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import StressRecovery
@@ -237,6 +238,30 @@ def test_stress_recovery_and_its_transpose(comm: MPI.Intracomm, cell: str, order
     back = recovery.transposed(bar)
     products = [domain.sum(found * bar), domain.sum(fields * back)]
     assert products[0] == pytest.approx(products[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("correction", [True, False], ids=["corrected", "plain"])
+def test_exact_gradient_at_equal_eigenvalues(correction: bool) -> None:
+    """Three alike blades: each frequency comes three times, with any basis of its three modes."""
+    domain = star(MPI.COMM_SELF, 3, nx=6)
+    plastic = ffr.PlaneStress(5e9, 0.3, 1200.0, 0.01)
+    body = ffr.FlexibleBody(domain, plastic, frame=ffr.TangentFrame("hub"), modes=6)
+    swing = ffr.Motion.smooth_step(1.0, 0.1)
+    shaft = ffr.Moving(ffr.Motion.constant(0.0), ffr.Motion.constant(0.0), swing)
+    mechanism = ffr.Mechanism({"fan": ffr.Placement()}, [ffr.Weld(("fan", "hub"), shaft)])
+    objective = ffr.PeakStress("fan", correction=correction)
+    problem = ffr.Problem({"fan": body}, mechanism, ffr.GeneralizedAlpha(0.1, 100), objective)
+    x = np.full(domain.n_cells, 0.7)
+    evaluation = problem.gradient(x)
+    eigenvalues = evaluation.bodies["fan"].basis.eigenvalues.reshape(2, 3)
+    np.testing.assert_allclose(eigenvalues[:, 2], eigenvalues[:, 0], rtol=1e-9)
+    assert evaluation.gradient is not None
+    direction = np.random.default_rng(3).standard_normal(domain.n_cells)
+    exact = float(evaluation.gradient["fan"] @ direction)
+    difference = central_difference(
+        lambda step: problem.value(x + float(step) * direction).psi, 0.0, 1.0, 1e-3
+    )
+    assert exact == pytest.approx(difference, rel=1e-6)
 
 
 def test_void_has_no_stress_and_no_derivative(comm: MPI.Intracomm) -> None:
