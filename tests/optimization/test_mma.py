@@ -243,17 +243,51 @@ def test_constraints_of_the_problem(comm: MPI.Intracomm) -> None:
 @gray
 @pytest.mark.parametrize(
     ("objective", "bound"),
-    [(ffr.Frequency("rod"), {"lower": 1e6}), (ffr.Mass("rod"), {"upper": 1e-6})],
-    ids=["frequency", "mass"],
+    [
+        (ffr.Frequency("rod"), {"lower": 1e6}),
+        (ffr.Mass("rod"), {"upper": 1e-6}),
+        (ffr.PeakStress("rod"), {"upper": 1e3}),
+    ],
+    ids=["frequency", "mass", "stress"],
 )
 def test_bounds_of_the_rod_that_cannot_be_met(
     objective: ffr.Objective, bound: dict[str, float]
 ) -> None:
-    """No rod of this size vibrates at 1 MHz, and its ends alone weigh more than a milligram."""
+    """No rod of this size vibrates at 1 MHz, weighs a milligram or bears a kilopascal."""
     problem, design = rod(MPI.COMM_SELF, objective=objective, **bound)
     with pytest.warns(ffr.DesignWarning, match="violates 'bound' by"):
         result = run(problem, design, iterations=2)
     assert (result.reason, list(result.violations)) == ("infeasible", ["bound"])
+
+
+@gray
+@pytest.mark.filterwarnings("ignore:.*violates 'stress'.*after 6:dolfinx_ffr.DesignWarning")
+def test_stress_limit(tmp_path: Path) -> None:
+    """The least material for a stress: the limit is active, and holds for the largest stress."""
+    problem, design = rod(MPI.COMM_SELF, ffr.DensityDesign)
+    peak = ffr.PeakStress("rod")
+    full = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
+    limit = 2.0 * peak.largest(problem.response(full))
+    problem = ffr.Problem(
+        problem.bodies,
+        problem.mechanism,
+        problem.integrator,
+        ffr.Volume("rod"),
+        [ffr.Constraint(peak, upper=limit, name="stress")],
+    )
+    options = {"volume": 1.0, "output": tmp_path, "optimizer": ffr.MMA(length=30)}
+    start = design.even(0.9)
+    run(problem, design, start, iterations=6, **options)
+    result = run(problem, design, start, iterations=30, resume=True, **options)
+    assert result.feasible
+    assert -0.05 < result.evaluation.constraints["stress"].value
+    worst = ffr.worst_stress(
+        result.problem.flexible["rod"], result.evaluation, "rod", relaxation=0.5, void=0.0
+    )
+    assert result.evaluation.constraints["stress"].psi == pytest.approx(worst.largest, rel=1e-9)
+    # the scale is that of the design at hand: the way is the same however often it is resumed
+    whole = run(problem, design, start, iterations=30, **{**options, "output": None})
+    np.testing.assert_allclose(whole.history["psi"], result.history["psi"], rtol=1e-5)
 
 
 @gray

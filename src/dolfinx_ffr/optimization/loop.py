@@ -120,6 +120,7 @@ class DesignLoop:
         self.problem = problem
         self._mode_tolerance = mode_tolerance
         self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
+        self._calibrates = False
         self._mode_error = float("nan")
         self.domains = dict(domains)
         self.gradient = gradient
@@ -180,6 +181,19 @@ class DesignLoop:
             self.problem, densities, evaluation, self._mode_tolerance, self._first_modes
         )
         self._mode_error = max(errors.values())
+        return evaluation
+
+    def calibrated(self, evaluation: Evaluation) -> Evaluation:
+        """The evaluation of a design that is kept, with objectives corrected there.
+
+        `PeakStress` then is the largest stress, and the next designs are evaluated with its scale.
+        Once done for one design it must be done for all that are kept.
+
+        Args:
+            evaluation: What `value` returned.
+        """
+        self._calibrates = True
+        self.problem, evaluation = self.problem.calibrated(evaluation)
         return evaluation
 
     def differentiate(
@@ -451,6 +465,8 @@ class DesignLoop:
             problem, told, errors = with_enough_modes(
                 problem, densities, told, self._mode_tolerance, self._first_modes
             )
+        if self._calibrates:
+            problem, told = problem.calibrated(told)
         over = {
             f"volume of {name}": told.volume[name] / bound - 1.0
             for name, bound in (volume or {}).items()

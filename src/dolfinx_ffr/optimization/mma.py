@@ -10,7 +10,12 @@ iteration; along the run the design becomes crisp, see `Design.at`.
 Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
 the way. Near the end the constraints that are violated are tightened by as much, so that the
 designs come to lie on the feasible side; the best feasible crisp design is the result. A design
-that falls apart (psi rises by a quarter) is taken back, and the next step is half as long.
+that falls apart (psi rises by a quarter, or a constraint is violated by a quarter more) is taken
+back, and the next step is half as long.
+
+`PeakStress` stands for the largest stress. It is corrected to it at each design that is kept, and
+its slope has the same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which
+design is best, are judged by the largest stress itself.
 """
 
 from __future__ import annotations
@@ -39,7 +44,8 @@ Array = NDArray[np.float64]
 WINDOW = 8
 #: Progress from which on designs are crisp, and may be the result
 CRISP = 0.85
-#: Rise of psi, relative, for which a step is taken back: more than sharpening alone brings
+#: Rise of psi, relative, or of the largest violation for which a step is taken back: more than
+#: sharpening alone brings
 APART = 0.25
 #: Steps taken back in a row after which there is no way on
 STUCK = 8
@@ -173,6 +179,7 @@ class _Run:
         point = _Point(state, np.zeros(count))
         densities = self.densities(variables, 0.0)
         now = self.loop.with_modes(self.loop.value(densities), densities, 0)
+        now = self.loop.calibrated(now)
         point = replace(point, merit=self.merit(variables, now, 0.0))
         now = self.differentiate(now, point)
         self.record(point, now, densities, accepted=True, step=0.0, multiplier=0.0)
@@ -186,7 +193,7 @@ class _Run:
         # every rank has computed the same, and its own last bits may decide nothing
         tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
         iteration = point.iteration + 1
-        progress = min(iteration / self.loop.stage_iterations, 1.0)
+        progress = self.next_progress(point)
         densities = self.densities(tried.x, progress)
         try:
             found = self.loop.value(densities)
@@ -197,9 +204,9 @@ class _Run:
             apart = True
         else:
             # psi may rise where that brings a violated constraint nearer
-            worst = float(np.max(values))
-            pays = worst > VIOLATED and float(np.max(self.bounds(found))) < worst
-            apart = found.psi > limit and not pays
+            worst, then = float(np.max(values)), float(np.max(self.bounds(found)))
+            pays = worst > VIOLATED and then < worst
+            apart = (found.psi > limit and not pays) or then > max(worst, 0.0) + APART
         if found is None or apart:
             kept = replace(
                 point,
@@ -216,7 +223,7 @@ class _Run:
                 multiplier=float(multipliers[0]),
             )
             return kept, now
-        found = self.loop.with_modes(found, densities, iteration)
+        found = self.loop.calibrated(self.loop.with_modes(found, densities, iteration))
         moved = replace(
             point,
             asymptotes=replace(tried, move=min(RECOVER * tried.move, self.options.move)),
@@ -243,6 +250,16 @@ class _Run:
             multiplier=float(multipliers[0]),
         )
         return moved, found
+
+    def next_progress(self, point: _Point) -> float:
+        """The progress of the next trial: after one that was taken back, that of the design kept.
+
+        What was lost is made up for by two steps at a time.
+        """
+        if point.rejected:
+            return point.progress
+        length = self.loop.stage_iterations
+        return min((point.iteration + 1) / length, point.progress + 2.0 / length, 1.0)
 
     def relative_step(self, difference: Array) -> float:
         """The largest change of a variable as a share of its bounds."""
@@ -324,7 +341,7 @@ class _Run:
         """That of the result."""
         if chosen is point.asymptotes.x:
             return now
-        return self.loop.value(self.densities(chosen, point.progress))
+        return self.loop.calibrated(self.loop.value(self.densities(chosen, point.progress)))
 
     # ------------------------------------------------------------------ records
 
@@ -391,7 +408,7 @@ class _Run:
             merit=float(data["merit"]),
             best_merit=float(data["best_merit"]),
         )
-        now = self.loop.value(self.densities(state.x, point.progress))
+        now = self.loop.calibrated(self.loop.value(self.densities(state.x, point.progress)))
         self.loop.resumed(now)
         return point, self.differentiate(now, point)
 

@@ -91,7 +91,7 @@ def optimize(
         CheckpointError: On every rank, if the checkpoint is damaged or of another problem.
         OSError: On every rank, if a file cannot be written.
     """
-    kind = ("flexible", "value", "differentiate")
+    kind = ("flexible", "value", "differentiate", "calibrated")
     validation.implementation("optimize: problem", problem, kind, "a Problem")
     comm = next(iter(problem.flexible.values())).domain.comm
     # what is a user's own may fail on one rank: designs, objectives, gradients, callbacks
