@@ -10,8 +10,8 @@ iteration; along the run the design becomes crisp, see `Design.at`.
 Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
 the way. Near the end the constraints that are violated are tightened by as much, so that the
 designs come to lie on the feasible side; the best feasible crisp design is the result. A design
-that falls apart (psi rises by a quarter, or a constraint is violated by a quarter more) is taken
-back, and the next step is half as long.
+that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken back,
+and the next step is half as long.
 
 `PeakStress` stands for the largest stress. It is corrected to it at each design that is kept, and
 its slope has the same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which
@@ -44,9 +44,10 @@ Array = NDArray[np.float64]
 WINDOW = 8
 #: Progress from which on designs are crisp, and may be the result
 CRISP = 0.85
-#: Rise of psi, relative, or of the largest violation for which a step is taken back: more than
-#: sharpening alone brings
+#: Rise of psi, relative, for which a step is taken back: more than sharpening alone brings
 APART = 0.25
+#: Rise of the largest violation for which it is: less is mended by the steps that follow
+BROKEN = 0.25
 #: Steps taken back in a row after which there is no way on
 STUCK = 8
 #: Growth of the longest step after a step that was kept
@@ -125,6 +126,7 @@ class _Point:
     iteration: int = 0
     progress: float = 0.0  #: Of the same
     rejected: int = 0  #: Steps taken back in a row
+    held: bool = False  #: The last one for a constraint, which sharpening may have broken
     merit: float = math.inf  #: log psi and penalty of the design that is kept
     best: Array | None = None  #: The best feasible crisp design, shape (n,)
     best_merit: float = math.inf
@@ -199,20 +201,22 @@ class _Run:
             found = self.loop.value(densities)
         except SimulationError:  # so soft that it cannot move
             found = None
-        limit = now.psi + APART * abs(now.psi)
+        limit, broken = now.psi + APART * abs(now.psi), False
         if found is None or not math.isfinite(found.psi):
             apart = True
         else:
             # psi may rise where that brings a violated constraint nearer
             worst, then = float(np.max(values)), float(np.max(self.bounds(found)))
             pays = worst > VIOLATED and then < worst
-            apart = (found.psi > limit and not pays) or then > max(worst, 0.0) + APART
+            broken = then > max(worst, 0.0) + BROKEN
+            apart = broken or (found.psi > limit and not pays)
         if found is None or apart:
             kept = replace(
                 point,
                 asymptotes=tried.retreat(state),
                 iteration=iteration,
                 rejected=point.rejected + 1,
+                held=broken,
             )
             self.record(
                 kept,
@@ -230,6 +234,7 @@ class _Run:
             iteration=iteration,
             progress=progress,
             rejected=0,
+            held=False,
             merit=self.merit(tried.x, found, progress),
         )
         violation = self.bounds(found)
@@ -252,14 +257,10 @@ class _Run:
         return moved, found
 
     def next_progress(self, point: _Point) -> float:
-        """The progress of the next trial: after one that was taken back, that of the design kept.
-
-        What was lost is made up for by two steps at a time.
-        """
-        if point.rejected:
+        """The progress of the next trial, or that of the design kept where a constraint broke."""
+        if point.held:
             return point.progress
-        length = self.loop.stage_iterations
-        return min((point.iteration + 1) / length, point.progress + 2.0 / length, 1.0)
+        return min((point.iteration + 1) / self.loop.stage_iterations, 1.0)
 
     def relative_step(self, difference: Array) -> float:
         """The largest change of a variable as a share of its bounds."""
@@ -369,7 +370,7 @@ class _Run:
         }
         numbers = {
             name: getattr(point, name)
-            for name in ("iteration", "progress", "rejected", "merit", "best_merit")
+            for name in ("iteration", "progress", "rejected", "held", "merit", "best_merit")
         }
         self.loop.record(
             point.iteration,
@@ -405,6 +406,7 @@ class _Run:
             iteration=int(data["iteration"]),
             progress=float(data["progress"]),
             rejected=int(data["rejected"]),
+            held=bool(data["held"]),
             merit=float(data["merit"]),
             best_merit=float(data["best_merit"]),
         )
