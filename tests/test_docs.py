@@ -13,6 +13,8 @@ from shared import TOP
 import dolfinx_ffr as ffr
 
 PAGE = TOP / "docs" / "scenes.md"
+#: Pages whose programs stand alone
+PARTS = TOP / "docs" / "from_field_to_part.md"
 #: Numbers that say how long a program takes, and those of a test
 SHORTER = [
     (r"elements=\(\d+, \d+\)", "elements=(20, 4)"),
@@ -82,10 +84,30 @@ def test_program_of_a_scene(
             assert 0.0 < names[name].psi < float("inf")  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("heading", "program"), programs(PARTS), ids=[heading for heading, _ in programs(PARTS)]
+)
+@pytest.mark.filterwarnings("ignore")
+def test_program_of_a_part(
+    heading: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs; a full rod stands for the design, which so few iterations leave in pieces."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    full = "part = ffr.Part(rod, lambda x: 1.0 + x[:, 0], material=steel)"
+    program = re.sub(r"part = ffr\.Part\.of\(.*\)", full, program)
+    exec(compile(shorter(program), f"{PARTS.name}, {heading}", "exec"), names)
+    part = names["part"]
+    assert isinstance(part, ffr.Part)
+    files = {path.suffix for path in tmp_path.rglob("*.*")}
+    assert files >= ({".svg", ".dxf", ".step", ".stl", ".png"} if part.material else {".dxf"})
+
+
 def test_names_on_the_page_exist() -> None:
     """Each name in code that looks like one of the package is one, and none is missing."""
     text = PAGE.read_text()
-    called = set(re.findall(r"\bffr\.(\w+)", text))
+    called = set(re.findall(r"\bffr\.(\w+)", text + PARTS.read_text()))
     assert not called - set(dir(ffr))
     for module in ("mechanism", "objective"):
         kinds = importlib.import_module(f"dolfinx_ffr.{module}").__all__
@@ -95,5 +117,5 @@ def test_names_on_the_page_exist() -> None:
 
 
 def test_pictures_are_small() -> None:
-    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", PAGE.read_text()):
+    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", PAGE.read_text() + PARTS.read_text()):
         assert (PAGE.parent / target).stat().st_size < 150_000, target

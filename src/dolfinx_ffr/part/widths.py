@@ -47,7 +47,7 @@ class Width:
     """The width of a member or a gap, and where it is."""
 
     value: float  #: [m]
-    ends: Array  #: (2, 2) points on both sides [m]
+    ends: Array  #: (2, 2) ends of a diameter of the disc, the first one on the boundary [m]
 
 
 def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width | None:
@@ -144,7 +144,9 @@ def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
     if ray.is_empty:
         return np.array([near, start + away])
     hits = shapely.get_coordinates(ray)
-    return np.array([near, hits[np.argmin(np.linalg.norm(hits - start, axis=1))]])
+    far = hits[np.argmin(np.linalg.norm(hits - start, axis=1))]
+    # in the middle of a hole the disc may meet its boundary in three points, none opposite
+    return np.array([near, far if np.hypot(*(far - start)) < 1.02 * size else start + away])
 
 
 def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.patches import Circle, PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
@@ -53,7 +53,8 @@ def plot_part(part: Part, path: str | Path, *, title: str = "") -> Path:
 
     One sees the material in steel blue over the field from which it was drawn (blue where it is
     positive) and the outline of the body, its interfaces in colour, loose pieces that were left out
-    in red, and framed the places that are enlarged below, each with its dimension.
+    in red, and framed the places that are enlarged below, each with its dimension and the disc that
+    is as wide.
 
     Args:
         part: The part.
@@ -255,6 +256,10 @@ def _dimension(axes: Axes, width: Width, half: Array) -> None:
             zorder=4.0,
         )
     axes.plot(*width.ends.T, color=RED, lw=1.4, zorder=4.0)
+    disc = Circle(
+        width.ends.mean(axis=0), 0.5 * width.value, fill=False, ec=RED, lw=1.0, ls=":", zorder=4.0
+    )
+    axes.add_patch(disc)
     text = f"{1e3 * width.value:.3g} mm"
     axes.annotate(
         text,
