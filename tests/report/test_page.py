@@ -150,12 +150,17 @@ def test_history_alone_makes_a_report(tmp_path: Path) -> None:
 def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
     folder = write_run(tmp_path, record(), history=False)
     (folder / "scene.png").write_bytes((folder / "scene.png").read_bytes()[:60])
-    (folder / "own_thing.png").write_bytes(b"\x89PNG" + bytes(LIMIT))
     (folder / "part.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><script/></svg>")
+    for name in ("own_thing.png", "motion.gif"):  # what stands behind a picture does not matter
+        with (folder / name).open("ab") as file:
+            file.write(bytes(LIMIT))
     page = page_of(folder)
     text = words(page)
     assert "scene.png: the file is damaged" in text
-    assert "own_thing.png: with 3.6 MB it would make the page too large" in text
+    assert "own_thing.png: with 3.3 MB it would make the page too large; it is left out" in text
+    assert "motion.gif: with 3.3 MB" in text
+    assert "only its first frame is shown" in text
+    assert "data:image/gif" not in page
     assert "part.svg: the drawing of the part rod cannot be used" in text
     assert len(page) < 1e6
 

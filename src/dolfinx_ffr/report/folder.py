@@ -42,7 +42,7 @@ _WANTED = ("scene.png", "motion.gif", "design.png")
 #: Drawn by the report itself
 _OWN = ("history.png", "history.svg")
 #: Bytes of pictures that a page holds
-LIMIT = 3_600_000
+LIMIT = 3_300_000
 
 
 @dataclass(frozen=True)
@@ -121,24 +121,28 @@ class Folder:
                 self.missing.append(f"{name}: {known[:-1].lower()} ({made_by})")
             return None
         content = file.read_bytes()
-        if self._bytes + len(content) > LIMIT:
-            self.missing.append(
-                f"{name}: with {len(content) / 1e6:.1f} MB it would make the page too large; it is "
-                "beside it"
-            )
-            return None
         try:
             with Image.open(io.BytesIO(content)) as image:
                 kind, (width, height) = str(image.format), image.size
                 image.load()
-                still = _still(image) if getattr(image, "is_animated", False) else ""
+                still = _still(image) if getattr(image, "is_animated", False) else b""
         except (OSError, SyntaxError, UnidentifiedImageError, ValueError):
             self.missing.append(f"{name}: the file is damaged")
             return None
+        if self._bytes + len(content) + len(still) > LIMIT:
+            shown = "only its first frame is shown" if still else "it is left out"
+            self.missing.append(
+                f"{name}: with {len(content) / 1e6:.1f} MB it would make the page too large; "
+                f"{shown}"
+            )
+            if not still:
+                return None
+            content, kind, still = still, "PNG", b""
         self._bytes += len(content) + len(still)
         caption = caption or known or _words(Path(name).stem)
         mime = {"PNG": "image/png", "GIF": "image/gif"}.get(kind, f"image/{kind.lower()}")
-        return Picture(name, caption, data_uri(content, mime), width, height, still)
+        first = data_uri(still, "image/png") if still else ""
+        return Picture(name, caption, data_uri(content, mime), width, height, first)
 
     def further_pictures(self) -> list[Picture]:
         """Those of the folder that the report does not know."""
@@ -171,12 +175,12 @@ def data_uri(content: bytes, mime: str) -> str:
     return f"data:{mime};base64,{base64.b64encode(content).decode()}"
 
 
-def _still(image: Image.Image) -> str:
-    """The first frame of an animation."""
+def _still(image: Image.Image) -> bytes:
+    """The first frame of an animation as PNG."""
     image.seek(0)
     buffer = io.BytesIO()
     image.convert("RGB").quantize(64).save(buffer, "PNG", optimize=True)
-    return data_uri(buffer.getvalue(), "image/png")
+    return buffer.getvalue()
 
 
 def _words(stem: str) -> str:

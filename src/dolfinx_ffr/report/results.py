@@ -79,11 +79,11 @@ def cards(run: Run) -> list[dict[str, str]]:
         name, reference = next(iter(run.references.items()))
         card("ψ relative", percent(best / reference, 3), "%", f"of that of the {name}")
     volume = {k: v for k, v in run.mapping("volume").items() if real(v)}
-    for name, share in list(volume.items())[:1]:
+    for name, share in list(volume.items())[:2]:
         bound = run.bounds.get(f"volume of {name}")
         limit = f", at most {Scale('', 1).given(100.0 * bound)} %" if real(bound) else ""
         card("Material", percent(share, 3), "%", f"of the full {name}{limit}")
-    for name, given in list(run.mapping("parts").items())[:1]:
+    for name, given in list(run.mapping("parts").items())[:2]:
         if real(given.get("mass")):
             mass = Scale("kg", given["mass"])
             card("Mass", mass.text(given["mass"]), mass.name, f"of the part {name}")
