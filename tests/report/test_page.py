@@ -74,6 +74,7 @@ def test_browser_shows_the_numbers_with_their_units(seen: Seen) -> None:
         "Area 12 000 mm²",
         "Mass 0.9420 kg",
         "Part, triangles of 2.50 mm 33.000 µJ s +10.0",
+        "8.0 % of the area is neither void nor solid",
         "Normal modes left out 0.13 0.039",
         "Time step 0.020 0.0060",
         "volume of rod 0.5100 0.5200 at most 0.5",
@@ -107,12 +108,13 @@ def test_what_is_missing_is_named(key: str, tmp_path: Path) -> None:
     named = {
         "psi": "the result",
         "scene": "bodies, joints and integrator of the scene",
-        "parts": "dimensions of the part",
-        "verification": "psi of the part beside that of the densities",
+        "parts": "dimensions of the part (parts=...)",
+        "verification": "psi of the part beside that of the densities (verification=...)",
         "warnings": "warnings of the run",
         "versions": "versions of the software",
     }
     assert f"summary.json: {named[key]} (ffr.run_record writes them)" in text
+    assert ("Outline of the part, as in part.svg" in text) == (key == "parts")
     assert "history.csv: how the design came about" in text
 
 

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from .drawing import Drawing, read_outline
+from .folder import data_uri
 from .numbers import NOTHING, Scale, fixed, percent
 from .run import Row, Run, Table, real
 
-__all__ = ["parts", "scene"]
+__all__ = ["outline", "parts", "scene"]
 
 #: Numbers of a material, with their units of SI
 _MATERIAL = {
@@ -45,6 +46,23 @@ def parts(run: Run) -> list[dict[str, Any]]:
                 run.missing(f"{file.name}: the drawing of the part {name} cannot be used ({error})")
         found.append({"name": name, "drawing": drawing, "table": _dimensions(name, given)})
     return found
+
+
+def outline(run: Run) -> str:
+    """The file part.svg as an address, where nothing else is known of the part; else "".
+
+    Args:
+        run: The run.
+    """
+    file = run.folder.drawing_of("part", alone=True)
+    if run.mapping("parts") or file is None:
+        return ""
+    try:
+        read_outline(file)
+    except ValueError as error:
+        run.missing(f"{file.name}: {error}")
+        return ""
+    return data_uri(file.read_bytes(), "image/svg+xml")
 
 
 def _dimensions(name: str, given: Mapping[str, Any]) -> Table | None:

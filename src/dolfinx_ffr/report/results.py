@@ -106,7 +106,7 @@ def accuracy(run: Run) -> dict[str, Any]:
         run: The run.
     """
     found, scene = run.verification, run.mapping("scene")
-    psi, unit = run.record.get("psi"), run.psi.name
+    psi, gray, unit = run.record.get("psi"), run.record.get("gray"), run.psi.name
     values: list[Row] = []
     if real(psi):
         values.append(("Reported, of the densities", run.psi.text(psi, 5), unit, "0"))
@@ -147,6 +147,7 @@ def accuracy(run: Run) -> dict[str, Any]:
             ["", "ψ", "Unit", "Beside reported [%]"],
             values,
             [1, 3],
+            f"{percent(gray)} % of the area is neither void nor solid." if real(gray) else "",
         ),
         "errors": Table.of(
             "Errors of ψ",

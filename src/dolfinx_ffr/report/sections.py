@@ -78,6 +78,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
         ),
         "own_figures": run.built("stress and frequencies", lambda: results.own_figures(run), None),
         "parts": run.built("parts", lambda: model.parts(run), []),
+        "outline": model.outline(run),
         "scene": run.built("scene", lambda: model.scene(run), {}),
         "history": run.built("history", lambda: _history(run), {}),
         "warnings": run.built("warnings", lambda: _warnings(run), None),
@@ -109,8 +110,8 @@ def _note_missing_keys(run: Run) -> None:
     what = {
         "psi": "the result",
         "scene": "bodies, joints and integrator of the scene",
-        "parts": "dimensions of the part",
-        "verification": "psi of the part beside that of the densities",
+        "parts": "dimensions of the part (parts=...)",
+        "verification": "psi of the part beside that of the densities (verification=...)",
         "constraints": "constraints and bounds",
         "stress": "the largest stress",
         "warnings": "warnings of the run",
