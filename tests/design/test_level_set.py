@@ -189,7 +189,7 @@ def test_a_sharper_design_is_another_object() -> None:
     steps = [levelset.at(progress) for progress in (0.0, 0.3, 0.6, 1.0)]
     assert [design.sharpness for design in steps] == pytest.approx([1.0, 32.0**0.5, 32.0, 32.0])
     penalties = [design.penalty(u)[0] for design in steps]
-    assert penalties[:2] == [0.0, 0.0] and penalties[3] == pytest.approx(4.0 * penalties[2])
+    assert penalties[:2] == [0.0, 0.0] and penalties[3] > penalties[2] > 0.0
     gray = [ffr.gray_fraction(levelset.domain, design.density(u)) for design in steps[:3]]
     assert gray[0] > gray[1] > gray[2]
     assert np.array_equal(levelset.density(u), before)

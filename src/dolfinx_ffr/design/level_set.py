@@ -19,7 +19,7 @@ bit-identical.
 **Minimum size.** Where f is flat it must be far enough from 1/2, or a member (a gap) is thinner
 than wanted. With E = exp(-c |R grad f|^2), which is one where f is flat, the penalty is
 
-    g = sum_e V_e/V E { H min(0, f - eta_s)^2 + 0.5 (1 - H) max(0, f - eta_v)^2 }.
+    g = sum_e V_e/V E { H min(0, f - eta_s)^2 + 0.2 (1 - H) max(0, f - eta_v)^2 }.
 
 The thresholds eta_s > 1/2 and eta_v < 1/2 belong to the thinnest member and the narrowest gap: for
 a strip of coefficients 1 as wide as f = 1/2 encloses the wanted width, f is eta_s in its middle.
@@ -75,9 +75,9 @@ WEIGHT = 400.0
 #: Factor by which it grows at last: a strut that is neither thick enough nor gone must decide
 LATE = 4.0
 #: Of a gap beside a member: less, as a gap too narrow costs less than a broken strut
-GAP = 0.5
+GAP = 0.2
 #: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
-PENALTY = (0.45, 0.6, 0.85)
+PENALTY = (0.4, 0.5, 0.75)
 #: Size that the penalty aims at over the one that is asked for: what it allows is a fifth thinner
 SAFETY = 1.3
 #: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
