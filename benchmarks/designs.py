@@ -376,8 +376,8 @@ COLUMNS = {
 NUMBERS = (
     "psi is relative to that of the full body on the same mesh with the same modes, *difference* "
     "is psi of the part over psi minus one. Both are told with the modes that the run ended with "
-    "(estimated error below 0.2 %) and with eight. *Time* is that of the processor, one core, for all of it: design, part, "
-    "both verifications."
+    "(estimated error below 0.2 %) and with eight. *Time* is that of the processor, one core, for "
+    "all of it: design, part, both verifications."
 )
 
 
