@@ -61,11 +61,12 @@ class PeakStress(Objective):
     **What is bounded.** With ``scale`` 1 psi is never above the largest stress, and with the
     default power it is about half of it: a constraint on psi then bounds the mean, and the largest
     stress is higher. :meth:`calibrated` gives the objective with the scale that makes psi the
-    largest stress at one design, as Le et al. do along the way; at other designs the two differ
-    by as much as the ratio has changed. :meth:`largest` tells the largest stress itself.
+    largest stress at one design; at other designs the two differ by as much as the ratio has
+    changed. The method of moving asymptotes does that at each design that it keeps, as Le et al.
+    do. :meth:`largest` tells the largest stress itself.
 
-    Large powers are closer to the peak, but so nonlinear that moving asymptotes get stuck. Between
-    8 and 12 they did not in our trials.
+    Large powers are closer to the peak, but so nonlinear that moving asymptotes get stuck; 8 is
+    usual.
 
     Raises:
         ValueError: If a number is out of range; when the problem is made, if the body has no mesh.
