@@ -146,20 +146,26 @@ class Drawing:
                 value = Scale("m", width["value"]).text(width["value"], 3)
                 found.append((float(ends[:, 0].mean()), ends, f"{what} {value} mm", key))
         found.sort(key=lambda each: each[0])
-        before = -np.inf
-        row = 0
-        for x, ends, text, key in found:
-            half = 0.32 * h * len(text)
-            middle = min(max(x, left + half), right - half)
-            if middle - half < before + h:
-                row += 1
-            before = middle + half
+        halves = [0.32 * h * len(text) for _, _, text, _ in found]
+        middles = [
+            min(max(x, left + half), right - half)
+            for (x, *_), half in zip(found, halves, strict=True)
+        ]
+        rows = [0] * len(found)
+        if len(found) == 2 and middles[1] - halves[1] < middles[0] + halves[0] + h:
+            # one below the other, the lower one beside the line of the upper one
+            lower = 0 if found[0][0] - 2.0 * halves[0] > left else 1
+            aside = halves[lower] + 0.4 * h
+            middles[lower] = found[lower][0] + (aside if lower else -aside)
+            rows[1 - lower] = 1
+        for (x, ends, text, key), middle, half, row in zip(
+            found, middles, halves, rows, strict=True
+        ):
             y = top - (1.6 + 1.6 * row) * h
             (xa, ya), (xb, yb) = ends
             self.widths.append((key, xa, ya, xb, yb))
+            line = (x, y + 0.45 * h if abs(middle - x) < half else y - 0.8 * h)
             self.labels.append(
-                Label(
-                    text, key, middle, y, "middle", [(x, y + 0.45 * h, x, float(ends[:, 1].mean()))]
-                )
+                Label(text, key, middle, y, "middle", [(*line, x, float(ends[:, 1].mean()))])
             )
-        return row + 1 if found else 0
+        return max(rows) + 1 if found else 0
