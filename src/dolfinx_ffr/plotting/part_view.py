@@ -71,9 +71,9 @@ def plot_part(part: Part, path: str | Path, *, title: str = "") -> Path:
     validation.instance("plot_part: part", part, Part, "a Part")
     path = writable(path, KINDS)
     drawn = DrawnMesh.of(part.body)
+    low, high = part.body.bounding_box  # collective where it is asked for the first time
 
     def draw(file: Path) -> None:
-        low, high = part.body.bounding_box
         size = high - low
         unit = (_WIDTH - 0.4) / max(size[0], 0.8 * size[1])
         head, gap, foot = (0.95 if title else 0.6), 0.45, 0.3
