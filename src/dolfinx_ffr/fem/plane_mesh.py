@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .curves import Arc, Curve, Line, Spline
+from .curves import Arc, Curve, Line, Spline, enclosed
 
 __all__ = ["Drawing", "Face", "gmsh_model", "mesh_faces", "quiet", "surfaces"]
 
@@ -273,29 +273,52 @@ def mesh_faces(
         members = [tag for ts in chosen for tag in ts]
         model.setPhysicalName(1, model.addPhysicalGroup(1, members), group)
     options = {
-        "MeshSizeMin": 0.0,
-        "MeshSizeMax": size,
-        "MeshSizeFromPoints": 0,
-        "MeshSizeExtendFromBoundary": 0,
+        "Mesh.MeshSizeMin": 0.0,
+        "Mesh.MeshSizeMax": size,
+        "Mesh.MeshSizeFromPoints": 0,
+        "Mesh.MeshSizeExtendFromBoundary": 0,
         # along curves sizes are integrated to more digits than counts of cells need
-        "LcIntegrationPrecision": 1e-3,
+        "Mesh.LcIntegrationPrecision": 1e-3,
+        # an error would be thrown within a parallel loop of gmsh, which ends the program
+        "General.AbortOnError": 0,
     }
-    before = {name: gmsh.option.getNumber(f"Mesh.{name}") for name in options}
+    before = {name: gmsh.option.getNumber(name) for name in options}
     try:
         for name, value in options.items():
-            gmsh.option.setNumber(f"Mesh.{name}", value)
+            gmsh.option.setNumber(name, value)
         if local is not None:
             # releases hand on different numbers of arguments: dimension, tag, x, y, z, size
             model.mesh.setSizeCallback(lambda *at: min(size, local(at[2], at[3])))
-        try:
+        with quiet():
             model.mesh.generate(2)
-            if order > 1:
-                _bend(model)
-        except Exception as error:  # gmsh raises nothing more precise
-            raise ValueError(
-                f"gmsh cannot mesh the outline by triangles of {size:.4g} m: {error}; give a "
-                "smaller size, or look for parts of the outline that almost touch"
-            ) from error
+        _refuse_unmeshed(model, drawing, found, size)
+        if order > 1:
+            _bend(model)
     finally:
         for name, value in before.items():
-            gmsh.option.setNumber(f"Mesh.{name}", value)
+            gmsh.option.setNumber(name, value)
+
+
+def _refuse_unmeshed(model: Any, drawing: Drawing, found: Sequence[int], size: float) -> None:
+    """Refuse a mesh that does not fill the faces, as gmsh leaves it where it fails."""
+    tags, positions, _ = model.mesh.getNodes()
+    x = np.zeros((int(np.max(tags, initial=0)) + 1, 2))
+    x[np.asarray(tags, dtype=np.int64)] = np.reshape(positions, (-1, 3))[:, :2]
+    for surface, face in zip(found, drawing.faces, strict=True):
+        _, nodes = model.mesh.getElementsByType(2, surface)
+        a, b, c = np.moveaxis(x[np.asarray(nodes, dtype=np.int64).reshape(-1, 3)], 1, 0)
+        e, f = b - a, c - a
+        covered = 0.5 * float(np.sum(np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])))
+        curves = [
+            drawing.curves[i] if forward else drawing.curves[i].reversed()
+            for loop in face.loops
+            for i, forward in loop
+        ]
+        whole = float(enclosed(curves)[0])
+        around = sum(curve.length for curve in curves)
+        # chords of curves leave out, or add, less than a quarter of their length along them
+        if abs(covered - whole) > 1e-6 * whole + 0.25 * size * around or not len(a):
+            raise ValueError(
+                f"gmsh cannot mesh the outline by triangles of {size:.4g} m; give a smaller size, "
+                "or look for parts of the outline that almost touch"
+            )

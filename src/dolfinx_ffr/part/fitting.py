@@ -119,7 +119,7 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
         tolerance: Largest distance from the zero line [m].
         closed: Whether the curve has no corner where it closes.
     """
-    for _ in range(_ROUNDS if len(points) > 3 else 0):
+    for _ in range(_ROUNDS if len(points) > (6 if closed else 3) else 0):
         at = _chord_lengths(points)
         through = make_interp_spline(at, points, k=3, bc_type="periodic" if closed else None)
         between = through(0.5 * (at[1:] + at[:-1]))
@@ -179,6 +179,8 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
         if np.max(np.abs((points - start) @ normal)) <= tolerance and np.all(np.diff(along) > 0.0):
             return Line(start, end)
     u = _chord_lengths(points)
+    if closed and len(points) < 6:  # a speck: its polygon
+        return Spline(np.concatenate([[0.0], u, [1.0]]), points.copy(), 1)
     degree = min(3, len(points) - 1)
     weights = np.ones(len(points))
     if not closed:

@@ -49,6 +49,8 @@ _FINER = (2, 4)
 _CROSSING = 1e-4
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
+#: Sizes that are tried where gmsh fails, in units of what was asked for
+_SMALLER = (1.0, 0.5, 0.25)
 #: Smallest size of triangles, in units of what was asked for
 _SMALLEST = 0.03
 
@@ -219,7 +221,16 @@ class Part(Shape):
             )
 
     def _build(self, gmsh: Any, size: float, degree: int) -> None:
-        mesh_faces(gmsh, self.drawing, size, order=min(degree, 2), local=self._local_size(size))
+        for attempt in _SMALLER:
+            try:
+                local = self._local_size(attempt * size)
+                mesh_faces(gmsh, self.drawing, attempt * size, order=min(degree, 2), local=local)
+                return
+            except ValueError:
+                if attempt == _SMALLER[-1]:
+                    raise
+            gmsh.model.remove()
+            gmsh.model.add("dolfinx_ffr again")
 
     def _local_size(self, size: float) -> Callable[[float, float], float] | None:
         """The largest size at a place: less than the width of the member there."""
