@@ -26,7 +26,7 @@ problem = ffr.Problem(
 )
 
 levelset = ffr.LevelSet(rod)
-result = ffr.optimize(problem, levelset, volume=0.5, output="results/short")
+result = ffr.optimize(problem, levelset, volume=0.5, iterations=60, output="results/short")
 
-plotting.plot_design(rod, result.x, "results/short/design.png")
+print(result.finish("results/short"))  # files for CAD, a picture, psi of the part
 plotting.animate_motion(problem, result.evaluation, "results/short/motion.gif")

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from mpi4py import MPI
 
 import numpy as np
@@ -91,3 +93,28 @@ def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
         part.verify(problem, evaluation.psi)  # type: ignore[arg-type]
     with pytest.warns(ffr.PartWarning, match="psi still changes by"):
         part.verify(problem, evaluation, tolerance=1e-12, most=2, size=0.04)
+
+
+@pytest.mark.mpi
+def test_result_of_a_design_as_a_part(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """A design that keeps all its material has the body as its part, with its psi."""
+    problem = slider_crank(comm, (40, 4), modes=2, steps=100)
+    rod = problem.flexible["rod"].domain
+    levelset = ffr.LevelSet(rod)
+    start = levelset.even(1.0)
+    result = ffr.optimize(problem, levelset, start, volume=1.0, iterations=0, progress=False)
+    part = result.part()
+    assert part is result.part("rod")
+    assert part.area == pytest.approx(rod.area, rel=1e-12)
+    found = result.finish(shared_tmp_path, tolerance=5e-3)
+    assert found is not None
+    full = problem.value(np.ones(rod.n_cells)).psi
+    assert found.psi == pytest.approx(full, rel=0.1)
+    record = found.record()
+    assert record["part_pieces"] == 1
+    assert record["part_holes"] == 0
+    assert record["part_mass"] == pytest.approx(part.mass, rel=1e-12)
+    with pytest.raises(ValueError, match="result: part must be 'rod', but it is 'arm'"):
+        result.part("arm")
+    for kind in ("svg", "dxf", "step", "stl", "png"):
+        assert (shared_tmp_path / f"part.{kind}").stat().st_size > 500, kind

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,10 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..design import Design
+from ..dynamics import SimulationError
 from ..fem import Domain
+from ..part import Part, Verification, verify
+from ..plotting import plot_part
 from ..problem import Evaluation, Problem
 
 __all__ = ["DesignWarning", "Result", "gray_fraction", "of_problem", "only"]
@@ -71,6 +76,7 @@ class Result:
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for
     mode_errors: dict[str, float] = field(default_factory=dict)
+    _parts: dict[str, Part] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def feasible(self) -> bool:
@@ -100,6 +106,71 @@ class Result:
     def coefficients(self) -> Array:
         """Coefficients of the level set, shape (knots,), where one body is designed."""
         return only(self.variables)
+
+    def part(self, name: str | None = None) -> Part:
+        """The part that a designed body encloses, of the body's material; collective.
+
+        Args:
+            name: Of the body; by default the only one.
+
+        Raises:
+            ValueError: On every rank, if no body of this name was designed, several are and none is
+                named, or the part cannot be made (`Part`).
+
+        Warns:
+            PartWarning: Of loose pieces and lost interfaces, see `Part`.
+        """
+        if name is None:
+            name = only({body: body for body in self.designs})
+        validation.choice("result: part", name, self.designs)
+        if name not in self._parts:  # kept: it takes seconds
+            material = self.problem.flexible[name].material
+            design, variables = self.designs[name], self.variables[name]
+            self._parts[name] = Part.of(design, variables, material=material)
+        return self._parts[name]
+
+    def verify(self, **options: Any) -> Verification:
+        """Evaluate the problem with all designed bodies as parts, on meshes that fit; collective.
+
+        Args:
+            options: Those of `verify`.
+
+        Raises:
+            ValueError: As `part` and `verify`.
+            SimulationError: On every rank, if the motion of the parts cannot be computed.
+        """
+        parts = {name: self.part(name) for name in self.designs}
+        return verify(self.problem, parts, self.evaluation, **options)
+
+    def finish(self, folder: str | Path, **options: Any) -> Verification | None:
+        """Leave the parts of all designed bodies: files for CAD, a picture, psi again; collective.
+
+        Args:
+            folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png`` where one body is
+                designed; where several are, for folders with their names.
+            options: Those of `verify`.
+
+        Returns:
+            What the parts are worth; None if the design encloses no part that can be moved.
+
+        Raises:
+            OSError: On every rank, if a file cannot be written.
+
+        Warns:
+            DesignWarning: Where there is no such part, with the reason.
+        """
+        try:
+            found = self.verify(**options)
+        except (ValueError, SimulationError) as error:
+            warnings.warn(f"no part comes of this design: {error}", DesignWarning, stacklevel=2)
+            return None
+        for name in self.designs:
+            part = self.part(name)
+            own = Path(folder) if len(self.designs) == 1 else Path(folder) / name.replace(" ", "_")
+            part.write(own)
+            title = f"{name}: psi of the part is {found.psi / self.psi:.3f} of that of the design"
+            plot_part(part, own / "part.png", title=title)
+        return found
 
     @property
     def psi(self) -> float:

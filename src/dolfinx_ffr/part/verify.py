@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,12 @@ from ..parallel import on_every_rank
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from .shape import PartWarning, Shape
+from .widths import Width
 
 __all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
+#: Size of the first triangles of order 2, in spacings
+_FIRST = 2.0
 #: Frequencies that the summary shows
 _SHOWN = 3
 
@@ -29,6 +32,26 @@ class Fitted(Protocol):
 
     body: Domain  #: The body that was designed
     spacing: float  #: Size of its cells, or so [m]
+
+    @property
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+        ...
+
+    @property
+    def holes(self) -> int:
+        """Number of holes in all pieces."""
+        ...
+
+    @property
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member."""
+        ...
+
+    @property
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole."""
+        ...
 
     @property
     def lost_interfaces(self) -> list[str]:
@@ -69,6 +92,7 @@ class Verification:
     fitted: list[Figures]  #: Of the parts, each time with triangles half as large
     tolerance: float  #: Largest change of psi from one mesh to the next that counts as none
     modes: dict[str, int]  #: Number of normal modes of each part
+    parts: Mapping[str, Fitted]  #: By name of the body
 
     @property
     def psi(self) -> float:
@@ -109,6 +133,15 @@ class Verification:
             lines.append(
                 f"{name}: {body.cells} triangles, {self.modes[name]} modes; reported -> part"
             )
+            part = self.parts[name]
+            holes = f"{part.holes} hole{'s' * (part.holes != 1)}"
+            lines.append(f"  pieces       {part.pieces}, with {holes}")
+            for what, width in (
+                ("thinnest member", part.thinnest_member),
+                ("narrowest gap", part.narrowest_gap),
+            ):
+                if width is not None:
+                    lines.append(f"  {what}: {1e3 * width.value:.3g} mm")
             lines.append(f"  mass         {before.mass:.5g} -> {body.mass:.5g} kg")
             lines.append(f"  volume       {before.volume:.4f} -> {body.volume:.4f}")
             for i in range(min(_SHOWN, len(before.frequencies), len(body.frequencies))):
@@ -123,6 +156,30 @@ class Verification:
         for name, value in last.constraints.items():
             lines.append(f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}")
         return "\n".join(lines)
+
+    def record(self) -> dict[str, Any]:
+        """What the parts are worth and measure, for `write_summary`; lengths in metres.
+
+        Values of bodies are numbers where one is designed, and by its name where several are.
+        """
+
+        def of_each(values: Mapping[str, Any]) -> Any:
+            return next(iter(values.values())) if len(values) == 1 else dict(values)
+
+        def size(width: Width | None) -> float | None:
+            return None if width is None else width.value
+
+        parts = self.parts
+        return {
+            "psi_part": self.psi,
+            "part_difference": self.difference,
+            "part_change": self.change,
+            "part_pieces": of_each({name: part.pieces for name, part in parts.items()}),
+            "part_holes": of_each({name: part.holes for name, part in parts.items()}),
+            "part_mass": of_each({n: body.mass for n, body in self.fitted[-1].bodies.items()}),
+            "thinnest_member": of_each({n: size(p.thinnest_member) for n, p in parts.items()}),
+            "narrowest_gap": of_each({n: size(p.narrowest_gap) for n, p in parts.items()}),
+        }
 
     def __str__(self) -> str:
         """The table as text."""
@@ -152,7 +209,8 @@ def verify(
         evaluation: Of the design, what was reported.
         modes: Number of normal modes of the parts, one for all or by name; by default that of the
             problem. Slender parts may need more than full bodies.
-        size: Of the triangles at first [m]; by default the spacing of each part.
+        size: Of the triangles at first [m]; by default two spacings of each part, which are halved
+            at least once. Members narrower than that get smaller ones.
         tolerance: Largest relative change of psi by halving the triangles.
         order: Polynomial order of the displacements.
         most: Largest number of meshes.
@@ -194,7 +252,7 @@ def verify(
     fitted: list[Figures] = []
     for halving in range(meshes):
         sizes = {
-            name: (part.spacing if size is None else size) / 2**halving
+            name: (_FIRST * part.spacing if size is None else size) / 2**halving
             for name, part in parts.items()
         }
         domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
@@ -204,7 +262,7 @@ def verify(
             for name, body in again.flexible.items()
         }
         fitted.append(_figures(max(sizes.values()), again, again.value(densities), parts))
-        found = Verification(reported, fitted, tolerance, wanted)
+        found = Verification(reported, fitted, tolerance, wanted, parts)
         if found.converged:
             break
     if not found.converged:
