@@ -169,6 +169,9 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
         points: Shape (n, 2), in turn [m]; the last one is the first one where it is closed.
         tolerance: Largest distance of a point [m].
         closed: Whether the curve has no corner where it closes.
+
+    Raises:
+        ValueError: If all points are the same.
     """
     start, end = points[0], points[-1]
     chord = end - start
@@ -178,6 +181,12 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
         along = (points - start) @ chord
         if np.max(np.abs((points - start) @ normal)) <= tolerance and np.all(np.diff(along) > 0.0):
             return Line(start, end)
+    if not np.any(np.ptp(points, axis=0)):
+        x, y = 1e3 * start
+        raise ValueError(
+            f"part: the zero line has a piece without length near ({x:.6g}, {y:.6g}) mm; give "
+            "another resolution"
+        )
     u = _chord_lengths(points)
     if closed and len(points) < 6:  # a speck: its polygon
         return Spline(np.concatenate([[0.0], u, [1.0]]), points.copy(), 1)
