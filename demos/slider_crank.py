@@ -260,8 +260,10 @@ def main(arguments: list[str] | None = None) -> None:
     assert not result.part().loose, "pieces are left out of the part"
     assert abs(found.difference) < 0.01, f"the part is {found.difference:+.2%} from its design"
     assert mirrored < 1e-12, f"the field differs from its mirror image by {mirrored:.1e}"
-    assert found.psi < 0.535 * solid, (
-        f"psi of the part is {found.psi / solid:.3f} of the full rod's"
+    assert found.psi < 0.535 * solid, f"psi of the part is {found.psi / solid:.3f} of the full's"
+    thinnest = result.part().thinnest_member
+    assert thinnest is None or thinnest.value >= levelset.minimum_member, (
+        f"the thinnest member is {thinnest.value} m, {levelset.minimum_member} m was asked for"
     )
 
 
