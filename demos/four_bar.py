@@ -29,7 +29,7 @@ Run it with
     python demos/four_bar.py [--elements NX NY] [--steps N] [--iterations N]
                              [--coupler-mesh FILE] [--rocker-mesh FILE] [--output DIR]
 
-also under `mpirun -n 2`; it takes about a minute. A mesh file has the physical curves
+also under `mpirun -n 2`; it takes some minutes. A mesh file has the physical curves
 `left` and `right`; the lengths of the links are then those between the centres of these curves.
 """
 
@@ -71,7 +71,7 @@ Designs = dict[str, Array]
 # %% The scene
 def four_bar(
     comm: MPI.Comm,
-    elements: tuple[int, int] = (120, 12),
+    elements: tuple[int, int] = (200, 20),
     *,
     steps: int = 1000,
     meshes: Mapping[str, str | None] | None = None,
@@ -327,7 +327,7 @@ def compliances(evaluation: ffr.Evaluation) -> dict[str, float]:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design both links of a four-bar linkage.")
-    parser.add_argument("--elements", nargs=2, type=int, default=[120, 12], metavar=("NX", "NY"))
+    parser.add_argument("--elements", nargs=2, type=int, default=[200, 20], metavar=("NX", "NY"))
     parser.add_argument("--steps", type=int, default=1000, help="of time (default 1000)")
     parser.add_argument("--iterations", type=int, default=60, help="at most (default 60)")
     parser.add_argument("--coupler-mesh", help="gmsh file with the curves 'left' and 'right'")
