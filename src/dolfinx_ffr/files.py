@@ -11,7 +11,7 @@ from pathlib import Path
 __all__ = ["named_in_errors", "replace_file"]
 
 
-def replace_file(path: Path, content: bytes | memoryview) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file beside its place and move it there: a reader finds the old one or the new one.
 
     Args:

@@ -40,7 +40,7 @@ def test_record_of_a_run(
     part = ffr.Part(
         rod.domain, lambda x: np.hypot(x[:, 0] - 0.2, x[:, 1]) - 0.01, material=rod.material
     )
-    found = ffr.verify(problem, {"rod": part}, full, tolerance=0.1, order=1, most=2)
+    found = ffr.verify(problem, {"rod": part}, full, size=0.014, tolerance=0.1, order=1, most=2)
     part.write(shared_tmp_path / "part.svg")
     record = ffr.run_record(
         result,

@@ -58,7 +58,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """
     content = io.BytesIO()
     np.savez(content, **arrays)
-    replace_file(path, content.getbuffer())
+    replace_file(path, content.getvalue())
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -194,7 +194,8 @@ def held(
         groups.append(joined)
     if len(groups) > 1:
         shown = " and ".join(
-            "{" + ", ".join(repr(names[i]) for i in sorted(group)) + "}" for group in groups
+            "{" + ", ".join(repr(names[i]) for i in group) + "}"
+            for group in sorted(map(sorted, groups))
         )
         raise ValueError(
             f"part: no material connects the interfaces {shown}; the design is torn, or too thin "
