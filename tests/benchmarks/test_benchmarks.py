@@ -255,8 +255,8 @@ def test_element_by_element_is_exact_and_the_approximation_is_not(output: Path) 
             assert error < 1e-7 and float(row["cosine"]) > 1.0 - 1e-9
         else:
             assert error > 1e-6 and float(row["estimate"]) > 0.0
-    # at the even start, whose gradient is smooth, those at more elements are nearer to the exact one;
-    # where members are as thin as the elements of this small mesh that depends on which are taken
+    # at the even start, whose gradient is smooth, those at more elements are nearer to the exact
+    # one; where members are as thin as these large elements it depends on which are taken
     few, many = (
         np.mean(
             [
