@@ -50,7 +50,7 @@ from pathlib import Path
 
 assert Path(ffr.__file__).is_relative_to(Path(__file__).parent / "venv"), ffr.__file__
 assert 0.0 < result.evaluation.psi < float("inf")
-assert all(Path("results/short", name).stat().st_size for name in ("design.png", "motion.gif"))
+assert all(Path("results/short", name).stat().st_size for name in ("history.csv", "motion.gif"))
 PROGRAM
 "$python" short.py
 echo "wheel: the short program runs in a fresh environment"
