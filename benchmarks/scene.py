@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -37,6 +38,8 @@ def demo(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"cannot load {file}")
+    if str(DEMOS) not in sys.path:  # what demos take from beside them
+        sys.path.append(str(DEMOS))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
