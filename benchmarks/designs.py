@@ -398,7 +398,7 @@ def report_designs(results: Results, directory: Path) -> list[Table]:
     starts = [r for r in found if r["scene"] == "reference" and r["method"] == METHODS[0]]
     methods = starts[:1] + [r for r in found if r["method"] != METHODS[0]]
     scenes = [r for r in found if r["scene"] != "reference"]
-    law = next(result for job, result in results if job.function == "cut_elements")
+    law = [r for job, result in results if job.function == "cut_elements" for r in result["rows"]]
     tables = [
         Table(
             "designs_starts",
@@ -432,7 +432,7 @@ def report_designs(results: Results, directory: Path) -> list[Table]:
                 "order": "order",
                 **{f"p {p:g}": f"p = {p:g}" for p in EXPONENTS},
             },
-            law["rows"],
+            law,
         ),
     ]
     tables = [table for table in tables if table.rows]

@@ -119,6 +119,9 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
         tolerance: Largest distance from the zero line [m].
         closed: Whether the curve has no corner where it closes.
     """
+    # the line may pass through a corner of the lattice, which two of its cells then find
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
+    points = points[np.append(True, apart)] if np.any(apart) else points
     for _ in range(_ROUNDS if len(points) > (6 if closed else 3) else 0):
         at = _chord_lengths(points)
         through = make_interp_spline(at, points, k=3, bc_type="periodic" if closed else None)
