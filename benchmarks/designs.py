@@ -459,7 +459,7 @@ def _draw(starts: list[dict[str, Any]], others: list[dict[str, Any]], path: Path
     rows = [row for row in (*starts, *others) if "rings" in row]
     columns = 2
     lines = -(-len(rows) // columns)
-    with styled_figure(12.0, 0.95 * lines + 0.2) as figure:
+    with styled_figure(9.0, 0.75 * lines + 0.2, dpi=90.0) as figure:
         for k, row in enumerate(rows):
             axes = figure.add_subplot(lines, columns, k + 1)
             axes.set_axis_off()
