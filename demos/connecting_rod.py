@@ -171,8 +171,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 #: Iterations and elements from which on a design counts as finished, and what it then reaches
 ENOUGH, FINE, BETTER = 60, 3000, 0.7
-#: Largest difference of the part from its design; the part was found 2.5 % stiffer
-NEAR = 0.03
+#: Largest difference of the part from its design
+NEAR = 0.02
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

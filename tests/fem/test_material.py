@@ -28,6 +28,7 @@ from dolfinx_ffr import (
     StressModes,
     SuppressedVoidMass,
 )
+from dolfinx_ffr.fem import cut_exponent
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
 
@@ -256,3 +257,14 @@ def test_gradient_with_an_orthotropic_material(comm: MPI.Intracomm) -> None:
         roundoff=1e-10,
     )
     assert_taylor_order(result)
+
+
+def test_law_of_cut_elements_is_never_steeper_than_the_one_of_the_design() -> None:
+    """Half an element is worth the same by SIMP and by RAMP."""
+    for cell, order in (("quadrilateral", 1), ("triangle", 1), ("quadrilateral", 3)):
+        exponent = cut_exponent(cell, order)
+        assert 1.0 <= exponent <= 1.5
+        simp, ramp = SIMP().cut(exponent), RAMP().cut(exponent)
+        assert simp.exponent == exponent
+        assert 0.5 / (1.0 + 0.5 * ramp.penalty) == pytest.approx(0.5**exponent)
+    assert SIMP(exponent=1.0).cut(1.5).exponent == 1.0

@@ -17,6 +17,7 @@ from .material import (
     PlaneStrain,
     PlaneStress,
     SuppressedVoidMass,
+    cut_exponent,
 )
 from .mesh_checks import floating_cells
 from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces, quiet, surfaces
@@ -45,6 +46,7 @@ __all__ = [
     "Spline",
     "StressRecovery",
     "SuppressedVoidMass",
+    "cut_exponent",
     "enclosed",
     "floating_cells",
     "gmsh_model",

@@ -97,6 +97,8 @@ class Domain:
         claim_form_cache(domain.comm)
         self.mesh = domain
         self.order = degree
+        #: Name of its cells, ``"triangle"`` or ``"quadrilateral"``
+        self.cell = _compat.cell_name(domain)
         self.comm: MPI.Comm = domain.comm
         domain.topology.create_entities(1)
         domain.topology.create_connectivity(1, 2)

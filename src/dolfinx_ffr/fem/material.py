@@ -255,9 +255,25 @@ def _check_law(floor: float, mass: MassLaw) -> None:
     validation.number("interpolation: floor", floor, above=0.0, below=1.0)
 
 
-#: Exponent of SIMP for elements that a boundary cuts: its psi is that of a mesh which fits the
-#: boundary, see docs/from_field_to_part.md
-CUT = 1.5
+#: Exponent of SIMP for elements that a boundary cuts, by cell and order: psi by it is that of a
+#: mesh which fits the boundary, as measured by the last table of docs/benchmarks/designs.md. Linear
+#: elements add stiffness of their own, which makes up for a larger exponent.
+CUT = {
+    ("quadrilateral", 1): 1.5,
+    ("triangle", 1): 1.5,
+    ("quadrilateral", 2): 1.25,
+    ("triangle", 2): 1.0,
+}
+
+
+def cut_exponent(cell: str, order: int) -> float:
+    """The exponent of SIMP for elements that a boundary cuts.
+
+    Args:
+        cell: ``"triangle"`` or ``"quadrilateral"``.
+        order: Polynomial order of the displacements; above two that of two is taken.
+    """
+    return CUT[cell, min(order, 2)]
 
 
 @dataclass(frozen=True)
@@ -287,9 +303,13 @@ class SIMP:
         exponent = fem.Constant(domain, np.float64(self.exponent))
         return floor + (1 - floor) * x**exponent, self.mass.on(domain, x)
 
-    def cut(self) -> SIMP:
-        """The law for densities that are the share of an element which a boundary encloses."""
-        return replace(self, exponent=min(CUT, self.exponent))
+    def cut(self, exponent: float) -> SIMP:
+        """The law for densities that are the share of an element which a boundary encloses.
+
+        Args:
+            exponent: That of the elements, see `cut_exponent`.
+        """
+        return replace(self, exponent=min(exponent, self.exponent))
 
 
 @dataclass(frozen=True)
@@ -322,7 +342,10 @@ class RAMP:
         penalty = fem.Constant(domain, np.float64(self.penalty))
         return floor + (1 - floor) * x / (1 + penalty * (1 - x)), self.mass.on(domain, x)
 
-    def cut(self) -> RAMP:
-        """The law for densities that are the share of an element which a boundary encloses."""
-        # half an element is worth as much as by SIMP
-        return replace(self, penalty=min(2.0 * (2.0 ** (CUT - 1.0) - 1.0), self.penalty))
+    def cut(self, exponent: float) -> RAMP:
+        """The law for densities that are the share of an element which a boundary encloses.
+
+        Args:
+            exponent: That of SIMP for the elements, by which half an element is worth as much.
+        """
+        return replace(self, penalty=min(2.0 * (2.0 ** (exponent - 1.0) - 1.0), self.penalty))

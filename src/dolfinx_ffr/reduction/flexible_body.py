@@ -23,6 +23,7 @@ from ..fem import (
     ElasticMaterial,
     Interpolation,
     StressRecovery,
+    cut_exponent,
     kept_by,
 )
 from ..parallel import check_alike
@@ -186,11 +187,15 @@ class FlexibleBody:
     def with_cut_elements(self) -> FlexibleBody:
         """The same body, for densities that are shares of elements which a boundary cuts.
 
-        Its interpolation law is the one that its own law's method ``cut`` returns: by that the
-        body is as stiff as one whose mesh fits the boundary. A law without that method stays.
+        Its interpolation law is the one that its own law's method ``cut`` returns for cells of its
+        kind and order: by that the body is as stiff as one whose mesh fits the boundary. A law
+        without that method stays.
         """
         cut = getattr(self.interpolation, "cut", None)
-        return self if cut is None else self.with_interpolation(cut())
+        if cut is None:
+            return self
+        exponent = cut_exponent(self.domain.cell, self.domain.order)
+        return self.with_interpolation(cut(exponent))
 
     def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
         """How pickle and copy make the body anew, without matrices of a density."""
