@@ -59,8 +59,8 @@ class Job:
 
 def run_jobs(
     jobs: Iterable[Job], *, together: bool = False
-) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Run jobs one after the other.
+) -> Iterator[tuple[Job, dict[str, Any] | None]]:
+    """Run jobs one after the other; one that fails does not stop the others.
 
     Args:
         jobs: What to run; their expected seconds weigh the progress bar.
@@ -68,10 +68,8 @@ def run_jobs(
             start; what they say of memory is then rough.
 
     Returns:
-        Iterator over each job with its result.
-
-    Raises:
-        RuntimeError: If a job fails.
+        Iterator over each job with its result, None for those that failed: their messages are on
+        standard error.
     """
     jobs = list(jobs)
     form = "{desc:32s} {percentage:3.0f}% |{bar}| {elapsed}, {remaining} left"
@@ -88,7 +86,12 @@ def run_jobs(
                 bar.update(done + part * job.seconds - bar.n)
 
             tell(0, 0.0)
-            yield from zip(batch, _run(batch, tell), strict=True)
+            results = _run(batch, tell)
+            if len(batch) > 1 and None in results:  # those that share its process went with it
+                for job in batch:
+                    bar.write(f"benchmarks: again, in a process of its own: {job.title}")
+                results = [one for job in batch for one in _run([job], lambda number, part: None)]
+            yield from zip(batch, results, strict=True)
 
 
 def _batches(jobs: list[Job], together: bool) -> list[list[Job]]:
@@ -102,8 +105,8 @@ def _batches(jobs: list[Job], together: bool) -> list[list[Job]]:
     return batches
 
 
-def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str, Any]]:
-    number = 0
+def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str, Any] | None]:
+    """What the jobs of a process return, None for all of them where one has failed."""
     with tempfile.TemporaryDirectory(prefix="dolfinx_ffr-benchmark.") as directory:
         result = Path(directory) / "result.json"
         tasks = [(job.study, job.function, job.parameters) for job in batch]
@@ -117,15 +120,12 @@ def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str,
                 for line in process.stdout or ():
                     if line.startswith(PROGRESS):
                         told, part = line.removeprefix(PROGRESS).split()
-                        number = int(told)
-                        tell(number, float(part))
+                        tell(int(told), float(part))
             finally:
                 if process.poll() is None and sys.exc_info()[0] is not None:
                     process.terminate()
         if process.returncode != 0 or not result.exists():
-            raise RuntimeError(
-                f"{batch[number].title} has failed with exit code {process.returncode}"
-            )
+            return [None] * len(batch)
         measured: list[dict[str, Any] | None] = json.loads(result.read_text())
         return [one or {} for one in measured]
 

@@ -80,7 +80,7 @@ class Figures:
 
     size: float | None  #: Of the triangles [m]; None for the design as it was reported
     psi: float  #: Value of the objective
-    constraints: dict[str, float]  #: Values of the constrained objectives minus their bounds
+    constraints: dict[str, float]  #: Values of the constrained objectives
     bodies: dict[str, BodyFigures]  #: Of the designed bodies
 
 

@@ -74,6 +74,8 @@ def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width 
             thick = middle
         else:
             thin = middle
+    if thin >= (1.0 - 2.0 * ACCURACY) * largest:
+        return None
     member = _member(shape, thin, whole)
     assert member is not None
     ends = _across(shape, member)

@@ -66,7 +66,8 @@ def plot_history(
     Args:
         history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
             ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz],
-            ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` [knot spacings].
+            ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` (explicit steps of a
+            level set: knot spacings; else the largest change, as a share of the bounds).
         path: File to write, .png, .pdf or .svg.
         psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
         psi_unit: Unit of psi, where it is no compliance.
@@ -138,7 +139,7 @@ _COLUMNS = {
     "sharpness": ("steepness of the projection", ""),
     "modes": ("normal modes", ""),
     "mode_error": ("estimated error of ψ by the modes left out", "%"),
-    "step": ("size of the step / knot spacing", ""),
+    "step": ("size of the step", ""),
 }
 
 
