@@ -7,18 +7,19 @@ of :class:`VolumeIntegrals`:
 | key | shape | |
 |---|---|---|
 | ``mass`` | () | mass |
-| ``S`` | (r + 1, 2) | int rho w_a |
+| ``S`` | (r + 1, d) | int rho w_a, d = 2 in the plane and 3 in space |
 | ``G``, ``N`` | (r + 1, r + 1) each | int rho w_a . w_b and int rho (J w_a) . w_b |
-| ``P`` | (r + 1, r + 1, 2, 2) | int rho w_a w_b^T, instead of G and N |
+| ``P`` | (r + 1, r + 1, d, d) | int rho w_a w_b^T, instead of G and N; in space always |
 | ``K`` | (r, r) | reduced stiffness; may be missing for a rigid body |
 | ``stiffening_omega2`` | (r, r) | geometric stiffness by omega^2; these three may be missing |
 | ``stiffening_alpha`` | (r, r) | geometric stiffness by the angular acceleration |
-| ``stiffening_acceleration`` | (2, r, r) | by the acceleration of the frame along its axes |
+| ``stiffening_rotation`` | (3, 3, r, r) | in space instead of both, see :class:`VolumeIntegrals` |
+| ``stiffening_acceleration`` | (d, r, r) | by the acceleration of the frame along its axes |
 | ``markers`` | (n,) | names; these four may be missing for a body without markers |
-| ``marker_positions`` | (n, 2) | undeformed positions in the body's frame |
-| ``marker_displacements`` | (n, 2, r) | shape functions of the displacement at the markers |
-| ``marker_rotations`` | (n, r) | shape functions of the rotation at the markers |
-| ``marker_stiffening`` | (n, 2, r, r) | geometric stiffness by unit forces there; may be missing |
+| ``marker_positions`` | (n, d) | undeformed positions in the body's frame |
+| ``marker_displacements`` | (n, d, r) | shape functions of the displacement at the markers |
+| ``marker_rotations`` | (n, r) | shape functions of the rotation there; in space (n, 3, r) |
+| ``marker_stiffening`` | (n, d, r, r) | geometric stiffness by unit forces there; may be missing |
 
 A marker whose geometric stiffness is all zero has none.
 
@@ -42,7 +43,9 @@ __all__ = ["checked_ending", "read_arrays", "write_arrays"]
 
 _MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
 _MARKER_STIFFENING = "marker_stiffening"
-_STIFFENING = {f"stiffening_{load}": load for load in ("omega2", "alpha", "acceleration")}
+_STIFFENING = {
+    f"stiffening_{load}": load for load in ("omega2", "alpha", "rotation", "acceleration")
+}
 _KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS, _MARKER_STIFFENING]
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +13,20 @@ from .. import validation
 
 __all__ = [
     "ASYMMETRY",
+    "QUARTER_TURN",
     "BodyMarker",
     "as_array",
+    "check_body_marker",
+    "check_loads",
     "check_stiffening",
+    "inertia_of_point",
     "largest_share",
 ]
 
 Array = NDArray[np.float64]
+
+#: Rotation by a quarter turn, the matrix J of the equations of motion.
+QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 #: Relative difference of entries that ought to be the same, above which a matrix is refused.
 ASYMMETRY = 1e-9
@@ -33,16 +41,18 @@ class BodyMarker:
     never depends on the design, is zero.
     """
 
-    #: Undeformed position in the body's frame, shape (2,) [m].
+    #: Undeformed position in the body's frame, shape (2,), in space (3,) [m].
     position: Array
-    #: Shape functions of the elastic displacement at the point (Phi_P), shape (2, modes).
+    #: Shape functions of the elastic displacement at the point (Phi_P), shape (2, modes), in space
+    #: (3, modes).
     displacement: Array
-    #: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,) [rad/m].
+    #: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,), in space about
+    #: the body's axes, shape (3, modes) [rad/m].
     rotation: Array
-    #: Geometric stiffness T_P of the body by a unit force at the point along the body's axes x and
-    #: y, each symmetric, shape (2, modes, modes) [1/m]; None if that is not modelled. With it the
-    #: displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py q): a bent beam's end comes
-    #: nearer. The work of a force F is then F . (Phi_P - T_P q) dq, so that it stiffens the body.
+    #: Geometric stiffness T_P of the body by a unit force at the point along each of the body's
+    #: axes, each symmetric, shape (2 or 3, modes, modes) [1/m]; None if that is not modelled. With
+    #: it the displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py q): a bent beam's end
+    #: comes nearer. The work of a force F is then F . (Phi_P - T_P q) dq: it stiffens the body.
     stiffening: Array | None = None
 
     def __post_init__(self) -> None:
@@ -53,12 +63,28 @@ class BodyMarker:
             object.__setattr__(self, "stiffening", as_array(self.stiffening))
 
     @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return int(self.position.size)
+
+    @staticmethod
+    def of_rigid_body(position: ArrayLike) -> BodyMarker:
+        """A point of a body without shape functions.
+
+        Args:
+            position: Position in the body's frame, shape (2,) or (3,) [m].
+        """
+        where = as_array(position)
+        none = np.zeros((where.size, 0))
+        return BodyMarker(where, none, none if where.size == 3 else np.zeros(0))
+
+    @property
     def basis(self) -> Array:
-        """Reference position and shape functions side by side, shape (2, modes + 1)."""
+        """Reference position and shape functions side by side, shape (2 or 3, modes + 1)."""
         return np.column_stack([self.position, self.displacement])
 
     def shift(self, q: Array) -> Array:
-        """Elastic displacement in the body's axes, shape (..., 2) [m].
+        """Elastic displacement in the body's axes, shape (..., 2 or 3) [m].
 
         Args:
             q: Elastic coordinates, shape (..., modes).
@@ -69,7 +95,7 @@ class BodyMarker:
         return linear - 0.5 * np.einsum("...j,djk,...k->...d", q, self.stiffening, q)
 
     def shapes_at(self, q: Array) -> Array:
-        """Derivative of :meth:`shift` with respect to q, shape (..., 2, modes) [-].
+        """Derivative of :meth:`shift` with respect to q, shape (..., 2 or 3, modes) [-].
 
         Args:
             q: Elastic coordinates, shape (..., modes).
@@ -85,7 +111,7 @@ class BodyMarker:
             modes: Number of shape functions that are kept.
         """
         stiffening = None if self.stiffening is None else self.stiffening[:, :modes, :modes]
-        shapes = self.displacement[:, :modes], self.rotation[:modes]
+        shapes = self.displacement[:, :modes], self.rotation[..., :modes]
         return BodyMarker(self.position, *shapes, stiffening)
 
     def scaled(self, factor: float) -> BodyMarker:
@@ -114,7 +140,7 @@ class BodyMarker:
         Args:
             other: A point with as many shape functions.
         """
-        total = float(self.position @ other.position + self.rotation @ other.rotation)
+        total = float(self.position @ other.position + np.sum(self.rotation * other.rotation))
         total += float(np.sum(self.displacement * other.displacement))
         if self.stiffening is not None and other.stiffening is not None:
             total += float(np.sum(self.stiffening * other.stiffening))
@@ -165,3 +191,69 @@ def check_stiffening(what: str, array: Array, shape: tuple[int, ...], G: Array) 
         raise ValueError(
             f"{what} must be symmetric, but entries differ by {defect / size:.1e} of the largest"
         )
+
+
+def check_body_marker(where: str, point: BodyMarker, d: int, r: int, G: Array) -> None:
+    """Refuse a marker that does not fit its body.
+
+    Args:
+        where: Body and marker, for the message.
+        point: The marker.
+        d: 2 in the plane, 3 in space.
+        r: Number of shape functions of the body.
+        G: The body's integral G.
+
+    Raises:
+        ValueError: If an array has the wrong shape, is not finite or lacks its symmetry.
+    """
+    validation.real_array(f"{where}: position", point.position, (d,))
+    validation.real_array(f"{where}: displacement", point.displacement, (d, r))
+    validation.real_array(f"{where}: rotation", point.rotation, (r,) if d == 2 else (d, r))
+    if point.stiffening is not None:
+        check_stiffening(f"{where}: stiffening", point.stiffening, (d, r, r), G)
+
+
+def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: Array) -> None:
+    """Refuse geometric stiffness by loads that do not exist, or that is not symmetric.
+
+    Args:
+        name: Name of the body, for the message.
+        stiffening: Geometric stiffness by load.
+        d: 2 in the plane, 3 in space.
+        r: Number of shape functions of the body.
+        G: The body's integral G.
+
+    Raises:
+        ValueError: If a load or a shape is another one, or an array is not symmetric.
+    """
+    shapes: dict[str, tuple[int, ...]]
+    shapes = {"omega2": (r, r), "alpha": (r, r), "acceleration": (2, r, r)}
+    if d == 3:
+        shapes = {"rotation": (3, 3, r, r), "acceleration": (3, r, r)}
+    for load, array in stiffening.items():
+        if load not in shapes:
+            raise ValueError(
+                f"body {name!r}: stiffening by {load!r}, but the loads are {list(shapes)}"
+            )
+        check_stiffening(f"body {name!r}: stiffening by {load!r}", array, shapes[load], G)
+
+
+def inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
+    """Inertia force of a point mass in the body's axes, by load of the body.
+
+    Args:
+        position: Of the point in the body's frame, shape (2,) or (3,) [m].
+        mass: Its mass [kg].
+
+    Returns:
+        Arrays whose first axes are those of the load, the last that of the force.
+    """
+    if position.size == 3:
+        unit = np.eye(3)
+        rotation = -mass * np.einsum("l,ki->kli", position, unit)
+        return {"rotation": rotation, "acceleration": -mass * unit}
+    return {
+        "omega2": mass * position,
+        "alpha": -mass * (QUARTER_TURN @ position),
+        "acceleration": -mass * np.eye(2),
+    }

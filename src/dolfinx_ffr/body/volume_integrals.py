@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Volume integrals of a planar body in the floating frame of reference.
+"""Volume integrals of a body in the floating frame of reference.
 
 A material point of a body is at
 
-    r = R + A(theta) w,      w(X, q) = w_0 + sum_j q_j w_j,
+    r = R + A w,      w(X, q) = w_0 + sum_j q_j w_j,
 
 with w_0 = X the reference position in the body's frame and w_j the shape functions of the elastic
 displacement. Everything that the equations of motion need to know about the body is the small set
 of arrays held by :class:`VolumeIntegrals`; the mechanism never sees a mesh. A rigid body is a body
 with no shape functions, and a body may just as well be given by arrays from elsewhere.
+
+In the plane the second moments P_ab = int rho w_a w_b^T count by two views, G and N; in space all
+of P does, the Gram matrix of the 3 (modes + 1) components of the fields.
 
 References:
     A. A. Shabana, Dynamics of Multibody Systems, Cambridge University Press, chapter 5,
@@ -32,23 +35,31 @@ from .. import validation
 from .file import checked_ending, read_arrays, write_arrays
 from .marker import (
     ASYMMETRY,
+    QUARTER_TURN,
     BodyMarker,
     as_array,
-    check_stiffening,
+    check_body_marker,
+    check_loads,
+    inertia_of_point,
     largest_share,
+)
+from .moments import (
+    check_gram_matrix,
+    check_moments,
+    mass_matrix_in_space,
+    moments_of_rigid_body,
+    smallest_scaled_eigenvalue,
+    views_of_moments,
 )
 
 __all__ = ["QUARTER_TURN", "VolumeIntegrals"]
 
 Array = NDArray[np.float64]
 
-#: Rotation by a quarter turn, the matrix J of the equations of motion.
-QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
-
 
 @dataclass(frozen=True, eq=False)
 class VolumeIntegrals:
-    """Volume integrals of one planar body, all that the equations of motion know about it.
+    """Volume integrals of one body, all that the equations of motion know about it.
 
     Index a = 0 belongs to the reference position w_0, a = 1..modes to the shape functions w_a;
     J is the rotation by a quarter turn. Shape functions are displacements per unit of their
@@ -58,15 +69,19 @@ class VolumeIntegrals:
     The same class holds derivatives of a number psi with respect to each entry. Then G and K are
     symmetric and N is antisymmetric too, so that for a perturbation d with that structure
     psi(p + eps d) - psi(p) = eps * bar.dot(d) to first order.
+
+    In space S has three columns, and P is given instead of G and N: then it is P alone, with
+    P_ab = P_ba^T, of which derivatives are, and G and N are what follows from it.
     """
 
     #: Mass [kg].
     mass: float
-    #: Int rho w_a, shape (modes + 1, 2) [kg m].
+    #: Int rho w_a, shape (modes + 1, 2), in space (modes + 1, 3) [kg m].
     S: Array
     #: Int rho w_a . w_b, symmetric, shape (modes + 1, modes + 1) [kg m^2].
     G: Array
-    #: Int rho (J w_a) . w_b, antisymmetric, shape (modes + 1, modes + 1) [kg m^2].
+    #: Int rho (J w_a) . w_b, antisymmetric, shape (modes + 1, modes + 1) [kg m^2]; in space
+    #: int rho w_a x w_b, shape (modes + 1, modes + 1, 3).
     N: Array
     #: Reduced stiffness int sigma(w_i) : eps(w_j), symmetric, shape (modes, modes) [N/m].
     K: Array
@@ -77,15 +92,23 @@ class VolumeIntegrals:
     #: (modes, modes) [kg]; "alpha" by the load of the angular acceleration, likewise [kg];
     #: "acceleration" by the load of the frame's acceleration less gravity along the body's axes x
     #: and y, shape (2, modes, modes) [kg/m]. The elastic forces gain omega^2 K_w q + alpha K_al q +
-    #: a_x K_x q + a_y K_y q. Forces at markers, and the inertia of point masses, add to them where
-    #: the markers have geometric stiffness of their own.
+    #: a_x K_x q + a_y K_y q. In space "rotation"
+    #: by the loads -rho w_0^l e_k, shape (3, 3, modes, modes), whose factors are those of
+    #: [alpha] + [omega]^2, and "acceleration", shape (3, modes, modes). Forces at markers, and the
+    #: inertia of point masses, add to them where the markers have geometric stiffness of their own.
     stiffening: dict[str, Array] = field(default_factory=dict)
+    #: In space int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2]; None in the plane.
+    P: Array | None = None
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
         object.__setattr__(self, "mass", float(self.mass))
         for name in ("S", "G", "N", "K"):
             object.__setattr__(self, name, as_array(getattr(self, name)))
+        if self.P is not None:
+            object.__setattr__(self, "P", as_array(self.P))
+            for name, view in zip("GN", views_of_moments(self.P), strict=True):
+                object.__setattr__(self, name, view)
         object.__setattr__(self, "markers", dict(self.markers))
         stiffening = {load: as_array(array) for load, array in self.stiffening.items()}
         object.__setattr__(self, "stiffening", stiffening)
@@ -94,6 +117,49 @@ class VolumeIntegrals:
     def modes(self) -> int:
         """Number of elastic coordinates."""
         return int(self.K.shape[0])
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 2 if self.P is None else 3
+
+    @staticmethod
+    def in_space(
+        mass: float,
+        S: Array,
+        P: Array,
+        K: Array,
+        markers: Mapping[str, BodyMarker] | None = None,
+        stiffening: Mapping[str, Array] | None = None,
+    ) -> VolumeIntegrals:
+        """Integrals of a body in space, or derivatives with respect to them, unchecked.
+
+        Args:
+            mass: Mass [kg].
+            S: Int rho w_a, shape (modes + 1, 3) [kg m].
+            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2].
+            K: Reduced stiffness, shape (modes, modes) [N/m].
+            markers: Markers by name.
+            stiffening: Geometric stiffness by load.
+        """
+        none, others = np.zeros((0, 0)), dict(stiffening or {})
+        return VolumeIntegrals(mass, S, none, none, K, dict(markers or {}), others, P)
+
+    @property
+    def _arrays(self) -> tuple[str, ...]:
+        """Names of the arrays of which all others follow."""
+        return ("S", "G", "N", "K") if self.P is None else ("S", "P", "K")
+
+    def _combined(
+        self,
+        mass: float,
+        arrays: Mapping[str, Array],
+        markers: dict[str, BodyMarker],
+        stiffening: dict[str, Array],
+    ) -> VolumeIntegrals:
+        """Integrals of the same dimension from the arrays of :attr:`_arrays`."""
+        none = {"G": np.zeros((0, 0)), "N": np.zeros((0, 0))} if "P" in arrays else {}
+        return VolumeIntegrals(mass=mass, **none, **arrays, markers=markers, stiffening=stiffening)
 
     @property
     def stacked_stiffening(self) -> Array:
@@ -106,48 +172,56 @@ class VolumeIntegrals:
     @staticmethod
     def rigid(
         mass: float,
-        center: ArrayLike = (0.0, 0.0),
-        inertia: float | None = None,
+        center: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
         markers: Mapping[str, ArrayLike] | None = None,
     ) -> VolumeIntegrals:
         """Integrals of a rigid body, a body with no elastic coordinates.
 
+        The body is one in space where its inertia is a tensor or the moments about three axes.
+
         Args:
             mass: Mass [kg].
-            center: Centre of mass in the body's frame, shape (2,) [m].
-            inertia: Moment of inertia about the centre of mass [kg m^2]; it must be given, for a
+            center: Centre of mass in the body's frame, shape (2,) or (3,) [m]; None is the origin.
+            inertia: Moment of inertia about the centre of mass [kg m^2]; in space the tensor, shape
+                (3, 3), or its diagonal, shape (3,), in the body's axes. It must be given, for a
                 body without it has no equation for its angle.
-            markers: Position in the body's frame, shape (2,) [m], by name.
+            markers: Position in the body's frame, shape (2,) or (3,) [m], by name.
 
         Raises:
             TypeError: If an argument is of a wrong kind.
-            ValueError: If mass or inertia is missing or not positive, or a position is not finite.
+            ValueError: If mass or inertia is missing or not positive, if a position is not finite,
+                or if no distribution of mass has the inertia tensor: each principal moment is at
+                most the sum of the two others.
         """
         if inertia is None:
             raise ValueError(
                 "rigid body: give its moment of inertia about the centre of mass (a disc has "
-                "m r^2 / 2, a slender rod m l^2 / 12); a mass without extent is a PointMass at a "
-                "marker of another body"
+                "m r^2 / 2, a slender rod m l^2 / 12; in space the tensor or three moments); a "
+                "mass without extent is a PointMass at a marker of another body"
             )
         mass = validation.number("rigid body: mass", mass, above=0.0, unit="kg")
-        inertia = validation.number("rigid body: inertia", inertia, above=0.0, unit="kg m^2")
-        c = np.array(validation.plane_vector("rigid body: center", center))
         points = validation.by_name("rigid body: markers", markers or {}, "positions")
-        none = np.zeros((2, 0))
+        d = 2 if validation.is_number(inertia) else 3
+        given = np.zeros(d) if center is None else center
+        c = validation.real_array("rigid body: center", given, (d,), expected=f"{d} components")
+        found = {
+            name: BodyMarker.of_rigid_body(
+                validation.real_array(f"rigid body: marker {name!r}", position, (d,))
+            )
+            for name, position in points.items()
+        }
+        if d == 3:
+            P = moments_of_rigid_body(mass, c, inertia)
+            return VolumeIntegrals.in_space(mass, mass * c[None, :], P, np.zeros((0, 0)), found)
+        moment = validation.number("rigid body: inertia", inertia, above=0.0, unit="kg m^2")
         return VolumeIntegrals(
             mass=mass,
             S=mass * c[None, :],
-            G=np.array([[inertia + mass * c @ c]]),
+            G=np.array([[moment + mass * c @ c]]),
             N=np.zeros((1, 1)),
             K=np.zeros((0, 0)),
-            markers={
-                name: BodyMarker(
-                    validation.real_array(f"rigid body: marker {name!r}", position, (2,)),
-                    none,
-                    np.zeros(0),
-                )
-                for name, position in points.items()
-            },
+            markers=found,
         )
 
     @staticmethod
@@ -165,19 +239,21 @@ class VolumeIntegrals:
     ) -> VolumeIntegrals:
         """Integrals of a body given by arrays, checked.
 
-        The second moments come as P, or as the two views of it that matter in the plane,
+        The second moments come as P, or in the plane as the two views of it that matter there,
         G_ab = tr P_ab and N_ab = (P_ab)_xy - (P_ab)_yx. Derivatives go back the same way:
         the derivative with respect to P_ab is G_bar_ab I + N_bar_ab (e_x e_y^T - e_y e_x^T).
+        The body is one in space where S has three columns.
 
         Args:
             mass: Mass [kg].
-            S: Int rho w_a, shape (modes + 1, 2) [kg m].
-            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2) [kg m^2].
+            S: Int rho w_a, shape (modes + 1, 2), in space (modes + 1, 3) [kg m].
+            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2), in space
+                (modes + 1, modes + 1, 3, 3) [kg m^2].
             G: Int rho w_a . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
             N: Int rho (J w_a) . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
             K: Reduced stiffness, shape (modes, modes) [N/m]; None for a rigid body.
             markers: Markers by name; for a rigid body the position alone is enough,
-                shape (2,) [m].
+                shape (2,) or (3,) [m].
             stiffening: Geometric stiffness by load, "omega2", "alpha" and "acceleration".
             name: Name of the body for messages.
 
@@ -189,20 +265,16 @@ class VolumeIntegrals:
         given = [key for key, array in moments.items() if array is not None]
         if given not in (["P"], ["G", "N"]):
             raise ValueError(f"body {name!r}: give either P or both G and N, not {given}")
+        if np.shape(S)[1:] == (3,) and P is None:
+            raise ValueError(f"body {name!r}: S has three columns; in space give P, not G and N")
         if P is not None:
             second = as_array(P)
             n = as_array(S).shape[0] if np.ndim(S) else 0
-            validation.real_array(f"body {name!r}: integral P", second, (n, n, 2, 2))
-            traces = np.einsum("aaii->a", second)
-            skew = np.max(np.abs(second - second.transpose(1, 0, 3, 2)), axis=(2, 3))
-            defect = largest_share(skew, traces)
-            if defect > ASYMMETRY:
-                raise ValueError(
-                    f"body {name!r}: integral P must satisfy P_ab = P_ba^T, but entries differ by "
-                    f"{defect:.1e} relative to the diagonal"
-                )
-            G = second[..., 0, 0] + second[..., 1, 1]
-            N = second[..., 0, 1] - second[..., 1, 0]
+            d = 3 if np.shape(S)[1:] == (3,) else 2
+            check_moments(name, second, (n, n, d, d))
+            if d == 2:
+                G = second[..., 0, 0] + second[..., 1, 1]
+                N = second[..., 0, 1] - second[..., 1, 0]
         stiffness = np.zeros((0, 0)) if K is None else as_array(K)
         if stiffness.ndim != 2:
             raise ValueError(f"body {name!r}: K must be a matrix, not of shape {stiffness.shape}")
@@ -212,8 +284,6 @@ class VolumeIntegrals:
                 f"body {name!r}: S has shape {np.shape(S)}, that of an elastic body; give its "
                 "stiffness K"
             )
-        assert G is not None
-        assert N is not None
         points = {}
         for key, marker in (markers or {}).items():
             if not isinstance(marker, BodyMarker):
@@ -221,17 +291,17 @@ class VolumeIntegrals:
                     raise ValueError(
                         f"body {name!r}, marker {key!r}: give a BodyMarker with its shape functions"
                     )
-                marker = BodyMarker(as_array(marker), np.zeros((2, 0)), np.zeros(0))
+                marker = BodyMarker.of_rigid_body(marker)
             points[key] = marker
-        body = VolumeIntegrals(
-            validation.number(f"body {name!r}: the mass", mass, above=0.0, unit="kg"),
-            as_array(S),
-            as_array(G),
-            as_array(N),
-            stiffness,
-            points,
-            {load: as_array(array) for load, array in (stiffening or {}).items()},
-        )
+        mass = validation.number(f"body {name!r}: the mass", mass, above=0.0, unit="kg")
+        loads = {load: as_array(array) for load, array in (stiffening or {}).items()}
+        if P is not None and second.shape[-1] == 3:
+            body = VolumeIntegrals.in_space(mass, as_array(S), second, stiffness, points, loads)
+        else:
+            assert G is not None
+            assert N is not None
+            moments_in_plane = as_array(G), as_array(N)
+            body = VolumeIntegrals(mass, as_array(S), *moments_in_plane, stiffness, points, loads)
         body.validate(name)
         return body
 
@@ -249,21 +319,19 @@ class VolumeIntegrals:
         """
         path = checked_ending(path)
         self.validate(path.stem)
-        points, n, r = self.markers.values(), len(self.markers), self.modes
+        points, n, r, d = self.markers.values(), len(self.markers), self.modes, self.dimension
+        rotations = np.array([p.rotation for p in points])
         arrays: dict[str, Any] = {
             "mass": np.float64(self.mass),
-            "S": self.S,
-            "G": self.G,
-            "N": self.N,
-            "K": self.K,
+            **{key: getattr(self, key) for key in self._arrays},
             **{f"stiffening_{load}": array for load, array in self.stiffening.items()},
             "markers": np.array(list(self.markers), dtype=np.str_),
-            "marker_positions": np.array([p.position for p in points]).reshape(n, 2),
-            "marker_displacements": np.array([p.displacement for p in points]).reshape(n, 2, r),
-            "marker_rotations": np.array([p.rotation for p in points]).reshape(n, r),
+            "marker_positions": np.array([p.position for p in points]).reshape(n, d),
+            "marker_displacements": np.array([p.displacement for p in points]).reshape(n, d, r),
+            "marker_rotations": rotations.reshape((n, r) if d == 2 else (n, d, r)),
         }
         if any(point.stiffening is not None for point in points):
-            none = np.zeros((2, r, r))
+            none = np.zeros((d, r, r))
             arrays["marker_stiffening"] = np.array(
                 [none if point.stiffening is None else point.stiffening for point in points]
             )
@@ -303,7 +371,7 @@ class VolumeIntegrals:
                 },
                 stiffening={
                     load: arrays[f"stiffening_{load}"]
-                    for load in ("omega2", "alpha", "acceleration")
+                    for load in ("omega2", "alpha", "rotation", "acceleration")
                     if f"stiffening_{load}" in arrays
                 },
                 name=path.stem,
@@ -314,8 +382,11 @@ class VolumeIntegrals:
     def mass_matrix(self) -> Array:
         """Mass matrix of the undeformed body at zero angle, shape (3 + modes, 3 + modes).
 
-        Rows are position [kg], angle [kg m^2] and the elastic coordinates.
+        Rows are position [kg], angle [kg m^2] and the elastic coordinates; in space, where the
+        shape is (6 + modes, 6 + modes), three each of position and angular velocity.
         """
+        if self.P is not None:
+            return mass_matrix_in_space(self.mass, self.S, self.P)
         matrix = np.zeros((3 + self.modes, 3 + self.modes))
         matrix[:2, :2] = self.mass * np.eye(2)
         matrix[:2, 2] = matrix[2, :2] = QUARTER_TURN @ self.S[0]
@@ -336,15 +407,22 @@ class VolumeIntegrals:
             ValueError: If an array has the wrong shape, holds NaN or infinity, lacks its symmetry,
                 if the mass is not positive, or if the mass or stiffness matrix is indefinite.
         """
-        r = self.modes
-        shapes = {"S": (r + 1, 2), "G": (r + 1, r + 1), "N": (r + 1, r + 1), "K": (r, r)}
+        r, d = self.modes, self.dimension
+        shapes: dict[str, tuple[int, ...]] = {"S": (r + 1, d), "K": (r, r)}
+        if self.P is None:
+            shapes |= {"G": (r + 1, r + 1), "N": (r + 1, r + 1)}
         for key, shape in shapes.items():
             validation.real_array(f"body {name!r}: integral {key}", getattr(self, key), shape)
+        if self.P is not None:
+            check_moments(name, self.P, (r + 1, r + 1, d, d))
         if not np.isfinite(self.mass) or self.mass <= 0.0:
             raise ValueError(
                 f"body {name!r}: the mass must be positive, but it is {self.mass:g} kg"
             )
-        for key, sign in (("G", 1.0), ("N", -1.0), ("K", 1.0)):
+        signs = {"G": 1.0, "N": -1.0, "K": 1.0}
+        for key, sign in signs.items():
+            if key not in self._arrays:
+                continue
             array = getattr(self, key)
             diagonal = np.diag(self.G)
             if key == "K":
@@ -359,37 +437,24 @@ class VolumeIntegrals:
                     f"body {name!r}: integral {key} must be {kind}, but entries differ by "
                     f"{defect:.1e} relative to the diagonal"
                 )
-        self._validate_stiffening(name)
+        check_loads(name, self.stiffening, d, r, self.G)
         for marker, point in self.markers.items():
-            where = f"body {name!r}, marker {marker!r}"
-            validation.real_array(f"{where}: position", point.position, (2,))
-            validation.real_array(f"{where}: displacement", point.displacement, (2, r))
-            validation.real_array(f"{where}: rotation", point.rotation, (r,))
-            if point.stiffening is not None:
-                check_stiffening(f"{where}: stiffening", point.stiffening, (2, r, r), self.G)
-        smallest = _smallest_scaled_eigenvalue(self.mass_matrix())
+            check_body_marker(f"body {name!r}, marker {marker!r}", point, d, r, self.G)
+        smallest = smallest_scaled_eigenvalue(self.mass_matrix())
         if smallest < 1e-14:
             raise ValueError(
                 f"body {name!r}: the mass matrix is not positive definite (smallest eigenvalue "
                 f"{smallest:.1e} after scaling to unit diagonal); check the inertia, and that no "
                 "shape function is a rigid-body motion or a combination of others"
             )
-        smallest = _smallest_scaled_eigenvalue(self.K)
+        if self.P is not None:
+            check_gram_matrix(name, self.mass, self.S, self.P)
+        smallest = smallest_scaled_eigenvalue(self.K)
         if smallest < -1e-9:
             raise ValueError(
                 f"body {name!r}: the stiffness K has a negative eigenvalue "
                 f"({smallest:.1e} after scaling to unit diagonal)"
             )
-
-    def _validate_stiffening(self, name: str) -> None:
-        r = self.modes
-        shapes = {"omega2": (r, r), "alpha": (r, r), "acceleration": (2, r, r)}
-        for load, array in self.stiffening.items():
-            if load not in shapes:
-                raise ValueError(
-                    f"body {name!r}: stiffening by {load!r}, but the loads are {list(shapes)}"
-                )
-            check_stiffening(f"body {name!r}: stiffening by {load!r}", array, shapes[load], self.G)
 
     def leading(self, modes: int) -> VolumeIntegrals:
         """Integrals of the same body with its first shape functions alone.
@@ -403,12 +468,11 @@ class VolumeIntegrals:
         if not 0 <= modes <= self.modes:
             raise ValueError(f"the body has {self.modes} shape functions, and not {modes}")
         n = modes + 1
-        return VolumeIntegrals(
+        cuts = {"S": np.s_[:n], "K": np.s_[:modes, :modes]}
+        arrays = {key: getattr(self, key)[cuts.get(key, np.s_[:n, :n])] for key in self._arrays}
+        return self._combined(
             self.mass,
-            self.S[:n],
-            self.G[:n, :n],
-            self.N[:n, :n],
-            self.K[:modes, :modes],
+            arrays,
             {name: marker.leading(modes) for name, marker in self.markers.items()},
             {load: array[..., :modes, :modes] for load, array in self.stiffening.items()},
         )
@@ -423,12 +487,9 @@ class VolumeIntegrals:
         Args:
             factor: The factor.
         """
-        return VolumeIntegrals(
+        return self._combined(
             factor * self.mass,
-            factor * self.S,
-            factor * self.G,
-            factor * self.N,
-            factor * self.K,
+            {key: factor * getattr(self, key) for key in self._arrays},
             {name: marker.scaled(factor) for name, marker in self.markers.items()},
             {load: factor * array for load, array in self.stiffening.items()},
         )
@@ -436,12 +497,9 @@ class VolumeIntegrals:
     def __add__(self, other: VolumeIntegrals) -> VolumeIntegrals:
         """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero."""
         self._require_same_markers(other)
-        return VolumeIntegrals(
+        return self._combined(
             self.mass + other.mass,
-            self.S + other.S,
-            self.G + other.G,
-            self.N + other.N,
-            self.K + other.K,
+            {key: getattr(self, key) + getattr(other, key) for key in self._arrays},
             {name: marker + other.markers[name] for name, marker in self.markers.items()},
             {
                 load: np.sum([b.stiffening[load] for b in (self, other) if load in b.stiffening], 0)
@@ -460,7 +518,7 @@ class VolumeIntegrals:
         """
         self._require_same_markers(other)
         total = self.mass * other.mass
-        for key in ("S", "G", "N", "K"):
+        for key in self._arrays:
             total += float(np.sum(getattr(self, key) * getattr(other, key)))
         total += sum(marker.dot(other.markers[name]) for name, marker in self.markers.items())
         for load in self.stiffening.keys() & other.stiffening.keys():
@@ -471,9 +529,10 @@ class VolumeIntegrals:
         """Integrals of the body with a point mass fixed to a marker.
 
         With W the reference position and shape functions at the marker, the point adds m_P to the
-        mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N. Where the marker has geometric
-        stiffness T_P, the inertia of the point, at X_P in the body's frame, stiffens the body:
-        "omega2" gains m_P X_P . T_P, "alpha" -m_P (J X_P) . T_P, "acceleration" -m_P T_P.
+        mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N, in space m_P W_a W_b^T to P_ab.
+        Where the marker has geometric stiffness T_P, the inertia of the point, at X_P in the body's
+        frame, stiffens the body: "omega2" gains m_P X_P . T_P, "alpha" -m_P (J X_P) . T_P, in space
+        "rotation" -m_P T_P X_P^T, "acceleration" -m_P T_P.
 
         Args:
             marker: Name of the marker.
@@ -482,9 +541,17 @@ class VolumeIntegrals:
         point = self.markers[marker]
         basis, stiffening = point.basis, dict(self.stiffening)
         if point.stiffening is not None:
-            for load, weights in _inertia_of_point(point.position, mass).items():
+            for load, weights in inertia_of_point(point.position, mass).items():
                 share = np.tensordot(weights, point.stiffening, 1)
                 stiffening[load] = stiffening[load] + share if load in stiffening else share
+        if self.P is not None:
+            return replace(
+                self,
+                mass=self.mass + mass,
+                S=self.S + mass * basis.T,
+                P=self.P + mass * np.einsum("ka,lb->abkl", basis, basis),
+                stiffening=stiffening,
+            )
         return replace(
             self,
             mass=self.mass + mass,
@@ -510,14 +577,19 @@ class VolumeIntegrals:
         """
         point = self.markers[marker]
         basis = point.basis
-        basis_bar = mass * (bar.S.T + 2.0 * basis @ bar.G + 2.0 * QUARTER_TURN @ basis @ bar.N)
+        if bar.P is not None:
+            basis_bar = mass * (bar.S.T + 2.0 * np.einsum("abkl,lb->ka", bar.P, basis))
+        else:
+            basis_bar = mass * (bar.S.T + 2.0 * basis @ bar.G + 2.0 * QUARTER_TURN @ basis @ bar.N)
         share = None
         if point.stiffening is not None:
             share = np.zeros_like(point.stiffening)
-            for load, weights in _inertia_of_point(point.position, mass).items():
+            for load, weights in inertia_of_point(point.position, mass).items():
                 if load in bar.stiffening:
-                    share += np.tensordot(weights.T, bar.stiffening[load], weights.ndim - 1)
-        still = BodyMarker(np.zeros(2), basis_bar[:, 1:], np.zeros(self.modes), share)
+                    axes = list(range(weights.ndim - 1))
+                    share += np.tensordot(weights, bar.stiffening[load], (axes, axes))
+        none = np.zeros_like(point.position), np.zeros_like(point.rotation)
+        still = BodyMarker(none[0], basis_bar[:, 1:], none[1], share)
         return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + still})
 
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
@@ -526,23 +598,3 @@ class VolumeIntegrals:
                 f"integrals with different markers: {sorted(self.markers)} "
                 f"and {sorted(other.markers)}"
             )
-
-
-def _inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
-    """Inertia force of a point mass in the body's axes, by load of the body."""
-    return {
-        "omega2": mass * position,
-        "alpha": -mass * (QUARTER_TURN @ position),
-        "acceleration": -mass * np.eye(2),
-    }
-
-
-def _smallest_scaled_eigenvalue(matrix: Array) -> float:
-    """Smallest eigenvalue after scaling to unit diagonal; negative for a non-positive diagonal."""
-    diagonal = np.diag(matrix)
-    if matrix.size == 0:
-        return 0.0
-    if np.any(diagonal < 0.0):
-        return -1.0
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    return float(np.linalg.eigvalsh(matrix * np.outer(scale, scale))[0])

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: MIT
+"""Flexible bodies in space made of a few points, and beams with closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
+
+Array = NDArray[np.float64]
+
+
+def cloud_of_mass(modes: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Points (n, 3) [m], their masses (n,) [kg] and fields w_a at them, (modes + 1, n, 3)."""
+    rng = np.random.default_rng(seed)
+    n = 4 + modes
+    points = rng.uniform(-1.0, 1.0, (n, 3)) * np.array([0.5, 0.2, 0.1])
+    fields = np.concatenate([points[None], 0.5 * rng.standard_normal((modes, n, 3))])
+    return points, rng.uniform(0.2, 0.4, n), fields
+
+
+def cloud(modes: int, seed: int = 0, stiffness: float = 400.0) -> VolumeIntegrals:
+    """A body of random points, with two markers on which all shape functions act."""
+    rng = np.random.default_rng(100 + seed)
+    _, masses, fields = cloud_of_mass(modes, seed)
+    root = rng.standard_normal((modes, modes)) + 3.0 * np.eye(modes)
+    markers = {
+        name: BodyMarker(
+            np.array(position),
+            0.5 * rng.standard_normal((3, modes)),
+            0.5 * rng.standard_normal((3, modes)),
+        )
+        for name, position in (("root", (-0.5, 0.0, 0.0)), ("tip", (0.5, 0.1, -0.1)))
+    }
+    return VolumeIntegrals.from_arrays(
+        masses.sum(),
+        np.einsum("p,apk->ak", masses, fields),
+        P=np.einsum("p,apk,bpl->abkl", masses, fields, fields),
+        K=stiffness * root @ root.T,
+        markers=markers,
+    )
