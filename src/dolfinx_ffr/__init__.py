@@ -51,6 +51,7 @@ _FOLDERS = {
         "ElasticMaterial",
         "Elasticity",
         "Interface",
+        "Isotropic",
         "LinearMass",
         "PlaneStrain",
         "PlaneStress",

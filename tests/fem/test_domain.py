@@ -246,14 +246,14 @@ def test_gmsh_file_without_the_groups(comm: MPI.Intracomm, shared_tmp_path: Path
 @pytest.mark.parametrize(
     ("dim", "message"),
     [
-        (3, r"holds the physical volumes \['part'\]"),
+        (3, r"needs physical groups of surfaces \(interfaces\).*none and the volumes \['part'\]"),
         (2, r"leaves the x-y plane: its z spans 0\.1 m"),
     ],
 )
 def test_gmsh_model_in_space(
     comm: MPI.Intracomm, shared_tmp_path: Path, dim: int, message: str
 ) -> None:
-    """A volume, and a surface that is turned out of the plane: neither is projected."""
+    """A volume held by a curve, and a surface that is turned out of the plane."""
     path = shared_tmp_path / "part.msh"
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize()

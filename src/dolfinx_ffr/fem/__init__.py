@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from .curves import Arc, Curve, Line, Spline, enclosed, polygon
-from .domain import Domain, Interface
+from .domain import Domain
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
+from .interface import Interface
 from .lifetime import kept_by
 from .material import (
     RAMP,
@@ -13,6 +14,7 @@ from .material import (
     BoundMaterial,
     ElasticMaterial,
     Interpolation,
+    Isotropic,
     LinearMass,
     PlaneStrain,
     PlaneStress,
@@ -38,6 +40,7 @@ __all__ = [
     "Face",
     "Interface",
     "Interpolation",
+    "Isotropic",
     "Line",
     "LinearMass",
     "Matrices",

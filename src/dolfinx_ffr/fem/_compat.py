@@ -45,7 +45,7 @@ def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int
         element = (family, degree, shape) if shape else (family, degree)
         return fem.functionspace(domain, element)
     name = {"Lagrange": "CG"}.get(family, family)
-    if name == "DG" and degree > 0 and cell_name(domain) == "quadrilateral":
+    if name == "DG" and degree > 0 and cell_name(domain) in ("quadrilateral", "hexahedron"):
         name = "DQ"
     if not shape:
         return fem.FunctionSpace(domain, (name, degree))
@@ -53,7 +53,7 @@ def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int
 
 
 def cell_name(domain: mesh.Mesh) -> str:
-    """The name of the mesh's cells, ``"triangle"`` or ``"quadrilateral"``."""
+    """The name of the mesh's cells, ``"triangle"``, ``"hexahedron"`` and so on."""
     name = domain.ufl_cell().cellname
     return name() if callable(name) else name
 
@@ -135,19 +135,21 @@ def compiled_expression(
 
 
 def entity_vertices(domain: mesh.Mesh, dim: int) -> NDArray[np.int32]:
-    """The vertices of each local edge (``dim=1``) or cell (``dim=2``), one row each."""
+    """The vertices of each local entity of dimension ``dim``, one row each."""
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
     return _as_table(domain.topology.connectivity(dim, 0))
 
 
-def gmsh_model_to_mesh(model: Any, comm: MPI.Comm, rank: int) -> tuple[mesh.Mesh, Any, Any]:
-    """Mesh, cell tags and facet tags of a gmsh model in the plane."""
+def gmsh_model_to_mesh(
+    model: Any, comm: MPI.Comm, rank: int, dimension: int
+) -> tuple[mesh.Mesh, Any, Any]:
+    """Mesh, cell tags and facet tags of a gmsh model in the plane or in space."""
     try:
         from dolfinx.io import gmshio
     except ImportError:  # renamed in 0.10, and its result became a record
         from dolfinx.io import gmsh as gmshio
-    result = gmshio.model_to_mesh(model, comm, rank, gdim=2)
+    result = gmshio.model_to_mesh(model, comm, rank, gdim=dimension)
     if isinstance(result, tuple) and len(result) == 3:
         return result
     return result.mesh, result.cell_tags, result.facet_tags
@@ -166,13 +168,13 @@ def set_form_cache(directory: Path) -> None:
 def create_mesh(
     comm: MPI.Comm, cells: NDArray[np.int64], x: NDArray[np.float64], cell: str, degree: int
 ) -> mesh.Mesh:
-    """A mesh in the plane from cell nodes and node positions.
+    """A mesh from cell nodes and node positions.
 
     Args:
         comm: Communicator; ranks may hold no cells.
         cells: Nodes of each cell, shape (cells, nodes per cell), DOLFINx ordering.
-        x: Node positions, shape (nodes, 2) [m].
-        cell: ``"triangle"`` or ``"quadrilateral"``.
+        x: Node positions, shape (nodes, dimension) [m].
+        cell: Its name, as `cell_name` gives it.
         degree: Of the geometry.
     """
     import inspect
@@ -180,9 +182,10 @@ def create_mesh(
     try:
         import basix.ufl
 
-        element = basix.ufl.element("Lagrange", cell, degree, shape=(2,))
+        element = basix.ufl.element("Lagrange", cell, degree, shape=(x.shape[1],))
     except ImportError:
-        element = ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=2), degree)
+        shape = ufl.Cell(cell, geometric_dimension=x.shape[1])
+        element = ufl.VectorElement("Lagrange", shape, degree)
     names = list(inspect.signature(mesh.create_mesh).parameters)
     given = {names[0]: comm, "cells": cells, "x": x}
     rest = next(n for n in names[1:] if n not in given)  # "domain" or "e"

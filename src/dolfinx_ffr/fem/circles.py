@@ -1,23 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""The circle on which the nodes of a bearing surface lie.
+"""The circle or the cylinder on which the nodes of a bearing surface lie.
 
 The centre (a, b) and c = r^2 - a^2 - b^2 minimise sum (x^2 + y^2 - 2 a x - 2 b y - c)^2, a linear
 problem (I. Kasa, IEEE Transactions on Instrumentation and Measurement 25 (1976),
-doi:10.1109/TIM.1976.6312298), whose solution is exact for points on a circle.
+doi:10.1109/TIM.1976.6312298), whose solution is exact for points on a circle. A cylinder is
+found by least squares of the distances of its points.
 """
 
 from __future__ import annotations
 
-from mpi4py import MPI
-
 import numpy as np
-import ufl
-from dolfinx import fem, mesh
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from .mesh_checks import facet_points
-
-__all__ = ["fit_circle", "interface_center"]
+__all__ = ["fit_circle", "fit_cylinder"]
 
 #: Fewer points lie on a circle by chance: any three do, and the corners of a rectangle
 FEWEST = 5
@@ -56,25 +52,47 @@ def fit_circle(points: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return np.asarray(middle + extent * center)
 
 
-def interface_center(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The centre of the circle on which facets lie, or else their centroid; collective.
+def fit_cylinder(
+    points: NDArray[np.float64], axis: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """The cylinder on which all points lie.
 
     Args:
-        domain: The mesh.
-        facets: Local facets on this rank, ghosts included.
+        points: Shape (points, 3) [m]; some may stand several times.
+        axis: About its direction, a unit vector, shape (3,).
 
     Returns:
-        Shape (2,) [m], the same on every rank.
+        The middle of its axis, halfway between the ends of the points, and the direction of the
+        axis, each of shape (3,) [m], [-]; None if they do not lie on one cylinder, or if they are
+        so small a part of its circle that its centre is not near them.
     """
-    circle = fit_circle(facet_points(domain, facets))
-    if circle is not None:
-        return circle
-    tags = mesh.meshtags(domain, 1, np.sort(facets), np.full(len(facets), 1, dtype=np.int32))
-    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
-    x = ufl.SpatialCoordinate(domain)
-    one = fem.Constant(domain, np.float64(1.0))
-    comm: MPI.Comm = domain.comm
-    moments = [
-        comm.allreduce(fem.assemble_scalar(fem.form(f * ds))) for f in (one, one * x[0], one * x[1])
-    ]
-    return np.array(moments[1:]) / moments[0]
+    middle = points.mean(axis=0)
+    extent = float(np.max(np.linalg.norm(points - middle, axis=1)))
+    if not extent > 0.0:
+        return None
+    s = np.unique(np.round((points - middle) / extent, 12), axis=0)
+    across = np.linalg.svd(axis[None, :])[2][1:]  # two directions perpendicular to it
+
+    def along(tilt: NDArray[np.float64]) -> NDArray[np.float64]:
+        direction = axis + tilt @ across
+        return np.asarray(direction / np.linalg.norm(direction))
+
+    def distances(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        offset = s - unknown[2:4] @ across
+        radial = offset - np.outer(offset @ along(unknown[:2]), along(unknown[:2]))
+        return np.asarray(np.linalg.norm(radial, axis=1) - unknown[4])
+
+    circle = fit_circle(s @ across.T)
+    start = s.mean(axis=0) @ across.T if circle is None else circle
+    radius = float(np.mean(np.linalg.norm(s @ across.T - start, axis=1)))
+    unknown = least_squares(
+        distances, np.array([0.0, 0.0, *start, radius]), xtol=1e-15, ftol=1e-15, gtol=1e-15
+    ).x
+    direction = along(unknown[:2])
+    plane = np.linalg.svd(direction[None, :])[2][1:]
+    circle = fit_circle(s @ plane.T)
+    if circle is None:
+        return None
+    height = s @ direction
+    center = circle @ plane + 0.5 * (height.min() + height.max()) * direction
+    return middle + extent * center, direction * np.sign(direction[np.argmax(np.abs(direction))])

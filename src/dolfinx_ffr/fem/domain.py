@@ -9,7 +9,6 @@ gmsh file.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,35 +24,25 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..parallel import gathered, on_every_rank
 from . import _compat
-from .circles import interface_center
 from .form_cache import claim_form_cache
+from .interface import Interface, find_interfaces
 from .mesh_checks import check_cells, check_hanging_nodes, check_held
 from .mesh_copy import MeshCopy, from_copy
 from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
-from .regions import Predicate, located, located_cells
+from .regions import Predicate, located_cells
+from .rod import rod_mesh
 
-__all__ = ["Domain", "Interface"]
-
-
-@dataclass(frozen=True)
-class Interface:
-    """Boundary facets that move as one rigid body."""
-
-    name: str  #: How joints and frames refer to it
-    facets: NDArray[np.int32]  #: Local facets on this rank, ghosts included
-    dofs: NDArray[np.int32]  #: Local (blocked) dofs on this rank, ghosts included
-    #: (2,) reference point of the rigid motion [m], the same on every rank
-    center: NDArray[np.float64]
-    extent: float  #: Diagonal of the box around its nodes [m], the same on every rank
+__all__ = ["Domain"]
 
 
 class Domain:
-    """The mesh of one body in the plane, with named interfaces, and cells that are not designed.
+    """The mesh of one body, with named interfaces, and cells that are not designed.
 
     Args:
-        domain: DOLFINx mesh of triangles or quadrilaterals with two coordinates [m], distributed
-            over its communicator.
+        domain: DOLFINx mesh, distributed over its communicator: of triangles or quadrilaterals with
+            two coordinates [m] for a body in the plane, of tetrahedra or hexahedra with three for
+            one in space.
         interfaces: For each name either a predicate on coordinates ``(3, points) -> bool`` (picks
             boundary facets all of whose vertices fulfil it), or an array of local facets on this
             rank, or a mask over them.
@@ -64,8 +53,8 @@ class Domain:
             of which volumes are shares, and are no material in it.
         order: Polynomial order of the displacements.
         centers: Reference points of interfaces [m]; by default the centre of the circle on which
-            an interface's nodes lie (a bore, or an arc of at least a sixth of one), or else the
-            centroid of its facets.
+            an interface's nodes lie (a bore, or an arc of at least a sixth of one), in space the
+            middle of the axis of such a cylinder, or else the centroid of its facets.
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
@@ -87,26 +76,29 @@ class Domain:
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         validation.instance("domain: the mesh", domain, mesh.Mesh, "a DOLFINx mesh")
-        if domain.topology.dim != 2 or domain.geometry.dim != 2:
+        if domain.topology.dim not in (2, 3) or domain.geometry.dim != domain.topology.dim:
             raise ValueError(
                 f"domain: the mesh has topological dimension {domain.topology.dim} in "
-                f"{domain.geometry.dim} dimensions; a body in the plane needs 2 in 2 (with "
-                f"gmsh, read with gdim=2)"
+                f"{domain.geometry.dim} dimensions; a body in the plane needs 2 in 2, one in space "
+                "3 in 3 (with gmsh, read with gdim=2 or gdim=3)"
             )
         degree = validation.integer("domain: order", order, least=1)
         claim_form_cache(domain.comm)
         self.mesh = domain
         self.order = degree
-        #: Name of its cells, ``"triangle"`` or ``"quadrilateral"``
+        dim = self.dimension = int(domain.topology.dim)  #: 2 in the plane, 3 in space
+        #: Name of its cells: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``,
+        #: ``"hexahedron"``
         self.cell = _compat.cell_name(domain)
         self.comm: MPI.Comm = domain.comm
-        domain.topology.create_entities(1)
-        domain.topology.create_connectivity(1, 2)
-        domain.topology.create_connectivity(2, 1)
-        domain.topology.create_connectivity(2, 0)
-        self.space = _compat.function_space(domain, "Lagrange", self.order, (2,))  #: Displacements
+        domain.topology.create_entities(dim - 1)
+        domain.topology.create_connectivity(dim - 1, dim)
+        domain.topology.create_connectivity(dim, dim - 1)
+        domain.topology.create_connectivity(dim, 0)
+        #: Displacements
+        self.space = _compat.function_space(domain, "Lagrange", self.order, (dim,))
         self.density_space = _compat.function_space(domain, "DG", 0)  #: One density a cell
-        cells = domain.topology.index_map(2)
+        cells = domain.topology.index_map(dim)
         #: Cells owned by this rank, cells on all ranks
         self.n_cells, self.n_cells_global = int(cells.size_local), int(cells.size_global)
         if not np.array_equal(
@@ -117,9 +109,12 @@ class Domain:
                 "domain: DG0 dofs are not numbered like cells in this DOLFINx release"
             )
         check_cells(domain)
-        self.interfaces = self._find_interfaces(
+        #: Interfaces by name
+        self.interfaces: dict[str, Interface] = find_interfaces(
+            self.space,
             validation.by_name("domain: interfaces", interfaces, "predicates or facets"),
             validation.by_name("domain: centers", centers or {}, "points"),
+            self.bounding_box,
         )
         check_hanging_nodes(domain)
         check_held(domain, [part.facets for part in self.interfaces.values()])
@@ -164,37 +159,49 @@ class Domain:
             TypeError: If an argument is of a wrong kind.
             ValueError: If a number is out of range.
         """
-        validation.instance("rectangle: comm", comm, MPI.Comm, "an MPI communicator")
-        length = validation.number("rectangle: length", length, above=0.0, unit="m")
-        height = validation.number("rectangle: height", height, above=0.0, unit="m")
-        validation.real_array("rectangle: elements", elements, (2,), expected="two numbers")
-        nx, ny = (validation.integer("rectangle: elements", n, least=1) for n in elements)
-        if 2 * validation.integer("rectangle: solid_columns", solid_columns) >= nx:
-            raise ValueError(
-                f"rectangle: solid_columns = {solid_columns} leaves nothing to design among "
-                f"{nx} element columns"
-            )
-        kinds = {"quadrilateral": mesh.CellType.quadrilateral, "triangle": mesh.CellType.triangle}
-        validation.choice("rectangle: cell", cell, kinds)
-        corners = [np.array([0.0, -height / 2]), np.array([length, height / 2])]
-        options = {"diagonal": mesh.DiagonalType.crossed} if cell == "triangle" else {}
-        domain = mesh.create_rectangle(comm, corners, [nx, ny], kinds[cell], **options)
-        eps = 1e-6 * length / nx
-        inner = solid_columns * length / nx
+        rod = rod_mesh("rectangle", comm, (length, height), elements, cell, solid_columns, solid)
+        return cls(*rod, void=void, order=order)
 
-        def at_the_ends(x: NDArray[np.float64]) -> NDArray[np.bool_]:
-            return np.asarray((x[0] < inner + eps) | (x[0] > length - inner - eps))
+    @classmethod
+    def box(
+        cls,
+        comm: MPI.Comm,
+        length: float,
+        height: float,
+        width: float,
+        *,
+        elements: tuple[int, int, int],
+        cell: str = "hexahedron",
+        order: int = 1,
+        solid_layers: int = 2,
+        solid: Predicate | None = None,
+        void: Predicate | None = None,
+    ) -> Domain:
+        """A straight rod along x in space, with the rigid interfaces ``"left"`` and ``"right"``.
 
-        kept = located_cells(domain, "rectangle: solid", solid)
-        if solid_columns:
-            kept |= located_cells(domain, "rectangle: solid_columns", at_the_ends)
-        return cls(
-            domain,
-            {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps},
-            kept,
-            void=void,
-            order=order,
-        )
+        The rod spans 0 <= x <= length, -height/2 <= y <= height/2 and -width/2 <= z <= width/2.
+        Hexahedra of order 1 lock in bending: have four or more of them across, or take order 2.
+
+        Args:
+            comm: Communicator over which the mesh is distributed.
+            length: Extent in x [m].
+            height: Extent in y [m].
+            width: Extent in z [m].
+            elements: Numbers of elements in x, y and z. With tetrahedra each of these boxes is cut
+                into six.
+            cell: ``"hexahedron"`` or ``"tetrahedron"``.
+            order: Polynomial order of the displacements.
+            solid_layers: Layers of elements at each end that are not designed.
+            solid: Further cells that stay solid, a predicate as for `Domain`.
+            void: Cells that stay void, likewise.
+
+        Raises:
+            TypeError: If an argument is of a wrong kind.
+            ValueError: If a number is out of range.
+        """
+        sizes = (length, height, width)
+        rod = rod_mesh("box", comm, sizes, elements, cell, solid_layers, solid)
+        return cls(*rod, void=void, order=order)
 
     @classmethod
     def from_gmsh(
@@ -212,20 +219,20 @@ class Domain:
 
         Args:
             comm: Communicator over which the mesh is distributed; rank 0 reads the file.
-            path: The file; it holds physical groups of curves (interfaces) and of surfaces
-                (material).
-            interfaces: Names of the physical curves that are rigid interfaces.
-            solid: Names of physical surfaces that are not designed; by default the one that is
-                called "solid", if the file has it.
-            void: Names of physical surfaces that stay void; by default the one that is called
-                "void", if the file has it.
+            path: The file; for a body in the plane it holds physical groups of curves (interfaces)
+                and of surfaces (material), for one in space of surfaces and of volumes.
+            interfaces: Names of the physical curves, in space surfaces, that are rigid interfaces.
+            solid: Names of physical surfaces, in space volumes, that are not designed; by default
+                the one that is called "solid", if the file has it.
+            void: Names of those that stay void; by default the one that is called "void", if the
+                file has it.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
 
         Raises:
             FileNotFoundError: If there is no such file.
             ValueError: On every rank, if the file lacks a named interface or surface (the message
-                lists the groups that are there), holds volumes, or leaves the plane.
+                lists the groups that are there), or is flat and leaves the plane.
         """
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
         file = validation.path("from_gmsh: path", path)
@@ -256,7 +263,7 @@ class Domain:
 
         Raises:
             ValueError: On every rank, if the model lacks a named interface or surface, has no mesh,
-                has a surface in several physical groups, holds volumes, or leaves the plane.
+                has cells in several physical groups, or is flat and leaves the plane.
         """
         return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, void, order, centers)
 
@@ -312,7 +319,10 @@ class Domain:
         order: int,
         centers: Mapping[str, Sequence[float]] | None,
     ) -> Domain:
-        curves, surfaces = read.groups(1), read.groups(2)
+        dim = read.mesh.topology.dim
+        names = {1: "curve", 2: "surface", 3: "volume"}
+        facet, cell = names[dim - 1], names[dim]
+        curves, surfaces = read.groups(dim - 1), read.groups(dim)
         held = validation.names(f"{read.source}: interfaces", interfaces)
         kept, empty = (
             validation.names(
@@ -322,16 +332,16 @@ class Domain:
             for name, given in (("solid", solid), ("void", void))
         )
         for kind, argument, wanted, there in (
-            ("curve", "interfaces", held, curves),
-            ("surface", "solid", kept, surfaces),
-            ("surface", "void", empty, surfaces),
+            (facet, "interfaces", held, curves),
+            (cell, "solid", kept, surfaces),
+            (cell, "void", empty, surfaces),
         ):
             missing = [name for name in wanted if name not in there]
             if missing:
                 raise ValueError(
                     f"{read.source}: no physical {kind} named {', '.join(map(repr, missing))}; it "
-                    f"has the physical curves {sorted(curves) or 'none'} and the physical surfaces "
-                    f"{sorted(surfaces) or 'none'}. Name the groups in gmsh, or pass "
+                    f"has the physical {facet}s {sorted(curves) or 'none'} and the physical "
+                    f"{cell}s {sorted(surfaces) or 'none'}. Name the groups in gmsh, or pass "
                     f"{argument}=[...]"
                 )
         tags = read.facet_tags
@@ -367,29 +377,29 @@ class Domain:
 
     @cached_property
     def cell_volumes(self) -> NDArray[np.float64]:
-        """Area of each cell owned by this rank, shape (cells,) [m^2]."""
+        """Area of each cell owned by this rank, in space volume, shape (cells,) [m^2], [m^3]."""
         return self._cell_integral(1.0)
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
-        """Centroid of each cell owned by this rank, shape (cells, 2) [m]."""
+        """Centroid of each cell owned by this rank, shape (cells, dimension) [m]."""
         points, weights = self.quadrature_points(2)
         return np.einsum("cqd,cq->cd", points, weights)
 
     @cached_property
     def bounding_box(self) -> NDArray[np.float64]:
-        """Lower and upper corner of the body, shape (2, 2) [m], the same on every rank."""
-        x = self.mesh.geometry.x[:, :2]
+        """Lower and upper corner of the body, shape (2, dimension) [m], the same on every rank."""
+        x = self.mesh.geometry.x[:, : self.dimension]
         low = np.min(x, axis=0, initial=np.inf)
         high = np.max(x, axis=0, initial=-np.inf)
-        box = np.empty((2, 2))
+        box = np.empty((2, self.dimension))
         self.comm.Allreduce(low, box[0], MPI.MIN)
         self.comm.Allreduce(high, box[1], MPI.MAX)
         return box
 
     @property
     def area(self) -> float:
-        """Area of the whole body [m^2], the same on every rank."""
+        """Area of the whole body, in space its volume [m^2], [m^3]; the same on every rank."""
         return self.sum(self.cell_volumes)
 
     def sum(self, values: NDArray[np.float64]) -> float:
@@ -431,11 +441,11 @@ class Domain:
         """Points in each cell of this rank with weights that average over the cell.
 
         Args:
-            n: Points in each direction (triangles: a rule of degree 2 n - 1).
+            n: Points in each direction (triangles, tetrahedra: a rule of degree 2 n - 1).
 
         Returns:
-            Points of shape (cells, q, 2) [m] and weights of shape (cells, q) with sum 1 in each
-            cell.
+            Points of shape (cells, q, dimension) [m] and weights of shape (cells, q) with sum 1 in
+            each cell.
         """
         n = validation.integer("quadrature points: n", n, least=1)
         cell = getattr(basix.CellType, _compat.cell_name(self.mesh))
@@ -502,61 +512,6 @@ class Domain:
     def _anywhere(self, condition: Any) -> bool:
         return bool(self.comm.allreduce(bool(condition), MPI.LOR))
 
-    def _find_interfaces(
-        self,
-        interfaces: Mapping[str, Predicate | ArrayLike],
-        centers: Mapping[str, Sequence[float]],
-    ) -> dict[str, Interface]:
-        if not interfaces:
-            raise ValueError(
-                "domain: no interfaces given; a body needs at least one rigid interface to be "
-                "held by"
-            )
-        unknown = sorted(set(centers) - set(interfaces))
-        if unknown:
-            raise ValueError(
-                f"domain: centers for unknown interfaces {unknown}; there are {sorted(interfaces)}"
-            )
-        found: dict[str, Interface] = {}
-        owner: dict[str, NDArray[np.int32]] = {}
-        coordinates = self.space.tabulate_dof_coordinates()
-        for name, where in interfaces.items():
-            facets = located(self.mesh, f"interface {name!r}", where, 1)
-            if self.comm.allreduce(len(facets)) == 0:
-                low, high = self.bounding_box
-                raise ValueError(
-                    f"interface {name!r} has no facets: its predicate or tag picks no boundary "
-                    f"facet of the body, which "
-                    f"spans x from {low[0]:.6g} to {high[0]:.6g} m and y from {low[1]:.6g} to "
-                    f"{high[1]:.6g} m"
-                )
-            dofs = np.asarray(fem.locate_dofs_topological(self.space, 1, facets), dtype=np.int32)
-            for other, taken in owner.items():
-                shared = np.intersect1d(dofs, taken)
-                if self._anywhere(len(shared)):
-                    raise ValueError(
-                        f"interfaces {other!r} and {name!r} overlap: they share nodes, and a "
-                        f"node cannot follow two "
-                        "rigid motions; leave at least one free facet between them or join them "
-                        "into one"
-                    )
-            points = self.comm.allgather(coordinates[dofs][:, :2])
-            extent = float(np.linalg.norm(np.ptp(np.vstack(points), axis=0)))
-            if not extent > 0.0:
-                raise ValueError(
-                    f"interface {name!r} is a single point: it cannot hold the body against "
-                    f"rotation"
-                )
-            if name in centers:
-                center = np.array(
-                    validation.plane_vector(f"interface {name!r}: center", centers[name])
-                )
-            else:
-                center = interface_center(self.mesh, facets)
-            owner[name] = dofs
-            found[name] = Interface(name, facets, dofs, center, extent)
-        return found
-
     def _find_passive(
         self, solid: Predicate | ArrayLike | None, void: Predicate | ArrayLike | None
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -587,7 +542,7 @@ class Domain:
         marked.x.array[: self.n_cells] = void_cells
         marked.x.scatter_forward()
         void = marked.x.array > 0.5
-        cells_of = self.mesh.topology.connectivity(1, 2)
+        cells_of = self.mesh.topology.connectivity(self.dimension - 1, self.dimension)
         for name, part in self.interfaces.items():
             if not self._anywhere(any(not void[cells_of.links(f)[0]] for f in part.facets)):
                 raise ValueError(

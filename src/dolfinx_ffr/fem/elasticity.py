@@ -33,7 +33,7 @@ from .material import ElasticMaterial, Interpolation
 __all__ = ["Elasticity", "Matrices"]
 
 Block = NDArray[np.float64]
-#: Values on the nodes of each cell, shape (cells, nodes, 2, columns)
+#: Values on the nodes of each cell, shape (cells, nodes, dimension, columns)
 CellFields = NDArray[np.float64]
 
 
@@ -70,6 +70,7 @@ class Elasticity:
         needed = "an elastic material, as PlaneStress(...)"
         members = ("on", "thickness", "out_of_plane")
         validation.implementation("body: material", material, members, needed)
+        check_dimension(domain, material)
         needed = "SIMP(...) or RAMP(...)"
         validation.implementation("body: interpolation", interpolation, ("on",), needed)
         self.domain = domain
@@ -105,8 +106,11 @@ class Elasticity:
         test = ufl.TestFunction(domain.density_space)
         self._gradient_form = fem.form(ufl.derivative(pairing, self._density, test))
         index_map = space.dofmap.index_map
-        self.n_dofs = int(index_map.size_local) * 2  #: Displacement dofs owned by this rank
-        self.n_dofs_global = int(index_map.size_global) * 2
+        #: Displacements of a node: 2 in the plane, 3 in space
+        self.dimension = domain.dimension
+        #: Displacement dofs owned by this rank
+        self.n_dofs = int(index_map.size_local) * self.dimension
+        self.n_dofs_global = int(index_map.size_global) * self.dimension
         self._layout = (self.n_dofs, self.n_dofs_global)
         self._set_density(np.ones(domain.n_cells))
         #: An assembled matrix, whose sparsity pattern all others share
@@ -183,18 +187,19 @@ class Elasticity:
 
         Returns:
             (dM/dx_e) w_a and (dK/dx_e) phi_i on the dofs of element e alone, for the cells owned by
-            this rank: shapes (cells, nodes, 2, a) and (cells, nodes, 2, i), nodes as in the
-            space's dofmap.
+            this rank: shapes (cells, nodes, dimension, a) and (cells, nodes, dimension, i), nodes
+            as in the space's dofmap.
         """
         self._set_density(x)
         space, mass_form, stiffness_form = self._cell_forms
         nodes = _compat.dofmap_array(space)[: self.domain.n_cells]
         result = []
         for form, number, block in ((mass_form, 0, w), (stiffness_form, 2, phi)):
-            part = np.empty((*nodes.shape, 2, block.shape[1]))
+            part = np.empty((*nodes.shape, self.dimension, block.shape[1]))
             for i, column in enumerate(block.T):
                 self.set(self._fields[number], column)
-                part[..., i] = fem.assemble_vector(form).array.reshape(-1, 2)[nodes]
+                values = fem.assemble_vector(form).array
+                part[..., i] = values.reshape(-1, self.dimension)[nodes]
             result.append(part)
         return result[0], result[1]
 
@@ -202,7 +207,7 @@ class Elasticity:
     def _cell_forms(self) -> tuple[Any, fem.Form, fem.Form]:
         """A space whose cells share no dofs, and each form's derivative tested with it."""
         domain = self.domain
-        space = _compat.function_space(domain.mesh, "DG", domain.order, (2,))
+        space = _compat.function_space(domain.mesh, "DG", domain.order, (self.dimension,))
         test, unit = ufl.TestFunction(space), fem.Function(domain.density_space)
         unit.x.array[:] = 1.0
         forms = [
@@ -215,16 +220,16 @@ class Elasticity:
         return space, *forms
 
     def at_cells(self, block: Block) -> CellFields:
-        """Fields on the nodes of each cell of this rank, shape (cells, nodes, 2, columns).
+        """Fields on the nodes of each cell of this rank, shape (cells, nodes, dimension, columns).
 
         Args:
             block: Fields, shape (dofs, columns).
         """
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
-        result = np.empty((*nodes.shape, 2, block.shape[1]))
+        result = np.empty((*nodes.shape, self.dimension, block.shape[1]))
         for i, column in enumerate(block.T):
             self.set(self._fields[0], column)
-            result[..., i] = self._fields[0].x.array.reshape(-1, 2)[nodes]
+            result[..., i] = self._fields[0].x.array.reshape(-1, self.dimension)[nodes]
         return result
 
     def from_cells(self, cells: NDArray[np.int64], fields: CellFields, columns: int) -> Block:
@@ -234,12 +239,12 @@ class Elasticity:
 
         Args:
             cells: A cell of this rank and a column for each field, shape (fields, 2).
-            fields: On the nodes of these cells, shape (fields, nodes, 2).
+            fields: On the nodes of these cells, shape (fields, nodes, dimension).
             columns: Number of columns of the block.
         """
         nodes = _compat.dofmap_array(self.domain.space)[cells[:, 0]]
         column = np.broadcast_to(cells[:, 1:], nodes.shape)
-        block = np.zeros((self.n_dofs // 2, 2, columns))
+        block = np.zeros((self.n_dofs // self.dimension, self.dimension, columns))
         ours = nodes < len(block)
         _add_at(block, nodes[ours], column[ours], fields[ours])
         if self.comm.size > 1:
@@ -346,8 +351,25 @@ class Elasticity:
         return float(self.comm.allreduce(float(np.max(local, initial=0.0)), MPI.MAX))
 
     def coordinates(self) -> NDArray[np.float64]:
-        """The position of each node owned by this rank, shape (dofs / 2, 2) [m]."""
-        return self.domain.space.tabulate_dof_coordinates()[: self.n_dofs // 2, :2]
+        """The position of each node owned by this rank, shape (nodes, dimension) [m]."""
+        n, d = self.n_dofs // self.dimension, self.dimension
+        return self.domain.space.tabulate_dof_coordinates()[:n, :d]
+
+
+def check_dimension(domain: Domain, material: ElasticMaterial) -> None:
+    """Refuse a ``material`` of the plane for a ``domain`` in space, and the other way round.
+
+    Raises:
+        ValueError: Naming a material that serves.
+    """
+    of, name = int(getattr(material, "dimension", 2)), type(material).__name__
+    if of != domain.dimension:
+        where = {2: "the plane", 3: "space"}
+        remedy = {2: "PlaneStress(...) or PlaneStrain(...)", 3: "Isotropic(...)"}
+        raise ValueError(
+            f"body: {name} is a material for {where[of]}, but the mesh is in "
+            f"{where[domain.dimension]}; take {remedy[domain.dimension]}"
+        )
 
 
 def _add_at(
@@ -356,32 +378,37 @@ def _add_at(
     columns: NDArray[np.int64],
     values: NDArray[np.float64],
 ) -> None:
-    """Add values (n, 2) to the nodes and columns of a block (nodes, 2, columns)."""
-    for component in range(2):
+    """Add values (n, dimension) to the nodes and columns of a block (nodes, dimension, columns)."""
+    for component in range(block.shape[1]):
         np.add.at(block[:, component], (nodes, columns), values[:, component])
 
 
 def rotated(block: Block) -> Block:
-    """J u for each field of a block: a quarter turn, (u_x, u_y) -> (-u_y, u_x)."""
+    """J u for each field of a block in the plane: a quarter turn, (u_x, u_y) -> (-u_y, u_x)."""
     result = np.empty_like(block)
     result[0::2], result[1::2] = -block[1::2], block[0::2]
     return result
 
 
 def rigid_fields(coordinates: NDArray[np.float64], center: NDArray[np.float64]) -> Block:
-    """The unit translations in x and y and the unit rotation about ``center``.
+    """The unit translations along the axes and the unit rotations about ``center``.
 
     Args:
-        coordinates: Node positions, shape (nodes, 2) [m].
-        center: Shape (2,) [m].
+        coordinates: Node positions, shape (nodes, d) [m].
+        center: Shape (d,) [m].
 
     Returns:
-        Block of shape (2 nodes, 3).
+        Block of shape (d nodes, k): u_x, u_y and the rotation in the plane, u_x, u_y, u_z and the
+        rotations about the axes in space.
     """
     offset = coordinates - center
-    block = np.zeros((2 * len(offset), 3))
-    block[0::2, 0] = 1.0
-    block[1::2, 1] = 1.0
-    block[0::2, 2] = -offset[:, 1]
-    block[1::2, 2] = offset[:, 0]
-    return block
+    nodes, d = offset.shape
+    if d == 2:
+        block = np.zeros((nodes, 2, 3))
+        block[:, 0, 2], block[:, 1, 2] = -offset[:, 1], offset[:, 0]
+    else:
+        block = np.zeros((nodes, 3, 6))
+        for k, axis in enumerate(np.eye(3)):
+            block[:, :, 3 + k] = np.cross(axis, offset)
+    block[:, :, :d] = np.eye(d)
+    return block.reshape(d * nodes, -1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Elastic materials in the plane and their interpolation with the density.
+"""Elastic materials and their interpolation with the density.
 
 A material gives the stress of the solid; an interpolation scales stiffness and mass with the
 density field ``x`` in [0, 1]. Both are handed to UFL with their numbers as `dolfinx.fem.Constant`,
@@ -8,9 +8,8 @@ so that another steel or another exponent compiles nothing anew.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import ufl
@@ -24,6 +23,7 @@ __all__ = [
     "BoundMaterial",
     "ElasticMaterial",
     "Interpolation",
+    "Isotropic",
     "LinearMass",
     "MassLaw",
     "PlaneStrain",
@@ -33,26 +33,29 @@ __all__ = [
 
 
 class BoundMaterial(Protocol):
-    """A material on a mesh, times the thickness of the part."""
+    """A material on a mesh; in the plane times the thickness of the part."""
 
     @property
     def density(self) -> ufl.core.expr.Expr:
-        """Mass of the solid by area, a scalar that does not depend on time [kg/m^2]."""
+        """Mass of the solid by area [kg/m^2], in space by volume [kg/m^3].
+
+        A scalar that does not depend on time.
+        """
         ...
 
     def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-        """The stress resultant sigma(u) of the solid.
+        """The stress resultant sigma(u) of the solid, in space its stress.
 
         It is linear in u, and a(u, v) = int sigma(u) : eps(v) dX is symmetric and positive but for
         rigid motions: the stiffness is factored by Cholesky's method, and the pullback takes it for
         its own transpose.
 
         Args:
-            displacement: u, a field of two components: a `dolfinx.fem.Function`, or the trial or
-                test function of a form [m].
+            displacement: u, a field of as many components as the mesh has dimensions: a
+                `dolfinx.fem.Function`, or the trial or test function of a form [m].
 
         Returns:
-            Symmetric, of shape (2, 2), in the axes of the mesh [N/m].
+            Symmetric, of shape (2, 2) [N/m] or (3, 3) [Pa], in the axes of the mesh.
         """
         ...
 
@@ -61,7 +64,8 @@ class ElasticMaterial(Protocol):
     """What a body must know of its solid.
 
     Any class with these three serves; it need not derive from this one. `PlaneStress` and
-    `PlaneStrain` do, and CONTRIBUTING.md has an orthotropic one.
+    `PlaneStrain` do, and CONTRIBUTING.md has an orthotropic one. A material for bodies in space, as
+    `Isotropic`, has ``dimension = 3`` besides, and thickness 1.
 
     An element of density x has E(x) times the stress and rho(x) times the mass that are given here
     (`Interpolation`). Derivatives are taken with respect to x alone, by UFL; a material has none to
@@ -95,60 +99,85 @@ class ElasticMaterial(Protocol):
 
 
 @dataclass(frozen=True)
-class _Isotropic(ABC):
-    """Isotropic linear elasticity of a flat part."""
+class _Isotropic:
+    """Isotropic linear elasticity, in space or in plane strain."""
 
     young: float
     poisson: float
     density: float
-    thickness: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("young", "density", "thickness"):
+        for name in ("young", "density"):
             validation.number(f"material: {name}", getattr(self, name), above=0.0)
         validation.number("material: poisson", self.poisson, above=-1.0, below=0.5)
 
     @property
     def lame(self) -> tuple[float, float]:
-        """Lame's constants of the plane problem (lambda, mu) [Pa]."""
-        return self._first_lame, self.young / (2.0 * (1.0 + self.poisson))
+        """Lame's constants of the problem (lambda, mu) [Pa]."""
+        first = self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
+        return first, self.young / (2.0 * (1.0 + self.poisson))
 
-    @property
-    @abstractmethod
-    def _first_lame(self) -> float:
-        """Lame's constant lambda of the plane problem [Pa]."""
+    def _on(self, domain: mesh.Mesh, thickness: float) -> _BoundIsotropic:
+        first, second = self.lame
+        numbers = (first * thickness, second * thickness, self.density * thickness)
+        return _BoundIsotropic(*(fem.Constant(domain, np.float64(number)) for number in numbers))
 
-    @property
-    @abstractmethod
-    def out_of_plane(self) -> float:
-        """Stress perpendicular to the plane over the sum of the normal stresses in it [-]."""
+
+@dataclass(frozen=True)
+class Isotropic(_Isotropic):
+    """Isotropic linear elasticity of a body in space.
+
+    Args:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+
+    Raises:
+        ValueError: If a number is not finite or out of its range.
+    """
+
+    dimension: ClassVar[int] = 3  #: Of its meshes
+    thickness: ClassVar[float] = 1.0  #: Of no meaning in space [-]
+    out_of_plane: ClassVar[float] = 0.0  #: Of no meaning in space [-]
 
     def on(self, domain: mesh.Mesh) -> BoundMaterial:
         """This material as UFL on the mesh ``domain``."""
-        lame_lambda, lame_mu = self.lame
-        return _BoundIsotropic(
-            fem.Constant(domain, np.float64(lame_lambda * self.thickness)),
-            fem.Constant(domain, np.float64(lame_mu * self.thickness)),
-            fem.Constant(domain, np.float64(self.density * self.thickness)),
-        )
+        return self._on(domain, 1.0)
+
+
+@dataclass(frozen=True)
+class _Flat(_Isotropic):
+    """Isotropic linear elasticity of a flat part."""
+
+    thickness: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        super().__post_init__()
+        validation.number("material: thickness", self.thickness, above=0.0)
+
+    def on(self, domain: mesh.Mesh) -> BoundMaterial:
+        """This material as UFL on the mesh ``domain``."""
+        return self._on(domain, self.thickness)
 
 
 @dataclass(frozen=True)
 class _BoundIsotropic:
-    """Isotropic linear elasticity on a mesh, times the thickness."""
+    """Isotropic linear elasticity on a mesh, in the plane times the thickness."""
 
-    lame_lambda: fem.Constant  #: [N/m]
-    lame_mu: fem.Constant  #: [N/m]
-    density: fem.Constant  #: [kg/m^2]
+    lame_lambda: fem.Constant  #: [N/m], in space [Pa]
+    lame_mu: fem.Constant  #: [N/m], in space [Pa]
+    density: fem.Constant  #: [kg/m^2], in space [kg/m^3]
 
     def stress(self, displacement: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
         strain = ufl.sym(ufl.grad(displacement))
-        return self.lame_lambda * ufl.tr(strain) * ufl.Identity(2) + 2 * self.lame_mu * strain
+        unit = ufl.Identity(len(displacement))
+        return self.lame_lambda * ufl.tr(strain) * unit + 2 * self.lame_mu * strain
 
 
 @dataclass(frozen=True)
-class PlaneStress(_Isotropic):
+class PlaneStress(_Flat):
     """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts).
 
     Args:
@@ -162,16 +191,19 @@ class PlaneStress(_Isotropic):
     """
 
     @property
-    def _first_lame(self) -> float:
-        return self.young * self.poisson / (1.0 - self.poisson**2)
+    def lame(self) -> tuple[float, float]:
+        """Lame's constants of the plane problem (lambda, mu) [Pa]."""
+        first = self.young * self.poisson / (1.0 - self.poisson**2)
+        return first, self.young / (2.0 * (1.0 + self.poisson))
 
     @property
     def out_of_plane(self) -> float:
+        """Zero [-]."""
         return 0.0
 
 
 @dataclass(frozen=True)
-class PlaneStrain(_Isotropic):
+class PlaneStrain(_Flat):
     """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts).
 
     Args:
@@ -185,11 +217,8 @@ class PlaneStrain(_Isotropic):
     """
 
     @property
-    def _first_lame(self) -> float:
-        return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
-
-    @property
     def out_of_plane(self) -> float:
+        """Poisson's ratio [-]."""
         return self.poisson
 
 

@@ -36,7 +36,8 @@ def check_cells(domain: mesh.Mesh) -> None:
     """
     kind = getattr(basix.CellType, _compat.cell_name(domain))
     reference = np.vstack([basix.geometry(kind), basix.make_quadrature(kind, 3)[0]])
-    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    dim = domain.topology.dim
+    cells = np.arange(domain.topology.index_map(dim).size_local, dtype=np.int32)
     jacobian = _compat.evaluate_expression(
         ufl.JacobianDeterminant(domain), reference, domain, cells
     )[:, :, 0]
@@ -46,10 +47,11 @@ def check_cells(domain: mesh.Mesh) -> None:
     bad = int(domain.comm.allreduce(int(np.count_nonzero(folded))))
     if bad:
         nodes = _compat.cell_geometry(domain)[cells[folded]]
-        where = [_point(p[:, :2].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
+        where = [_point(p[:, :dim].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
         where = [p for part in domain.comm.allgather(where) for p in part][:3]
         raise ValueError(
-            f"mesh: {bad} cells are inverted or without area, the first near {', '.join(where)} m; "
+            f"mesh: {bad} cells are inverted or without {'volume' if dim == 3 else 'area'}, the "
+            f"first near {', '.join(where)} m; "
             "repair the mesh (in gmsh: another algorithm, or straighter high-order cells)"
         )
 
@@ -66,12 +68,13 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
     middle = segments.mean(axis=1)
     direction = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(direction, axis=1)
-    vertices = segments.reshape(-1, 2)
+    vertices = segments.reshape(-1, segments.shape[2])
     near = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
     for i, candidates in enumerate(near):
         offset = vertices[candidates] - middle[i]
-        across = np.abs(offset[:, 0] * direction[i, 1] - offset[:, 1] * direction[i, 0])
-        hits = np.flatnonzero(across < 1e-9 * length[i] ** 2)
+        along = direction[i] / length[i]
+        across = np.linalg.norm(offset - np.outer(offset @ along, along), axis=1)
+        hits = np.flatnonzero(across < 1e-9 * length[i])
         if len(hits):
             raise ValueError(
                 f"mesh: hanging node at {_point(vertices[candidates][hits[0]])} m, in the middle "
@@ -94,7 +97,7 @@ def check_held(
     Raises:
         ValueError: Naming how many pieces float.
     """
-    n_cells = domain.topology.index_map(2).size_local
+    n_cells = domain.topology.index_map(domain.topology.dim).size_local
     cells = np.ones(n_cells, dtype=bool) if void is None else ~void[:n_cells]
     _, floating, count = floating_cells(domain, cells, facets)
     if floating:
@@ -125,13 +128,13 @@ def floating_cells(
         A mask over the cells owned by this rank, shape (cells,), and the numbers of pieces that
         float and of all pieces, the same on every rank.
     """
-    whole = _compat.entity_vertices(domain, 2)
+    whole = _compat.entity_vertices(domain, domain.topology.dim)
     table = whole[: len(cells)][cells]
     vertex_map = domain.topology.index_map(0)
     n_local = int(whole.max(initial=-1)) + 1
     global_vertices = vertex_map.local_to_global(np.arange(n_local, dtype=np.int32))
     held = np.zeros(n_local, dtype=bool)
-    facet_vertices = _compat.entity_vertices(domain, 1)
+    facet_vertices = _compat.entity_vertices(domain, domain.topology.dim - 1)
     for part in facets:
         held[facet_vertices[part].ravel()] = True
     # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
@@ -160,12 +163,19 @@ def _components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> 
 
 
 def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
-    """The ends of all boundary edges, shape (edges, 2, 2), the same on every rank."""
-    domain.topology.create_connectivity(1, 2)
-    boundary = mesh.locate_entities_boundary(domain, 1, lambda x: np.full(x.shape[1], True))
-    owned = boundary[boundary < domain.topology.index_map(1).size_local]
-    ends = _facet_nodes(domain, owned)
-    return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :2]))
+    """The ends of boundary edges, shape (edges, 2, dimension), the same on every rank.
+
+    In space inner ones occur once for each facet.
+    """
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
+    boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
+    owned = boundary[boundary < domain.topology.index_map(dim - 1).size_local]
+    corners = _facet_nodes(domain, owned)
+    # tensor-product numbering of quadrilaterals
+    sides = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+    ends = corners[:, sides[corners.shape[1]]].reshape(-1, 2)
+    return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :dim]))
 
 
 def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -176,20 +186,21 @@ def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.flo
         facets: Local facets on this rank, ghosts included.
 
     Returns:
-        Shape (points, 2) [m].
+        Shape (points, dimension) [m].
     """
-    points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, :2]
+    points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, : domain.topology.dim]
     return np.vstack(domain.comm.allgather(points))
 
 
 def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The geometry nodes at both ends of facets, shape (facets, 2)."""
-    cell_vertices = _compat.entity_vertices(domain, 2)
+    """The geometry nodes at the corners of facets, shape (facets, corners)."""
+    dim = domain.topology.dim
+    cell_vertices = _compat.entity_vertices(domain, dim)
     node = np.zeros(cell_vertices.max(initial=-1) + 1, dtype=np.int32)
     # vertices come first among a cell's geometry nodes, in the same order
     node[cell_vertices] = _compat.cell_geometry(domain)[:, : cell_vertices.shape[1]]
-    return node[_compat.entity_vertices(domain, 1)[facets].reshape(-1, 2)]
+    return node[_compat.entity_vertices(domain, dim - 1)[facets]]
 
 
 def _point(point: NDArray[np.float64]) -> str:
-    return f"({point[0]:.6g}, {point[1]:.6g})"
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"

@@ -27,8 +27,8 @@ class MeshCopy:
     """A mesh of one rank as it was before DOLFINx numbered it, and how it was numbered then."""
 
     cells: NDArray[np.int64]  #: (cells, nodes per cell) in the order in which the mesh was made
-    points: NDArray[np.float64]  #: (nodes, 2) likewise [m]
-    cell: str  #: "triangle" or "quadrilateral"
+    points: NDArray[np.float64]  #: (nodes, dimension) likewise [m]
+    cell: str  #: Name of the cells, "triangle" and so on
     degree: int  #: Of the geometry
     order: NDArray[np.int64]  #: (cells,) place of each numbered cell among `cells`
     corners: NDArray[np.int32]  #: (cells, vertices per cell) of the numbered cells
@@ -54,10 +54,11 @@ class MeshCopy:
         nodes = number[_compat.cell_geometry(domain)]
         cells = np.empty_like(nodes)
         cells[order] = nodes
-        points = np.zeros((int(number.max(initial=-1)) + 1, 2))
-        points[number] = domain.geometry.x[:, :2]
+        dim = domain.topology.dim
+        points = np.zeros((int(number.max(initial=-1)) + 1, dim))
+        points[number] = domain.geometry.x[:, :dim]
         degree = int(_compat.coordinate_element(domain).degree)
-        corners = np.array(_compat.entity_vertices(domain, 2))
+        corners = np.array(_compat.entity_vertices(domain, dim))
         return MeshCopy(cells, points, _compat.cell_name(domain), degree, order, corners)
 
     def build(self) -> mesh.Mesh:
@@ -68,8 +69,9 @@ class MeshCopy:
         """
         shape = self.cell, self.degree
         domain = _compat.create_mesh(MPI.COMM_SELF, self.cells, self.points, *shape)
+        dim = domain.topology.dim
         same = np.array_equal(domain.topology.original_cell_index, self.order)
-        if not (same and np.array_equal(_compat.entity_vertices(domain, 2), self.corners)):
+        if not (same and np.array_equal(_compat.entity_vertices(domain, dim), self.corners)):
             raise RuntimeError(
                 "mesh: this release of DOLFINx numbers cells otherwise than that which has pickled "
                 "the mesh; make the Domain anew, as it was made there"

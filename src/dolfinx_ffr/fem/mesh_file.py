@@ -26,21 +26,21 @@ Groups = dict[tuple[int, str], int]
 
 @dataclass(frozen=True)
 class TaggedMesh:
-    """A planar mesh with its physical groups."""
+    """A mesh with its physical groups."""
 
     source: str  #: What error messages call it
     mesh: mesh.Mesh  #: Distributed over its communicator
-    cell_tags: Any  #: Number of the physical surface of each cell
-    facet_tags: Any  #: Number of the physical curve of each facet
+    cell_tags: Any  #: Number of the physical surface, in space volume, of each cell
+    facet_tags: Any  #: Number of the physical curve, in space surface, of each facet
     numbers: Groups  #: Number of each physical group by dimension and name
 
     def groups(self, dim: int) -> dict[str, int]:
-        """The numbers of the physical curves (``dim`` 1) or surfaces (2) by name."""
+        """The numbers of the physical curves (``dim`` 1), surfaces (2), volumes (3) by name."""
         return {name: tag for (d, name), tag in self.numbers.items() if d == dim}
 
 
 def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
-    """Read a planar mesh from a file.
+    """Read a mesh from a file: one in space, if it has physical volumes, or one in the plane.
 
     Args:
         comm: Communicator over which the mesh is distributed; rank 0 reads the file.
@@ -49,7 +49,7 @@ def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
     Raises:
         FileNotFoundError: On every rank, if there is no such file.
         ValueError: On every rank, if gmsh cannot read it, it has no named physical groups, or a
-            surface belongs to several of them.
+            cell belongs to several of them.
     """
     gmsh = None
 
@@ -66,7 +66,7 @@ def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
 
 
 def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
-    """Take a planar mesh from gmsh's current model.
+    """Take a mesh from gmsh's current model, as `read_gmsh` does from a file.
 
     Args:
         comm: Communicator over which the mesh is distributed.
@@ -74,7 +74,7 @@ def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
 
     Raises:
         ValueError: On every rank, if the model has no mesh or no named physical groups, or a
-            surface belongs to several of them.
+            cell belongs to several of them.
     """
     return _distribute(comm, lambda: model, "gmsh model")
 
@@ -86,7 +86,8 @@ def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMe
             model = get()
             groups = _groups(model, source)
     groups = comm.bcast(groups, root=0)
-    domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0)
+    dim = max(d for d, _ in groups)
+    domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0, dim)
     return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
 
 
@@ -111,34 +112,31 @@ def _open_gmsh(path: Path) -> Any:
 
 def _groups(model: Any, source: str) -> Groups:
     """The numbers of a model's physical groups, or refuse the model."""
-    volumes = [model.getPhysicalName(3, tag) for _, tag in model.getPhysicalGroups(3)]
-    if volumes:
-        raise ValueError(
-            f"{source}: holds the physical volumes {sorted(volumes)}, and bodies are planar; mesh "
-            "a section of the part in the x-y plane, and make physical groups of its surfaces and "
-            "curves alone"
-        )
     groups = {(dim, model.getPhysicalName(dim, tag)): tag for dim, tag in model.getPhysicalGroups()}
-    names = {dim: [name for d, name in groups if d == dim] for dim in (1, 2)}
-    if not names[1] or not names[2]:
+    names = {dim: [name for d, name in groups if d == dim] for dim in (1, 2, 3)}
+    dim = 3 if names[3] else 2
+    facets, cells = (("curve", "surface"), ("surface", "volume"))[dim - 2]
+    if not names[dim - 1] or not names[dim]:
         raise ValueError(
-            f"{source}: needs physical groups of curves (interfaces) and of surfaces (material); "
-            f"it has the curves "
-            f"{sorted(names[1]) or 'none'} and the surfaces {sorted(names[2]) or 'none'}"
+            f"{source}: needs physical groups of {facets}s (interfaces) and of {cells}s "
+            f"(material); it has the {facets}s {sorted(names[dim - 1]) or 'none'} and the {cells}s "
+            f"{sorted(names[dim]) or 'none'}"
         )
-    for _, surface in model.getEntities(2):
-        of = [model.getPhysicalName(2, tag) for tag in model.getPhysicalGroupsForEntity(2, surface)]
+    for _, part in model.getEntities(dim):
+        of = [
+            model.getPhysicalName(dim, tag) for tag in model.getPhysicalGroupsForEntity(dim, part)
+        ]
         if len(of) > 1:
             raise ValueError(
-                f"{source}: surface {surface} belongs to the physical surfaces {sorted(of)}, and "
+                f"{source}: {cells} {part} belongs to the physical {cells}s {sorted(of)}, and "
                 "its cells would count more than once; leave it in one of them"
             )
-        if of and not len(model.mesh.getElementTypes(2, surface)):
+        if of and not len(model.mesh.getElementTypes(dim, part)):
             raise ValueError(
-                f"{source}: surface {surface} has no mesh; call gmsh.model.mesh.generate(2) first"
+                f"{source}: {cells} {part} has no mesh; call gmsh.model.mesh.generate({dim}) first"
             )
-        if of:
-            _check_plane(model, surface, source)
+        if of and dim == 2:
+            _check_plane(model, part, source)
     return groups
 
 
@@ -149,5 +147,6 @@ def _check_plane(model: Any, surface: int, source: str) -> None:
     if extent[2] > FLAT * max(extent):
         raise ValueError(
             f"{source}: surface {surface} leaves the x-y plane: its z spans {extent[2]:.4g} m; "
-            "bodies are planar, turn the part into the x-y plane"
+            "turn the part into the x-y plane; for a body in space mesh its volume, and make it a "
+            "physical volume"
         )

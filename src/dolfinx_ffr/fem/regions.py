@@ -27,7 +27,7 @@ def located(
         what: Who asks, for the message.
         where: A predicate on coordinates (those all of whose vertices fulfil it), numbers on this
             rank, or a mask over them.
-        dim: 1 for facets, 2 for cells.
+        dim: Dimension of the cells, or one less for facets.
 
     Returns:
         Their numbers on this rank, shape (found,); ghosts may be among them.
@@ -37,15 +37,16 @@ def located(
         ValueError: On every rank, if a predicate does not say yes or no for each point, or a number
             does not exist.
     """
+    facets = dim < domain.topology.dim
     if callable(where):
         points = domain.geometry.x.T
         with on_every_rank(domain.comm, what):
             _check_predicate(what, where, points)
-        locate = mesh.locate_entities_boundary if dim == 1 else mesh.locate_entities
+        locate = mesh.locate_entities_boundary if facets else mesh.locate_entities
         return np.asarray(locate(domain, dim, where), dtype=np.int32)
     entities = domain.topology.index_map(dim)
     sizes = entities.size_local, entities.size_local + entities.num_ghosts
-    kind = "facets" if dim == 1 else "cells"
+    kind = "facets" if facets else "cells"
     with on_every_rank(domain.comm, what):
         found = _numbers_of(what, where, kind, sizes)
     return found
@@ -65,10 +66,11 @@ def located_cells(
         TypeError: As `located` does.
         ValueError: As `located` does.
     """
-    n = int(domain.topology.index_map(2).size_local)
+    dim = domain.topology.dim
+    n = int(domain.topology.index_map(dim).size_local)
     chosen = np.zeros(n, dtype=bool)
     if where is not None:
-        cells = located(domain, what, where, 2)
+        cells = located(domain, what, where, dim)
         chosen[cells[cells < n]] = True
     return chosen
 

@@ -26,11 +26,18 @@ __all__ = ["StressRecovery"]
 
 Array = NDArray[np.float64]
 
+#: Components of the stress by dimension
+COMPONENTS = {
+    2: ((0, 0), (1, 1), (0, 1)),
+    3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)),
+}
+
 
 class StressRecovery:
     """From displacements of a body to the stress of its solid, and back by the exact transpose.
 
-    It does not depend on the density, and holds a matrix of (3 points) x (2 nodes) for each cell.
+    It does not depend on the density, and holds a matrix of (3 points) x (2 nodes) for each cell,
+    in space of (6 points) x (3 nodes).
 
     Args:
         elasticity: Of the body.
@@ -41,59 +48,62 @@ class StressRecovery:
         domain = elasticity.domain
         self.elasticity = elasticity
         kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
-        triangle = kind == basix.CellType.triangle
-        degree = max(1, 2 * domain.order - (2 if triangle else 1))
+        simplex = kind in (basix.CellType.triangle, basix.CellType.tetrahedron)
+        degree = max(1, 2 * domain.order - (2 if simplex else 1))
         reference, weights = (np.asarray(a) for a in basix.make_quadrature(kind, degree))
         cells = np.arange(domain.n_cells, dtype=np.int32)
 
         def at_points(expression: Any) -> Array:
             return _compat.evaluate_expression(expression, reference, domain.mesh, cells)
 
-        #: Where the stress is given, undeformed, shape (cells, points, 2) [m]
+        #: Where the stress is given, undeformed, shape (cells, points, dimension) [m]
         self.points = at_points(ufl.SpatialCoordinate(domain.mesh))
         jacobian = np.abs(at_points(ufl.JacobianDeterminant(domain.mesh))[:, :, 0])
-        #: Area that each point stands for, shape (cells, points) [m^2]
+        #: Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]
         self.weights = weights * jacobian
         self._matrices = self._cell_matrices(material, reference, cells)
 
     def _cell_matrices(
         self, material: ElasticMaterial, reference: Array, cells: NDArray[np.int32]
     ) -> Array:
-        """The map of each cell, shape (cells, points * 3, nodes * 2) [Pa/m]."""
-        domain = self.elasticity.domain
+        """The map of each cell, shape (cells, points * components, dofs) [Pa/m]."""
+        domain, d = self.elasticity.domain, self.elasticity.dimension
         # in a space whose cells share no nodes, all cells have the same displacement at once
-        space = _compat.function_space(domain.mesh, "DG", domain.order, (2,))
+        space = _compat.function_space(domain.mesh, "DG", domain.order, (d,))
         displacement = fem.Function(space)
         stress = material.on(domain.mesh).stress(displacement)
         evaluate = _compat.compiled_expression(
-            ufl.as_vector([stress[0, 0], stress[1, 1], stress[0, 1]]), reference, domain.mesh
+            ufl.as_vector([stress[i, j] for i, j in COMPONENTS[d]]), reference, domain.mesh
         )
         nodes = _compat.dofmap_array(space)
-        found = np.empty((len(cells), 3 * len(reference), 2 * nodes.shape[1]))
+        rows = len(COMPONENTS[d]) * len(reference)
+        found = np.empty((len(cells), rows, d * nodes.shape[1]))
         for i in range(found.shape[2]):
             displacement.x.array[:] = 0.0
-            displacement.x.array[2 * nodes[:, i // 2] + i % 2] = 1.0
+            displacement.x.array[d * nodes[:, i // d] + i % d] = 1.0
             found[..., i] = evaluate(cells).reshape(len(cells), -1)
         return found / material.thickness
 
     def __call__(self, fields: Block) -> Array:
-        """Stresses s_x, s_y, t_xy of displacements.
+        """Stresses s_x, s_y, t_xy of displacements; in space s_x, s_y, s_z, t_xy, t_yz, t_xz.
 
         Args:
             fields: Displacements of this rank's dofs, shape (dofs, columns) [m].
 
         Returns:
-            Of the cells owned by this rank, shape (cells, points, 3, columns) [Pa].
+            Of the cells owned by this rank, shape (cells, points, components, columns) [Pa].
         """
-        cells, rows, unknowns = self._matrices.shape
+        cells, _, unknowns = self._matrices.shape
         local = self.elasticity.at_cells(fields).reshape(cells, unknowns, fields.shape[1])
-        return (self._matrices @ local).reshape(cells, rows // 3, 3, fields.shape[1])
+        return (self._matrices @ local).reshape(
+            cells, -1, len(COMPONENTS[self.elasticity.dimension]), fields.shape[1]
+        )
 
     def transposed(self, bar: Array) -> Block:
         """The transpose: from derivatives with respect to stresses to those to displacements.
 
         Args:
-            bar: Of the cells owned by this rank, shape (cells, points, 3, columns).
+            bar: Of the cells owned by this rank, shape (cells, points, components, columns).
 
         Returns:
             Of the dofs owned by this rank, shape (dofs, columns).
@@ -103,7 +113,8 @@ class StressRecovery:
         columns = bar.shape[3]
         local = np.swapaxes(self._matrices, 1, 2) @ bar.reshape(cells, rows, columns)
         nodes = _compat.dofmap_array(space)[:cells]
-        dofs = np.stack([2 * nodes, 2 * nodes + 1], axis=2).ravel()
+        d = self.elasticity.dimension
+        dofs = np.stack([d * nodes + i for i in range(d)], axis=2).ravel()
         gathered = fem.Function(space)
         total = np.empty((n, columns))
         for j in range(columns):

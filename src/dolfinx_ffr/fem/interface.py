@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Interfaces of a body: boundary facets that move as one rigid body, and their reference points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from .circles import fit_circle, fit_cylinder
+from .mesh_checks import facet_points
+from .regions import Predicate, located
+
+__all__ = ["Interface", "find_interfaces"]
+
+#: Largest deviation of normals from each other that counts as none
+FLAT = 1e-6
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Boundary facets that move as one rigid body."""
+
+    name: str  #: How joints and frames refer to it
+    facets: NDArray[np.int32]  #: Local facets on this rank, ghosts included
+    dofs: NDArray[np.int32]  #: Local (blocked) dofs on this rank, ghosts included
+    #: (dimension,) reference point of the rigid motion [m], the same on every rank
+    center: NDArray[np.float64]
+    extent: float  #: Diagonal of the box around its nodes [m], the same on every rank
+    #: (3,) unit vector along the axis of a cylinder, or normal to a plane and out of the body; the
+    #: same on every rank. None for other surfaces and in the plane
+    axis: NDArray[np.float64] | None = None
+
+
+def find_interfaces(
+    space: Any,
+    interfaces: Mapping[str, Predicate | ArrayLike],
+    centers: Mapping[str, Sequence[float]],
+    box: NDArray[np.float64],
+) -> dict[str, Interface]:
+    """The interfaces of a body; collective.
+
+    Args:
+        space: Of the displacements.
+        interfaces: By name, predicates or facets of this rank.
+        centers: Reference points that are given [m].
+        box: Corners of the body, shape (2, dimension) [m].
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if one is missing or empty, cannot hold the body, or shares nodes
+            with another.
+    """
+    if not interfaces:
+        raise ValueError(
+            "domain: no interfaces given; a body needs at least one rigid interface to be held by"
+        )
+    unknown = sorted(set(centers) - set(interfaces))
+    if unknown:
+        raise ValueError(
+            f"domain: centers for unknown interfaces {unknown}; there are {sorted(interfaces)}"
+        )
+    domain: mesh.Mesh = space.mesh
+    comm: MPI.Comm = domain.comm
+    dim = domain.topology.dim
+    found: dict[str, Interface] = {}
+    coordinates = space.tabulate_dof_coordinates()[:, :dim]
+    for name, where in interfaces.items():
+        facets = located(domain, f"interface {name!r}", where, dim - 1)
+        if comm.allreduce(len(facets)) == 0:
+            spans = (
+                f"{axis} from {low:.6g} to {high:.6g} m"
+                for axis, low, high in zip("xyz", *box, strict=False)
+            )
+            raise ValueError(
+                f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
+                f"of the body, which spans {' and '.join(spans)}"
+            )
+        dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
+        for other, taken in found.items():
+            shared = np.intersect1d(dofs, taken.dofs)
+            if comm.allreduce(bool(len(shared)), MPI.LOR):
+                raise ValueError(
+                    f"interfaces {other!r} and {name!r} overlap: they share nodes, and a node "
+                    "cannot follow two rigid motions; leave at least one free facet between them "
+                    "or join them into one"
+                )
+        points = np.vstack(comm.allgather(coordinates[dofs]))
+        extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if not extent > 0.0:
+            raise ValueError(
+                f"interface {name!r} is a single point: it cannot hold the body against rotation"
+            )
+        center, axis = _surface(domain, facets)
+        if name in centers:
+            expected = "two components" if dim == 2 else "three components"
+            what = f"interface {name!r}: center"
+            given = validation.real_array(what, centers[name], (dim,), expected=expected)
+            center = np.array(given)
+        found[name] = Interface(name, facets, dofs, center, extent, axis)
+    return found
+
+
+def _surface(
+    domain: mesh.Mesh, facets: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """The reference point of facets, and the axis of a cylinder or the normal of a plane.
+
+    The point is the centre of the circle, or the middle of the cylinder's axis, on which the facets
+    lie, or else their centroid.
+    """
+    dim = domain.topology.dim
+    points = facet_points(domain, facets)
+    if dim == 2:
+        circle = fit_circle(points)
+        return (_moments(domain, facets)[1] if circle is None else circle), None
+    area, centroid, normal, spread = _moments(domain, facets)
+    length = float(np.linalg.norm(normal))
+    if length > (1.0 - FLAT) * area:
+        return centroid, normal / length
+    cylinder = fit_cylinder(points, np.asarray(np.linalg.eigh(spread)[1][:, 0]))
+    return (centroid, None) if cylinder is None else cylinder
+
+
+def _moments(
+    domain: mesh.Mesh, facets: NDArray[np.int32]
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Size of facets, their centroid, and the integrals of the normal n and of n n^T."""
+    dim = domain.topology.dim
+    ones = np.full(len(facets), 1, dtype=np.int32)
+    tags = mesh.meshtags(domain, dim - 1, np.sort(facets), ones)
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
+    x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
+    one = fem.Constant(domain, np.float64(1.0))
+    parts = [one, *(one * x[i] for i in range(dim))]
+    if dim == 3:
+        parts += [one * n[i] for i in range(dim)]
+        parts += [one * n[i] * n[j] for i in range(dim) for j in range(i, dim)]
+    comm: MPI.Comm = domain.comm
+    size, *moments = (comm.allreduce(fem.assemble_scalar(fem.form(part * ds))) for part in parts)
+    spread = np.zeros((dim, dim))
+    if dim == 3:
+        spread[np.triu_indices(3)] = moments[6:]
+        spread = spread + np.triu(spread, 1).T
+    return size, np.array(moments[:dim]) / size, np.array(moments[dim : 2 * dim]), spread
