@@ -103,9 +103,7 @@ def test_point_mass_and_its_pullback() -> None:
     W = body.markers["tip"].basis
     assert heavier.P is not None
     assert body.P is not None
-    np.testing.assert_allclose(
-        heavier.P - body.P, 0.3 * np.einsum("ka,lb->abkl", W, W), atol=1e-16
-    )
+    np.testing.assert_allclose(heavier.P - body.P, 0.3 * np.einsum("ka,lb->abkl", W, W), atol=1e-16)
     pulled = body.point_mass_pullback(bar, "tip", 0.3)
 
     def value(step: float) -> float:

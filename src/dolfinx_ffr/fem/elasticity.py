@@ -256,6 +256,15 @@ class Elasticity:
                 _add_at(block, node[mine] - first, where[mine], value[mine])
         return block.reshape(self.n_dofs, columns)
 
+    def dofs_of(self, nodes: NDArray[np.int32]) -> NDArray[np.int64]:
+        """The dofs of those of some nodes that this rank owns, in their order.
+
+        Args:
+            nodes: Local numbers, those of ghosts among them.
+        """
+        own = nodes[nodes < self.n_dofs // self.dimension].astype(np.int64)
+        return np.asarray(self.dimension * own[:, None] + np.arange(self.dimension)).ravel()
+
     def strain_energy(self, x: ArrayLike, field: NDArray[np.float64]) -> NDArray[np.float64]:
         """The elastic energy of each cell.
 

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..fem import Block, Domain, Elasticity, Matrices, kept_by, rigid_fields
+from ..fem import Block, Domain, Elasticity, Matrices, kept_by, rigid_fields, rotated
 from .factored_body import FactoredBody, HeldMatrices
 from .frame import Frame
 from .inertia import InertiaCount
@@ -107,8 +107,7 @@ class CraigBampton:
         n = elasticity.n_dofs
         self.held = np.zeros(n, dtype=bool)
         for interface in domain.interfaces.values():
-            nodes = interface.dofs[interface.dofs < n // 2]
-            self.held[2 * nodes] = self.held[2 * nodes + 1] = True
+            self.held[elasticity.dofs_of(interface.dofs)] = True
         self._inertia = InertiaCount(elasticity)
         #: Of a density before, for the next one: at most one
         self._spare: list[HeldMatrices] = kept_by(self, elasticity.comm)
@@ -138,20 +137,31 @@ class CraigBampton:
         columns = []
         for name, motions in self.motions.items():
             interface = domain.interfaces[name]
-            nodes = interface.dofs[interface.dofs < len(coordinates)]
             rigid = rigid_fields(coordinates, interface.center) @ motions.T
             field_ = np.zeros_like(rigid)
-            for rows in (2 * nodes, 2 * nodes + 1):
-                field_[rows] = rigid[rows]
+            rows = self.elasticity.dofs_of(interface.dofs)
+            field_[rows] = rigid[rows]
             columns.append(field_)
-        return np.hstack(columns) if columns else np.zeros((2 * len(coordinates), 0))
+        return np.hstack(columns) if columns else np.zeros((coordinates.size, 0))
 
     @property
     def unit_translations(self) -> Block:
-        """The body's displacements by one metre along x and along y, shape (dofs, 2) [m]."""
-        block = np.zeros((self.elasticity.n_dofs, 2))
-        block[0::2, 0] = block[1::2, 1] = 1.0
-        return block
+        """The body's displacements by one metre along each axis, shape (dofs, dimension) [m]."""
+        d = self.elasticity.dimension
+        return np.tile(np.eye(d), (self.elasticity.n_dofs // d, 1))
+
+    @property
+    def unit_gradients(self) -> Block:
+        """The fields through which an undeformed body's acceleration varies over it [m].
+
+        In the plane w_0, of -omega^2, and J w_0, of alpha, shape (dofs, 2). In space the products
+        w_0^l e_k, of the entries k, l of [alpha] + [omega]^2, shape (dofs, 9), k first.
+        """
+        reference, d = self.reference[:, None], self.elasticity.dimension
+        if d == 2:
+            return np.hstack([reference, rotated(reference)])
+        fields = np.einsum("nl,ik->nikl", reference.reshape(-1, d), np.eye(d))
+        return np.asarray(fields.reshape(len(reference), d * d))
 
     def interface_motion(self, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Displacement and rotation of the constraint modes at an interface's center.
@@ -162,15 +172,17 @@ class CraigBampton:
             name: Of the interface.
 
         Returns:
-            Phi_P of shape (2, k) [-] and Psi_P of shape (k,) [1/m] of k constraint modes.
+            Phi_P of shape (2, k) [-] and Psi_P of shape (k,) [1/m] of k constraint modes; in space
+            both of shape (3, k).
         """
-        motion = np.zeros((3, self.n_constraint))
+        d = self.elasticity.dimension
+        motion = np.zeros((3 * d - 3, self.n_constraint))
         column = 0
         for interface, motions in self.motions.items():
             if interface == name:
                 motion[:, column : column + len(motions)] = motions.T
             column += len(motions)
-        return motion[:2], motion[2]
+        return motion[:d], motion[2] if d == 2 else motion[d:]
 
     # ------------------------------------------------------------------ forward
 

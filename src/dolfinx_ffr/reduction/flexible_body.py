@@ -92,12 +92,12 @@ class FlexibleBody:
         frame: Reference conditions of the floating frame.
         modes: Number of fixed-interface normal modes.
         markers: Markers besides the interfaces: name and position in the coordinates of the mesh,
-            shape (2,) [m].
+            shape (dimension,) [m].
         tolerance: Relative residual of the eigenvalue problem and of the adjoint systems.
         stiffening: Loads whose geometric stiffness is modelled (`GeometricStiffening`): some of
-            ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia, and
-            ``"markers"`` for the forces of joints, springs and others at markers, and the inertia
-            of point masses there; none by default.
+            ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia (in space
+            ``"rotation"``, ``"acceleration"``), and ``"markers"`` for the forces of joints, springs
+            and others at markers, and the inertia of point masses there; none by default.
         points: The name of ``markers`` in the release before; goes with the next one.
 
     Raises:
@@ -426,7 +426,7 @@ class FlexibleBody:
             correction: Whether the fields of the static correction follow the shape functions.
 
         Returns:
-            Of the cells owned by this rank, shape (cells, points, 3, coordinates) [Pa].
+            Of the cells owned by this rank, shape (cells, points, components, coordinates) [Pa].
         """
         with self._working:
             fields = reduced.basis.shapes
@@ -442,7 +442,7 @@ class FlexibleBody:
         Args:
             reduced: What `reduce` returned, at any time.
             bar: Derivative with respect to the stress for unit coordinates, of this rank's cells,
-                shape (cells, points, 3, coordinates), with or without the static correction.
+                shape (cells, points, components, coordinates), with or without the correction.
         """
         basis, r = reduced.basis, reduced.basis.shapes.shape[1]
         with self._working:

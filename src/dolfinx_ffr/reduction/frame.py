@@ -19,11 +19,15 @@ class Frame(Protocol):
     """Reference conditions: which rigid motions of interfaces the body's frame takes over."""
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """The frame's origin in the undeformed ``domain``, shape (2,) [m]."""
+        """The frame's origin in the undeformed ``domain``, shape (dimension,) [m]."""
         ...
 
     def retained(self, domain: Domain) -> dict[str, NDArray[np.float64]]:
-        """The elastic motions (u_x, u_y, rotation), (k, 3) by interface of ``domain``."""
+        """The elastic motions, (k, 3) by interface of ``domain``, in space (k, 6).
+
+        Their components are u_x, u_y and the rotation, in space u_x, u_y, u_z and the rotations
+        about the axes.
+        """
         ...
 
 
@@ -36,7 +40,7 @@ def _interface(domain: Domain, name: str, frame: str) -> None:
 
 @dataclass(frozen=True)
 class TangentFrame:
-    """Frame fixed to one interface, whose three rigid motions are dropped.
+    """Frame fixed to one interface, whose rigid motions are dropped.
 
     Args:
         interface: Name of the interface.
@@ -45,22 +49,23 @@ class TangentFrame:
     interface: str
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """The center of the interface of ``domain``, shape (2,) [m]."""
+        """The center of the interface of ``domain``, shape (dimension,) [m]."""
         _interface(domain, self.interface, "tangent frame")
         return domain.interfaces[self.interface].center
 
     def retained(self, domain: Domain) -> dict[str, NDArray[np.float64]]:
         """All motions of the other interfaces of ``domain``."""
         _interface(domain, self.interface, "tangent frame")
-        return {name: np.eye(3) for name in domain.interfaces if name != self.interface}
+        whole = np.eye(3 * domain.dimension - 3)
+        return {name: whole for name in domain.interfaces if name != self.interface}
 
 
 @dataclass(frozen=True)
 class ChordFrame:
     """Frame with its origin in one interface and its axis through another.
 
-    Dropped are both displacements of the first interface and the second one's displacement
-    perpendicular to the chord.
+    Dropped are the displacements of the first interface and the second one's displacements
+    perpendicular to the chord; in space also the first one's rotation about the chord.
 
     Args:
         start: Interface in the origin.
@@ -71,7 +76,7 @@ class ChordFrame:
     end: str
 
     def origin(self, domain: Domain) -> NDArray[np.float64]:
-        """The center of the first interface of ``domain``, shape (2,) [m]."""
+        """The center of the first interface of ``domain``, shape (dimension,) [m]."""
         _interface(domain, self.start, "chord frame")
         return domain.interfaces[self.start].center
 
@@ -89,8 +94,13 @@ class ChordFrame:
                 "which leaves the angle of the frame undetermined; use TangentFrame or two "
                 "interfaces apart"
             )
-        motions = {name: np.eye(3) for name in domain.interfaces}
-        motions[self.start] = np.array([[0.0, 0.0, 1.0]])
+        d = domain.dimension
+        rotations = np.eye(3 * d - 3)[d:]
+        motions = {name: np.eye(3 * d - 3) for name in domain.interfaces}
         direction = chord / length
-        motions[self.end] = np.array([[direction[0], direction[1], 0.0], [0.0, 0.0, 1.0]])
+        stretch = np.append(direction, np.zeros(len(rotations)))
+        motions[self.end] = np.vstack([stretch, rotations])
+        # in space two rotations about axes perpendicular to the chord
+        across = np.eye(1) if d == 2 else np.linalg.svd(direction[None, :])[2][1:]
+        motions[self.start] = across @ rotations
         return motions

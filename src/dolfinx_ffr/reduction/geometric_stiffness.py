@@ -6,6 +6,10 @@ functions miss that. For each unit load b of the body's inertia, with body force
 
     F = w_0 by omega^2,     F = -J w_0 by alpha,     F = -e_x, -e_y by the frame's acceleration,
 
+in space
+
+    F = -w_0^l e_k by the entries k, l of [alpha] + [omega]^2,     F = -e_k by the acceleration,
+
 the stress of the undeformed body is that of the static displacement u_b, held by the conditions of
 the frame of reference, and the geometric stiffness is the share of the quadratic part of Green's
 strain,
@@ -42,7 +46,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..fem import Block, rotated
+from ..fem import Block
 from .craig_bampton import CraigBampton, ReducedBasis
 from .factored_body import FactoredBody
 from .point_marker import PointMarker
@@ -51,8 +55,11 @@ __all__ = ["GeometricStiffening", "StiffeningPullback"]
 
 Array = NDArray[np.float64]
 
-#: Loads of the body's inertia, and the number of fields of each
-LOADS = {"omega2": 1, "alpha": 1, "acceleration": 2}
+#: Loads of the body's inertia, and the shape of the fields of each, by dimension
+LOADS: dict[int, dict[str, tuple[int, ...]]] = {
+    2: {"omega2": (), "alpha": (), "acceleration": (2,)},
+    3: {"rotation": (3, 3), "acceleration": (3,)},
+}
 
 #: Name of the loads at markers
 MARKERS = "markers"
@@ -78,8 +85,9 @@ class GeometricStiffening:
 
     Args:
         reduction: The body and its frame of reference.
-        loads: Which of ``"omega2"``, ``"alpha"``, ``"acceleration"``, ``"markers"`` are modelled;
-            the last one stands for the forces at all markers.
+        loads: Which of ``"omega2"``, ``"alpha"``, ``"acceleration"``, ``"markers"`` are modelled,
+            in space of ``"rotation"``, ``"acceleration"``, ``"markers"``; the last one stands for
+            the forces at all markers.
         markers: Markers besides the interfaces.
 
     Raises:
@@ -89,16 +97,18 @@ class GeometricStiffening:
     def __init__(
         self,
         reduction: CraigBampton,
-        loads: Sequence[str] = tuple(LOADS),
+        loads: Sequence[str],
         markers: Mapping[str, PointMarker] | None = None,
     ) -> None:
-        known = [*LOADS, MARKERS]
+        #: Loads of the inertia, and the shape of the fields of each
+        self._shapes = LOADS[reduction.elasticity.dimension]
+        known = [*self._shapes, MARKERS]
         if not loads or not set(loads) <= set(known):
             raise ValueError(f"geometric stiffening: loads {list(loads)} must be some of {known}")
         self.reduction = reduction
         self.elasticity = elasticity = reduction.elasticity
         self.loads = tuple(load for load in known if load in loads)
-        self._inertia = tuple(load for load in LOADS if load in loads)
+        self._inertia = tuple(load for load in self._shapes if load in loads)
         self._markers = dict(markers or {}) if MARKERS in loads else {}
         # Markers that the frame holds take forces without stress.
         self._interfaces = {
@@ -139,9 +149,10 @@ class GeometricStiffening:
 
         Returns:
             By load of the inertia, shape (r, r), or (2, r, r) for ``"acceleration"``; and by marker
-            on which a force stresses the body, shape (2, r, r); the same on every rank.
+            on which a force stresses the body, shape (2, r, r); the same on every rank. In space
+            (3, 3, r, r) for ``"rotation"``, and 3 for 2.
         """
-        shapes = basis.shapes
+        shapes, d = basis.shapes, self.elasticity.dimension
         found = []
         self._set_density(factored)
         for displacement in self._displacements(factored, basis).T:
@@ -150,12 +161,14 @@ class GeometricStiffening:
             found.append(0.5 * (part + part.T))
         inertia, markers, first = {}, {}, 0
         for load in self._inertia:
-            count = LOADS[load]
-            inertia[load] = found[first] if count == 1 else np.stack(found[first : first + count])
+            shape = self._shapes[load]
+            count = int(np.prod(shape))
+            stacked = np.stack(found[first : first + count])
+            inertia[load] = stacked.reshape(*shape, *stacked.shape[1:])
             first += count
         for name in [*self._interfaces, *self._markers]:
-            markers[name] = np.stack(found[first : first + 2])
-            first += 2
+            markers[name] = np.stack(found[first : first + d])
+            first += d
         return inertia, markers
 
     def stiffened(
@@ -218,20 +231,23 @@ class GeometricStiffening:
 
     def _bars(self, bar: VolumeIntegrals) -> list[Array]:
         """The derivatives by the matrices, in the order of the displacements."""
-        r = bar.modes
-        none = {load: np.zeros((count, r, r)) for load, count in LOADS.items()}
+        r, d = bar.modes, self.elasticity.dimension
+        none = {load: np.zeros((*shape, r, r)) for load, shape in self._shapes.items()}
         parts = [np.zeros((0, r, r))]
         parts += [(none | bar.stiffening)[load].reshape(-1, r, r) for load in self._inertia]
         for name in [*self._interfaces, *self._markers]:
             of_marker = bar.markers[name].stiffening
-            parts.append(np.zeros((2, r, r)) if of_marker is None else of_marker)
+            parts.append(np.zeros((d, r, r)) if of_marker is None else of_marker)
         return list(np.concatenate(parts))
 
     def _load_fields(self) -> Block:
         """The fields F_b of the loads of the inertia that are modelled."""
-        reference = self.reduction.reference[:, None]
-        unit = self.reduction.unit_translations
-        fields = {"omega2": reference, "alpha": -rotated(reference), "acceleration": -unit}
+        unit, varying = self.reduction.unit_translations, self.reduction.unit_gradients
+        fields = {"acceleration": -unit}
+        if self.elasticity.dimension == 2:
+            fields |= {"omega2": varying[:, :1], "alpha": -varying[:, 1:]}
+        else:
+            fields["rotation"] = -varying
         return np.hstack([unit[:, :0], *(fields[load] for load in self._inertia)])
 
     def _set_density(self, factored: FactoredBody) -> None:
@@ -249,7 +265,7 @@ class GeometricStiffening:
         for motion in self._interfaces.values():
             blocks.append(self._of_modes(factored, basis, motion.T))
         for marker in self._markers.values():
-            unit_forces = marker.pullback(np.eye(2), np.zeros(2))
+            unit_forces = marker.rows[: self.elasticity.dimension].T.toarray()
             blocks.append(self._static(factored, basis, unit_forces))
         return np.hstack(blocks)
 

@@ -5,6 +5,9 @@ With W = [w_0, phi_1, ..., phi_r] (reference position and shape functions, a blo
 all integrals are products of one block with the assembled matrices,
 
     G = W^T M W,   N = (J W)^T M W,   S = W^T M [e_x, e_y],   m = e_x^T M e_x,   K_e = Phi^T K Phi.
+
+In space P_ab^kl = int rho w_a^k w_b^l takes the place of G and N. The mass does not couple the
+axes, so that M W, taken component by component, serves all of it.
 """
 
 from __future__ import annotations
@@ -62,8 +65,6 @@ def volume_integrals(
     mass_fields = elasticity.apply(matrices.mass, fields)
     mass_unit = elasticity.apply(matrices.mass, unit)
     stiffness_shapes = elasticity.apply(matrices.stiffness, basis.shapes)
-    gram = elasticity.inner(fields, mass_fields)
-    turned = elasticity.inner(rotated(fields), mass_fields)
     stiffness = elasticity.inner(basis.shapes, stiffness_shapes)
     _warn_of_round_off(basis, stiffness)
     at = {}
@@ -73,18 +74,24 @@ def volume_integrals(
         at[name] = BodyMarker(
             interface.center - reduction.origin,
             np.pad(displacement, ((0, 0), (0, n_normal))),
-            np.pad(rotation, (0, n_normal)),
+            np.pad(rotation, [(0, 0)] * (rotation.ndim - 1) + [(0, n_normal)]),
         )
     for name, marker in markers.items():
         at[name] = BodyMarker(marker.position - reduction.origin, *marker.motion(basis.shapes))
-    return VolumeIntegrals(
-        mass=float(elasticity.inner(unit[:, :1], mass_unit[:, :1])[0, 0]),
-        S=elasticity.inner(fields, mass_unit),
-        G=0.5 * (gram + gram.T),
-        N=0.5 * (turned - turned.T),
-        K=0.5 * (stiffness + stiffness.T),
-        markers=at,
-    )
+    mass = float(elasticity.inner(unit[:, :1], mass_unit[:, :1])[0, 0])
+    S, K = elasticity.inner(fields, mass_unit), 0.5 * (stiffness + stiffness.T)
+    if elasticity.dimension == 3:
+        P = np.array(
+            [
+                [elasticity.inner(fields[k::3], mass_fields[j::3]) for j in range(3)]
+                for k in range(3)
+            ]
+        ).transpose(2, 3, 0, 1)
+        return VolumeIntegrals.in_space(mass, S, 0.5 * (P + P.transpose(1, 0, 3, 2)), K, at)
+    gram = elasticity.inner(fields, mass_fields)
+    turned = elasticity.inner(rotated(fields), mass_fields)
+    G, N = 0.5 * (gram + gram.T), 0.5 * (turned - turned.T)
+    return VolumeIntegrals(mass=mass, S=S, G=G, N=N, K=K, markers=at)
 
 
 def _warn_of_round_off(basis: ReducedBasis, stiffness: NDArray[np.float64]) -> None:
@@ -134,11 +141,8 @@ def volume_integrals_pullback(
     """
     elasticity = reduction.elasticity
     fields, unit = _fields(reduction, basis), reduction.unit_translations
-    gram_bar = 0.5 * (bar.G + bar.G.T)
-    turned_bar = 0.5 * (bar.N - bar.N.T)
     stiffness_bar = 0.5 * (bar.K + bar.K.T)
-    # J^T = -J; N is antisymmetric, so both of its slots add up
-    half = fields @ gram_bar - rotated(fields @ turned_bar.T)
+    half = _moments_pullback(fields, bar)
     moment = unit @ bar.S.T
     y = np.hstack([half + moment, bar.mass * unit[:, :1]])
     w = np.hstack([fields, unit[:, :1]])
@@ -149,6 +153,21 @@ def volume_integrals_pullback(
         marker_bar = bar.markers[name]
         shapes += marker.pullback(marker_bar.displacement, marker_bar.rotation)
     return IntegralsPullback(w, y, kappa, shapes)
+
+
+def _moments_pullback(fields: Block, bar: VolumeIntegrals) -> Block:
+    """The fields y with  d psi = sum_a m_dx(w_a, y_a)  by G and N, or by P."""
+    if bar.P is None:
+        gram_bar = 0.5 * (bar.G + bar.G.T)
+        turned_bar = 0.5 * (bar.N - bar.N.T)
+        # J^T = -J; N is antisymmetric, so both of its slots add up
+        return np.asarray(fields @ gram_bar - rotated(fields @ turned_bar.T))
+    moments_bar = 0.5 * (bar.P + bar.P.transpose(1, 0, 3, 2))
+    half = np.zeros_like(fields)
+    for k in range(3):
+        for j in range(3):
+            half[k::3] += fields[j::3] @ moments_bar[:, :, k, j].T
+    return half
 
 
 def _fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:

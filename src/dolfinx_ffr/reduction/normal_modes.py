@@ -218,15 +218,19 @@ def _vectors(factored: FactoredBody, block: Block) -> list[PETSc.Vec]:
 
 def _smooth_field(place: NDArray[np.float64]) -> NDArray[np.float64]:
     """A field without symmetries."""
-    x, y = place.T
-    field_ = np.empty((len(place), 2))
-    field_[:, 0] = np.sin(7.3 * x + 0.4) + np.cos(23.1 * x + 17.9 * y + 1.1)
-    field_[:, 1] = np.cos(5.1 * x + 0.7) + np.sin(19.7 * x - 29.3 * y + 0.3)
+    x, y = place.T[:2]
+    tilt = 13.7 * place[:, 2] if place.shape[1] == 3 else 0.0
+    field_ = np.empty(place.shape)
+    field_[:, 0] = np.sin(7.3 * x + 0.4) + np.cos(23.1 * x + 17.9 * y + tilt + 1.1)
+    field_[:, 1] = np.cos(5.1 * x + 0.7) + np.sin(19.7 * x - 29.3 * y - tilt + 0.3)
+    if place.shape[1] == 3:
+        field_[:, 2] = np.sin(6.1 * x + 0.9) + np.cos(21.3 * x + 11.1 * y + 2.0 * tilt + 0.6)
     return field_.ravel()
 
 
 def _scattered_field(place: NDArray[np.float64], number: int) -> NDArray[np.float64]:
     """A field of noise: the fractions of large numbers, others for each ``number``."""
-    waves = np.array([[129.898, 393.467], [782.33, 113.517]])
-    angles = place @ waves + number * np.array([1.7, 2.9])
+    waves = np.array([[129.898, 393.467, 272.09], [782.33, 113.517, 627.41], [531.77, 917.2, 71.3]])
+    d = place.shape[1]
+    angles = place @ waves[:d, :d] + number * np.array([1.7, 2.9, 4.3])[:d]
     return np.ravel(1e4 * np.sin(angles) % 1.0 - 0.5)

@@ -8,11 +8,12 @@ Phi^T K Phi = Lambda, answer with the flexibility Phi Lambda^-1 Phi^T; what they
 
 the static displacement less its share along the kept modes, M-orthogonal to all of them. The loads
 of a moving body are sums of a few fields with amplitudes that vary in time: the inertia of unit
-accelerations and of unit angular velocity, M [e_x, e_y, w_0, J w_0], that of the constraint modes,
-and unit forces and a unit couple at the body's points. The fields R f, and those of their own
-inertia R M R f, orthonormal by Rayleigh and Ritz, join the shape functions like modes of higher
-frequency. A simulation with them differs from one without by the error of the truncation: that of
-the static response exactly, that of the left-out modes' vibrations in two terms of a series.
+accelerations and of unit angular velocity, M [e_x, e_y, w_0, J w_0] in the plane, that of the
+constraint modes, and unit forces and couples at the points of the body. The fields R f, and those
+of their own inertia R M R f, orthonormal by Rayleigh and Ritz, join the shape functions like modes
+of higher frequency. A simulation with them differs from one without by the error of the truncation:
+that of the static response exactly, that of the left-out modes' vibrations in two terms of a
+series.
 
 What the frame of reference or a missing constraint mode leaves out is not seen.
 
@@ -29,7 +30,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from ..fem import Block, rotated
+from ..fem import Block
 from .flexible_body import FlexibleBody, ReducedBody
 
 __all__ = ["with_residual_modes"]
@@ -76,9 +77,8 @@ def _residual_modes(body: FlexibleBody, reduced: ReducedBody, terms: int) -> tup
     def left(fields: Block) -> Block:
         return fields - normal @ inner(mass_normal, fields)
 
-    reference = reduction.reference[:, None]
-    unit = reduction.unit_translations
-    fields = np.hstack([unit, reference, rotated(reference), basis.shapes[:, :k]])
+    rigid = [reduction.unit_translations, reduction.unit_gradients]
+    fields = np.hstack([*rigid, basis.shapes[:, :k]])
     loads = elasticity.apply(mass, fields)
     loads = np.hstack([loads, *(marker.rows.T.toarray() for marker in body.markers.values())])
     loads[reduction.held] = 0.0
