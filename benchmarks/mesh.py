@@ -207,7 +207,7 @@ def refinement(
                 "cell": cell,
                 "kind": mesh,
                 "order": order,
-                "size": float(np.sqrt(rod.domain.area / rod.domain.n_cells_global)),
+                "size": rod.domain.cell_size,
                 "elements": rod.domain.n_cells_global,
                 "dofs": rod.elasticity.n_dofs_global,
                 "value": min(t[0] for t in times[case][-max(repetitions, 1) :]),
@@ -294,7 +294,7 @@ def smooth(comm: MPI.Comm, progress: Progress, *, divisions: list[list[int]]) ->
                 "cell": cell,
                 "kind": mesh,
                 "order": order,
-                "size": float(np.sqrt(domain.area / domain.n_cells_global)),
+                "size": domain.cell_size,
                 "elements": domain.n_cells_global,
                 "error_frequency": abs(basis.frequencies[np.argmax(share)] / exact - 1.0),
             }

@@ -104,7 +104,7 @@ def holes_design(domain: ffr.Domain) -> NDArray[np.float64]:
     """
     low, high = domain.bounding_box
     size = high - low
-    element = float(np.sqrt(domain.area / domain.n_cells_global))
+    element = domain.cell_size
     margin = 0.25 * size[1]
     cell = np.array([(size[0] - 2.0 * margin) / 10, size[1] / 3])  # of the pattern, one hole each
     offset = domain.centroids - low - [margin, 0.0]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from .marker import BodyMarker
+from .moments import axial, cross_matrix, theta
 from .parametric import ParametricBody
 from .volume_integrals import QUARTER_TURN, VolumeIntegrals
 
@@ -12,4 +13,7 @@ __all__ = [
     "BodyMarker",
     "ParametricBody",
     "VolumeIntegrals",
+    "axial",
+    "cross_matrix",
+    "theta",
 ]

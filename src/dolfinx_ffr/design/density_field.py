@@ -24,7 +24,7 @@ __all__ = ["density_field"]
 
 Array = NDArray[np.float64]
 
-#: Reach of a cell's density, in units of the root of its area
+#: Reach of a cell's density, in units of the edge of a square or cube as large
 _REACH = 1.5
 
 
@@ -36,14 +36,14 @@ def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
         x: Density of each cell owned by this rank, shape (cells,), in [0, 1].
 
     Returns:
-        A function of positions (n, 2) [m], on every rank, that gives (n,) numbers.
+        A function of positions (n, dimension) [m], on every rank, that gives (n,) numbers.
 
     Raises:
         ValueError: On every rank, if the density is not usable.
     """
     values = domain.everywhere(domain.check_density(x))
     centers = domain.everywhere(domain.centroids)
-    radii = _REACH * np.sqrt(domain.everywhere(domain.cell_volumes))
+    radii = _REACH * domain.everywhere(domain.cell_volumes) ** (1.0 / domain.dimension)
     nearest, farthest = cKDTree(centers), float(radii.max())
 
     def field(points: Array) -> Array:

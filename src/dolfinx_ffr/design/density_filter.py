@@ -4,7 +4,7 @@
 The filter replaces each value by a weighted mean over its neighbourhood, so that no detail is finer
 than its radius and no checkerboard of solid and void looks stiff,
 
-    y = D K D V z,     K_ef = max(0, R - |X_e - X_f|),     V = diag(areas of the cells),
+    y = D K D V z,     K_ef = max(0, R - |X_e - X_f|),     V = diag(sizes of the cells),
 
 with the diagonal matrix D for which the rows sum to one. Because K is symmetric, the same D keeps
 the volume: sum_e V_e y_e = sum_e V_e z_e. (The usual filter divides by the sum of the row instead,

@@ -106,8 +106,8 @@ class Design(ABC):
     def level(self, variables: Array) -> Callable[[Array], Array]:
         """The field whose zero line bounds the material at ``variables``.
 
-        Collective; what it returns takes positions (n, 2) [m] and gives (n,) numbers, positive in
-        the material, on any rank alone.
+        Collective; what it returns takes positions (n, dimension) [m] and gives (n,) numbers,
+        positive in the material, on any rank alone.
         """
 
     def penalty(self, variables: Array) -> tuple[float, Array]:
@@ -160,8 +160,7 @@ class DensityDesign(Design):
         eta: float = 0.5,
     ) -> None:
         self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
-        element = float(np.sqrt(domain.area / domain.n_cells_global))
-        self.filter = DensityFilter(domain, 2.5 * element if radius is None else radius)
+        self.filter = DensityFilter(domain, 2.5 * domain.cell_size if radius is None else radius)
         #: From means to densities
         self.projection = HeavisideProjection(SHARP, eta)
         self._designed = domain.everywhere(domain.design_cells)
@@ -273,7 +272,7 @@ def check_volume(domain: Domain, volume: float) -> None:
 
     Args:
         domain: The body.
-        volume: Upper bound of the filled share of its area.
+        volume: Upper bound of the filled share of its area, in space of its volume.
 
     Raises:
         ValueError: On every rank, if it is no share in (0, 1], or not above that of the cells that

@@ -402,6 +402,11 @@ class Domain:
         """Area of the whole body, in space its volume [m^2], [m^3]; the same on every rank."""
         return self.sum(self.cell_volumes)
 
+    @property
+    def cell_size(self) -> float:
+        """Edge of a square or a cube as large as a mean cell [m], the same on every rank."""
+        return float((self.area / self.n_cells_global) ** (1.0 / self.dimension))
+
     def sum(self, values: NDArray[np.float64]) -> float:
         """The sum of ``values`` over all ranks, bit-identical on every rank."""
         return float(sum(gathered(self.comm, "a sum over the cells", float(np.sum(values)))))

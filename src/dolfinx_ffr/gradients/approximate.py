@@ -191,7 +191,7 @@ class ApproximateGradient:
         errors = gradient_errors(domain, gradient, exact, design)
         if distance is None:
             return replace(report, errors=errors)
-        band = self.band or 2.0 * math.sqrt(domain.area / domain.n_cells_global)
+        band = self.band or 2.0 * domain.cell_size
         near = design & (np.abs(distance) <= band)
         return replace(
             report, errors=errors, band_errors=gradient_errors(domain, gradient, exact, near)

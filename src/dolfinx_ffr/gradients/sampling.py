@@ -107,7 +107,7 @@ class GradientElements:
         comm: MPI.Comm = domain.comm
         design = domain.design_cells
         designed = int(comm.allreduce(int(np.count_nonzero(design))))
-        eps = ROUND_OFF * math.sqrt(domain.area / domain.n_cells_global)
+        eps = ROUND_OFF * domain.cell_size
         selected = np.zeros(domain.n_cells, dtype=bool)
         spacing = self.grid
         if spacing is None and self.share is not None:

@@ -38,9 +38,9 @@ class DensityField:
 
     #: Densities, shape (cells,), in [0, 1].
     values: Array
-    #: Areas of the cells, shape (cells,) [m^2].
+    #: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3].
     areas: Array
-    #: Centroids of the cells in the undeformed body, shape (cells, 2) [m].
+    #: Centroids of the cells in the undeformed body, shape (cells, dimension) [m].
     centroids: Array
     #: Sum of an array over the cells of all ranks, the same on every rank; collective.
     sum: Callable[[Array], float]
@@ -64,17 +64,17 @@ class StressField(Protocol):
 
     @property
     def weights(self) -> Array:
-        """Area that each point stands for, shape (cells, points) [m^2]."""
+        """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
         ...
 
     def modes(self, correction: bool) -> Array:
-        """Stress s_x, s_y, t_xy for unit coordinates; collective.
+        """Stress s_x, s_y, t_xy, in space all six, for unit coordinates; collective.
 
         Args:
             correction: Whether those of the static correction follow the elastic coordinates.
 
         Returns:
-            Shape (cells, points, 3, coordinates) [Pa].
+            Shape (cells, points, 3 or 6, coordinates) [Pa].
         """
         ...
 
@@ -122,7 +122,7 @@ class Derivatives:
     #: integrals and stress for unit coordinates, likewise.
     densities: Mapping[str, Array] = field(default_factory=dict)
     #: With respect to the stress of this rank's cells for unit coordinates, shape (cells, points,
-    #: 3, coordinates), at fixed trajectory and densities, likewise.
+    #: 3 or 6, coordinates), at fixed trajectory and densities, likewise.
     stresses: Mapping[str, Array] = field(default_factory=dict)
 
     def scaled(self, factor: float) -> Derivatives:

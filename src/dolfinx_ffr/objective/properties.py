@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
-from ..body import QUARTER_TURN, VolumeIntegrals
+from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
 from ..dynamics import Trajectory
 from .base import Bodies, DensityField, Derivatives, Objective, Response, no_body
 
@@ -65,7 +65,7 @@ class Mass(Objective):
 class Volume(Objective):
     """Filled share of the area of a body with a density, or of a region of it, between 0 and 1.
 
-        psi = sum_cells area x / sum_cells area
+        psi = sum_cells area x / sum_cells area,    in space with the volumes of the cells.
 
     It is a function of the densities alone. :class:`Mass` is similar and needs no density.
 
@@ -139,7 +139,9 @@ class Volume(Objective):
             return np.ones(n, dtype=bool)
         found = region
         if callable(region):
-            found = np.asarray(region(np.vstack([density.centroids.T, np.zeros(n)])))
+            points = np.zeros((3, n))
+            points[: density.centroids.shape[1]] = density.centroids.T
+            found = np.asarray(region(points))
         mask = np.asarray(found)
         if mask.dtype != np.bool_ or mask.shape != (n,):
             raise ValueError(
@@ -161,7 +163,7 @@ class Frequency(Objective):
     free otherwise; in a chord frame it is hinged at one interface while the other may slide along
     the chord. These are not the frequencies with all interfaces held, which belong to the basis of
     the reduction (`Evaluation.fixed_interface_frequencies`). With ``free`` nothing is held: M is
-    the mass matrix of the body with its frame, and the three rigid-body motions are left out; this
+    the mass matrix of the body with its frame, and the rigid-body motions are left out; this
     one does not depend on the frame. Other bodies, joints and point masses of the mechanism play no
     part.
 
@@ -200,15 +202,16 @@ class Frequency(Objective):
         return False
 
     def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        eigenvalues = self._eigenpairs(bodies)[0][self._chosen]
+        eigenvalues = self._eigenpairs(bodies)[0][self._chosen(bodies)]
         return math.sqrt(1.0 / float(np.mean(1.0 / eigenvalues))) / (2.0 * math.pi)
 
     def pullback(
         self, trajectory: Trajectory | None, bodies: Bodies
     ) -> tuple[None, dict[str, VolumeIntegrals]]:
         eigenvalues, vectors = self._eigenpairs(bodies)
-        self._warn_of_neighbours(eigenvalues)
-        own, v = eigenvalues[self._chosen], vectors[:, self._chosen]
+        chosen = self._chosen(bodies)
+        self._warn_of_neighbours(eigenvalues, chosen, self._rigid(bodies))
+        own, v = eigenvalues[chosen], vectors[:, chosen]
         mean = 1.0 / np.mean(1.0 / own)
         # d psi = psi / (2 lambda) d lambda, d lambda_i = v_i . (dK - lambda_i dM) v_i
         psi = math.sqrt(mean) / (2.0 * math.pi)
@@ -217,14 +220,13 @@ class Frequency(Objective):
         M = -(weights * own * v) @ v.T
         return None, {self.body: self._bar(bodies[self.body], K, M)}
 
-    @property
-    def _chosen(self) -> slice:
-        return slice(self._rigid + self.number - 1, self._rigid + self.number - 1 + self.cluster)
+    def _chosen(self, bodies: Bodies) -> slice:
+        first = self._rigid(bodies) + self.number - 1
+        return slice(first, first + self.cluster)
 
-    @property
-    def _rigid(self) -> int:
-        """Number of rigid-body motions, which come first."""
-        return 3 if self.free else 0
+    def _rigid(self, bodies: Bodies) -> int:
+        """Number of rigid-body motions that count, which come first."""
+        return 3 * bodies[self.body].dimension - 3 if self.free else 0
 
     def _eigenpairs(self, bodies: Bodies) -> tuple[Array, Array]:
         """Eigenvalues and M-orthonormal eigenvectors, in ascending order."""
@@ -236,35 +238,37 @@ class Frequency(Objective):
                 f"frequency: body {self.body!r} has {body.modes} elastic coordinates, too few for "
                 f"frequencies {self.number} to {self.number - 1 + self.cluster}"
             )
-        n = self._rigid
-        K, M = np.zeros((n + body.modes, n + body.modes)), body.mass_matrix()[3 - n :, 3 - n :]
+        n = self._rigid(bodies)
+        M = body.mass_matrix()[-n - body.modes :, -n - body.modes :]
+        K = np.zeros_like(M)
         K[n:, n:] = body.K
         eigenvalues, vectors = scipy.linalg.eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-        if not eigenvalues[self._chosen.start] > 1e-12 * eigenvalues[-1]:
+        if not eigenvalues[self._chosen(bodies).start] > 1e-12 * eigenvalues[-1]:
             raise ValueError(
                 f"frequency: frequency {self.number} of body {self.body!r} is zero; its stiffness "
                 "is singular"
             )
         return eigenvalues, vectors
 
-    def _warn_of_neighbours(self, eigenvalues: Array) -> None:
-        first, last = self._chosen.start, self._chosen.stop
+    def _warn_of_neighbours(self, eigenvalues: Array, chosen: slice, rigid: int) -> None:
+        first, last = chosen.start, chosen.stop
         for inside, outside in ((first, first - 1), (last - 1, last)):
-            if not self._rigid <= outside < eigenvalues.size:
+            if not rigid <= outside < eigenvalues.size:
                 continue
             if abs(eigenvalues[outside] - eigenvalues[inside]) < _EQUAL * eigenvalues[inside]:
                 warnings.warn(
-                    f"frequency: frequencies {inside + 1 - self._rigid} and "
-                    f"{outside + 1 - self._rigid} of body {self.body!r} are equal, and only one of "
+                    f"frequency: frequencies {inside + 1 - rigid} and "
+                    f"{outside + 1 - rigid} of body {self.body!r} are equal, and only one of "
                     "them counts: there is no derivative; enlarge the cluster",
                     stacklevel=4,
                 )
 
     def _bar(self, body: VolumeIntegrals, K: Array, M: Array) -> VolumeIntegrals:
         """Derivatives with respect to the integrals from those to K and M."""
-        bar = body.zeros_like()
-        n = self._rigid
+        bar, n = body.zeros_like(), len(M) - body.modes
         bar.K[:] = K[n:, n:]
+        if bar.P is not None:
+            return _bar_in_space(bar, M)
         bar.G[1:, 1:] = M[n:, n:]
         if not self.free:
             return bar
@@ -274,3 +278,18 @@ class Frequency(Objective):
         bar.N[0, 1:] = M[2, 3:]
         bar.N[1:, 0] = -M[2, 3:]
         return replace(bar, mass=float(np.trace(M[:2, :2])))
+
+
+def _bar_in_space(bar: VolumeIntegrals, M: Array) -> VolumeIntegrals:
+    """Derivatives by the integrals of a body in space, from that by its mass matrix or by G."""
+    n = len(M) - bar.modes
+    S, P = np.zeros_like(bar.S), np.zeros((*bar.G.shape, 3, 3))
+    P[1:, 1:] = np.multiply.outer(M[n:, n:], np.eye(3))
+    mass = 0.0
+    if n:
+        mass = float(np.trace(M[:3, :3]))
+        S[0], S[1:] = 2.0 * axial(M[3:6, :3]), 2.0 * M[6:, :3]
+        P[0, 0] = theta(M[3:6, 3:6])
+        for j, row in enumerate(M[6:, 3:6], start=1):
+            P[j, 0] = 2.0 * cross_matrix(row)
+    return replace(bar, mass=mass, S=S, P=P)

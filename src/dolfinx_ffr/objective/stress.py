@@ -6,8 +6,8 @@ The von Mises stress,
     s_v^2 = sx^2 + sy^2 + sz^2 - sx sy - sy sz - sz sx + 3 txy^2,      sz = k (sx + sy),
 
 with k = 0 in plane stress and k = nu in plane strain, is the length of three numbers that are
-linear in the coordinates of the body. All points and instants are gone through in blocks, so that
-no more than a block of them is held at a time.
+linear in the coordinates of the body; in space, with all shear stresses, of six. All points and
+instants are gone through in blocks, so that no more than a block of them is held at a time.
 """
 
 from __future__ import annotations
@@ -36,12 +36,20 @@ BLOCK = 1_000_000
 NEGLIGIBLE = 1e-18
 
 
-def von_mises_root(out_of_plane: float) -> Array:
-    """The matrix R of shape (3, 3) by which the von Mises stress is |R (sx, sy, txy)|.
+def von_mises_root(out_of_plane: float, components: int = 3) -> Array:
+    """The matrix R by which the von Mises stress is |R (sx, sy, txy)|.
 
     Args:
         out_of_plane: The stress sz / (sx + sy) [-].
+        components: 3 in the plane; 6 in space, for sx, sy, sz, txy, tyz, txz.
+
+    Returns:
+        Shape (components, components).
     """
+    if components == 6:
+        root = math.sqrt(3.0) * np.eye(6)
+        root[:3, :3] = math.sqrt(0.5) * np.array([[1, -1, 0], [0, 1, -1], [-1, 0, 1]])
+        return root
     # of sx + sy and sx - sy the square is a diagonal form
     mean, difference = 0.5 * abs(1.0 - 2.0 * out_of_plane), 0.5 * math.sqrt(3.0)
     return np.array([[mean, mean, 0.0], [difference, -difference, 0.0], [0.0, 0.0, math.sqrt(3.0)]])
@@ -51,7 +59,7 @@ def von_mises_root(out_of_plane: float) -> Array:
 class PeakStress(Objective):
     """Power mean over a body and the time of the von Mises stress, close to its peak [Pa].
 
-        psi = scale (1/(A T) int int (x^s s_v)^p dA dt)^(1/p)
+        psi = scale (1/(A T) int int (x^s s_v)^p dA dt)^(1/p),    in space over the volume.
 
     s_v is the stress of the solid at the strain of a cell, as in :func:`worst_stress`, at the same
     points and instants. Cells of density x count with x^s of it, so that one may vanish without a
@@ -80,7 +88,7 @@ class PeakStress(Objective):
     power: float = 8.0
     #: Exponent s of the density; zero relaxes nothing, else more than 1 / p.
     relaxation: float = 0.5
-    #: Whether modes that were left out follow the inertia forces statically.
+    #: Whether modes that were left out follow the inertia forces statically; not in space.
     correction: bool = True
     #: Factor of the mean.
     scale: float = 1.0
@@ -100,6 +108,12 @@ class PeakStress(Objective):
             )
 
     def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
+        field = densities.get(self.body) if isinstance(densities, Mapping) else None
+        if self.correction and field is not None and field.centroids.shape[1] == 3:
+            raise ValueError(
+                f"peak stress of body {self.body!r}: a body in space has no static correction of "
+                "the modes left out; take more modes, and correction=False"
+            )
         if self.body not in densities:
             raise ValueError(
                 f"peak stress of body {self.body!r}, but the bodies with a mesh and a density are "
@@ -153,8 +167,8 @@ class PeakStress(Objective):
             positive = parts.density > 0.0
             x_bar[positive] *= 2.0 * self.relaxation / parts.density[positive]
         field = parts.field
-        root = von_mises_root(field.out_of_plane)
-        shape = (*field.weights.shape, z.shape[1], 3)
+        root = von_mises_root(field.out_of_plane, len(parts.modes))
+        shape = (*field.weights.shape, z.shape[1], len(root))
         stress_bar = np.tensordot(modes_bar, root, axes=(0, 0)).reshape(shape)
         return Derivatives(
             stress_coordinates_pullback(
@@ -172,7 +186,8 @@ class PeakStress(Objective):
         if trajectory is None:
             raise ValueError(f"peak stress of body {self.body!r}: there is no motion")
         modes, (cells, points) = field.modes(self.correction), field.weights.shape
-        root = von_mises_root(field.out_of_plane)
+        root = von_mises_root(field.out_of_plane, modes.shape[2])
+        weighted = np.einsum("ij,cpjn->icpn", root, modes)
         times = time_weights(trajectory)
         cell = np.repeat(np.arange(cells), points)
         area = sum(field.gathered(float(np.sum(field.weights))))
@@ -180,7 +195,7 @@ class PeakStress(Objective):
             field=field,
             trajectory=trajectory,
             density=density,
-            modes=np.einsum("ij,cpjn->icpn", root, modes).reshape(3, len(cell), modes.shape[3]),
+            modes=weighted.reshape(len(root), len(cell), modes.shape[3]),
             coordinates=stress_coordinates(
                 trajectory, self.body, field.n_constraint, correction=self.correction
             ),
@@ -227,7 +242,8 @@ class _Parts:
     field: StressField
     trajectory: Trajectory
     density: Array  #: (cells,) of this rank
-    modes: Array  #: (3, points of all cells, coordinates) R times the stress of the solid [Pa]
+    #: (3 or 6, points of all cells, coordinates) R times the stress of the solid [Pa]
+    modes: Array
     coordinates: Array  #: (steps + 1, coordinates)
     times: Array  #: (steps + 1,) share of each instant in the time
     cell: NDArray[np.int64]  #: (points of all cells,) of each point
@@ -235,9 +251,9 @@ class _Parts:
     share: Array  #: (points of all cells,) x^(2 s)
 
     def blocks(self, chosen: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], Array]]:
-        """Some of the chosen points, and R times their stress, shape (3, points, steps + 1)."""
+        """Some of the chosen points, and R times their stress, (3 or 6, points, steps + 1)."""
         history = np.ascontiguousarray(self.coordinates.T)
-        several = max(1, BLOCK // (3 * history.shape[1]))
+        several = max(1, BLOCK // (len(self.modes) * history.shape[1]))
         for first in range(0, len(chosen), several):
             part = chosen[first : first + several]
             yield part, self.modes[:, part] @ history

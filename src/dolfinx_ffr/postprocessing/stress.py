@@ -7,7 +7,7 @@ at time t is their sum: sigma(X, t) = sum_j q_j(t) sigma(phi_j)(X). The von Mise
     s_v^2 = sx^2 + sy^2 + sz^2 - sx sy - sy sz - sz sx + 3 txy^2,      sz = k (sx + sy),
 
 with k = 0 in plane stress and k = nu in plane strain, is found at all points and time steps by
-matrix products.
+matrix products; in space from all six components.
 
 **Where.** At points of each cell in which derivatives converge faster than elsewhere: the middle of
 cells of order 1, the 2 x 2 Gauss points of quadrilaterals of order 2, the three points of the rule
@@ -23,7 +23,8 @@ the displacement gets (K^-1 - sum_i phi_i phi_i^T / lambda_i) (-M b), interfaces
 mode accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300). b is a combination of a few
 fields that do not depend on time, so this costs one more solution with several right-hand sides.
 The error falls from O(omega^2 / lambda) to its square, with lambda the first eigenvalue left out.
-Forces on points of the body other than interfaces are not corrected.
+Forces on points of the body other than interfaces are not corrected. Bodies in space have no such
+correction: pass ``correction=False`` and take more modes.
 
 **Densities between void and solid.** Given is x^s times the stress of the solid at the element's
 strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
@@ -65,8 +66,11 @@ class StressModes:
     `coordinates`.
     """
 
-    points: Array  #: (cells, points, 2) where the stress is given, undeformed, mesh coordinates [m]
-    values: Array  #: (cells, points, 3, coordinates) s_x, s_y, t_xy in the body's frame [Pa]
+    #: (cells, points, dimension) where the stress is given, undeformed, mesh coordinates [m]
+    points: Array
+    #: (cells, points, 3, coordinates) s_x, s_y, t_xy in the body's frame, in space (cells, points,
+    #: 6, coordinates) s_x, s_y, s_z, t_xy, t_yz, t_xz [Pa]
+    values: Array
     out_of_plane: float  #: s_z / (s_x + s_y) [-]
     solid: NDArray[np.bool_]  #: (cells,) cells that are not void; the others have no stress
     n_elastic: int  #: Number of elastic coordinates
@@ -132,11 +136,15 @@ class StressModes:
         )
 
     def stress(self, z: ArrayLike) -> Array:
-        """s_x, s_y, t_xy and s_z at the points, shape (cells, points, 4) [Pa].
+        """The stress at the points.
 
         Args:
             z: Coordinates at one instant, shape (coordinates,); the elastic ones alone leave the
                 static correction out.
+
+        Returns:
+            s_x, s_y, t_xy and s_z, shape (cells, points, 4) [Pa]; in space s_x, s_y, s_z, t_xy,
+            t_yz and t_xz, shape (cells, points, 6).
 
         Raises:
             ValueError: If there are neither as many as coordinates nor as elastic ones.
@@ -148,6 +156,8 @@ class StressModes:
                 f"ones or all {self.values.shape[3]} of StressModes.coordinates"
             )
         plane = self.values[..., : len(given)] @ given
+        if plane.shape[2] == 6:
+            return np.asarray(plane)
         normal = self.out_of_plane * (plane[..., 0] + plane[..., 1])
         return np.concatenate([plane, normal[..., None]], axis=-1)
 
@@ -158,7 +168,7 @@ class StressModes:
             z: As for `stress`.
         """
         stress = np.moveaxis(self.stress(z), -1, 0)
-        return np.sqrt(self._squared(stress[0], stress[1], stress[2]))
+        return np.sqrt(self._squared(stress[: self.values.shape[2]]))
 
     def worst(self, z: Array, times: Array) -> StressEnvelope:
         """The largest von Mises stress of each cell over time; collective.
@@ -167,17 +177,17 @@ class StressModes:
             z: Coordinates over time, shape (steps, coordinates), from `coordinates`.
             times: Shape (steps,) [s].
         """
-        cells, points, _, n = self.values.shape
+        cells, points, components, n = self.values.shape
         worst, step = np.zeros((cells, points)), np.zeros((cells, points), dtype=np.int64)
         chosen = np.flatnonzero(self.solid)
-        several = max(1, _BLOCK // (3 * points * len(z)))
+        several = max(1, _BLOCK // (components * points * len(z)))
         history = np.ascontiguousarray(z.T)
         for first in range(0, len(chosen), several):
             part = chosen[first : first + several]
             # component by component, so that each is contiguous in time
             modes = np.moveaxis(self.values[part], 2, 0).reshape(-1, n)
-            sx, sy, txy = (modes @ history).reshape(3, len(part), points, len(z))
-            squared = self._squared(sx, sy, txy)
+            stress = (modes @ history).reshape(components, len(part), points, len(z))
+            squared = self._squared(stress)
             step[part] = np.argmax(squared, axis=2)
             worst[part] = np.take_along_axis(squared, step[part][..., None], axis=2)[..., 0]
         at = np.argmax(worst, axis=1)
@@ -191,8 +201,12 @@ class StressModes:
             self.solid,
         )
 
-    def _squared(self, sx: Array, sy: Array, txy: Array) -> Array:
-        """The square of the von Mises stress."""
+    def _squared(self, stress: Array) -> Array:
+        """The square of the von Mises stress, of the components along the first axis."""
+        if len(stress) == 6:
+            parts = np.tensordot(von_mises_root(0.0, 6), stress, axes=1)
+            return np.asarray(np.sum(parts**2, axis=0))
+        sx, sy, txy = stress
         (mean, _, _), (difference, _, _), (_, _, shear) = von_mises_root(self.out_of_plane)
         total, apart = mean * (sx + sy), difference * (sx - sy)
         squared = total * total
@@ -212,7 +226,7 @@ class StressEnvelope:
     largest: float  #: Of all cells, the same on every rank [Pa]
     largest_time: float  #: When it occurs [s]
     largest_step: int  #: Time step at which it occurs
-    largest_position: Array  #: (2,) where it occurs, undeformed, mesh coordinates [m]
+    largest_position: Array  #: (dimension,) where it occurs, undeformed, mesh coordinates [m]
 
     @staticmethod
     def of(
@@ -230,10 +244,10 @@ class StressEnvelope:
             stress: Largest von Mises stress of each cell over time, shape (cells,) [Pa].
             step: Time step at which it occurs, shape (cells,).
             times: Of all steps, shape (steps,) [s].
-            positions: Point of each cell at which it occurs, shape (cells, 2) [m].
+            positions: Point of each cell at which it occurs, shape (cells, dimension) [m].
             solid: Cells that are not void, shape (cells,).
         """
-        mine = (0.0, 0, np.zeros(2))
+        mine = (0.0, 0, np.zeros(domain.dimension))
         if len(stress):
             i = int(np.argmax(stress))
             mine = (float(stress[i]), int(step[i]), positions[i])

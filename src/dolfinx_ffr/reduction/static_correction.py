@@ -52,7 +52,15 @@ def static_correction(
         reduction: Of the body.
         factored: The body at one density.
         basis: Its shape functions.
+
+    Raises:
+        ValueError: On every rank, for a body in space.
     """
+    if reduction.elasticity.dimension == 3:
+        raise ValueError(
+            "the stress of a body in space has no static correction of the modes left out; take "
+            "more modes, and correction=False"
+        )
     fields = _inertia_fields(reduction, basis)
     static, modal = _static(reduction, factored, basis, _loads(reduction, factored, fields))
     return np.asarray(static - basis.shapes[:, basis.n_constraint :] @ modal)

@@ -48,22 +48,22 @@ class BodyStress:
 
     @property
     def points(self) -> Array:
-        """Where the stress is given, undeformed, shape (cells, points, 2) [m]."""
+        """Where the stress is given, undeformed, shape (cells, points, dimension) [m]."""
         return self.body.stress_recovery.points
 
     @property
     def weights(self) -> Array:
-        """Area that each point stands for, shape (cells, points) [m^2]."""
+        """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
         return self.body.stress_recovery.weights
 
     def modes(self, correction: bool) -> Array:
-        """Stress s_x, s_y, t_xy of the solid for unit coordinates; collective.
+        """Stress s_x, s_y, t_xy of the solid, in space all six, for unit coordinates; collective.
 
         Args:
             correction: Whether the fields of the static correction follow the shape functions.
 
         Returns:
-            Shape (cells, points, 3, coordinates) [Pa].
+            Shape (cells, points, 3 or 6, coordinates) [Pa].
         """
         if correction not in self._modes:
             announce(self.body.domain.comm, "the stress of a body")
