@@ -156,7 +156,15 @@ _FOLDERS = {
         "von_mises",
         "worst_stress",
     ],
-    "problem": ["Evaluation", "Problem"],
+    "problem": [
+        "Combination",
+        "Evaluation",
+        "MotionEvaluation",
+        "PowerMean",
+        "Problem",
+        "WeightedSum",
+        "WorstCase",
+    ],
     "reduction": [
         "ChordFrame",
         "CraigBampton",

@@ -45,6 +45,7 @@ __all__ = [
     "MechanicalEvaluation",
     "MechanicalProblem",
     "parts_of_gradient",
+    "through_motion",
 ]
 
 Bodies = Mapping[str, VolumeIntegrals]
@@ -171,13 +172,35 @@ class MechanicalProblem:
             SimulationError: If the motion cannot be computed.
         """
         start = perf_counter()
-        trajectory = None
+        trajectory = self.motion(bodies)
+        found = self.evaluated(Response(trajectory, dict(bodies), densities or {}, stresses or {}))
+        return replace(found, seconds={"simulation": perf_counter() - start})
+
+    def motion(self, bodies: Bodies) -> Trajectory | None:
+        """The motion; None if neither objective nor constraints depend on it.
+
+        Args:
+            bodies: Volume integrals of all bodies, by name.
+
+        Raises:
+            ValueError: As :meth:`value` does.
+            SimulationError: As :meth:`value` does.
+        """
         if self.needs_trajectory:
-            trajectory = simulate(self.mechanism, bodies, self.integrator)
-        else:
-            for name, integrals in bodies.items():
-                integrals.validate(name)
-        response = Response(trajectory, dict(bodies), densities or {}, stresses or {})
+            return simulate(self.mechanism, bodies, self.integrator)
+        for name, integrals in bodies.items():
+            integrals.validate(name)
+        return None
+
+    def evaluated(self, response: Response) -> MechanicalEvaluation:
+        """Objective and constraints of a motion that is known.
+
+        Args:
+            response: What they are functions of.
+
+        Raises:
+            ValueError: If a name does not exist.
+        """
         constraints = {}
         for constraint in self.constraints:
             psi = constraint.objective.evaluate(response)
@@ -186,12 +209,28 @@ class MechanicalProblem:
             psi=self.objective.evaluate(response),
             integrals_gradient=None,
             constraints=constraints,
-            trajectory=trajectory,
-            bodies=dict(bodies),
-            seconds={"simulation": perf_counter() - start},
+            trajectory=response.trajectory,
+            bodies=dict(response.bodies),
+            seconds={},
             densities=response.densities,
             stresses=response.stresses,
         )
+
+    def calibrated(self, response: Response) -> MechanicalProblem:
+        """The problem with objectives corrected at a design, see `Objective.calibrated`.
+
+        Args:
+            response: Of the design.
+
+        Returns:
+            The problem itself where none is to be corrected.
+        """
+        objective = self.objective.calibrated(response)
+        constraints = [constraint.calibrated(response) for constraint in self.constraints]
+        same = all(a is b for a, b in zip(constraints, self.constraints, strict=True))
+        if objective is self.objective and same:
+            return self
+        return replace(self, objective=objective, constraints=constraints)
 
     def time_error(self, evaluation: MechanicalEvaluation) -> float:
         """An estimate of the relative error that the time steps make in psi.
@@ -283,9 +322,33 @@ class MechanicalProblem:
             evaluation: What :meth:`value` returned.
         """
         start = perf_counter()
+        parts = {}
+        for label, objective in self.objectives.items():
+            direct, motion = parts_of_gradient(objective, evaluation.response)
+            parts[label] = replace(direct, trajectory=None), motion  # that is large, and done with
+        found = self.differentiated(evaluation, parts)
+        return replace(found, seconds={**evaluation.seconds, "adjoint": perf_counter() - start})
+
+    @property
+    def objectives(self) -> dict[str, Objective]:
+        """Those of the constraints by their labels, and the one that is minimised as ""."""
+        return {**{c.label: c.objective for c in self.constraints}, "": self.objective}
+
+    def differentiated(
+        self,
+        evaluation: MechanicalEvaluation,
+        parts: Mapping[str, tuple[Derivatives, Mapping[str, VolumeIntegrals]]],
+    ) -> MechanicalEvaluation:
+        """An evaluation with derivatives that are known.
+
+        Args:
+            evaluation: What :meth:`value` returned.
+            parts: Of `objectives`, both parts of `parts_of_gradient`; that of the objective which
+                is minimised may be missing.
+        """
         constraints = {}
         for constraint in self.constraints:
-            direct, motion = parts_of_gradient(constraint.objective, evaluation.response)
+            direct, motion = parts[constraint.label]
             bars, slope = _with_direct(motion, direct), constraint.slope
             constraints[constraint.label] = replace(
                 evaluation.constraints[constraint.label],
@@ -293,14 +356,15 @@ class MechanicalProblem:
                 density_gradient={name: slope * bar for name, bar in direct.densities.items()},
                 stress_gradient={name: slope * bar for name, bar in direct.stresses.items()},
             )
-        direct, motion = parts_of_gradient(self.objective, evaluation.response)
+        found = replace(evaluation, constraints=constraints)
+        if "" not in parts:
+            return found
+        direct, motion = parts[""]
         return replace(
-            evaluation,
+            found,
             integrals_gradient=_with_direct(motion, direct),
             density_gradient=dict(direct.densities),
             stress_gradient=dict(direct.stresses),
-            constraints=constraints,
-            seconds={**evaluation.seconds, "adjoint": perf_counter() - start},
         )
 
 
@@ -326,10 +390,20 @@ def parts_of_gradient(
         through the motion (all bodies).
     """
     direct = objective.derivatives(response)
-    bar, trajectory = direct.trajectory, response.trajectory
+    return direct, through_motion(direct.trajectory, response)
+
+
+def through_motion(bar: TrajectoryBar | None, response: Response) -> dict[str, VolumeIntegrals]:
+    """The derivatives of a number with respect to the integrals through the motion, by body.
+
+    Args:
+        bar: Its derivatives with respect to the motion; None where it does not matter.
+        response: Motion and integrals.
+    """
+    trajectory = response.trajectory
     if trajectory is not None and bar is not None and _matters(bar):
-        return direct, adjoint(trajectory, bar)
-    return direct, {name: integrals.zeros_like() for name, integrals in response.bodies.items()}
+        return adjoint(trajectory, bar)
+    return {name: integrals.zeros_like() for name, integrals in response.bodies.items()}
 
 
 def _matters(bar: TrajectoryBar) -> bool:

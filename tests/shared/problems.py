@@ -25,6 +25,7 @@ class Copy:
         plate.with_cut_elements = lambda: plate
         self.flexible = {"plate": plate}
         self.constraints: list[Any] = []
+        self.combine = ffr.WeightedSum()
         self.target = np.where(self.domain.design_cells, target(self.domain.centroids), 1.0)
         #: Number of the values that fail, from 1
         self.broken: set[int] = set()
@@ -39,7 +40,6 @@ class Copy:
         return ffr.Evaluation(
             psi=domain.sum(domain.cell_volumes * defect**2) / domain.area + 1.0,
             gradient={"plate": 2.0 * domain.cell_volumes * defect / domain.area},
-            trajectory=None,
             bodies={},
             volume={"plate": domain.sum(domain.cell_volumes * x) / domain.area},
             fixed_interface_frequencies={"plate": np.array([7.0])},

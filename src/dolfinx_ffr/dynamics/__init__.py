@@ -16,9 +16,9 @@ from .integration.compiled import (
 from .integration.generalized_alpha import GeneralizedAlpha
 from .integration.radau import RadauIIA
 from .integration.stages import stage_integrals
-from .memory import available_memory, check_memory
-from .model import FlatModel, assemble_model
-from .simulation import integrate, simulate
+from .memory import available_memory, check_memory, required_memory
+from .model import FlatModel, assemble_model, check_names
+from .simulation import integrate, restored, simulate
 from .trajectory import Integrator, Trajectory, TrajectoryBar
 from .validity import LargeDeformationWarning, SofteningWarning, TimeStepWarning
 
@@ -38,12 +38,15 @@ __all__ = [
     "assemble_model",
     "available_memory",
     "check_memory",
+    "check_names",
     "coarser_run",
     "compile_kernels",
     "compile_side_by_side",
     "compiled_functions",
     "initial_state",
     "integrate",
+    "required_memory",
+    "restored",
     "run_to_tolerance",
     "simulate",
     "stage_integrals",

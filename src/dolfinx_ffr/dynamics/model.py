@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,7 +27,7 @@ from ..mechanism import (
 )
 from .planar import Coordinates, ModelArrays, coordinates_of
 
-__all__ = ["FlatModel", "assemble_model"]
+__all__ = ["FlatModel", "assemble_model", "check_names"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -214,20 +214,32 @@ class FlatModel:
         return list(self.bodies)[int(np.searchsorted(self.arrays.first, index, "right")) - 1]
 
 
-def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> None:
-    """Refuse names that do not exist, listing those that do."""
-    names = list(bodies)
+def check_names(
+    mechanism: Mechanism, modes: Mapping[str, int], markers: Mapping[str, Collection[str]]
+) -> None:
+    """Refuse names in a mechanism that do not exist, listing those that do.
+
+    Args:
+        mechanism: The mechanism.
+        modes: Number of elastic coordinates by name of the body.
+        markers: Names of the markers by name of the body.
+
+    Raises:
+        ValueError: If the mechanism names a body or a marker that does not exist, or lacks the
+            placement of a body.
+    """
+    names = list(modes)
     for what, given in (("placement", mechanism.placements), ("damping", mechanism.damping)):
         for name in given:
-            if name not in bodies:
+            if name not in modes:
                 raise ValueError(f"{what} for {name!r}, but the bodies are {names}")
-    for name in bodies:
+    for name in modes:
         if name not in mechanism.placements:
             raise ValueError(
                 f"body {name!r} has no placement; placements are given for "
                 f"{list(mechanism.placements)}"
             )
-    mechanism.start.validate({name: integrals.modes for name, integrals in bodies.items()})
+    mechanism.start.validate(modes)
     uses = [
         (f"joint {label!r}", marker)
         for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
@@ -242,12 +254,12 @@ def _check_names(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
     ]
     uses += [("point mass", point.marker) for point in mechanism.point_masses]
     for what, (body, marker) in uses:
-        if body not in bodies:
+        if body not in modes:
             raise ValueError(f"{what} refers to body {body!r}, but the bodies are {names}")
-        if marker not in bodies[body].markers:
+        if marker not in markers[body]:
             raise ValueError(
                 f"{what} refers to marker {marker!r} of body {body!r}, whose markers are "
-                f"{list(bodies[body].markers)}"
+                f"{list(markers[body])}"
             )
 
 
@@ -267,7 +279,11 @@ def assemble_model(
     """
     if not bodies:
         raise ValueError("a mechanism needs at least one body")
-    _check_names(mechanism, bodies)
+    check_names(
+        mechanism,
+        {name: integrals.modes for name, integrals in bodies.items()},
+        {name: integrals.markers for name, integrals in bodies.items()},
+    )
     for name, integrals in bodies.items():
         integrals.validate(name)
     effective = dict(bodies)

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from .. import validation
@@ -21,7 +23,7 @@ from .model import assemble_model
 from .trajectory import Integrator, Trajectory
 from .validity import warn_of_limits
 
-__all__ = ["integrate", "one_thread", "simulate"]
+__all__ = ["integrate", "one_thread", "restored", "simulate"]
 
 
 def simulate(
@@ -123,6 +125,26 @@ def integrate(
         except NoEquilibriumError as error:
             raise SimulationError(str(error), at_rest(model, 0, integrator)) from error
         return integrator.integrate(model, y0, v0)
+
+
+def restored(
+    mechanism: Mechanism,
+    bodies: Mapping[str, VolumeIntegrals],
+    integrator: Integrator,
+    numbers: Mapping[str, Any],
+) -> Trajectory:
+    """A motion that another rank has computed.
+
+    Args:
+        mechanism: The mechanism.
+        bodies: Volume integrals of all bodies, by name.
+        integrator: The time integration that was used.
+        numbers: `Trajectory.numbers` of the motion.
+    """
+    model = assemble_model(mechanism, bodies, integrator.times)
+    if not np.array_equal(model.times, numbers["t"]):  # instants within steps, or chosen ones
+        model = model.at(numbers["t"])
+    return Trajectory(**numbers, model=model, integrator=integrator)
 
 
 _controller: ThreadpoolController | None = None

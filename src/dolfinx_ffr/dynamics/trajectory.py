@@ -6,8 +6,8 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,6 +165,12 @@ class Trajectory:
             stacklevel=2,
         )
         return getattr(self.integrator, "parameters", ())
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """All of it but the mechanism and the method, to be sent to other ranks; see `restored`."""
+        functions = ("model", "integrator")
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in functions}
 
     @property
     def steps(self) -> int:

@@ -53,7 +53,7 @@ def with_enough_modes(
     Warns:
         DesignWarning: If the errors stay larger with four times the modes.
     """
-    if evaluation.trajectory is None:
+    if not evaluation.moves:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
     errors = mode_error(problem, evaluation)
     while any(error > tolerance for error in errors.values()):

@@ -286,9 +286,7 @@ def _with_parts(
         else body
         for name, body in problem.bodies.items()
     }
-    return Problem(
-        bodies, problem.mechanism, problem.integrator, problem.objective, problem.constraints
-    )
+    return problem.with_bodies(bodies)
 
 
 def _figures(
@@ -298,7 +296,7 @@ def _figures(
     for name, part in parts.items():
         body = problem.flexible[name]
         stress = None
-        if evaluation.trajectory is not None:
+        if evaluation.moves:
             stress = worst_stress(body, evaluation, name).largest
         domain = body.domain
         filled = domain.sum(evaluation.bodies[name].density * domain.cell_volumes)

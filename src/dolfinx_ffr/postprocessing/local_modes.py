@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from .. import validation
+from ..dynamics import Trajectory
 from ..fem import floating_cells
 from ..parallel import announce
 from ..problem import Evaluation, Problem
-from ..reduction import FlexibleBody, ReducedBody
+from ..reduction import FlexibleBody, ReducedBasis, ReducedBody
 
 __all__ = ["LocalModes", "LocalModesWarning", "local_modes", "warn_of_local_modes"]
 
@@ -48,7 +49,7 @@ class LocalModes:
     numbers: NDArray[np.int64]  #: (k,) of the modes, counted from 1
     frequencies: Array  #: (k,) [Hz]
     places: Array  #: (k, 2) centres of their kinetic energy in the mesh's coordinates [m]
-    share: float  #: Of the body's strain energy over the motion that they hold, in [0, 1]
+    share: float  #: Of the body's strain energy over all motions that they hold, in [0, 1]
 
 
 def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:
@@ -70,17 +71,20 @@ def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalMode
     """
     validation.instance("local_modes: problem", problem, Problem, "a Problem")
     validation.instance("local_modes: evaluation", evaluation, Evaluation, "an Evaluation")
-    trajectory = evaluation.motion
+    evaluation.check_motion()
+    moved = [m.trajectory for m in evaluation.motions.values() if m.trajectory is not None]
     announce(problem.comm, "local_modes")
     found = {}
     for name, body in problem.flexible.items():
         reduced = evaluation.bodies[name]
         basis = reduced.basis
         numbers, places = _local(body, reduced)
-        q = trajectory.elastic(name)[:, basis.n_constraint + numbers]
-        # normal modes do not share strain energy with each other, nor with constraint modes
-        own = trapezoid(0.5 * q**2 @ basis.eigenvalues[numbers], trajectory.t)
-        whole = trapezoid(trajectory.strain_energy(name), trajectory.t)
+        own, whole = (
+            sum(parts)
+            for parts in zip(
+                *(_energies(each, name, basis, numbers) for each in moved), strict=True
+            )
+        )
         found[name] = LocalModes(
             numbers + 1,
             basis.frequencies[numbers],
@@ -117,6 +121,16 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
             LocalModesWarning,
             stacklevel=3,
         )
+
+
+def _energies(
+    trajectory: Trajectory, name: str, basis: ReducedBasis, numbers: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Integrals over time of the strain energy of some normal modes, and of the whole body."""
+    q = trajectory.elastic(name)[:, basis.n_constraint + numbers]
+    # normal modes do not share strain energy with each other, nor with constraint modes
+    own = trapezoid(0.5 * q**2 @ basis.eigenvalues[numbers], trajectory.t)
+    return float(own), float(trapezoid(trajectory.strain_energy(name), trajectory.t))
 
 
 def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[NDArray[np.int64], Array]:

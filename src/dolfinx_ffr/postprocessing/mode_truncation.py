@@ -17,15 +17,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, integrate
-from ..parallel import announce, on_every_rank
+from ..dynamics import Integrator
+from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import (
     CLUSTER,
@@ -270,7 +270,7 @@ def psi_with(
     problem: Problem,
     evaluation: Evaluation,
     bodies: Bodies,
-    integrator: Integrator | None = None,
+    integrators: Mapping[str, Integrator] | None = None,
 ) -> float:
     """The objective at the densities of an evaluation with other shape functions or other steps.
 
@@ -278,30 +278,18 @@ def psi_with(
         problem: The scene.
         evaluation: What its `value` returned.
         bodies: All bodies, in the order of the problem's.
-        integrator: Another one than the problem's.
+        integrators: Other ones than the problem's, by motion.
 
     Raises:
-        SimulationError: On every rank, if the motion cannot be computed.
+        SimulationError: On every rank, if a motion cannot be computed.
     """
-    integrals = {name: integrals_of(body) for name, body in bodies.items()}
     stresses = {
         name: BodyStress(problem.flexible[name], body)
         for name, body in bodies.items()
         if isinstance(body, ReducedBody)
     }
-    # given elastic coordinates are those of the problem's own shape functions
-    modes = {name: body.modes for name, body in integrals.items()}
-    mechanism = replace(problem.mechanism, start=problem.mechanism.start.resized(modes))
-    with on_every_rank(problem.comm, "the evaluation of a problem"):
-        trajectory = integrate(mechanism, integrals, integrator or problem.integrator)
-        response = replace(
-            problem.response(evaluation),
-            trajectory=trajectory,
-            bodies=integrals,
-            stresses=stresses,
-        )
-        psi = problem.objective.evaluate(response)
-    return psi
+    integrals = {name: integrals_of(body) for name, body in bodies.items()}
+    return problem.psi_with(evaluation, integrals, stresses, integrators)
 
 
 def integrals_of(body: ReducedBody | VolumeIntegrals) -> VolumeIntegrals:
@@ -331,7 +319,7 @@ def _checked(problem: Problem, evaluation: Evaluation, call: str, *, terms: int)
     """The bodies with residual modes of a problem and its evaluation, or refuse them."""
     validation.instance(f"{call}: problem", problem, Problem, "a Problem")
     validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
-    evaluation.motion  # noqa: B018  it refuses an evaluation without one
+    evaluation.check_motion()
     announce(problem.comm, call)
     return with_all_residual_modes(problem, evaluation, terms=terms)
 

@@ -61,8 +61,8 @@ class ModelReport:
 
     bodies: dict[str, BodyReport]  #: By name
     coordinates: int  #: Number of coordinates of all bodies
-    rows: int  #: Number of scalar constraints of the joints
-    left_out: list[str]  #: Terms that nothing in the scene asks for, in words
+    rows: int  #: Number of scalar constraints of the joints, of several motions the largest
+    left_out: list[str]  #: Terms that nothing in the scene asks for, in any motion, in words
     psi: float  #: The objective
     modes_error: float  #: Estimated relative error of psi by the modes left out
     step_error: float  #: Estimated relative error of psi by the time step
@@ -119,8 +119,9 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
     validation.instance("model_report: evaluation", evaluation, Evaluation, "an Evaluation")
     announce(problem.comm, "model_report")
     integrals = problem.integrals(evaluation)
-    trajectory, psi = evaluation.motion, evaluation.psi
-    bodies = {}
+    evaluation.check_motion()
+    moved = [m.trajectory for m in evaluation.motions.values() if m.trajectory is not None]
+    psi, bodies = evaluation.psi, {}
     for name, body in integrals.items():
         flexible = problem.flexible.get(name)
         basis = evaluation.bodies[name].basis if flexible else None
@@ -128,7 +129,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         outer = basis.outer_eigenvalue if basis is not None else math.nan
         stiffened = any(marker.stiffening is not None for marker in body.markers.values())
         at_markers = (MARKERS,) if stiffened else ()
-        omega = trajectory.v[:, trajectory.model.coordinates(name).rotation]
+        omega = np.concatenate([m.v[:, m.model.coordinates(name).rotation] for m in moved])
         bodies[name] = BodyReport(
             kind="flexible" if flexible else ("given" if body.modes else "rigid"),
             constraint_modes=basis.n_constraint if basis is not None else 0,
@@ -140,27 +141,28 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
             elements=flexible.domain.n_cells_global if flexible else 0,
             long_interfaces=_long_interfaces(flexible.domain) if flexible else {},
         )
-    mechanism = problem.mechanism
+    mechanisms = [motion.mechanism for motion in problem.motions.values()]
     left_out = []
     for what, there in (
-        ("gravity", callable(mechanism.gravity) or np.any(np.asarray(mechanism.gravity) != 0.0)),
-        ("damping", bool(mechanism.damping)),
-        ("forces", bool(mechanism.forces)),
+        ("gravity", any(callable(m.gravity) or np.any(np.asarray(m.gravity)) for m in mechanisms)),
+        ("damping", any(m.damping for m in mechanisms)),
+        ("forces", any(m.forces for m in mechanisms)),
         ("geometric stiffening", any(b.stiffening for b in bodies.values())),
     ):
         if not there:
             left_out.append(what)
-    coarse = problem.integrator.coarser
+    coarse = {name: motion.integrator.coarser for name, motion in problem.motions.items()}
+    order = min(integrator.order for integrator in coarse.values())
     exact = psi_with(problem, evaluation, with_all_residual_modes(problem, evaluation))
     longer = psi_with(problem, evaluation, own_bodies(problem, evaluation), coarse)
     return ModelReport(
         bodies=bodies,
-        coordinates=trajectory.model.size,
-        rows=trajectory.model.rows,
+        coordinates=moved[0].model.size,
+        rows=max(m.model.rows for m in moved),
         left_out=left_out,
         psi=psi,
         modes_error=relative_change(psi, exact),
-        step_error=relative_change(longer, psi) / (2**coarse.order - 1),
+        step_error=relative_change(longer, psi) / (2**order - 1),
     )
 
 

@@ -35,7 +35,7 @@ that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -227,6 +227,7 @@ class StressEnvelope:
     largest_time: float  #: When it occurs [s]
     largest_step: int  #: Time step at which it occurs
     largest_position: Array  #: (dimension,) where it occurs, undeformed, mesh coordinates [m]
+    motion: str = ""  #: In which motion, where it was found by `worst_stress`
 
     @staticmethod
     def of(
@@ -296,7 +297,8 @@ def worst_stress(
 ) -> StressEnvelope:
     """The largest von Mises stress of each cell over a whole motion, and when it occurs.
 
-    All time steps count. The function is collective.
+    All time steps count; of several motions the one with the largest stress is told, for the others
+    give `Evaluation.alone`. The function is collective.
 
     Args:
         body: The body.
@@ -319,5 +321,10 @@ def worst_stress(
     modes = StressModes.of(
         body, evaluation.bodies[name], correction=correction, relaxation=relaxation, void=void
     )
-    trajectory = evaluation.motion
-    return modes.worst(modes.coordinates(trajectory, name), trajectory.t)
+    evaluation.check_motion()
+    moved = {n: m.trajectory for n, m in evaluation.motions.items() if m.trajectory is not None}
+    found = {
+        n: replace(modes.worst(modes.coordinates(trajectory, name), trajectory.t), motion=n)
+        for n, trajectory in moved.items()
+    }
+    return found[max(found, key=lambda n: found[n].largest)]
