@@ -26,6 +26,7 @@ class Copy:
         self.flexible = {"plate": plate}
         self.constraints: list[Any] = []
         self.combine = ffr.WeightedSum()
+        self.motions: dict[str, Any] = {}
         self.target = np.where(self.domain.design_cells, target(self.domain.centroids), 1.0)
         #: Number of the values that fail, from 1
         self.broken: set[int] = set()
@@ -97,3 +98,57 @@ def slider_crank(
     options = {"frame": rod.reduction.frame, "modes": modes, **of_the_rod}
     bodies = {"rod": ffr.FlexibleBody(rod.domain, rod.material, **options)}
     return ffr.Problem(bodies, problem.mechanism, problem.integrator, problem.objective)
+
+
+def crank_motion(duration: float, slider: float = 0.5, *, turns: float = 5.0) -> ffr.Mechanism:
+    """The slider-crank of the demo at another speed, with another mass of the slider."""
+    angle = ffr.Motion.smooth_step(2.0 * np.pi * turns, duration, name="crank angle")
+    return ffr.Mechanism(
+        placements={"rod": ffr.Placement(position=(0.1, 0.0))},
+        joints=[
+            ffr.Revolute(("rod", "left"), ffr.Moving.circle((0.0, 0.0), 0.1, angle)),
+            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
+        ],
+        point_masses=[ffr.PointMass(("rod", "right"), slider)],
+    )
+
+
+def three_motions(
+    comm: MPI.Comm,
+    combine: ffr.Combination | None = None,
+    elements: tuple[int, int] = (40, 8),
+    *,
+    constraints: bool = True,
+    steps: int = 200,
+    **of_the_rod: Any,
+) -> ffr.Problem:
+    """One rod: slow and light, fast, and heavy with an oscillating line in the place of a crank."""
+    rod = slider_crank(comm, elements, **of_the_rod).flexible["rod"]
+    swing = ffr.Motion.smooth_step(np.pi, 0.5)
+    lever = ffr.Mechanism(
+        placements={"rod": ffr.Placement(position=(0.0, 0.0))},
+        joints=[
+            ffr.Revolute(("rod", "left"), ffr.Ground(), name="bearing"),
+            ffr.PrescribedAngle(("rod", "left"), swing, name="motor"),
+        ],
+        point_masses=[ffr.PointMass(("rod", "right"), 1.0)],
+        damping={"rod": ffr.RayleighDamping(1.0, 1e-5)},
+    )
+
+    def motion(
+        mechanism: ffr.Mechanism, end: float, objective: ffr.Objective, *bounds: ffr.Constraint
+    ) -> ffr.MechanicalProblem:
+        given = bounds if constraints else ()
+        return ffr.MechanicalProblem(mechanism, ffr.GeneralizedAlpha(end, steps), objective, given)
+
+    force = ffr.Constraint(ffr.JointForce("slider"), upper=8.0)
+    # psi of the three is about as large
+    energy = 0.02 * ffr.PeakCompliance()
+    motions = {
+        "slow": motion(crank_motion(2.0), 2.0, ffr.IntegralCompliance(), force),
+        "fast": motion(crank_motion(1.6, 0.4), 1.6, ffr.IntegralCompliance() + 0.5 * energy, force),
+        "lever": motion(
+            lever, 0.5, energy, ffr.Constraint(ffr.PeakStress("rod"), upper=1.0e7, name="stress")
+        ),
+    }
+    return ffr.Problem.of_motions({"rod": rod}, motions, combine)

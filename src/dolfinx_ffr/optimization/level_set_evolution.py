@@ -156,6 +156,12 @@ class _Steps:
                     f"optimize: LevelSetEvolution moves level sets, and the design of body "
                     f"{name!r} is a {type(design).__name__}; give optimizer=MMA()"
                 )
+        if loop.problem.combine.bounds:
+            raise ValueError(
+                "optimize: LevelSetEvolution minimises one smooth number, and the largest value of "
+                "several motions (WorstCase) is none; give optimizer=MMA(), or combine the motions "
+                "by a PowerMean"
+            )
         if loop.problem.constraints:
             raise ValueError(
                 "optimize: LevelSetEvolution takes a volume bound and no other constraint, and the "

@@ -75,6 +75,9 @@ GRADIENT_COLUMNS = [
 #: Columns that each of several bodies has of its own, "volume of rod"
 OF_BODY = ["volume", "frequency", "gray"]
 
+#: Columns that each of several motions has of its own, "psi of fast"
+OF_MOTION = ["psi"]
+
 #: Relative difference from which on a resumed psi counts as another problem's; the number of ranks
 #: and the release of DOLFINx change less
 SAME = 1e-6
@@ -223,6 +226,8 @@ class DesignLoop:
         """
         check_alike(self.comm, "optimize", identity)
         self._identity = dict(identity)
+        if len(self.problem.motions) > 1:
+            self._identity["motions"] = f"{list(self.problem.motions)} by {self.problem.combine!r}"
         path = self._checkpoint
         if path is None or not self._resume:
             return None
@@ -273,7 +278,7 @@ class DesignLoop:
         self._columns = self._all_columns(evaluation)
         names = [set(columns) - set(GRADIENT_COLUMNS) for columns in (found, self._columns)]
         if names[0] != names[1]:
-            raise self._other_problem("it differs in the names of bodies or constraints")
+            raise self._other_problem("it differs in the names of bodies, motions or constraints")
         if not abs(evaluation.psi - before) <= SAME * abs(before):
             raise self._other_problem(
                 f"psi of its design was {before:.8g} and is {evaluation.psi:.8g} here"
@@ -380,10 +385,12 @@ class DesignLoop:
 
     def _all_columns(self, evaluation: Evaluation) -> list[str]:
         several = list(self.domains) if len(self.domains) > 1 else []
+        motions = list(evaluation.motions) if len(evaluation.motions) > 1 else []
         return [
             *COLUMNS,
             *([] if self.gradient.exact else GRADIENT_COLUMNS),
             *(f"{column} of {name}" for name in several for column in OF_BODY),
+            *(f"{column} of {name}" for name in motions for column in OF_MOTION),
             *(f"constraint {label}" for label in evaluation.constraints),
         ]
 
@@ -425,6 +432,9 @@ class DesignLoop:
                 row[f"volume of {name}"] = evaluation.volume[name]
                 row[f"frequency of {name}"] = first[name]
                 row[f"gray of {name}"] = gray[name]
+        if len(evaluation.motions) > 1:
+            for name, motion in evaluation.motions.items():
+                row[f"psi of {name}"] = motion.psi
         for label, constraint in evaluation.constraints.items():
             row[f"constraint {label}"] = constraint.value
         return row

@@ -13,6 +13,9 @@ designs come to lie on the feasible side; the best feasible crisp design is the 
 that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken back,
 and the next step is half as long.
 
+Of several motions the largest value is minimised (`WorstCase`) by the bound formulation: log of
+each weighted psi is bounded by a variable of its own, which is minimised in the place of log psi.
+
 `PeakStress` stands for the largest stress. It is corrected to it at each design that is kept, and
 its slope has the same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which
 design is best, are judged by the largest stress itself.
@@ -21,7 +24,7 @@ design is best, are judged by the largest stress itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -191,7 +194,14 @@ class _Run:
         """The point after one step, and the evaluation of the design that is kept."""
         state = point.asymptotes
         slope, values, slopes = self.functions(point, now)
-        tried, multipliers = state.step(slope, values + point.margins, slopes)
+        peaks, peak_slopes = self.peaks(point, now)
+        tried, multipliers = state.step(
+            slope,
+            np.concatenate([peaks, values + point.margins]),
+            np.vstack([peak_slopes, slopes]),
+            bounded=len(peaks),
+        )
+        multipliers = multipliers[len(peaks) :]
         # every rank has computed the same, and its own last bits may decide nothing
         tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
         iteration = point.iteration + 1
@@ -279,9 +289,12 @@ class _Run:
         return np.array([*volumes, *(c.value for c in evaluation.constraints.values())])
 
     def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array, Array]:
-        """The slope of the merit, and the constraints with their slopes."""
+        """The slope of the merit, and the constraints with their slopes.
+
+        Where the largest of several values is minimised, the slope is that of the penalty alone.
+        """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
-        rows: list[Any] = [evaluation.gradient]
+        rows: list[Any] = []
         for moving in designs:
             rows.append(
                 {
@@ -292,20 +305,46 @@ class _Run:
                 }
             )
         rows.extend(constraint.gradient for constraint in evaluation.constraints.values())
-        if any(row is None for row in rows):
-            raise ValueError(
-                "MMA: this way to the gradient gives none of the constraints; take ExactAdjoint"
-            )
-        slopes = np.array(
-            [
-                np.concatenate([d.pullback(parts[n], row[n]) for n, d in designs.items()])
-                for row in rows
-            ]
-        )
-        psi = evaluation.psi
-        penalty = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
-        scale = psi if psi > 0.0 else 1.0
-        return slopes[0] / scale + penalty, self.bounds(evaluation), slopes[1:]
+        slopes = self.pulled_back(point, rows)
+        slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
+        if not self.loop.problem.combine.bounds:
+            psi = evaluation.psi
+            own = self.pulled_back(point, [evaluation.gradient])[0]
+            slope = own / (psi if psi > 0.0 else 1.0) + slope
+        return slope, self.bounds(evaluation), slopes
+
+    def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
+        """The functions whose largest value is minimised, with their slopes; none but then.
+
+        They are the logs of the weighted psi of the motions that come near the largest one, or
+        these themselves, relative to the largest, where one is not positive.
+        """
+        combine = self.loop.problem.combine
+        if not combine.bounds:
+            return np.zeros(0), np.zeros((0, len(self.lower)))
+        motions = evaluation.motions
+        psi = {name: motion.psi for name, motion in motions.items()}
+        near = combine.near(psi)
+        weighted = np.array([combine.weight(name) * psi[name] for name in near])
+        slopes = self.pulled_back(point, [motions[name].gradient for name in near])
+        weights = np.array([combine.weight(name) for name in near])
+        if np.all(weighted > 0.0):
+            return np.log(weighted), slopes * (weights / weighted)[:, None]
+        scale = float(np.max(np.abs(weighted))) or 1.0
+        return weighted / scale, slopes * (weights / scale)[:, None]
+
+    def pulled_back(self, point: _Point, rows: Sequence[Mapping[str, Array] | None]) -> Array:
+        """Derivatives with respect to the variables from those by densities, shape (rows, n)."""
+        parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        found = []
+        for row in rows:
+            if row is None:
+                raise ValueError(
+                    "MMA: this way to the gradient gives none of the constraints, and of several "
+                    "motions only that of all together; take ExactAdjoint"
+                )
+            found.append(np.concatenate([d.pullback(parts[n], row[n]) for n, d in designs.items()]))
+        return np.array(found)
 
     def differentiate(self, evaluation: Evaluation, point: _Point) -> Evaluation:
         """An evaluation with its gradient."""

@@ -9,6 +9,13 @@ swings, and move away where it keeps on. The separable convex problem is solved 
 has one variable for each constraint. There is no line search: each step costs one value and one
 gradient.
 
+The largest of several functions is minimised by bounding them,
+
+    min over x, z of f_0(x) + z   such that   f_i(x) <= z for some i,   f_i(x) <= 0 for the others,
+
+in which z has neither bounds nor asymptotes: the subproblem is minimised over it exactly, with a
+quadratic term so weak that it only makes the dual smooth.
+
 A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so
 that each step is defined, and leads towards the feasible side.
 
@@ -38,6 +45,9 @@ MARGIN = 0.1
 CURVATURE = 1e-5
 #: Multiplier beyond which a constraint is relaxed rather than met; slopes of log psi are about one
 PRICE = 1e3
+#: Of the quadratic term of the bound z: it changes the multipliers, whose sum is one, by as much as
+#: this times the change of z, which is that of a logarithm
+WEAK = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +69,17 @@ class Asymptotes:
     earlier: Array | None = None  #: Two steps earlier, shape (n,)
     reach: Array | None = None  #: Distance of both asymptotes from ``before``, shape (n,)
 
-    def step(self, slope: Array, values: Array, slopes: Array) -> tuple[Asymptotes, Array]:
+    def step(
+        self, slope: Array, values: Array, slopes: Array, bounded: int = 0
+    ) -> tuple[Asymptotes, Array]:
         """The state at the next variables, and the multipliers of the constraints.
 
         Args:
             slope: Gradient of the objective, shape (n,), of any scale: multipliers share it.
             values: f_i, shape (m,).
             slopes: Gradients of the f_i, shape (m, n).
+            bounded: How many of them, the first ones, are bounded by z, which is minimised beside
+                the objective; they should be of the size of one.
         """
         x, width = self.x, self.upper - self.lower
         reach = self._reach()
@@ -78,7 +92,9 @@ class Asymptotes:
         p = reach**2 * (np.maximum(gradients, 0.0) + bent)
         q = reach**2 * (np.maximum(-gradients, 0.0) + bent)
         r = values - np.sum((p[1:] + q[1:]) / reach, axis=1)
-        found, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r).solve()
+        if bounded:  # z from its present value, the largest of the functions
+            r[:bounded] -= np.max(values[:bounded])
+        found, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r, bounded).solve()
         return (
             replace(self, x=found, before=x, earlier=self.before, reach=reach),
             multipliers,
@@ -118,6 +134,7 @@ class _Subproblem:
     p: Array  #: Of the objective and each constraint, shape (1 + m, n)
     q: Array
     r: Array  #: (m,)
+    bounded: int = 0  #: How many of the constraints, the first ones, are bounded by z instead of 0
 
     def solve(self) -> tuple[Array, Array]:
         """The minimiser and the multipliers, by Newton's method for the concave dual."""
@@ -166,6 +183,10 @@ class _Subproblem:
         relaxed = np.maximum(multipliers - PRICE, 0.0)
         constraints = self.r + values[1:]
         dual = values[0] + multipliers @ constraints - 0.5 * relaxed @ relaxed
+        if self.bounded:
+            rest = np.sum(multipliers[: self.bounded]) - 1.0
+            dual -= 0.5 * rest**2 / WEAK
+            constraints[: self.bounded] -= rest / WEAK
         return float(dual), constraints - relaxed
 
     def _curvature(self, multipliers: Array, x: Array) -> Array:
@@ -176,4 +197,6 @@ class _Subproblem:
         curvature = 2.0 * (p / above**3 + q / below**3)
         slopes = self.p[1:] / above**2 - self.q[1:] / below**2
         compliance = np.where(moving, 1.0 / np.where(curvature > 0.0, curvature, 1.0), 0.0)
-        return (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
+        found = (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
+        found[: self.bounded, : self.bounded] += 1.0 / WEAK
+        return found
