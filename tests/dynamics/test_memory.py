@@ -12,9 +12,9 @@ from shared.problems import slider_crank
 from shared.scenes import SCENES
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import problem as chain
 from dolfinx_ffr.dynamics.memory import available_memory, required_memory
 from dolfinx_ffr.dynamics.trajectory import Integrator
+from dolfinx_ffr.problem import definition as chain
 
 METHODS = [ffr.GeneralizedAlpha(0.01, 1200), ffr.RadauIIA(0.01, steps=400)]
 

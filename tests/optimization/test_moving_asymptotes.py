@@ -160,3 +160,44 @@ def test_steps_keep_the_move_limit_and_a_retreat_halves_it() -> None:
     again, _ = back.step(slope, np.zeros(0), np.zeros((0, 3)))
     assert np.max(np.abs(again.x - back.x)) == pytest.approx(0.1)
     assert again.reach == pytest.approx(0.5 * state.reach)
+
+
+def test_largest_of_several_functions() -> None:
+    """The smallest circle around points: its radius is the least largest distance from a centre.
+
+    Around a triangle with acute angles that is the circumscribed circle; a point inside of it, and
+    a wide angle, whose longest side is a diameter, leave a distance that does not count.
+    """
+    for points, center in (
+        ([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]], [2.0, 1.0]),
+        ([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0], [2.0, 0.5]], [2.0, 1.0]),
+        ([[0.0, 0.0], [4.0, 0.0], [1.0, 0.5]], [2.0, 0.0]),
+    ):
+        away = np.array(points)
+        state = Asymptotes(np.full(2, -5.0), np.full(2, 5.0), np.array([-3.0, 4.0]))
+        for _ in range(60):
+            distances = state.x - away
+            squares = np.sum(distances**2, axis=1)
+            scale = np.max(squares)
+            state, multipliers = state.step(
+                np.zeros(2), squares / scale, 2.0 * distances / scale, bounded=len(away)
+            )
+        np.testing.assert_allclose(state.x, center, atol=1e-5)
+        # the centre is the mean of the points that count, with their multipliers as weights
+        assert np.sum(multipliers) == pytest.approx(1.0, abs=1e-6)
+        np.testing.assert_allclose(multipliers @ away, center, atol=1e-4)
+
+
+def test_largest_function_below_a_constraint() -> None:
+    """Min max(x, -x) + y such that x y >= 1; with x and y above zero that is x = y = 1."""
+    state = Asymptotes(np.full(2, 0.1), np.full(2, 5.0), np.array([3.0, 0.7]))
+    for _ in range(60):
+        x, y = state.x
+        state, multipliers = state.step(
+            np.array([0.0, 1.0]),
+            np.array([x, -x, 1.0 - x * y]),
+            np.array([[1.0, 0.0], [-1.0, 0.0], [-y, -x]]),
+            bounded=2,
+        )
+    np.testing.assert_allclose(state.x, [1.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(multipliers, [1.0, 0.0, 1.0], atol=1e-5)

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared.problems import four_bar, slider_crank
+from shared.problems import four_bar, slider_crank, three_motions
 
 import dolfinx_ffr as ffr
 
@@ -66,6 +66,23 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
     for name, part in parts.items():
         assert found.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
     assert len(set(comm.allgather(found.psi))) == 1
+
+
+@pytest.mark.mpi
+def test_a_part_in_several_motions(comm: MPI.Comm) -> None:
+    """Psi of the worst case, and of each motion, beside what was reported."""
+    problem = three_motions(comm, ffr.WorstCase({"slow": 1.5, "fast": 1.0, "lever": 0.0}))
+    rod = problem.flexible["rod"]
+    evaluation = problem.value(np.ones(rod.domain.n_cells))
+    part = ffr.Part(rod.domain, lambda p: np.ones(len(p)), material=rod.material)
+    found = ffr.verify(problem, {"rod": part}, evaluation, most=2, tolerance=5e-3)
+    # coarse cells of order 1 are stiffer than they should be
+    assert 0.0 < found.difference < 0.1
+    psi = found.fitted[-1].motions
+    assert found.psi == max(1.5 * psi["slow"], psi["fast"])
+    assert psi["lever"] == pytest.approx(evaluation.motions["lever"].psi, rel=0.1)
+    assert "lever: stress" in str(found) and "motion lever: psi" in str(found)
+    assert found.record()["psi_part_by_motion"] == psi
 
 
 def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) -> None:

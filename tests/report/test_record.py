@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared.problems import slider_crank
+from shared.problems import slider_crank, three_motions
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.report.drawing import read_outline
@@ -110,3 +110,52 @@ def test_warnings_are_listed_once_and_shown() -> None:
     with pytest.warns(UserWarning):
         warnings.warn("afterwards", UserWarning, stacklevel=1)
     assert len(said) == 2
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*is gray, neither void nor solid")
+def test_record_and_page_of_several_motions(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """Each motion has its psi, its part's psi, its joints and loads; constraints name theirs."""
+    weights = {"slow": 1.5, "fast": 1.0, "lever": 0.5}
+    problem = three_motions(comm, ffr.WorstCase(weights))
+    result = ffr.optimize(
+        problem,
+        ffr.DensityDesign(problem.flexible["rod"].domain),
+        optimizer=ffr.MMA(length=40),
+        iterations=2,
+        progress=False,
+        mode_tolerance=None,
+        output=shared_tmp_path,
+    )
+    rod = problem.flexible["rod"]
+    part = ffr.Part(rod.domain, lambda x: np.ones(len(x)), material=rod.material)
+    found = ffr.verify(
+        result.problem, {"rod": part}, result.evaluation, size=0.014, tolerance=0.1, order=1, most=2
+    )
+    record = ffr.run_record(result, title="Rod", verification=found, volume=0.5)
+    assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
+    assert record["objective"] == {"name": "WorstCase", "unit": ""}
+    motions = record["motions"]
+    assert {n: m["psi"] for n, m in motions.items()} == {
+        n: m.psi for n, m in result.evaluation.motions.items()
+    }
+    assert {n: m["weight"] for n, m in motions.items()} == weights
+    assert motions["slow"]["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
+    assert (motions["fast"]["duration"], motions["fast"]["steps"]) == (1.6, 400)
+    assert motions["lever"]["loads"][0].startswith("point mass 1 kg")
+    assert record["verification"]["motions"]["fast"][1] == found.fitted[-1].motions["fast"]
+    assert record["constraints"]["lever: stress"]["unit"] == "Pa"
+    assert record["constraints"]["slow: JointForce"]["unit"] == "N"
+    assert record["stress"]["rod"]["motion"] == "lever"
+    ffr.write_summary(comm, shared_tmp_path / "summary.json", record)
+    page = ffr.write_report(comm, shared_tmp_path).read_text()
+    for text in (
+        "Reported, weighted",
+        "ψ of the design is their worst case",
+        "lever: stress",
+        "In motion",
+        "Objectives of the motions over the iterations",
+        "point mass 1 kg",
+    ):
+        assert text in page, text

@@ -119,7 +119,7 @@ def three_motions(
     elements: tuple[int, int] = (40, 8),
     *,
     constraints: bool = True,
-    steps: int = 200,
+    steps: int = 400,
     **of_the_rod: Any,
 ) -> ffr.Problem:
     """One rod: slow and light, fast, and heavy with an oscillating line in the place of a crank."""
@@ -148,7 +148,7 @@ def three_motions(
         "slow": motion(crank_motion(2.0), 2.0, ffr.IntegralCompliance(), force),
         "fast": motion(crank_motion(1.6, 0.4), 1.6, ffr.IntegralCompliance() + 0.5 * energy, force),
         "lever": motion(
-            lever, 0.5, energy, ffr.Constraint(ffr.PeakStress("rod"), upper=1.0e7, name="stress")
+            lever, 0.5, energy, ffr.Constraint(ffr.PeakStress("rod"), upper=1.0e8, name="stress")
         ),
     }
     return ffr.Problem.of_motions({"rod": rod}, motions, combine)

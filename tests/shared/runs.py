@@ -34,6 +34,7 @@ def record() -> dict[str, Any]:
         "modes": {"rod": 8},
         "mode_error": 1.5e-3,
         "objective": {"name": "IntegralCompliance", "unit": "J s"},
+        "motions": {},
         "references": {"full rod": 6.0e-5, "strip": 9.0e-5},
         "constraints": {
             "volume of rod": {

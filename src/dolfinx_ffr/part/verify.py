@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -82,6 +82,8 @@ class Figures:
     psi: float  #: Value of the objective
     constraints: dict[str, float]  #: Values of the constrained objectives
     bodies: dict[str, BodyFigures]  #: Of the designed bodies
+    #: Value of the objective of each motion by its name; empty where there is one
+    motions: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,11 @@ class Verification:
                 lines.append(
                     f"  stress       {before.stress / 1e6:.4g} -> {body.stress / 1e6:.4g} MPa"
                 )
+        for name, psi in last.motions.items():
+            before_of = self.reported.motions[name]
+            lines.append(
+                f"motion {name}: psi {before_of:.5e} -> {psi:.5e}, {psi / before_of:.4f} of that"
+            )
         for name, value in last.constraints.items():
             lines.append(f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}")
         return "\n".join(lines)
@@ -172,6 +179,7 @@ class Verification:
         parts = self.parts
         return {
             "psi_part": self.psi,
+            **({"psi_part_by_motion": self.fitted[-1].motions} if self.reported.motions else {}),
             "part_difference": self.difference,
             "part_change": self.change,
             "part_pieces": of_each({name: part.pieces for name, part in parts.items()}),
@@ -308,5 +316,12 @@ def _figures(
             stress=stress,
         )
     constraints = {name: float(value.psi) for name, value in evaluation.constraints.items()}
+    motions = {name: float(motion.psi) for name, motion in evaluation.motions.items()}
     with on_every_rank(problem.comm, "verify"):
-        return Figures(size, float(evaluation.psi), constraints, bodies)
+        return Figures(
+            size,
+            float(evaluation.psi),
+            constraints,
+            bodies,
+            motions if len(motions) > 1 else {},
+        )

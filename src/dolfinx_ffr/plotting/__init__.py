@@ -17,6 +17,7 @@ from .diagrams import (
 from .fields import mesh_grid, plot_design, plot_gradient_elements, plot_modes, plot_stress
 from .motion_pictures import animate_motion, plot_scene
 from .part_view import plot_part
+from .trade_off import plot_trade_off
 
 __all__ = [
     "animate_motion",
@@ -32,4 +33,5 @@ __all__ = [
     "plot_part",
     "plot_scene",
     "plot_stress",
+    "plot_trade_off",
 ]

@@ -58,16 +58,17 @@ def plot_history(
     """Draw how a design came about, over the iterations.
 
     One sees, each in a panel of its own as far as the history has it: the objective, with the line
-    of the solid body where it is given; the volume with its bound, and the share that is neither
-    void nor solid; the first frequency (interfaces held); the steepness of the projection; the
-    number of normal modes and the estimated error by those left out; the size of the steps. The
-    last value stands above each panel.
+    of the solid body where it is given; those of several motions, each relative to its value at the
+    start; the volume with its bound, and the share that is neither void nor solid; the first
+    frequency (interfaces held); the steepness of the projection; the number of normal modes and the
+    estimated error by those left out; the size of the steps. The last value stands above each
+    panel.
 
     Args:
         history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
-            ``psi`` [J s], ``volume`` [-] and beside it ``gray`` [-], ``frequency`` [Hz],
-            ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` (explicit steps of a
-            level set: knot spacings; else the largest change, as a share of the bounds).
+            ``psi`` [J s], ``psi of fast`` and so on, ``volume`` [-] and beside it ``gray`` [-],
+            ``frequency`` [Hz], ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` (explicit
+            steps of a level set: knot spacings; else the largest change, as a share of the bounds).
         path: File to write, .png, .pdf or .svg.
         psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
         psi_unit: Unit of psi, where it is no compliance.
@@ -94,13 +95,16 @@ def plot_history(
             columns = _numbers("plot_history", history)
         else:
             columns = read_history(history)
+        motions = {n: v for n, v in columns.items() if n.startswith(_OF_MOTION)}
         chosen = [name for name in _COLUMNS if np.isfinite(columns.get(name, [])).any()]
+        if motions:
+            chosen.insert(chosen.index("psi") + 1 if "psi" in chosen else 0, _OF_MOTION)
         if not chosen:
             raise ValueError(
                 f"plot_history: the history has the columns {sorted(columns)} and must have a line "
                 f"and at least one of {list(_COLUMNS)}"
             )
-        count = len(columns[chosen[0]])
+        count = len(next(iter(columns.values())))
         iteration = columns.get("iteration", np.arange(count, dtype=np.float64))
         across = {1: 1, 2: 2, 3: 3}.get(len(chosen), 2)
         rows = -(-len(chosen) // across)
@@ -109,6 +113,9 @@ def plot_history(
             for axes in panels[len(chosen) :]:
                 axes.remove()
             for axes, name in zip(panels, chosen, strict=False):
+                if name == _OF_MOTION:
+                    _draw_motions(axes, iteration, motions)
+                    continue
                 gray = columns.get("gray") if name == "volume" else None
                 unit = psi_unit if name == "psi" else _COLUMNS[name][1]
                 _draw_column(
@@ -141,6 +148,22 @@ _COLUMNS = {
     "mode_error": ("estimated error of ψ by the modes left out", "%"),
     "step": ("size of the step", ""),
 }
+
+
+#: How the columns begin that hold the objectives of several motions
+_OF_MOTION = "psi of "
+
+
+def _draw_motions(axes: Axes, iteration: Array, motions: Mapping[str, Array]) -> None:
+    """Draw the objectives of several motions, each relative to its value at the start."""
+    for (name, values), color in zip(motions.items(), cycle(ACCENTS), strict=False):
+        own = values / values[0] if values[0] else values
+        axes.plot(iteration, own, color=color, label=name.removeprefix(_OF_MOTION))
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(iteration[0] - 0.5, max(iteration[-1], iteration[0] + 1) + 0.5)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    axes.set_title("ψ of each motion / ψ at the start", loc="left")
+    axes.legend(frameon=False, ncols=2 if len(motions) > 3 else 1, loc="upper right")
 
 
 def _draw_column(

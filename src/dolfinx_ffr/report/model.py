@@ -123,21 +123,25 @@ def scene(run: Run) -> dict[str, Any]:
             what, unit = _MATERIAL.get(key, (key, ""))
             scale = Scale(unit, value)
             materials.append((name, kind, what, scale.given(value), scale.name))
+    motions = run.mapping("motions")
+    used: dict[tuple[str, str, str], list[str]] = {}  # a joint, and the motions that have it
+    for j in recorded.get("joints", []):
+        key = str(j["name"]), str(j["kind"]), ", ".join(map(str, j["between"]))
+        used.setdefault(key, []).append(str(j.get("motion", "")))
     joints: list[Row] = [
-        (str(j["name"]), str(j["kind"]), ", ".join(map(str, j["between"])))
-        for j in recorded.get("joints", [])
+        (*key, *(["all" if len(names) == len(motions) else ", ".join(names)] if motions else []))
+        for key, names in used.items()
     ]
-    integrator = ""
-    if recorded.get("integrator"):
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(recorded["integrator"]))
-        integrator = f"{words} of order {recorded.get('order', NOTHING)}"
-        if real(recorded.get("duration")):
-            integrator += f", {Scale('', 1).given(recorded['duration'])} s"
-        if recorded.get("steps"):
-            integrator += f" in {fixed(recorded['steps'])} steps"
+    moved: list[Row] = [
+        (name, _integration(given), "; ".join(map(str, given.get("loads", []))) or "none")
+        for name, given in motions.items()
+    ]
     return {
         "text": str(recorded.get("text") or ""),
-        "integrator": integrator,
+        "integrator": _integration(recorded),
+        "motions": Table.of(
+            "Motions", ["Motion", "Time integration", "Loads beside inertia"], moved
+        ),
         "loads": [str(load) for load in recorded.get("loads", [])],
         "left_out": [str(what) for what in recorded.get("left_out", [])],
         "bodies": Table.of(
@@ -157,5 +161,20 @@ def scene(run: Run) -> dict[str, Any]:
             [2, 3, 4, 5, 6, 7, 8],
         ),
         "materials": Table.of("Materials", ["Body", "Model", "", "Value", "Unit"], materials, [3]),
-        "joints": Table.of("Joints", ["Joint", "Kind", "Between"], joints),
+        "joints": Table.of(
+            "Joints", ["Joint", "Kind", "Between", *(["In motion"] if motions else [])], joints
+        ),
     }
+
+
+def _integration(recorded: Mapping[str, Any]) -> str:
+    """The time integration in words."""
+    if not recorded.get("integrator"):
+        return ""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", str(recorded["integrator"]))
+    said = f"{words} of order {recorded.get('order', NOTHING)}"
+    if real(recorded.get("duration")):
+        said += f", {Scale('', 1).given(recorded['duration'])} s"
+    if recorded.get("steps"):
+        said += f" in {fixed(recorded['steps'])} steps"
+    return said

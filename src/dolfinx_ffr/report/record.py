@@ -9,13 +9,14 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | ``title`` | heading |
 | ``psi``, ``reason``, ``iterations``, ``feasible``, ``violations``, ``volume``, ``gray``, ``modes``, ``mode_error`` | those of `Result.summary` |
 | ``objective`` | ``name`` and ``unit`` of psi |
+| ``motions`` | of several, by name: ``psi``, ``objective`` (``name`` and ``unit``), ``weight``, ``integrator``, ``order``, ``duration`` [s], ``steps``, ``loads`` |
 | ``references`` | psi of other designs by name, to compare with; the first is what psi is relative to |
 | ``constraints`` | by name: ``value`` and ``bound`` in ``unit``, ``kind`` ("at most", "at least"), ``violation`` relative to the bound, 0 where it holds |
 | ``frequencies`` | by body, with its interfaces held [Hz] |
-| ``stress`` | by body: ``value``, the largest von Mises stress of the motion [Pa], ``time`` [s], ``position`` [m] |
-| ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between); ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
+| ``stress`` | by body: ``value``, the largest von Mises stress of the motion [Pa], ``time`` [s], ``position`` [m], of several motions the ``motion`` |
+| ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between, of several motions the motion); of one motion ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
 | ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out), ``deviation`` of the curves [m] |
-| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``bodies`` by name: ``cells``, ``modes``, and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
+| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``motions``, of several the pairs of psi by name; ``bodies`` by name: ``cells``, ``modes``, and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
 | ``warnings`` | ``category`` and ``message`` of each, in their order |
 | ``versions`` | of the package and of what it is built on, by name; operating system and machine |
 | ``command``, ``date``, ``ranks``, ``seconds`` | how to repeat it, when it ended (ISO 8601), MPI ranks, time of the design loop [s] |
@@ -43,7 +44,8 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from .. import validation
-from ..dynamics import SimulationError
+from ..dynamics import SimulationError, Trajectory
+from ..mechanical_problem import ConstraintValue, MechanicalProblem
 from ..mechanism import Gear, Mechanism, PrescribedAngle, marker_name
 from ..objective import Constraint, JointForce, Objective
 from ..optimization import Result
@@ -67,6 +69,7 @@ KEYS = (
     "modes",
     "mode_error",
     "objective",
+    "motions",
     "references",
     "constraints",
     "frequencies",
@@ -160,14 +163,12 @@ def run_record(
     found = {
         "title": title,
         **result.summary(),
-        "objective": {
-            "name": type(problem.objective).__name__,
-            "unit": _unit(problem.objective, problem.mechanism),
-        },
+        "objective": _objective(problem),
+        "motions": _motions(problem, evaluation) if len(problem.motions) > 1 else {},
         "references": {name: float(psi) for name, psi in (references or {}).items()},
         "constraints": {
             **{f"volume of {n}": _volume(b, result, n) for n, b in bounds.items() if b is not None},
-            **{c.label: _constraint(c, evaluation, problem.mechanism) for c in problem.constraints},
+            **_constraints(problem, evaluation),
         },
         "frequencies": {
             name: [float(f) for f in values[:_FREQUENCIES]]
@@ -212,21 +213,64 @@ def _unit(objective: Objective, mechanism: Mechanism) -> str:
     return objective.unit
 
 
-def _scene(problem: Problem, evaluation: Evaluation, said: list[dict[str, str]]) -> dict[str, Any]:
-    mechanism, integrator = problem.mechanism, problem.integrator
-    found: dict[str, Any] = {
-        "bodies": {name: {"kind": "flexible"} for name in problem.flexible},
-        "joints": [
-            {"name": name, "kind": type(joint).__name__, "between": _names(joint.markers)}
-            for name, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
-        ],
-        "loads": _loads(mechanism),
+def _objective(problem: Problem) -> dict[str, str]:
+    """What psi is; weights of several motions may have any unit."""
+    units = {_unit(motion.objective, motion.mechanism) for motion in problem.motions.values()}
+    name, combine = type(problem.combine).__name__, problem.combine
+    if len(problem.motions) == 1:
+        name = type(problem.objective).__name__
+    unit = units.pop() if combine.weights is None and len(units) == 1 else ""
+    return {"name": name, "unit": unit}
+
+
+def _motions(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        name: {
+            "psi": evaluation.motions[name].psi,
+            "objective": {
+                "name": type(motion.objective).__name__,
+                "unit": _unit(motion.objective, motion.mechanism),
+            },
+            "weight": problem.combine.weight(name),
+            "loads": _loads(motion.mechanism),
+            **_integration(motion, evaluation.motions[name].trajectory),
+        }
+        for name, motion in problem.motions.items()
+    }
+
+
+def _integration(motion: MechanicalProblem, trajectory: Trajectory | None) -> dict[str, Any]:
+    integrator = motion.integrator
+    found = {
         "integrator": type(integrator).__name__,
         "duration": integrator.end_time,
         "order": integrator.order,
     }
-    if evaluation.trajectory is not None:
-        found["steps"] = len(evaluation.trajectory.step_ends) - 1
+    if trajectory is not None:
+        found["steps"] = len(trajectory.step_ends) - 1
+    return found
+
+
+def _scene(problem: Problem, evaluation: Evaluation, said: list[dict[str, str]]) -> dict[str, Any]:
+    several = len(problem.motions) > 1
+    found: dict[str, Any] = {
+        "bodies": {name: {"kind": "flexible"} for name in problem.flexible},
+        "joints": [
+            {
+                "name": name,
+                "kind": type(joint).__name__,
+                "between": _names(joint.markers),
+                **({"motion": motion} if several else {}),
+            }
+            for motion, part in problem.motions.items()
+            for name, joint in zip(part.mechanism.joint_names, part.mechanism.joints, strict=True)
+        ],
+    }
+    if not several:
+        motion = next(iter(problem.motions.values()))
+        found["loads"] = _loads(motion.mechanism)
+        found |= _integration(motion, evaluation.trajectory)
+    if evaluation.moves:
         try:
             found |= _model(model_report(problem, evaluation))
         except SimulationError as error:  # with steps twice as long, which is told
@@ -308,10 +352,18 @@ def _volume(bound: float, result: Result, name: str) -> dict[str, Any]:
     }
 
 
+def _constraints(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
+    """Those of all motions, by the names under which they are evaluated."""
+    given = [(c, m.mechanism) for m in problem.motions.values() for c in m.constraints]
+    return {
+        named.label: _constraint(constraint, evaluation.constraints[named.label], mechanism)
+        for named, (constraint, mechanism) in zip(problem.constraints, given, strict=True)
+    }
+
+
 def _constraint(
-    constraint: Constraint, evaluation: Evaluation, mechanism: Mechanism
+    constraint: Constraint, value: ConstraintValue, mechanism: Mechanism
 ) -> dict[str, Any]:
-    value = evaluation.constraints[constraint.label]
     return {
         "value": value.psi,
         "bound": constraint.bound,
@@ -322,11 +374,16 @@ def _constraint(
 
 
 def _stress(problem: Problem, evaluation: Evaluation) -> dict[str, Any]:
-    if evaluation.trajectory is None:
+    if not evaluation.moves:
         return {}
     found = {n: worst_stress(b, evaluation, n) for n, b in problem.flexible.items()}
     return {
-        name: {"value": s.largest, "time": s.largest_time, "position": s.largest_position}
+        name: {
+            "value": s.largest,
+            "time": s.largest_time,
+            "position": s.largest_position,
+            **({"motion": s.motion} if len(problem.motions) > 1 else {}),
+        }
         for name, s in found.items()
     }
 
@@ -364,6 +421,7 @@ def _verification(found: Verification) -> dict[str, Any]:
         "converged": found.converged,
         "meshes": [{"size": row.size, "psi": row.psi} for row in found.fitted],
         "constraints": {n: [before.constraints[n], v] for n, v in after.constraints.items()},
+        "motions": {n: [before.motions[n], v] for n, v in after.motions.items()},
         "bodies": {
             name: {
                 "cells": body.cells,

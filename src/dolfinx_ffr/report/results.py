@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from .numbers import NOTHING, Scale, fixed, percent
-from .run import Row, Run, Table, real
+from .run import Row, Run, Table, real, words
 
 __all__ = [
     "accuracy",
     "cards",
     "comparison",
     "constraints",
+    "motions",
     "own_figures",
     "reported_and_part",
     "status",
@@ -188,6 +189,32 @@ def constraints(run: Run) -> Table | None:
     return Table.of("Constraints", head, rows, [1, 2])
 
 
+def motions(run: Run) -> Table | None:
+    """What each of several motions contributes.
+
+    Args:
+        run: The run.
+    """
+    given, of_part = run.mapping("motions"), run.verification.get("motions", {})
+    rows = []
+    for name, motion in given.items():
+        scale = Scale(str(motion["objective"]["unit"]), motion["psi"])
+        rows.append(
+            (
+                name,
+                words(motion["objective"]["name"]),
+                scale.text(motion["psi"]),
+                scale.text(of_part.get(name, [None, None])[1]),
+                scale.name or NOTHING,
+                fixed(motion["weight"], 4),
+                fixed(motion["weight"] * motion["psi"], 4),
+            )
+        )
+    note = f"ψ of the design is their {words(run.objective).lower()}."
+    head = ["Motion", "Objective", "Reported", "Part", "Unit", "Weight", "Reported, weighted"]
+    return Table.of("Motions", head, rows, [2, 3, 5, 6], note)
+
+
 def comparison(run: Run) -> Table | None:
     """The design beside others.
 
@@ -259,7 +286,8 @@ def own_figures(run: Run) -> Table | None:
             scale = Scale("Pa", given["value"])
             when = Scale("s", given["time"])
             x, y = (Scale("m", 1.0).text(v) for v in given["position"])
-            where = f"at {when.text(given['time'])} {when.name}, x = {x} mm, y = {y} mm"
+            motion = f", in motion {given['motion']}" if given.get("motion") else ""
+            where = f"at {when.text(given['time'])} {when.name}, x = {x} mm, y = {y} mm{motion}"
             rows.append(
                 (name, "Largest von Mises stress", scale.text(given["value"]), scale.name, where)
             )

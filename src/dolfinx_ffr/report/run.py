@@ -12,7 +12,7 @@ from typing import Any, TypeGuard
 from .folder import Folder
 from .numbers import Scale, aligned
 
-__all__ = ["Row", "Run", "Table", "real"]
+__all__ = ["Row", "Run", "Table", "real", "words"]
 
 Row = Sequence[str]
 
@@ -24,6 +24,16 @@ def real(value: Any) -> TypeGuard[float]:
         value: Anything.
     """
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def words(name: str) -> str:
+    """The name of a class as words of a sentence that begins with it.
+
+    Args:
+        name: For example "IntegralCompliance".
+    """
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
+    return apart[:1].upper() + apart[1:]
 
 
 @dataclass(frozen=True)
@@ -68,8 +78,7 @@ class Run:
         objective = self.mapping("objective")
         self.psi_unit = str(objective.get("unit", "") or "")
         name = str(objective.get("name", "") or "objective")
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
-        self.objective = words[:1].upper() + words[1:]
+        self.objective = words(name)
         self.verification = self.mapping("verification")
         self.references = {k: v for k, v in self.mapping("references").items() if real(v)}
         self.bounds = {

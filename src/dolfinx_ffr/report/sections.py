@@ -26,6 +26,7 @@ __all__ = ["sections"]
 #: Panels of the history: columns, and the alternative text
 _PANELS = {
     "psi": "Objective over the iterations",
+    "motions": "Objectives of the motions over the iterations, relative to the start",
     "volume": "Volume and gray share over the iterations",
     "sharpness": "Sharpness of the projection over the iterations",
     "frequency": "First frequency over the iterations",
@@ -70,6 +71,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
         "cards": run.built("numbers at the top", lambda: results.cards(run), []),
         "accuracy": run.built("errors of psi", lambda: results.accuracy(run), {}),
         "constraints": run.built("constraints", lambda: results.constraints(run), None),
+        "motions": run.built("motions", lambda: results.motions(run), None),
         "comparison": run.built("other designs", lambda: results.comparison(run), None),
         "bodies": run.built(
             "figures of the part beside those of the design",
@@ -153,9 +155,13 @@ def _history(run: Run) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         for name, text in _PANELS.items():
             values = columns.get(name)
-            if values is None or not np.isfinite(values).any():
+            shown = {"iteration": iteration}
+            if name == "motions":
+                shown |= {n: v for n, v in columns.items() if n.startswith("psi of ")}
+            elif values is not None and np.isfinite(values).any():
+                shown[name] = values
+            if len(shown) == 1:
                 continue
-            shown = {"iteration": iteration, name: values}
             if name == "volume" and "gray" in columns:
                 shown["gray"] = columns["gray"]
             file = Path(place) / f"{name}.svg"
