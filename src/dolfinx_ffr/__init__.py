@@ -136,6 +136,7 @@ _FOLDERS = {
     "part": [
         "Part",
         "PartWarning",
+        "Solid",
         "Verification",
         "verify",
     ],

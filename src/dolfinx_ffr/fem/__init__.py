@@ -6,6 +6,7 @@ from __future__ import annotations
 from .curves import Arc, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
+from .gathered_mesh import GatheredMesh, surface_of
 from .interface import Interface
 from .lifetime import kept_by
 from .material import (
@@ -38,6 +39,7 @@ __all__ = [
     "ElasticMaterial",
     "Elasticity",
     "Face",
+    "GatheredMesh",
     "Interface",
     "Interpolation",
     "Isotropic",
@@ -59,5 +61,6 @@ __all__ = [
     "quiet",
     "rigid_fields",
     "rotated",
+    "surface_of",
     "surfaces",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from .part import Part
 from .shape import LoosePiece, PartWarning, Shape
+from .solid import Solid
 from .verify import BodyFigures, Figures, Verification, verify
 from .widths import Width
 
@@ -15,6 +16,7 @@ __all__ = [
     "Part",
     "PartWarning",
     "Shape",
+    "Solid",
     "Verification",
     "Width",
     "verify",

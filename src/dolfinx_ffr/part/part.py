@@ -106,6 +106,8 @@ class Part(Shape):
         tolerance: float = 1e-5,
     ) -> None:
         self.body = validation.instance("part: domain", domain, Domain, "a Domain")
+        if domain.dimension == 3:
+            raise ValueError("part: the body is in space; Solid is for such bodies")
         validation.function("part: field", field, "positions")
         if spacing is None:
             spacing = float(np.sqrt(domain.area / domain.n_cells_global))

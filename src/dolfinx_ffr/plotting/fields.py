@@ -27,6 +27,7 @@ from ..fem import Domain
 from ..parallel import on_every_rank
 from ..postprocessing import StressEnvelope
 from ..reduction import FlexibleBody, ReducedBody
+from .body_in_space import designs_in_space, modes_in_space, stress_in_space
 from .drawn_mesh import DrawnMesh
 from .mechanism_view import VOID
 from .style import (
@@ -100,6 +101,12 @@ def plot_design(
     )
     if not designs:
         raise ValueError("plot_design: no design given")
+    if domain.dimension == 3:
+        checked = {
+            name: domain.check_density(density, f"design {name!r}" if name else "x")
+            for name, density in designs.items()
+        }
+        return designs_in_space(domain, checked, path, title)
     drawn = DrawnMesh.of(domain)
     shades = {
         name: _gray(drawn, domain.check_density(density, f"design {name!r}" if name else "x"))
@@ -219,6 +226,8 @@ def plot_stress(
                 raise ValueError(f"plot_stress: {name} must have one finite value for each cell")
     if not any(domain.comm.allgather(bool(np.any(chosen)))):
         raise ValueError("plot_stress: no cell is solid, there is nothing to draw")
+    if domain.dimension == 3:
+        return stress_in_space(domain, own, chosen, path, title, note)
     drawn = DrawnMesh.of(domain)
     values, chosen = drawn.cell_values(own), drawn.cell_values(chosen)
 
@@ -284,6 +293,8 @@ def plot_modes(
     validation.instance("plot_modes: body", body, FlexibleBody, "a FlexibleBody")
     needed = "what `FlexibleBody.reduce` returned"
     validation.instance("plot_modes: reduced", reduced, ReducedBody, needed)
+    if body.domain.dimension == 3:
+        return modes_in_space(body, reduced, _names(body, reduced), path, title)
     drawn = DrawnMesh.of(body.domain)
     shapes = drawn.displacements(reduced.basis.shapes)
     shown = drawn.cell_values(reduced.density)[drawn.parents] >= VOID
@@ -478,6 +489,13 @@ def _names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:
     """A title for each shape function."""
     names = []
     for interface, motions in body.reduction.motions.items():
+        if body.domain.dimension == 3:
+            for motion in motions:
+                turns = np.any(motion[3:])
+                kind, word = ("rotation", "about") if turns else ("displacement", "along")
+                axis = _direction(motion[3:] if turns else motion[:3])
+                names.append(f"static: {kind} of {interface!r} {word} {axis}")
+            continue
         for x, y, angle in motions:
             if angle:
                 kind = "rotation"
@@ -490,6 +508,14 @@ def _names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:
             names.append(f"static: {kind} of {interface!r}")
     frequencies = reduced.basis.frequencies
     return names + [f"normal {i}: {f:.4g} Hz" for i, f in enumerate(frequencies, 1)]
+
+
+def _direction(vector: Array) -> str:
+    """An axis by its name, or the components of a direction."""
+    k = int(np.argmax(np.abs(vector)))
+    if abs(vector[k]) > (1.0 - 1e-9) * np.linalg.norm(vector):
+        return "xyz"[k]
+    return "(" + ", ".join(f"{x:.2f}" for x in vector) + ")"
 
 
 def _sign(points: Array, field: Array) -> float:

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: MIT
+"""Solids of designs in space: closed, of the right volume, in pieces, written and read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import Solid
+
+pytestmark = pytest.mark.mpi
+
+
+def enclosed(points: np.ndarray, triangles: np.ndarray) -> float:
+    """The volume that a closed surface encloses, by the divergence theorem."""
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return float(np.sum(a * np.cross(b, c))) / 6.0
+
+
+def edges_used_once(triangles: np.ndarray) -> int:
+    """Edges that do not join two triangles, each in the other's direction."""
+    forward = {tuple(e) for t in triangles for e in (t[[0, 1]], t[[1, 2]], t[[2, 0]])}
+    return sum((b, a) not in forward for a, b in forward)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_block_with_a_cavity(comm: MPI.Intracomm, cell: str) -> None:
+    """A round cavity: closed, turned outwards, the volume right to the square of the mesh size."""
+    errors = []
+    for n in (8, 16):
+        elements = (2 * n, n, n)
+        domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=elements, cell=cell, solid_layers=1)
+        solid = Solid(
+            domain,
+            lambda x: np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1) - 0.15,
+            material=ffr.Isotropic(1.0, 0.3, 1000.0),
+        )
+        assert edges_used_once(solid.triangles) == 0
+        assert solid.pieces == 1
+        assert not solid.loose
+        # faces of cut hexahedra are not flat
+        assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-3)
+        assert solid.mass == pytest.approx(1000.0 * solid.volume)
+        errors.append(abs(solid.volume - (0.128 - 4.0 / 3.0 * np.pi * 0.15**3)))
+    assert errors[0] < 2e-2 * 0.128
+    assert errors[1] < 0.4 * errors[0]
+
+
+def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """A piece that nothing holds is left out and said, and the rest is written and read back."""
+    domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        ends = np.abs(x[:, 0] - 0.4) - 0.22
+        return np.maximum(ends, 0.06 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
+
+    with pytest.warns(ffr.PartWarning, match="1 pieces of .* touch no interface and are left out"):
+        solid = Solid(domain, field)
+    assert solid.pieces == 2
+    assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-6)
+    path = solid.write(shared_tmp_path / "solid.stl")
+    if comm.rank == 0:
+        content = path.read_bytes()  # eighty bytes of text, a count, fifty bytes a triangle
+        count = int(np.frombuffer(content[80:84], "<u4")[0])
+        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+        corners = np.frombuffer(content[84:], record)["corners"].astype(float)
+        assert len(corners) == count == len(solid.triangles)
+        a, b, c = np.moveaxis(corners, 1, 0)
+        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(solid.volume, rel=1e-6)
+    with pytest.raises(ValueError, match=r"the kind '\.step' .* is not known"):
+        solid.write(shared_tmp_path / "solid.step")
+
+
+def test_refusals(comm: MPI.Intracomm) -> None:
+    """No material, and a body in the plane."""
+    free = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(8, 2, 2), solid_layers=0)
+    with pytest.raises(ValueError, match="the field is negative everywhere"):
+        Solid(free, lambda x: -np.ones(len(x)))
+    with pytest.raises(ValueError, match="no material touches an interface"):
+        Solid(free, lambda x: 0.1 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
+    flat = ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(8, 2))
+    with pytest.raises(ValueError, match="the body is in the plane; Part"):
+        Solid(flat, lambda x: np.ones(len(x)))
+    with pytest.raises(ValueError, match="the body is in space; Solid"):
+        ffr.Part(free, lambda x: np.ones(len(x)))
+
+
+def test_a_density_design_in_space(comm: MPI.Intracomm) -> None:
+    """Filter, projection and pullback on hexahedra; its solid keeps what stays solid."""
+    domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)
+    design = ffr.DensityDesign(domain).at(0.3)
+    assert design.filter.radius == pytest.approx(2.5 * 0.05)
+    rng = np.random.default_rng(1)
+    z, direction = rng.uniform(0.2, 0.8, design.size), rng.standard_normal(design.size)
+    weights = np.cos(9.0 * domain.centroids[:, 0]) * domain.cell_volumes
+    slope = design.pullback(z, weights) @ direction
+    step = 1e-5
+    pair = [domain.sum(weights * design.density(z + s * direction)) for s in (step, -step)]
+    assert slope == pytest.approx((pair[0] - pair[1]) / (2 * step), rel=1e-6)
+    tube = np.linalg.norm(domain.everywhere(domain.centroids)[:, 1:], axis=1) < 0.1
+    values = tube[domain.everywhere(domain.design_cells)].astype(float)
+    solid = Solid.of(ffr.DensityDesign(domain, radius=0.0), values)
+    assert solid.pieces == 1
+    assert edges_used_once(solid.triangles) == 0
+    assert 0.3 < solid.volume / domain.area < 0.9
