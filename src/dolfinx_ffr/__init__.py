@@ -28,6 +28,7 @@ _FOLDERS = {
         "HeavisideProjection",
         "LevelSet",
         "Mirror",
+        "MirrorPlane",
         "Multiquadric",
         "ThinPlate",
         "VelocityExtension",
@@ -35,6 +36,7 @@ _FOLDERS = {
         "Wendland",
         "density_field",
         "mirror_lines",
+        "mirror_planes",
     ],
     "dynamics": [
         "GeneralizedAlpha",

@@ -322,7 +322,7 @@ def test_lines_that_are_none_of_the_body_are_refused() -> None:
     ):
         with pytest.raises(ValueError, match=r"is no mirror line.*mirror_lines\(domain\) finds"):
             ffr.LevelSet(domain, mirrors=[mirror])
-    with pytest.raises(TypeError, match="a list of mirrors"):
+    with pytest.raises(TypeError, match="a list of mirror lines of the body"):
         ffr.LevelSet(domain, mirrors=[(1.0, 0.0)])  # type: ignore[list-item]
 
 

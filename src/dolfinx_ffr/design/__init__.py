@@ -7,7 +7,7 @@ from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
-from .mirrors import Mirror, image_cells, mirror_lines
+from .mirrors import Mirror, MirrorPlane, image_cells, mirror_lines, mirror_planes
 from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
@@ -30,6 +30,7 @@ __all__ = [
     "Kernel",
     "LevelSet",
     "Mirror",
+    "MirrorPlane",
     "Multiquadric",
     "ThinPlate",
     "VelocityExtension",
@@ -40,5 +41,6 @@ __all__ = [
     "density_field",
     "image_cells",
     "mirror_lines",
+    "mirror_planes",
     "shrunk",
 ]

@@ -55,7 +55,7 @@ from .. import validation
 from ..fem import Domain
 from ..parallel import ROUND_OFF
 from .density_filter import HeavisideProjection
-from .mirrors import Mirror, image_cells, images
+from .mirrors import Mirror, MirrorPlane, image_cells, images
 from .parametrization import SHARP, Design, finite_vector, steepness
 from .rbf import Wendland
 
@@ -96,13 +96,13 @@ class LevelSet(Design):
             0.78 mean elements. It is asked for by a penalty and told of the finished part, see
             `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`.
-        mirrors: Lines about which the design is its own mirror image, exactly, on any mesh; see
-            `mirror_lines`.
-        knots: Shape (knots, 2) [m], the same on every rank; by default a regular grid over the
-            body's bounding box.
+        mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
+            any mesh; see `mirror_lines` and `mirror_planes`.
+        knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
+            the body's bounding box.
         spacing: Distance of the grid's knots [m]; by default 1/2.75 of the kernel's radius, which
             is 3.5 times the larger of the two sizes.
-        quadrature: Points in each direction of an element.
+        quadrature: Points in each direction of an element, by default four, in space three.
 
     Raises:
         ValueError: On every rank, if there are no knots, a length is not positive, a size is below
@@ -121,23 +121,26 @@ class LevelSet(Design):
         *,
         minimum_member: float | None = None,
         minimum_gap: float | None = None,
-        mirrors: Sequence[Mirror] = (),
+        mirrors: Sequence[Mirror | MirrorPlane] = (),
         knots: ArrayLike | None = None,
         spacing: float | None = None,
-        quadrature: int = 4,
+        quadrature: int | None = None,
     ) -> None:
         self.domain = validation.instance("level set: domain", domain, Domain, "a Domain")
         #: Size of a mean element [m]
-        self.element = float(np.sqrt(domain.area / domain.n_cells_global))
+        self.element = domain.cell_size
+        d = domain.dimension
+        if quadrature is None:
+            quadrature = 4 if d == 2 else 3
         points_across = validation.integer("level set: quadrature", quadrature, least=1)
         #: Thinnest member and narrowest gap asked for [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         larger = SAFETY * max(self.minimum_member, self.minimum_gap)
         #: Of the kernel [m]
-        self.radius = larger / _narrowest(FLAT)
+        self.radius = larger / _narrowest(FLAT, d)
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
-        self._solid = _flat(SAFETY * self.minimum_member / self.radius)
-        self._void = 1.0 - _flat(SAFETY * self.minimum_gap / self.radius)
+        self._solid = _flat(SAFETY * self.minimum_member / self.radius, d)
+        self._void = 1.0 - _flat(SAFETY * self.minimum_gap / self.radius, d)
         wanted = self.radius / RADIUS
         if spacing is not None:
             wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
@@ -147,34 +150,38 @@ class LevelSet(Design):
         if counts.min() < 3:
             raise ValueError(
                 f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
-                f"{high[0] - low[0]:.4g} m x {high[1] - low[1]:.4g} m; take a smaller one"
+                f"{' x '.join(f'{size:.4g} m' for size in high - low)}; take a smaller one"
             )
-        columns, rows = (np.linspace(low[k], high[k], counts[k]) for k in range(2))
-        grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
+        lines = [np.linspace(low[k], high[k], counts[k]) for k in range(d)]
+        grid = np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
         #: Distance of neighbouring knots of the grid [m]
-        self.spacing = float(max(columns[1] - columns[0], rows[1] - rows[0]))
-        self.mirrors = tuple(validation.instances("level set: mirrors", mirrors, Mirror, "mirrors"))
+        self.spacing = float(max(line[1] - line[0] for line in lines))
+        kind: Any
+        kind, name = (Mirror, "mirror line") if d == 2 else (MirrorPlane, "mirror plane")
+        self.mirrors: tuple[Mirror | MirrorPlane, ...] = tuple(
+            validation.instances("level set: mirrors", mirrors, kind, f"{name}s of the body")
+        )
         for mirror in self.mirrors:
             if image_cells(domain, mirror) is None:
                 raise ValueError(
-                    f"level set: {mirror} is no mirror line of the body or of its solid regions; "
-                    "mirror_lines(domain) finds those that it has"
+                    f"level set: {mirror} is no {name} of the body or of its solid regions; "
+                    f"{name.replace(' ', '_')}s(domain) finds those that it has"
                 )
-        self._images = images(self.mirrors)
-        #: Positions of the knots, shape (knots, 2) [m]
-        self.knots = grid if knots is None else _check_knots(knots)
+        self._images = images(self.mirrors, d)
+        #: Positions of the knots, shape (knots, dimension) [m]
+        self.knots = grid if knots is None else _check_knots(knots, d)
         self.kernel = Wendland(self.radius)
         self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
-        self._check_cover(points.reshape(-1, 2))
+        self._check_cover(points.reshape(-1, d))
         if knots is None:  # those of the grid that no element sees are no variables
-            seen = np.unique(self._weighted(points.reshape(-1, 2)).indices)
+            seen = np.unique(self._weighted(points.reshape(-1, d)).indices)
             everywhere = np.zeros(len(grid), dtype=bool)
             everywhere[np.concatenate(domain.comm.allgather(seen))] = True
             self.knots = grid[everywhere]
             self._tree = cKDTree(self.knots)
         self.size = len(self.knots)
-        self._matrix = self._means(points.reshape(-1, 2))
+        self._matrix = self._means(points.reshape(-1, d))
         #: Steepness beta of the projection
         self.sharpness = SHARP
         #: Weight of the penalty of sizes below the minimum ones
@@ -186,7 +193,7 @@ class LevelSet(Design):
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
         """Both minimum sizes, or refuse what the mesh cannot resolve."""
-        least = RADIUS * self.element * _narrowest(FLAT) / SAFETY
+        least = RADIUS * self.element * _narrowest(FLAT, self.domain.dimension) / SAFETY
         for name, value in (("minimum_member", member), ("minimum_gap", gap)):
             if value is not None:
                 validation.number(f"level set: {name}", value, above=0.0, unit="m")
@@ -224,9 +231,9 @@ class LevelSet(Design):
             total = total + diags(1.0 / np.where(sums > 0.0, sums, 1.0)) @ g
         return csr_matrix(total / len(self._images))
 
-    def _slopes(self, points: Array) -> tuple[csr_matrix, csr_matrix]:
-        """The matrices that take coefficients to both derivatives of f at points."""
-        total: list[Any] = [0.0, 0.0]
+    def _slopes(self, points: Array) -> tuple[csr_matrix, ...]:
+        """The matrices that take coefficients to the derivatives of f at points."""
+        total: list[Any] = [0.0] * points.shape[1]
         for image in self._images:
             x = image(points)
             g = self._weighted(x).tocoo()
@@ -235,11 +242,11 @@ class LevelSet(Design):
             s = np.linalg.norm(offset, axis=1) / self.radius
             slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
             values = np.empty_like(slope)
-            for k in range(2):
+            for k in range(len(total)):
                 mean = np.bincount(g.row, weights=slope[:, k], minlength=len(x)) / sums
                 values[:, k] = (slope[:, k] - g.data * mean[g.row]) / sums[g.row]
             values = values @ image.turn  # back from the image
-            for k in range(2):
+            for k in range(len(total)):
                 total[k] = total[k] + csr_matrix((values[:, k], (g.row, g.col)), shape=g.shape)
         return tuple(csr_matrix(part / len(self._images)) for part in total)
 
@@ -254,7 +261,7 @@ class LevelSet(Design):
             )
 
     def level(self, variables: ArrayLike) -> Callable[[ArrayLike], Array]:
-        """F - 1/2 as a function of positions (n, 2) [m], positive in the material.
+        """F - 1/2 as a function of positions (n, dimension) [m], positive in the material.
 
         Not collective: each rank may ask for its own points.
 
@@ -264,7 +271,7 @@ class LevelSet(Design):
         u = self._check(variables)
 
         def at(points: ArrayLike) -> Array:
-            x = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+            x = np.asarray(points, dtype=np.float64).reshape(-1, self.domain.dimension)
             return np.asarray(self._means(x) @ u) - 0.5
 
         return at
@@ -336,7 +343,7 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ minimum size
 
     @cached_property
-    def _at_centroids(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
+    def _at_centroids(self) -> tuple[csr_matrix, ...]:
         points = self.domain.centroids
         return self._means(points), *self._slopes(points)
 
@@ -353,12 +360,12 @@ class LevelSet(Design):
         if weight == 0.0:
             return 0.0, np.zeros(self.size)
         u = self._check(variables)
-        mean, across, along = self._at_centroids
-        f, fx, fy = (np.asarray(matrix @ u) for matrix in (mean, across, along))
+        mean, *slopes = self._at_centroids
+        f, gradient = np.asarray(mean @ u), [np.asarray(matrix @ u) for matrix in slopes]
         share = self.domain.cell_volumes / self.domain.area * self.domain.design_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))
         decay = DECAY * self.radius**2
-        flat = share * np.exp(-decay * (fx * fx + fy * fy))
+        flat = share * np.exp(-decay * sum(part * part for part in gradient))
         material = project(f)
         thin = np.minimum(0.0, f - self._solid)
         narrow = np.maximum(0.0, f - self._void)
@@ -367,7 +374,9 @@ class LevelSet(Design):
         f_bar = weight * flat * 2.0 * (material * thin + GAP * (1.0 - material) * narrow)
         f_bar += project.pullback(f, weight * flat * (thin**2 - GAP * narrow**2))
         slope_bar = -2.0 * decay * weight * flat * wanting
-        local = mean.T @ f_bar + across.T @ (slope_bar * fx) + along.T @ (slope_bar * fy)
+        local = mean.T @ f_bar
+        for matrix, part in zip(slopes, gradient, strict=True):
+            local = local + matrix.T @ (slope_bar * part)
         return value, self._sum(np.ascontiguousarray(local))
 
     # ------------------------------------------------------------------ starts
@@ -376,7 +385,8 @@ class LevelSet(Design):
         """Coefficients whose boundary is that of a signed distance, positive in the material.
 
         Args:
-            distance: At the knots, shape (knots,) [m], or a function of positions (n, 2) [m].
+            distance: At the knots, shape (knots,) [m], or a function of positions
+                (n, dimension) [m].
 
         Returns:
             Coefficients, shape (knots,): 1 or 0 from three mean elements off the boundary on.
@@ -397,6 +407,8 @@ class LevelSet(Design):
     ) -> Array:
         """A start design: solid with staggered round holes, mirror-symmetric about the axis.
 
+        In space they go through the body along its shortest side.
+
         Args:
             columns: Holes along the longer side of the body's bounding box.
             rows: Holes across.
@@ -413,8 +425,8 @@ class LevelSet(Design):
         if margin is not None:
             validation.number("level set: margin", margin, unit="m")
         low, high = self.domain.bounding_box
-        long = int(np.argmax(high - low))
-        length, height = (high - low)[long], (high - low)[1 - long]
+        long, side = np.argsort(low - high, kind="stable")[:2]
+        length, height = (high - low)[long], (high - low)[side]
         edge = height / (2 * rows) if margin is None else margin
         across = np.linspace(edge, height - edge, rows) if rows > 1 else np.array([height / 2])
         pitch = length / columns
@@ -424,10 +436,11 @@ class LevelSet(Design):
             shift = 0.5 * (min(row, rows - 1 - row) % 2)
             for column in range(-1, columns + 1):
                 center = np.empty(2)
-                center[long] = low[long] + (column + 0.5 + shift) * pitch
-                center[1 - long] = low[1 - long] + offset
+                center[0] = low[long] + (column + 0.5 + shift) * pitch
+                center[1] = low[side] + offset
                 centers.append(center)
-        return self.from_distance(cKDTree(np.array(centers)).query(self.knots)[0] - radius)
+        across_holes = self.knots[:, [long, side]]
+        return self.from_distance(cKDTree(np.array(centers)).query(across_holes)[0] - radius)
 
     def begin(self, start: ArrayLike) -> Array:
         """A ``start`` with a quarter of its contrast, so that there are derivatives everywhere."""
@@ -436,23 +449,25 @@ class LevelSet(Design):
     # ------------------------------------------------------------------ boundary
 
     @cached_property
-    def _drawn(self) -> tuple[Array, Array, csr_matrix]:
-        """Columns and rows of a grid of half elements over the body, and the matrix to f there."""
+    def _drawn(self) -> tuple[list[Array], csr_matrix]:
+        """The lines of a grid of half elements over the body, and the matrix to f on the grid."""
         low, high = self.domain.bounding_box
         counts = np.ceil((high - low) / (0.5 * self.element)).astype(int) + 1
-        columns, rows = (np.linspace(low[k], high[k], counts[k]) for k in range(2))
-        grid = np.column_stack([x.ravel() for x in np.meshgrid(columns, rows, indexing="ij")])
-        return columns, rows, self._means(grid)
+        lines = [np.linspace(*ends) for ends in zip(low, high, counts, strict=True)]
+        grid = np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
+        return lines, self._means(grid)
 
     def distance(self, variables: ArrayLike, points: ArrayLike | None = None) -> Array:
         """The signed distance from the boundary f = 1/2, positive in the material.
 
-        The boundary is the polygon along which f, bilinear on a grid of half elements, is 1/2. Not
-        collective: each rank may ask for its own points.
+        The boundary is the polygon, in space the surface of triangles, on which f, linear between
+        the points of a grid of half elements, is 1/2. Not collective: each rank may ask for its own
+        points.
 
         Args:
             variables: Coefficients, shape (knots,).
-            points: Positions, shape (n, 2) [m]; by default the centroids of this rank's cells.
+            points: Positions, shape (n, dimension) [m]; by default the centroids of this rank's
+                cells.
 
         Returns:
             Shape (n,) [m]; infinite, with the sign of f - 1/2, where there is no boundary.
@@ -462,15 +477,18 @@ class LevelSet(Design):
         """
         u = self._check(variables)
         x = np.asarray(self.domain.centroids if points is None else points, dtype=np.float64)
-        if x.ndim != 2 or x.shape[1] != 2 or not np.all(np.isfinite(x)):
+        d = self.domain.dimension
+        if x.ndim != 2 or x.shape[1] != d or not np.all(np.isfinite(x)):
             raise ValueError(
                 f"level set: points in an array of shape {x.shape} must be finite coordinates of "
-                "shape (n, 2)"
+                f"shape (n, {d})"
             )
         sign = np.where(self.level(u)(x) >= 0.0, 1.0, -1.0)
-        columns, rows, matrix = self._drawn
-        values = np.asarray(matrix @ u).reshape(len(columns), len(rows))
-        lines = contourpy.contour_generator(columns, rows, values.T).lines(0.5)
+        grid, matrix = self._drawn
+        values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
+        if d == 3:
+            return sign * _distance_in_space(x, grid, values)
+        lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(0.5)
         lines = [line for line in lines if len(line) > 1]
         if not lines or len(x) == 0:
             return sign * math.inf
@@ -489,12 +507,12 @@ class LevelSet(Design):
         }
 
 
-def _check_knots(knots: ArrayLike) -> Array:
+def _check_knots(knots: ArrayLike, d: int) -> Array:
     given = validation.numbers("level set: knots", knots)
-    if given.ndim != 2 or given.shape[1] != 2 or len(given) < 3:
+    if given.ndim != 2 or given.shape[1] != d or len(given) < 3:
         raise ValueError(
             f"level set: no usable knots in an array of shape {given.shape}; give at least three "
-            "points, shape (knots, 2), or none for a regular grid"
+            f"points, shape (knots, {d}), or none for a regular grid"
         )
     if not np.all(np.isfinite(given)):
         raise ValueError("level set: a knot has a coordinate that is NaN or infinite")
@@ -504,18 +522,22 @@ def _check_knots(knots: ArrayLike) -> Array:
 
 
 @cache
-def _strip() -> tuple[Array, Array]:
-    """Share of the kernel on one side of a line, over the line's distance in radii."""
+def _strip(d: int) -> tuple[Array, Array]:
+    """Share of the kernel on one side of a line, in space a plane, over its distance in radii."""
     r = np.linspace(-1.0, 1.0, 2001)
     kernel = Wendland(1.0)
-    across = kernel(np.hypot(r[:, None], r[None, :])).sum(axis=1)
+    table = kernel(np.hypot(r[:, None], r[None, :]))
+    across = table.sum(axis=1) if d == 2 else table @ np.abs(r)
     share = cumulative_trapezoid(across, r, initial=0.0)
     return r, share / share[-1]
 
 
-def _narrowest(flat: float) -> float:
-    """Width of the strip in radii that f = 1/2 encloses, where f is ``flat`` in its middle."""
-    r, share = _strip()
+def _narrowest(flat: float, d: int) -> float:
+    """Width of the strip in radii that f = 1/2 encloses, where f is ``flat`` in its middle.
+
+    In space it is a plate.
+    """
+    r, share = _strip(d)
 
     def f(x: float, width: float) -> float:
         return float(np.diff(np.interp([x - 0.5 * width, x + 0.5 * width], r, share))[0])
@@ -524,9 +546,25 @@ def _narrowest(flat: float) -> float:
     return 2.0 * float(brentq(lambda x: f(x, width) - 0.5, 0.0, 1.0))
 
 
-def _flat(width: float) -> float:
+def _flat(width: float, d: int) -> float:
     """F in the middle of the strip that f = 1/2 encloses with a ``width`` in radii."""
-    return float(brentq(lambda f: _narrowest(f) - width, 0.5001, 0.99))
+    return float(brentq(lambda f: _narrowest(f, d) - width, 0.5001, 0.99))
+
+
+def _distance_in_space(points: Array, grid: list[Array], values: Array) -> Array:
+    """The distance of each point from the surface on which values on a grid are one half."""
+    import pyvista  # takes a while
+
+    image = pyvista.ImageData(
+        dimensions=values.shape,
+        origin=[line[0] for line in grid],
+        spacing=[line[1] - line[0] for line in grid],
+    )
+    surface = image.contour([0.5], scalars=values.ravel(order="F"))
+    if not surface.n_cells or len(points) == 0:
+        return np.full(len(points), math.inf)
+    nearest = surface.find_closest_cell(points, return_closest_point=True)[1]
+    return np.linalg.norm(points - nearest, axis=1)
 
 
 def _distance(points: Array, start: Array, end: Array) -> Array:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mirror lines: those that a design shall have, and those that a body has.
+"""Mirror lines, in space planes: those that a design shall have, and those that a body has.
 
 A design with mirror lines is the mean of a field over all of its mirror images, so that it is
 symmetric exactly, whatever the mesh and the knots.
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,15 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..fem import Domain
 
-__all__ = ["Isometry", "Mirror", "image_cells", "images", "mirror_lines"]
+__all__ = [
+    "Isometry",
+    "Mirror",
+    "MirrorPlane",
+    "image_cells",
+    "images",
+    "mirror_lines",
+    "mirror_planes",
+]
 
 Array = NDArray[np.float64]
 
@@ -61,15 +70,50 @@ class Mirror:
         return Isometry(turn, point - turn @ point)
 
 
+@dataclass(frozen=True)
+class MirrorPlane:
+    """A plane in space.
+
+    Args:
+        point: On the plane [m].
+        normal: Perpendicular to it, of any length.
+
+    Raises:
+        ValueError: If the normal has no length, or a number is not finite.
+    """
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        point = validation.real_array("mirror plane: point", self.point, (3,))
+        normal = validation.real_array("mirror plane: normal", self.normal, (3,))
+        if not np.all(np.isfinite([point, normal])) or not np.any(normal):
+            raise ValueError(
+                f"mirror plane: the plane through {self.point} across {self.normal} must have "
+                "finite coordinates and a normal"
+            )
+
+    @property
+    def reflection(self) -> Isometry:
+        """To the other side of the plane."""
+        normal = np.asarray(self.normal, dtype=np.float64)
+        normal = normal / np.linalg.norm(normal)
+        turn = np.eye(3) - 2.0 * np.outer(normal, normal)
+        point = np.asarray(self.point, dtype=np.float64)
+        return Isometry(turn, point - turn @ point)
+
+
 @dataclass(frozen=True, eq=False)
 class Isometry:
     """X -> turn X + shift, which leaves all distances."""
 
-    turn: Array  #: Orthogonal, shape (2, 2)
-    shift: Array  #: (2,) [m]
+    turn: Array  #: Orthogonal, shape (d, d)
+    shift: Array  #: (d,) [m]
 
     def __call__(self, points: Array) -> Array:
-        """The images of ``points`` (n, 2) [m]."""
+        """The images of ``points`` (n, d) [m]."""
         return np.asarray(points @ self.turn.T + self.shift)
 
     def after(self, other: Isometry) -> Isometry:
@@ -77,17 +121,18 @@ class Isometry:
         return Isometry(self.turn @ other.turn, self.turn @ other.shift + self.shift)
 
 
-def images(mirrors: Sequence[Mirror]) -> list[Isometry]:
-    """All isometries that mirror lines generate, the identity first.
+def images(mirrors: Sequence[Mirror | MirrorPlane], dimension: int = 2) -> list[Isometry]:
+    """All isometries that mirror lines or planes generate, the identity first.
 
     Args:
-        mirrors: The lines.
+        mirrors: The lines, in space the planes.
+        dimension: 2 in the plane, 3 in space.
 
     Raises:
         ValueError: If there is no end of them: parallel lines, lines without a common point, or
             lines at angles that do not divide the circle.
     """
-    found = [Isometry(np.eye(2), np.zeros(2))]
+    found = [Isometry(np.eye(dimension), np.zeros(dimension))]
     reflections = [mirror.reflection for mirror in mirrors]
     scale = max((float(np.max(np.abs(r.shift))) for r in reflections), default=0.0) or 1.0
     new = list(found)
@@ -110,12 +155,12 @@ def images(mirrors: Sequence[Mirror]) -> list[Isometry]:
     return found
 
 
-def image_cells(domain: Domain, mirror: Mirror) -> NDArray[np.int64] | None:
+def image_cells(domain: Domain, mirror: Mirror | MirrorPlane) -> NDArray[np.int64] | None:
     """The cell nearest to the image of each cell, or None where that is not on the body.
 
     Args:
         domain: The body.
-        mirror: The line.
+        mirror: The line or plane.
 
     Returns:
         Shape (cells of all ranks,), in the order of `Domain.everywhere`, the same on every rank.
@@ -124,7 +169,8 @@ def image_cells(domain: Domain, mirror: Mirror) -> NDArray[np.int64] | None:
     volumes = np.asarray(domain.everywhere(domain.cell_volumes))
     designed = np.asarray(domain.everywhere(domain.design_cells))
     distance, nearest = cKDTree(centroids).query(mirror.reflection(centroids))
-    if np.any(distance > 0.75 * np.sqrt(np.maximum(volumes, volumes[nearest]))):
+    size = np.maximum(volumes, volumes[nearest]) ** (1.0 / domain.dimension)
+    if np.any(distance > 0.75 * size):
         return None
     if volumes @ (designed != designed[nearest]) > 0.02 * volumes.sum():
         return None
@@ -153,30 +199,86 @@ def mirror_lines(
     Returns:
         The lines that are confirmed, the same on every rank.
     """
-    validation.instance("mirror lines: domain", domain, Domain, "a Domain")
-    validation.number("mirror lines: tolerance", tolerance, least=0.0)
-    centroids = np.asarray(domain.everywhere(domain.centroids))
-    volumes = np.asarray(domain.everywhere(domain.cell_volumes))
-    designed = np.asarray(domain.everywhere(domain.design_cells))
-    center = volumes @ centroids / volumes.sum()
-    offset = centroids - center
-    moments = (offset * volumes[:, None]).T @ offset
+    center, spread, axes = _principal_axes("mirror lines", domain, 2)
     angles = {0.0, 90.0}
-    spread, axes = np.linalg.eigh(moments)
     if spread[1] - spread[0] > 1e-3 * spread[1]:
         angles |= {
             float(round(math.degrees(math.atan2(*axis[::-1])) % 180.0, 6)) for axis in axes.T
         }
     else:
         angles |= {15.0 * k for k in range(12)}
+    middle = (float(center[0]), float(center[1]))
+    candidates = [
+        Mirror(middle, (math.cos(math.radians(angle)), math.sin(math.radians(angle))))
+        for angle in sorted(angles)
+    ]
+    return _confirmed("mirror lines", domain, candidates, gradient, tolerance)
+
+
+def mirror_planes(
+    domain: Domain, gradient: Array | None = None, *, tolerance: float = 0.02
+) -> list[MirrorPlane]:
+    """The planes through the centroid of a body in space about which it is its own mirror image.
+
+    Looked for are the planes across the axes of the coordinates and across the principal axes of
+    the volume, and those between two axes of the coordinates about which the second moments are the
+    same. All else is as for `mirror_lines`.
+
+    Args:
+        domain: The body.
+        gradient: Derivative of the objective with respect to the densities of this rank's cells at
+            a symmetric density, shape (cells,); None asks about the body alone.
+        tolerance: By how much the gradient may differ from its image, relatively (Euclidean norm,
+            per volume).
+
+    Returns:
+        The planes that are confirmed, the same on every rank.
+    """
+    center, spread, axes = _principal_axes("mirror planes", domain, 3)
+    normals = list(np.eye(3))
+    for i, axis in enumerate(axes.T):
+        alone = np.min(np.abs(np.delete(spread, i) - spread[i])) > 1e-3 * spread[i]
+        if alone and all(abs(axis @ normal) < 1.0 - 1e-6 for normal in normals):
+            normals.append(axis)
+    moments = np.diag((axes * spread) @ axes.T)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        if abs(moments[i] - moments[j]) < 1e-3 * moments[i]:  # as of a square section
+            normals += [np.eye(3)[i] + np.eye(3)[j], np.eye(3)[i] - np.eye(3)[j]]
+    x, y, z = (float(value) for value in center)
+    candidates = [MirrorPlane((x, y, z), (float(n[0]), float(n[1]), float(n[2]))) for n in normals]
+    return _confirmed("mirror planes", domain, candidates, gradient, tolerance)
+
+
+def _principal_axes(what: str, domain: Domain, dimension: int) -> tuple[Array, Array, Array]:
+    """The centroid of a body, its second moments along its principal axes, and these."""
+    validation.instance(f"{what}: domain", domain, Domain, "a Domain")
+    if domain.dimension != dimension:
+        other = "mirror_lines" if dimension == 3 else "mirror_planes"
+        raise ValueError(f"{what}: the body has {domain.dimension} dimensions; take {other}")
+    centroids = np.asarray(domain.everywhere(domain.centroids))
+    volumes = np.asarray(domain.everywhere(domain.cell_volumes))
+    center = volumes @ centroids / volumes.sum()
+    offset = centroids - center
+    spread, axes = np.linalg.eigh((offset * volumes[:, None]).T @ offset)
+    return center, spread, axes
+
+
+AnyMirror = TypeVar("AnyMirror", Mirror, MirrorPlane)
+
+
+def _confirmed(
+    what: str, domain: Domain, candidates: list[AnyMirror], gradient: Array | None, tolerance: float
+) -> list[AnyMirror]:
+    """Those of some mirrors that the body has, and the gradient if there is one."""
+    validation.number(f"{what}: tolerance", tolerance, least=0.0)
+    volumes = np.asarray(domain.everywhere(domain.cell_volumes))
     density = None
     if gradient is not None:
-        given = validation.real_array("mirror lines: gradient", gradient, (domain.n_cells,))
+        designed = np.asarray(domain.everywhere(domain.design_cells))
+        given = validation.real_array(f"{what}: gradient", gradient, (domain.n_cells,))
         density = np.asarray(domain.everywhere(given)) / volumes * designed
     found = []
-    for angle in sorted(angles):
-        direction = (math.cos(math.radians(angle)), math.sin(math.radians(angle)))
-        mirror = Mirror((float(center[0]), float(center[1])), direction)
+    for mirror in candidates:
         nearest = image_cells(domain, mirror)
         if nearest is None:
             continue

@@ -292,6 +292,11 @@ CUT = {
     ("triangle", 1): 1.5,
     ("quadrilateral", 2): 1.25,
     ("triangle", 2): 1.0,
+    # in space those of their faces, which nobody has measured
+    ("hexahedron", 1): 1.5,
+    ("tetrahedron", 1): 1.5,
+    ("hexahedron", 2): 1.25,
+    ("tetrahedron", 2): 1.0,
 }
 
 
@@ -299,7 +304,7 @@ def cut_exponent(cell: str, order: int) -> float:
     """The exponent of SIMP for elements that a boundary cuts.
 
     Args:
-        cell: ``"triangle"`` or ``"quadrilateral"``.
+        cell: Its name, as ``"triangle"``.
         order: Polynomial order of the displacements; above two that of two is taken.
     """
     return CUT[cell, min(order, 2)]

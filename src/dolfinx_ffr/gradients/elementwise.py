@@ -135,10 +135,15 @@ def integral_derivatives(
 
     Raises:
         ValueError: On every rank, if an element does not exist, the solver is not known, or the
-            body has geometric stiffness.
+            body has geometric stiffness or is one in space.
         RuntimeError: On every rank, if a solver fails.
     """
     check_reduced("integral derivatives", body, reduced)
+    if body.domain.dimension == 3:
+        raise ValueError(
+            "element by element: derivatives of bodies in space are not offered; use "
+            "Problem.gradient, which has them"
+        )
     if body.stiffening is not None:
         raise ValueError(
             "element by element: derivatives of geometric stiffness are not offered; use "
