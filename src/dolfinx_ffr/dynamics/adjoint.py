@@ -9,8 +9,9 @@ import numpy as np
 
 from ..body import VolumeIntegrals
 from .initial import start_pullback
+from .kinematics import integral_bars, marker_bar, metric_bars
 from .memory import check_memory
-from .planar import Samples, integral_bars, marker_bar, metric_bars
+from .samples import Samples
 from .simulation import one_thread
 from .trajectory import Trajectory, TrajectoryBar
 
@@ -49,7 +50,8 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
             raise ValueError(f"bar.{name} must have shape {shape}, but it has shape {array.shape}")
         if not np.all(np.isfinite(array)):
             raise ValueError(f"bar.{name} holds NaN or infinity")
-    check_memory(trajectory.integrator, [b.modes for b in model.bodies.values()], adjoint=True)
+    modes = [body.modes for body in model.bodies.values()]
+    check_memory(trajectory.integrator, modes, adjoint=True, space=model.dimension == 3)
     with one_thread():
         pulled = trajectory.integrator.pullback(trajectory, bar)
         samples, markers = pulled.samples, pulled.marker_bars

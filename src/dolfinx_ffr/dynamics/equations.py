@@ -5,6 +5,11 @@
 
 with coordinates y, their first derivatives v and second derivatives w, and multipliers lam. A kind
 of kinematics is three compiled functions, which work on the arrays of :class:`Equations`.
+
+Where bodies turn in space, v is no derivative of y, but dy/dt = T(y)^-1 v, and w = dv/dt. A fourth
+function then changes between coordinates that add up within a step and those between steps; T = 1
+where a step begins. Derivatives with respect to y in these arrays are those to coordinates within a
+step, and C_y v stands for C v, C the derivative of the constraints' rate with respect to v.
 """
 
 from __future__ import annotations
@@ -24,6 +29,11 @@ CONSTRAINTS, FORCES, TANGENT, CORRECTIONS, ACCELERATIONS = 1, 2, 4, 8, 16
 #: adjoint times D before that.
 BODY_FORCES, OTHER_FORCES, ROWS, METRIC = 1, 2, 4, 8
 
+#: Changes of coordinates: from within the step that began at `base` to those between steps, and
+#: back; of derivatives with respect to motions of the bodies at y into those to coordinates within
+#: the step, and of those to coordinates within the step to motions of the bodies at its beginning.
+COMPOSE, LOCALISE, ENTER, LEAVE = 1, 2, 3, 4
+
 
 class Equations(NamedTuple):
     """State at one instant, and what the equations of motion are there."""
@@ -32,6 +42,8 @@ class Equations(NamedTuple):
     v: Vector  # (n,) velocities
     w: Vector  # (n,) accelerations
     lam: Vector  # (rows,) multipliers of the forces that constraints exert
+    base: Vector  # (n,) coordinates at the beginning of the step, read where bodies turn in space
+    floor: Vector  # (n,) sizes below which coordinates have no less round-off
     reference: Vector  # (n,) coordinates from which to measure y
     sizes: Vector  # (4,) of y - reference and v by mass, elastic by energy; largest turn [rad]
     r: Vector  # (n,) inertia, elastic and applied forces
@@ -40,7 +52,8 @@ class Equations(NamedTuple):
     value: Vector  # (rows,) C
     rate: Vector  # (rows,) C_y v + C_t
     acceleration: Vector  # (rows,) second derivative of C in time
-    C: Matrix  # (rows, n) C_y
+    C: Matrix  # (rows, n) C, derivative of the rate with respect to v
+    Cy: Matrix  # (rows, n) derivative of C with respect to y; the same array where v = dy/dt
     D: Matrix  # (rows, n) derivative of C_y v + C_t with respect to y
     correction: Matrix  # (rows, n) D C_y^T, transposed
     adjoint: Vector  # (n,) adjoint of the forces
@@ -49,7 +62,8 @@ class Equations(NamedTuple):
     on_accelerations: Vector  # (rows,) adjoint of the second derivative of C
     y_bar: Vector  # (n,) derivatives of the result with respect to y
     v_bar: Vector  # (n,) and to v
-    kinematics: IntVector  # (5,) addresses of the three functions and of their two tables
+    #: (6,) addresses of the three functions, of their two tables, and of the fourth function or 0
+    kinematics: IntVector
 
 
 def equations(n: int, rows: int, kinematics: tuple[int, ...]) -> Equations:
@@ -58,15 +72,18 @@ def equations(n: int, rows: int, kinematics: tuple[int, ...]) -> Equations:
     Args:
         n: Number of coordinates.
         rows: Number of scalar constraints.
-        kinematics: Addresses of the functions evaluate, pullback and measure, and of the two
-            tables that they take beside the equations.
+        kinematics: Addresses of the functions evaluate, pullback and measure, of the two tables
+            that they take beside the equations, and of the function chart, 0 where v = dy/dt.
     """
-    of_coordinates = ("y", "v", "w", "reference", "r", "adjoint", "y_bar", "v_bar")
+    of_coordinates = ("y", "v", "w", "base", "floor", "reference", "r", "adjoint", "y_bar", "v_bar")
     of_rows = ("lam", "value", "rate", "acceleration", "on_values", "on_rates", "on_accelerations")
+    jacobian = np.zeros((rows, n))
     return Equations(
         **{name: np.zeros(n) for name in of_coordinates},
         **{name: np.zeros(rows) for name in of_rows},
-        **{name: np.zeros((rows, n)) for name in ("C", "D", "correction")},
+        **{name: np.zeros((rows, n)) for name in ("D", "correction")},
+        C=jacobian,
+        Cy=np.zeros((rows, n)) if kinematics[5] else jacobian,
         **{name: np.zeros((n, n)) for name in ("M", "Ky")},
         sizes=np.zeros(4),
         kinematics=np.array(kinematics, dtype=np.int64),
@@ -98,3 +115,11 @@ def measure(eq: Equations) -> None:
     """Sizes of (y - reference, v), which do not depend on the basis of elastic coordinates."""
     f = eq.kinematics
     call_at(f[2], (eq, f[3], f[4]))
+
+
+@kernel
+def chart(eq: Equations, instant: int, what: int) -> None:
+    """Change coordinates y or derivatives y_bar, see COMPOSE; nothing where v = dy/dt."""
+    f = eq.kinematics
+    if f[5] != 0:
+        call_at(f[5], (eq, f[3], f[4], np.int64(instant), np.int64(what)))

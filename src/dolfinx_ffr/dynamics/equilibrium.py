@@ -19,8 +19,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from . import spatial
+from .kinematics import ModelArrays, equations_pullback, evaluate_equations, settled
 from .model import FlatModel
-from .planar import ModelArrays, equations_pullback, evaluate_equations
 
 __all__ = ["equilibrium_pullback", "static_equilibrium"]
 
@@ -79,7 +80,7 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
             if longest <= _LONGEST or least == 0.0 or not np.isfinite(longest):
                 break
             shift = max(4.0 * shift, least)
-        y, lam = y + step, solution[n:]
+        y, lam = settled(arrays, y, y + step), solution[n:]
         small = _LAST * length * np.sqrt(np.sum(arrays.mass))
         if abs(float(step @ M @ step)) < small**2:
             converged = shift == 0.0
@@ -130,6 +131,10 @@ def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Arra
 def _static_arrays(model: FlatModel) -> ModelArrays:
     """The mechanism without its dampers."""
     arrays = model.arrays
+    if isinstance(arrays, spatial.ModelArrays):
+        law = arrays.law.copy()
+        law[:, 1] = 0.0
+        return arrays._replace(alpha=0.0 * arrays.alpha, beta=0.0 * arrays.beta, law=law)
     constants = arrays.force_constants.copy()
     constants[:, 1] = 0.0
     return arrays._replace(

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanism import RowKind
 from .integration.start import SINGULAR
+from .kinematics import evaluate_equations
 from .model import FlatModel
-from .planar import evaluate_equations
 from .trajectory import Integrator, Trajectory
 
 __all__ = ["SimulationError", "at_rest", "cut", "diagnosis"]
@@ -98,6 +97,6 @@ def diagnosis(
     if model.rows:
         gap = size[n : n + model.rows]
         row = int(np.argmax(gap))
-        unit = "rad" if model.arrays.kind[row] == RowKind.ANGLE else "m"
+        unit = "rad" if model.angular[row] else "m"
         text += f" and {gap[row]:.3g} {unit} in joint {model.joint_of_row(row)!r}"
     return text + f"; {remedy}look at the motion so far in the exception's trajectory"

@@ -6,10 +6,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mechanism import ElementKind, RowKind
+from ..mechanism import ElementKind, SpatialRowKind
+from . import spatial
 from .equilibrium import equilibrium_pullback, static_equilibrium
+from .kinematics import (
+    equations_pullback,
+    evaluate_equations,
+    length_of,
+    place_markers,
+    settled,
+)
 from .model import FlatModel
-from .planar import equations_pullback, evaluate_equations, length_of, place_markers
 
 __all__ = ["initial_state", "start_pullback"]
 
@@ -117,7 +124,7 @@ class _Closure:
         self.rigid = model.rigid
         # Angles count as the arc they sweep at the mechanism's size.
         self.column = np.where(model.rotations[self.rigid], 1.0 / self.length, 1.0)
-        self.row = np.where(arrays.kind == RowKind.ANGLE, self.length, 1.0)
+        self.row = np.where(model.angular, self.length, 1.0)
 
     def placed(self) -> tuple[Array, Array]:
         """Coordinates and velocities of the placements."""
@@ -125,6 +132,11 @@ class _Closure:
         y, v = np.zeros(model.size), np.zeros(model.size)
         for name in model.bodies:
             where, placement = model.coordinates(name), model.mechanism.placements[name]
+            if model.dimension == 3:
+                position, rotation, velocity, spin = placement.in_space
+                y[where.rigid] = np.concatenate([position, rotation])
+                v[where.rigid] = np.concatenate([velocity, spin])
+                continue
             y[where.position], y[where.rotation] = placement.position, placement.angle
             v[where.position], v[where.rotation] = placement.velocity, placement.angular_velocity
         return y, v
@@ -143,7 +155,8 @@ class _Closure:
 
     def assembled(self, y: Array, *, refuse: bool = True) -> Array:
         """Positions that close the joints of the undeformed bodies."""
-        if self.model.rows == 0:
+        model = self.model
+        if model.rows == 0:
             return y
         value, jacobian = self.residual(y)
         for _ in range(_MAX_ITERATIONS):
@@ -154,6 +167,7 @@ class _Closure:
             while True:
                 trial = y.copy()
                 trial[self.rigid] += share * step
+                trial = settled(model.arrays, y, trial)
                 new_value, new_jacobian = self.residual(trial)
                 if np.linalg.norm(new_value) < np.linalg.norm(value) or share < 1e-4:
                     break
@@ -185,7 +199,9 @@ class _Closure:
         for _ in range(_MAX_ITERATIONS):
             value, jacobian = self.residual(y)
             step = np.linalg.lstsq(left.T @ jacobian @ right, -left.T @ value, rcond=None)[0]
+            before, y = y, y.copy()
             y[self.rigid] += self.column * (right @ step)
+            y = settled(self.model.arrays, before, y)
             if not np.max(np.abs(step)) > 1e-15 * self.length:
                 break
         self.refuse_open(y, "with the given elastic coordinates")
@@ -259,7 +275,7 @@ def _refuse_open(
     worst = int(np.argmax(size))
     if size[worst] <= limit:
         return
-    unit = units[int(model.arrays.kind[worst] == RowKind.ANGLE)]
+    unit = units[int(model.angular[worst])]
     involved = _joints_of(model, size)
     others = f" (joints involved: {involved})" if len(involved) > 1 else ""
     raise ValueError(
@@ -289,6 +305,8 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
 def _refuse_without_direction(model: FlatModel, y: Array) -> None:
     """Raise where the markers of a spring coincide, so that it does not know where to pull."""
     arrays = model.arrays
+    if isinstance(arrays, spatial.ModelArrays):
+        return _refuse_spring_without_direction(model, arrays, y)
     if not np.any(arrays.force_kind == ElementKind.SPRING):
         return
     positions = place_markers(arrays, 0, y)
@@ -297,6 +315,23 @@ def _refuse_without_direction(model: FlatModel, y: Array) -> None:
     ):
         gap = float(np.hypot(*(positions[a, :2] - positions[b, :2])))
         if kind == ElementKind.SPRING and gap <= _OPEN * length_of(arrays):
+            raise ValueError(
+                f"force {label!r}: the markers coincide at the start, so that the spring has no "
+                "direction; length=0 makes it an elastic bearing"
+            )
+
+
+def _refuse_spring_without_direction(
+    model: FlatModel, arrays: spatial.ModelArrays, y: Array
+) -> None:
+    """The same in space."""
+    places = place_markers(arrays, 0, y)
+    for number, side in enumerate(arrays.side[model.rows :]):
+        if arrays.kind[model.rows + number] != SpatialRowKind.DISTANCE:
+            continue
+        gap = float(np.linalg.norm(places[side[0]] - places[side[1]]))
+        if gap <= _OPEN * length_of(arrays):
+            label = next(name for name, places in model.forces.items() if number in places)
             raise ValueError(
                 f"force {label!r}: the markers coincide at the start, so that the spring has no "
                 "direction; length=0 makes it an elastic bearing"

@@ -33,16 +33,19 @@ def available_memory(processes: int = 1) -> int:
     return min([min(shared) // processes, *limits])
 
 
-def required_memory(integrator: Integrator, modes: Iterable[int], *, adjoint: bool = False) -> int:
+def required_memory(
+    integrator: Integrator, modes: Iterable[int], *, adjoint: bool = False, space: bool = False
+) -> int:
     """Memory that a motion with given steps takes, about [bytes].
 
     Args:
         integrator: Time integration; where its steps follow from a tolerance, the result is zero.
         modes: Number of elastic coordinates of each body.
         adjoint: Whether that of an adjoint pass counts, too.
+        space: Whether the bodies are in space.
     """
-    sizes = [3 + number for number in modes]
-    n, rows = sum(sizes), 3 * len(sizes)
+    sizes = [(6 if space else 3) + number for number in modes]
+    n, rows = sum(sizes), (6 if space else 3) * len(sizes)
     # Coordinates with three derivatives, multipliers of two kinds, tables of what is prescribed;
     # then stretches of a motion that are joined, or derivatives, their copies and adjoints.
     passing = 15 if adjoint else 9 if integrator.stages > 1 else 4
@@ -56,6 +59,7 @@ def check_memory(
     available: int | None = None,
     *,
     adjoint: bool = False,
+    space: bool = False,
 ) -> None:
     """Refuse what the machine cannot hold.
 
@@ -64,11 +68,12 @@ def check_memory(
         modes: Number of elastic coordinates of each body.
         available: Memory that may be taken, by default that of this machine [bytes].
         adjoint: Whether derivatives are asked for as well.
+        space: Whether the bodies are in space.
 
     Raises:
         MemoryError: If the motion, or its adjoint, would take more.
     """
-    required = required_memory(integrator, modes, adjoint=adjoint)
+    required = required_memory(integrator, modes, adjoint=adjoint, space=space)
     limit = available_memory() if available is None else available
     if required > limit:
         what = "a motion and its adjoint" if adjoint else "a motion"

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
 from ..mechanism import (
+    ANGULAR,
     Element,
     Ground,
     Marker,
@@ -20,12 +20,13 @@ from ..mechanism import (
     Motion,
     Moving,
     Row,
+    RowKind,
     Undeformed,
     marker_name,
-    sample,
-    tabulated,
 )
-from .planar import Coordinates, ModelArrays, coordinates_of
+from . import planar, spatial
+from .kinematics import Coordinates, ModelArrays, coordinates_of, is_spatial
+from .tables import TimeTables
 
 __all__ = ["FlatModel", "assemble_model", "check_names"]
 
@@ -34,85 +35,6 @@ Integers = NDArray[np.int64]
 
 #: Share of a step after which the accelerations are taken a second time to start the integration.
 START_OFFSET = 1e-4
-#: Relative distance from a jump at which the values on its sides are taken.
-BESIDE_JUMP = 1e-15
-
-
-@dataclass(frozen=True, eq=False)
-class TimeTables:
-    """What a mechanism prescribes over time, to be tabulated at any instants."""
-
-    mechanism: Mechanism
-    #: Markers that move as prescribed, with their first users for messages.
-    prescribed: Sequence[tuple[Ground | Moving, str]]
-    #: Rows of all joints, with the names of the joints.
-    rows: Sequence[tuple[Row, str]]
-    #: Forces, with their names.
-    elements: Sequence[tuple[Element, str]]
-
-    @cached_property
-    def jumps(self) -> Array:
-        """Times after the start at which something prescribed is not smooth, in order [s]."""
-        fields = (self.mechanism.gravity, self.mechanism.ground_acceleration)
-        signals: list[object] = [signal for field in fields for signal in field]
-        signals += [motion for marker, _ in self.prescribed for motion in marker.motions]
-        signals += [row.motion for row, _ in self.rows]
-        signals += [signal for element, _ in self.elements for signal in element.table.values()]
-        known = [t for signal in signals if isinstance(signal, Motion) for t in signal.jumps]
-        jumps = np.unique(np.array([*known, *self.mechanism.jumps], dtype=np.float64))
-        return jumps[jumps > 0.0]
-
-    def check(self, start: float, end: float) -> None:
-        """Compare all derivatives with differences.
-
-        Args:
-            start: Begin of the motion [s].
-            end: End of the motion [s].
-
-        Raises:
-            ValueError: If a derivative is wrong; the message names the marker or the joint.
-        """
-        motions = [(m, where) for marker, where in self.prescribed for m in marker.motions]
-        motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
-        for motion, where in motions:
-            try:
-                motion.check(start, end)
-            except ValueError as error:
-                raise ValueError(f"{where}: {error}") from error
-
-    def tabulate(self, instants: Array) -> dict[str, Any]:
-        """Tables by name of the field of ModelArrays.
-
-        At the very time of a jump they hold the values before it: a step may end there, and the
-        stages of the one that begins there lie behind it.
-
-        Args:
-            instants: Times, shape (instants,) [s].
-
-        Raises:
-            ValueError: If a value is NaN or infinite, or a length is not positive; the message
-                names the marker, the joint or the force.
-        """
-        if self.jumps.size:
-            at_jump = np.isin(instants, self.jumps)
-            instants = np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
-        prescribed = []
-        for marker, where in self.prescribed:
-            table = np.zeros((instants.size, 3, 3))
-            if isinstance(marker, Ground):
-                table[:, 0] = *marker.position, marker.angle
-            else:
-                for axis, motion in enumerate(marker.motions):
-                    table[:, :, axis] = tabulated(motion, instants, where).T
-            prescribed.append(table)
-        drives = [row.tabulate(instants, label) for row, label in self.rows]
-        pulls = [element.tabulate(instants, label) for element, label in self.elements]
-        return {
-            "gravity": _free_fall(self.mechanism, instants),
-            "prescribed": _stack(prescribed, (instants.size, 3, 3)),
-            "drive": _stack(drives, (instants.size, 3)),
-            "force_table": _stack(pulls, (instants.size, 3)),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +57,8 @@ class FlatModel:
     joints: Mapping[str, slice]
     #: What is prescribed over time.
     tables: TimeTables
+    #: Places of each force in :func:`applied_forces`, by name of the force.
+    forces: Mapping[str, Sequence[int]]
 
     def at(self, times: Array) -> FlatModel:
         """The same mechanism, tabulated at other times.
@@ -151,12 +75,25 @@ class FlatModel:
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return int(np.sum(3 + self.arrays.modes))
+        return int(np.sum((6 if self.dimension == 3 else 3) + self.arrays.modes))
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 3 if is_spatial(self.arrays) else 2
 
     @property
     def rows(self) -> int:
         """Number of scalar constraints."""
-        return int(self.arrays.kind.size)
+        return len(self.angular)
+
+    @cached_property
+    def angular(self) -> NDArray[np.bool_]:
+        """Which scalar constraints count angles, their multipliers moments, shape (rows,)."""
+        kind = self.arrays.kind
+        if isinstance(self.arrays, spatial.ModelArrays):
+            return np.isin(kind[: kind.size - len(self.arrays.law)], ANGULAR)
+        return np.asarray(kind == RowKind.ANGLE)
 
     def coordinates(self, body: str) -> Coordinates:
         """Places of a body's position, rotation and elastic coordinates among all coordinates.
@@ -177,7 +114,7 @@ class FlatModel:
 
     @cached_property
     def rotations(self) -> NDArray[np.bool_]:
-        """Which coordinates are angles of the bodies' frames, shape (size,)."""
+        """Which coordinates are those of rotations of the bodies' frames, shape (size,)."""
         angles = np.zeros(self.size, dtype=bool)
         for name in self.bodies:
             angles[self.coordinates(name).rotation] = True
@@ -263,10 +200,53 @@ def check_names(
             )
 
 
+def check_dimension(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> int:
+    """Whether bodies and mechanism are in the plane (2) or in space (3).
+
+    Args:
+        mechanism: The mechanism.
+        bodies: Volume integrals of all bodies, by name.
+
+    Raises:
+        ValueError: If they are not all in the same.
+    """
+    where = {2: "in the plane", 3: "in space"}
+    first = next(iter(bodies))
+    d = bodies[first].dimension
+    parts: list[tuple[str, int | None]] = [
+        (f"body {name!r}", integrals.dimension) for name, integrals in bodies.items()
+    ]
+    parts += [(f"placement of body {n!r}", p.dimension) for n, p in mechanism.placements.items()]
+    for what in ("gravity", "ground_acceleration"):
+        given = getattr(mechanism, what)
+        still = all(not callable(s) and not isinstance(s, Motion) and s == 0.0 for s in given)
+        if not still:
+            parts.append((f"{what} with {len(given)} components", len(given)))
+    for names, things in (
+        (mechanism.joint_names, mechanism.joints),
+        (mechanism.force_names, mechanism.forces),
+    ):
+        for label, thing in zip(names, things, strict=True):
+            user = f"{thing.kind} {label!r}"
+            parts.append((user, thing.dimension))
+            parts += [
+                (f"{user}: marker {marker_name(marker)!r}", marker.dimension)
+                for marker in thing.markers
+                if not isinstance(marker, tuple)
+            ]
+    for what, found in parts:
+        if found is not None and found != d:
+            raise ValueError(
+                f"{what} is {where[found]}, but body {first!r} is {where[d]}; all parts of a "
+                "mechanism must be in the plane, or all in space (three components, a rotation)"
+            )
+    return d
+
+
 def assemble_model(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], times: Array
 ) -> FlatModel:
-    """Compile a mechanism and its bodies to flat arrays.
+    """Compile a mechanism and its bodies to flat arrays, in the plane or in space.
 
     Args:
         mechanism: The mechanism.
@@ -293,6 +273,11 @@ def assemble_model(
 
     offset = START_OFFSET * float(times[1] - times[0])
     instants = np.append(times, times[0] + offset)
+    if check_dimension(mechanism, bodies) == 3:
+        found = spatial.assemble(mechanism, bodies, effective, instants)
+        found.tables.check(float(times[0]), float(times[-1]))
+        known = found.markers, found.joints, found.tables, found.forces
+        return FlatModel(found.arrays, times, offset, mechanism, dict(bodies), *known)
     index: dict[tuple[str, str], int] = {}
     table: list[Marker] = []
     prescribed: list[tuple[Ground | Moving, str]] = []
@@ -344,20 +329,20 @@ def assemble_model(
     stiffened = np.full(len(table), -1)
     bends: list[Array] = []
     slots = 0
-    for number, known in enumerate(table):
-        if isinstance(known, tuple):
-            point_of_body = bodies[known[0]].markers[known[1]]
-            r = bodies[known[0]].modes
+    for number, entry in enumerate(table):
+        if isinstance(entry, tuple):
+            point_of_body = bodies[entry[0]].markers[entry[1]]
+            r = bodies[entry[0]].modes
             shapes[number, :, : r + 1] = point_of_body.basis
             psi[number, :r] = point_of_body.rotation
-            body_of[number] = list(bodies).index(known[0])
+            body_of[number] = list(bodies).index(entry[0])
             if point_of_body.stiffening is not None and r:
                 stiffened[number] = len(bends)
                 bends.append(_padded_stiffening(point_of_body.stiffening, modes))
         else:
             slot_of[number] = slots
             slots += 1
-    flat = ModelArrays(
+    flat = planar.ModelArrays(
         **arrays,
         **over_time,
         marker_body=body_of.astype(np.int64),
@@ -374,29 +359,13 @@ def assemble_model(
         force_side=np.array(ends, dtype=np.int64).reshape(-1, 2),
         force_constants=_pairs([element.constants for element, _ in elements]),
     )
-    return FlatModel(flat, times, offset, mechanism, dict(bodies), index, joints, tables)
-
-
-def _free_fall(mechanism: Mechanism, instants: Array) -> Array:
-    """Gravity less the acceleration of the ground, shape (instants, 2) [m/s^2]."""
-    fall = np.empty((instants.size, 2))
-    for axis, name in enumerate("xy"):
-        fall[:, axis] = sample(mechanism.gravity[axis], instants, f"gravity along {name}")
-        fall[:, axis] -= sample(
-            mechanism.ground_acceleration[axis], instants, f"ground_acceleration along {name}"
-        )
-    return fall
+    forces = {label: [number] for number, label in enumerate(mechanism.force_names)}
+    names = index, joints, tables, forces
+    return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
 
 
 def _pairs(pairs: Sequence[tuple[float, float]]) -> Array:
     return np.array(pairs, dtype=np.float64).reshape(-1, 2)
-
-
-def _stack(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:
-    """Tables side by side along a second axis, which may be empty."""
-    if not tables:
-        return np.zeros((shape[0], 0, *shape[1:]))
-    return np.ascontiguousarray(np.stack(tables, axis=1))
 
 
 def _padded_stiffening(stiffening: Array, modes: int) -> Array:

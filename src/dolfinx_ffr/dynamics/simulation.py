@@ -116,9 +116,10 @@ def integrate(
         SimulationError: As :func:`simulate` does.
     """
     validation.instances_by_name("bodies", bodies, VolumeIntegrals, "VolumeIntegrals")
-    check_memory(integrator, [body.modes for body in bodies.values()])
+    space = any(body.dimension == 3 for body in bodies.values())
+    check_memory(integrator, [body.modes for body in bodies.values()], space=space)
     model = assemble_model(mechanism, bodies, integrator.times)
-    compile_kernels(integrators=[type(integrator)])
+    compile_kernels(integrators=[type(integrator)], space=model.dimension == 3)
     with one_thread():
         try:
             y0, v0 = initial_state(model)

@@ -12,9 +12,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from . import planar, spatial
 from .compilation import Compiled
+from .kinematics import applied_forces
 from .model import FlatModel
-from .planar import Samples, applied_forces
+from .samples import Samples
 
 __all__ = ["Integrator", "Trajectory", "TrajectoryBar", "TrajectoryPullback"]
 
@@ -122,7 +124,10 @@ class Trajectory:
     """Motion of a mechanism over time.
 
     Coordinates of all bodies stand side by side, (R_x, R_y, theta, q_1, ..., q_r) for each; see
-    :meth:`rigid`, :meth:`elastic` and :meth:`pose`. All arrays are the same on every rank.
+    :meth:`rigid`, :meth:`elastic` and :meth:`pose`. In space they are (R, phi, q_1, ..., q_r) with
+    the vector phi of the rotation, whose place angular velocity and angular acceleration in the
+    body's axes take among velocities and accelerations; see :meth:`rotation`. All arrays are the
+    same on every rank.
     """
 
     #: Times, shape (steps + 1,) [s].
@@ -185,10 +190,24 @@ class Trajectory:
     def rigid(self, body: str) -> Array:
         """Position and angle of a body's frame over time, shape (steps + 1, 3) [m, m, rad].
 
+        In space the position and the vector of the rotation, shape (steps + 1, 6) [m, rad].
+
         Args:
             body: Name of the body.
         """
         return self.y[:, self.model.coordinates(body).rigid]
+
+    def rotation(self, body: str) -> Array:
+        """Rotation matrix of a body's frame over time, shape (steps + 1, d, d), d = 2 or 3.
+
+        Args:
+            body: Name of the body.
+        """
+        where = self.model.coordinates(body)
+        if isinstance(where, spatial.Coordinates):
+            return spatial.rotations_of(self.y[:, where.rotation])
+        c, s = np.cos(self.y[:, where.rotation]), np.sin(self.y[:, where.rotation])
+        return np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
 
     def elastic(self, body: str) -> Array:
         """Elastic coordinates of a body over time, shape (steps + 1, modes).
@@ -198,18 +217,22 @@ class Trajectory:
         """
         return self.y[:, self.model.coordinates(body).elastic]
 
-    def pose(self, body: str, step: int) -> tuple[Array, float, Array]:
+    def pose(self, body: str, step: int) -> tuple[Array, float | Array, Array]:
         """Position (2,) [m] and angle [rad] of a body's frame, elastic coordinates (modes,).
+
+        In space position (3,), the vector of the rotation (3,) and elastic coordinates.
 
         Args:
             body: Name of the body.
             step: Number of the time step, from 0.
         """
+        if self.model.dimension == 3:
+            return *np.split(self.rigid(body)[step], 2), self.elastic(body)[step]
         x, y, angle = self.rigid(body)[step]
         return np.array([x, y]), float(angle), self.elastic(body)[step]
 
     def marker_path(self, body: str, marker: str) -> Array:
-        """Position of a marker over time, shape (steps + 1, 2) [m].
+        """Position of a marker over time, shape (steps + 1, 2), in space (steps + 1, 3) [m].
 
         Args:
             body: Name of the body.
@@ -223,6 +246,8 @@ class Trajectory:
         if marker not in markers:
             raise ValueError(f"body {body!r} has no marker {marker!r}, but {list(markers)}")
         local = markers[marker].position + markers[marker].shift(elastic)
+        if self.model.dimension == 3:
+            return rigid[:, :3] + np.einsum("tij,tj->ti", self.rotation(body), local)
         return rigid[:, :2] + _rotated(local, rigid[:, 2])
 
     def joint_force(self, name: str) -> Array:
@@ -231,7 +256,9 @@ class Trajectory:
         A revolute joint gives (F_x, F_y) in global axes, a weld (F_x, F_y, M), a point on a line
         the force along the normal of the line, a translational joint that force and the moment, a
         distance the force along the line from the second to the first marker, a gear the moment on
-        its first marker, a prescribed angle or position the driving moment or force. On the second
+        its first marker, a prescribed angle or position the driving moment or force. In space come
+        first forces, along the global axes where markers coincide and else along the axes of the
+        second marker that the joint locks, then moments about the axes that it locks. On the second
         marker acts the opposite; of a gear, minus ratio times the moment; of a line, also the
         moment of the force about the marker through which the line passes.
 
@@ -252,7 +279,10 @@ class Trajectory:
             name: Name of the force.
 
         Returns:
-            (F_x, F_y, M) on its first marker in global axes; on the second acts the opposite.
+            (F_x, F_y, M) on its first marker in global axes; on the second acts the opposite. In
+            space a force or a moment has its components in global axes, shape (steps + 1, 3), and
+            of springs there is the tension of each, positive where they pull, shape
+            (steps + 1, springs).
 
         Raises:
             ValueError: If there is no such force; the message lists the forces.
@@ -260,7 +290,11 @@ class Trajectory:
         names = self.model.mechanism.force_names
         if name not in names:
             raise ValueError(f"no force {name!r}; the forces are {names}")
-        return applied_forces(self.model.arrays, self.y, self.v)[:, names.index(name)]
+        found = applied_forces(self.model.arrays, self.y, self.v)[:, self.model.forces[name]]
+        arrays = self.model.arrays
+        if isinstance(arrays, spatial.ModelArrays) and self.model.forces[name][0] < len(arrays.law):
+            return np.asarray(found[:, :, 0])
+        return np.asarray(found[:, 0])
 
     def kinetic_energy(self, body: str) -> Array:
         """Kinetic energy of a body and its point masses over time, shape (steps + 1,) [J].
@@ -268,6 +302,8 @@ class Trajectory:
         Args:
             body: Name of the body.
         """
+        if self.model.dimension == 3:
+            return self._momenta(body).kinetic
         m, S, G, N, _, _, velocity, omega, qh, vh = self._products(body)
         drift = _quarter_turn(qh @ S) * omega[:, None] + vh @ S
         turned = _rotated(velocity, -self.rigid(body)[:, 2])
@@ -293,32 +329,51 @@ class Trajectory:
         Args:
             body: Name of the body.
         """
+        if self.model.dimension == 3:
+            moment = self._momenta(body).first_moment
+            return -np.sum(moment * self.model.arrays.gravity[: self.steps + 1], axis=1)
         m, S, _, _, position, angle, _, _, qh, _ = self._products(body)
         moment = m * position + _rotated(qh @ S, angle)
         return -np.sum(moment * self.model.arrays.gravity[: self.steps + 1], axis=1)
 
     def linear_momentum(self, body: str) -> Array:
-        """Linear momentum of a body and its point masses, shape (steps + 1, 2) [kg m/s].
+        """Linear momentum of a body and its point masses [kg m/s].
 
         Args:
             body: Name of the body.
+
+        Returns:
+            Shape (steps + 1, 2), in space (steps + 1, 3).
         """
+        if self.model.dimension == 3:
+            return self._momenta(body).linear
         m, S, _, _, _, angle, velocity, omega, qh, vh = self._products(body)
         return m * velocity + _rotated(omega[:, None] * _quarter_turn(qh @ S) + vh @ S, angle)
 
     def angular_momentum(self, body: str) -> Array:
-        """Angular momentum about the origin of the global axes, shape (steps + 1,) [kg m^2/s].
+        """Angular momentum about the origin of the global axes [kg m^2/s].
 
         Args:
             body: Name of the body.
+
+        Returns:
+            Shape (steps + 1,), in space (steps + 1, 3).
         """
+        if self.model.dimension == 3:
+            return self._momenta(body).angular
         _, S, G, N, position, angle, velocity, omega, qh, vh = self._products(body)
         own = omega * _form(qh, G, qh) + _form(qh, N, vh)
         arm = _rotated(qh @ S, angle)
         return _cross(position, self.linear_momentum(body)) + _cross(arm, velocity) + own
 
+    def _momenta(self, body: str) -> spatial.Momenta:
+        arrays, b = self.model.arrays, self.model.body_index(body)
+        assert isinstance(arrays, spatial.ModelArrays)
+        return spatial.momenta_of(arrays, b, self.y, self.v)
+
     def _products(self, body: str) -> tuple:
         arrays, b = self.model.arrays, self.model.body_index(body)
+        assert isinstance(arrays, planar.ModelArrays)
         n, where = int(arrays.modes[b]) + 1, self.model.coordinates(body)
         y, v = self.y, self.v
         qh = np.column_stack([np.ones(len(y)), y[:, where.elastic]])
@@ -333,7 +388,8 @@ class Trajectory:
 class TrajectoryBar:
     """Derivatives of a number with respect to a trajectory."""
 
-    #: With respect to the coordinates, shape (steps + 1, size).
+    #: With respect to the coordinates, shape (steps + 1, size); in space, at the place of rotations,
+    #: with respect to turns dth about the body's axes, dA = A [dth].
     y: Array
     #: With respect to the velocities, shape (steps + 1, size).
     v: Array

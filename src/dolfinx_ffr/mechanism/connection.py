@@ -43,6 +43,9 @@ class Connection:
         """What pictures show of it: of a joint a pin, of a force nothing, where nothing is said."""
         return ()
 
+    #: Whether it is one in the plane only, or in space only; None where it is both.
+    dimension: ClassVar[int | None] = None
+
     @property
     def label(self) -> str:
         """Name given by the user, or one made from the kind and the markers."""

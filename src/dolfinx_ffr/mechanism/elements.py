@@ -48,6 +48,11 @@ class Element:
     #: Stiffness and damping.
     constants: Pair = (0.0, 0.0)
 
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """What is given over time."""
+        return tuple(self.table.values())
+
     def tabulate(self, instants: Array, label: str) -> Array:
         """Table over time, shape (instants, 3).
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
-from .marker import Pair
+from .marker import Pair, Triple, check_position
+from .rotation import RotationLike, check_rotation, rotation_matrix, rotation_vector
 
 __all__ = ["Assembled", "Placement", "Start", "StaticEquilibrium"]
 
@@ -26,17 +27,21 @@ Array = NDArray[np.float64]
 class Placement:
     """Where a body starts, roughly: position and velocity are corrected so that the joints close.
 
-    The correction is the smallest one in position and angle (velocities alike).
+    The correction is the smallest one in position and angle (velocities alike). In space the
+    position has three components, and a rotation takes the place of the angle.
     """
 
-    #: Position of the origin of the body's frame [m].
-    position: Pair = (0.0, 0.0)
-    #: Angle of the body's frame [rad].
+    #: Position of the origin of the body's frame, of three components in space [m].
+    position: Pair | Triple = (0.0, 0.0)
+    #: Angle of the body's frame in the plane [rad].
     angle: float = 0.0
-    #: Velocity of the origin of the body's frame [m/s].
-    velocity: Pair = (0.0, 0.0)
-    #: Angular velocity [rad/s].
-    angular_velocity: float = 0.0
+    #: Velocity of the origin of the body's frame, likewise [m/s].
+    velocity: Pair | Triple = (0.0, 0.0)
+    #: Angular velocity, in space of three components along the global axes [rad/s].
+    angular_velocity: float | Triple = 0.0
+    #: Rotation of the body's frame in space: a vector along its axis as long as the angle [rad], a
+    #: matrix whose columns are the axes of the frame, or a rotation of SciPy; None is none.
+    rotation: RotationLike | None = None
 
     def validate(self, what: str) -> None:
         """Check the numbers.
@@ -48,10 +53,51 @@ class Placement:
             TypeError: If something else than numbers is given.
             ValueError: If there are too many or too few, or one is NaN or infinite.
         """
+        spatial = self._spatial
         for part in ("position", "velocity"):
-            validation.plane_vector(f"{what}: {part}", getattr(self, part))
-        for part in ("angle", "angular_velocity"):
-            validation.number(f"{what}: {part}", getattr(self, part))
+            check_position(f"{what}: {part}", getattr(self, part), spatial)
+        validation.number(f"{what}: angle", self.angle)
+        given = self.angular_velocity
+        if np.ndim(given) == 0:
+            validation.number(f"{what}: angular_velocity", given)
+        else:
+            needed = "three components, those along the global axes in space"
+            where = f"{what}: angular_velocity"
+            validation.real_array(where, given, (3,), expected=needed)
+        if self.rotation is not None:
+            check_rotation(f"{what}: rotation", self.rotation)
+        if spatial and self.angle != 0.0:
+            raise ValueError(f"{what}: in space give a rotation instead of an angle")
+        if spatial and np.ndim(given) == 0 and given != 0.0:
+            raise ValueError(f"{what}: in space angular_velocity must have three components")
+
+    @property
+    def dimension(self) -> int | None:
+        """2 in the plane, 3 in space; None where all is zero, which fits both."""
+        if self._spatial:
+            return 3
+        numbers = (*self.position, *self.velocity, self.angle, self.angular_velocity)
+        return 2 if any(numbers) else None
+
+    @property
+    def _spatial(self) -> bool:
+        """Whether something is given that only a placement in space has."""
+        parts = (self.position, self.velocity, self.angular_velocity)
+        return self.rotation is not None or any(np.shape(part) == (3,) for part in parts)
+
+    @property
+    def in_space(self) -> tuple[Array, Array, Array, Array]:
+        """Position [m], rotation as a vector [rad], velocity [m/s] and angular velocity [rad/s].
+
+        Of shape (3,) each; the angular velocity is along the axes of the body's frame.
+        """
+        position, velocity, spin = np.zeros(3), np.zeros(3), np.zeros(3)
+        position[: len(self.position)] = self.position
+        velocity[: len(self.velocity)] = self.velocity
+        rotation = np.zeros(3) if self.rotation is None else rotation_vector(self.rotation)
+        if np.ndim(self.angular_velocity):
+            spin[:] = rotation_matrix(rotation).T @ np.asarray(self.angular_velocity)
+        return position, rotation, velocity, spin
 
 
 class Start:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Description of a planar mechanism: placements, joints, forces, point masses, gravity, damping.
+"""Description of a mechanism: placements, joints, forces, point masses, gravity, damping.
 
 A mechanism says how bodies are put together; the bodies themselves come as volume integrals, so
 one mechanism serves all designs. Joints and forces act between markers (:mod:`.marker`); their
@@ -55,7 +55,7 @@ class RayleighDamping:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A planar mechanism.
+    """A mechanism, in the plane or in space, as its bodies are.
 
     Raises:
         TypeError: If an argument is of a wrong kind.
@@ -68,15 +68,16 @@ class Mechanism:
     joints: Sequence[Joint] = ()
     #: Point masses.
     point_masses: Sequence[PointMass] = ()
-    #: Acceleration of free fall [m/s^2], for instance (0, -9.81); numbers or functions of time.
-    gravity: tuple[Signal, Signal] = (0.0, 0.0)
+    #: Acceleration of free fall [m/s^2], for instance (0, -9.81), of three components in space;
+    #: numbers or functions of time.
+    gravity: tuple[Signal, ...] = (0.0, 0.0)
     #: Damping, by name of the body.
     damping: Mapping[str, RayleighDamping] = field(default_factory=dict)
     #: Forces, springs and dampers.
     forces: Sequence[AppliedForce] = ()
-    #: Acceleration of the ground [m/s^2], numbers or functions of time. All positions are then
-    #: counted from the moving ground, on which the bodies feel the opposite acceleration.
-    ground_acceleration: tuple[Signal, Signal] = (0.0, 0.0)
+    #: Acceleration of the ground [m/s^2], likewise. All positions are then counted from the moving
+    #: ground, on which the bodies feel the opposite acceleration.
+    ground_acceleration: tuple[Signal, ...] = (0.0, 0.0)
     #: How the motion begins: assembled from the placements, or from the static equilibrium.
     start: Start = field(default_factory=Assembled)
     #: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it [s],
@@ -87,9 +88,11 @@ class Mechanism:
         """Check kinds and numbers."""
         for what in ("gravity", "ground_acceleration"):
             given = validation.listed(what, getattr(self, what), "a pair")
-            if len(given) != 2:
-                raise ValueError(f"{what} must have two components, but it has {len(given)}")
-            for axis, signal in zip("xy", given, strict=True):
+            if len(given) not in (2, 3):
+                raise ValueError(
+                    f"{what} must have two components, in space three, but it has {len(given)}"
+                )
+            for axis, signal in zip("xyz", given, strict=False):
                 check_signal(f"{what} along {axis}", signal)
             object.__setattr__(self, what, tuple(given))
         validation.real_array("jumps", self.jumps, (None,))

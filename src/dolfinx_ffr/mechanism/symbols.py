@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from .marker import Marker, Pair
+from .marker import Marker, Pair, Triple
 
 __all__ = ["Line", "Pin", "Slider", "Spring", "Square", "Symbol"]
 
@@ -43,7 +43,7 @@ class Slider(Symbol):
     sign = "pin"
 
     #: Direction of the guide in the axes of the second marker, of any length.
-    direction: Pair = (1.0, 0.0)
+    direction: Pair | Triple = (1.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory, TrajectoryBar
-from ..mechanism import RowKind
 from .base import Bodies, Objective
 from .time_average import check_window, power_mean, time_weights
 
@@ -84,7 +83,7 @@ class JointForce(Objective):
         if self.joint not in joints:
             raise ValueError(f"force of joint {self.joint!r}, but the joints are {list(joints)}")
         rows = np.arange(trajectory.model.rows)[joints[self.joint]]
-        turns = trajectory.model.arrays.kind[rows] == RowKind.ANGLE
+        turns = trajectory.model.angular[rows]
         if self.moment and not turns.any():
             raise ValueError(f"joint force: joint {self.joint!r} carries no moment")
         return rows[turns] if self.moment or turns.all() else rows[~turns]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ... import validation
 from ..failures import SimulationError
-from ..planar import least_sizes, sizes_by_mass
+from ..kinematics import least_sizes, sizes_by_mass, ways
 from ..trajectory import Integrator, Trajectory
 
 __all__ = ["coarser_run", "position_error", "run_to_tolerance"]
@@ -58,9 +58,9 @@ def position_error(fine: Trajectory, coarse: Trajectory) -> float:
     common = np.intersect1d(fine.step_ends, coarse.step_ends)
     ours, theirs = (r.y[np.searchsorted(r.t, common)] for r in (fine, coarse))
     arrays = fine.model.arrays
-    way = float(np.max(sizes_by_mass(arrays, fine.y - fine.y[0])))
+    way = float(np.max(sizes_by_mass(arrays, ways(arrays, fine.y, fine.y[0]))))
     smallest = least_sizes(arrays, float(fine.t[-1]))[0]
-    return float(np.max(sizes_by_mass(arrays, ours - theirs))) / max(way, smallest)
+    return float(np.max(sizes_by_mass(arrays, ways(arrays, ours, theirs)))) / max(way, smallest)
 
 
 def run_to_tolerance(

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 
 from ..compilation import Compiled
-from ..planar import COMPILED
+from ..kinematics import compiled_kinematics
 from ..trajectory import Integrator
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
@@ -28,14 +28,17 @@ INTEGRATORS: tuple[type[Integrator], ...] = (GeneralizedAlpha, RadauIIA)
 _PATIENCE = 1.5
 
 
-def compiled_functions(integrators: Iterable[type[Integrator]] = INTEGRATORS) -> list[Compiled]:
+def compiled_functions(
+    integrators: Iterable[type[Integrator]] = INTEGRATORS, *, space: bool = False
+) -> list[Compiled]:
     """Compiled functions that integrators need, those of the kinematics included, each once.
 
     Args:
         integrators: The integrators.
+        space: Whether the kinematics are those in space, instead of those in the plane.
     """
     own = [function for integrator in integrators for function in integrator.compiled]
-    return list(dict.fromkeys([*COMPILED, *own]))
+    return list(dict.fromkeys([*compiled_kinematics(space=space), *own]))
 
 
 def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
@@ -67,6 +70,7 @@ def compile_kernels(
     *,
     integrators: Iterable[type[Integrator]] = (GeneralizedAlpha,),
     stiffened_markers: bool | None = None,
+    space: bool = False,
 ) -> float:
     """Compile time integration and its adjoint, or load them from disk.
 
@@ -78,6 +82,7 @@ def compile_kernels(
             standard error. Under MPI, silence all ranks but one with ``lambda text: None``.
         integrators: The integrators that will be used.
         stiffened_markers: Without effect; goes with the next release.
+        space: Whether the mechanisms are in space, instead of in the plane.
 
     Returns:
         Seconds taken.
@@ -89,7 +94,9 @@ def compile_kernels(
             DeprecationWarning,
             stacklevel=2,
         )
-    waiting = [function for function in compiled_functions(integrators) if not function.ready]
+    waiting = [
+        function for function in compiled_functions(integrators, space=space) if not function.ready
+    ]
     if not waiting:
         return 0.0
     began = time.perf_counter()

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ... import validation
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, at_rest, cut, diagnosis
+from ..kinematics import Kinematics, settled, settled_pullback
 from ..model import FlatModel
-from ..planar import Kinematics, Samples
+from ..samples import Samples
 from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
 from .start import (
@@ -128,11 +129,13 @@ class GeneralizedAlpha(Integrator):
         y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
         beginning, multipliers = trajectory.beginning, trajectory.multipliers
         y[0], v[0] = y0, v0
+        kinematics.begin(y0)
         found = start_accelerations(kinematics, 0, y0, v0)
         after = None
         if found is not None:
             w[0], multipliers[0] = found
             beginning[0] = y0 + offset * v0 + 0.5 * offset * offset * w[0]
+            beginning[0] = settled(model.arrays, y0, beginning[0])
             beginning[1] = v0 + offset * w[0]
             # The tables of the mechanism end with the instant shortly after the start.
             after = start_accelerations(kinematics, count + 1, beginning[0], beginning[1])
@@ -161,6 +164,7 @@ class GeneralizedAlpha(Integrator):
         h, offset = float(model.times[1] - model.times[0]), model.offset
         steps, bars = _steps(trajectory), step_bars(bar.y, bar.v, bar.w, bar.multipliers)
         system = Table(linear_system(model.size + 2 * model.rows))
+        kinematics.follow(trajectory.y)
         tables = Table(steps), Table(bars), system
         if backward(kinematics.table, *tables, h, *self.parameters) != CONVERGED:
             t = trajectory.t[steps.last[0]]
@@ -178,8 +182,11 @@ class GeneralizedAlpha(Integrator):
             share * a_bar,
             0.0 * bars.lam[0],
         )
-        w_bar = w_bar + (0.5 * offset * offset * ye + offset * ve)
-        y_bar, v_bar = y_bar + ye, v_bar + (offset * ye + ve)
+        # From coordinates shortly after the start to the shift that leads there.
+        shift = offset * trajectory.v[0] + 0.5 * offset * offset * trajectory.w[0]
+        shift_bar, ye = settled_pullback(model.arrays, shift, ye)
+        w_bar = w_bar + (0.5 * offset * offset * shift_bar + offset * ve)
+        y_bar, v_bar = y_bar + ye, v_bar + (offset * shift_bar + ve)
         first = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
         ye, ve, bars.adjoint[0] = start_accelerations_pullback(
             kinematics, 0, first, w_bar, bars.lam[0]

@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 from ... import validation
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
-from ..model import BESIDE_JUMP, FlatModel
-from ..planar import Kinematics, Samples, least_sizes, sizes_by_mass
+from ..kinematics import Kinematics, least_sizes, sizes_by_mass
+from ..model import FlatModel
+from ..samples import Samples
+from ..tables import BESIDE_JUMP
 from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
 from .stage_loops import REJECTED, backward, march

@@ -21,7 +21,7 @@ from ..equations import (
     evaluate,
     pullback,
 )
-from ..planar import Kinematics
+from ..kinematics import Kinematics
 from .linear import LinearSystem, linear_system, lu_factor, lu_solve, lu_solve_transposed
 
 Array = NDArray[np.float64]

@@ -29,14 +29,19 @@ from numpy.typing import NDArray
 from ..compilation import IntVector, Matrix, Vector, compiled, kernel
 from ..equations import (
     BODY_FORCES,
+    COMPOSE,
     CONSTRAINTS,
     CORRECTIONS,
+    ENTER,
     FORCES,
+    LEAVE,
+    LOCALISE,
     METRIC,
     OTHER_FORCES,
     ROWS,
     TANGENT,
     Equations,
+    chart,
     evaluate,
     pullback,
 )
@@ -127,6 +132,7 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
     evaluate(eq, instant, cv, CONSTRAINTS | FORCES | TANGENT)
     n, rows, A, rhs = eq.r.size, eq.value.size, system.A, system.rhs
     M, Ky, C, D, correction, lam = eq.M, eq.Ky, eq.C, eq.D, eq.correction, eq.lam
+    Cy = eq.Cy
     for i in range(n):
         for j in range(n):
             A[i, j] = M[i, j] + cy * Ky[i, j]
@@ -145,13 +151,13 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
         rhs[p] = eq.value[i] / cy
         rhs[q] = eq.rate[i] / cv
         for j in range(n):
-            A[p, j] = C[i, j]
+            A[p, j] = Cy[i, j]
             A[q, j] = C[i, j] + ratio * D[i, j]
         for c in range(rows):
             A[p, n + c] = A[q, n + c] = 0.0
             first = second = 0.0
             for j in range(n):
-                first += C[i, j] * correction[c, j]
+                first += Cy[i, j] * correction[c, j]
                 second += D[i, j] * correction[c, j]
             A[p, n + rows + c] = -first
             A[q, n + rows + c] = -ratio * second
@@ -189,6 +195,7 @@ def march(
     yp, vp, M, Ky, correction = steps.y_known, steps.v_known, eq.M, eq.Ky, eq.correction
     for i in range(n):
         y[i], v[i] = steps.y[0, i], steps.v[0, i]
+        eq.base[i] = y[i]
     evaluate(eq, 0, 0.0, CONSTRAINTS | CORRECTIONS)
     for k in range(steps.iterations.size):
         for i in range(n):
@@ -227,7 +234,8 @@ def march(
                 y[i], v[i] = yp[i] + cy * (w[i] - pushed), vp[i] + cv * w[i]
                 change = max(change, weight * max(abs(delta), abs(delta - shift)))
                 largest = max(largest, weight * abs(w[i]))
-                round_off = max(round_off, weight * (abs(y[i]) / cy + abs(v[i]) / cv))
+                size = max(abs(y[i]), eq.floor[i])
+                round_off = max(round_off, weight * (size / cy + abs(v[i]) / cv))
             steps.iterations[k] = iteration + 1
             if not finite:
                 break
@@ -237,7 +245,9 @@ def march(
             previous = change
         for c in range(rows):
             steps.lam[k + 1, c], steps.eta[k + 1, c] = lam[c], s[c] * cy / h
+        chart(eq, k + 1, COMPOSE)
         for i in range(n):
+            eq.base[i] = y[i]
             steps.y[k + 1, i], steps.v[k + 1, i], steps.w[k + 1, i] = y[i], v[i], w[i]
             steps.a[k + 1, i] = a1 * w[i] + a0 * steps.w[k, i] - a2 * steps.a[k, i]
         steps.last[0] = k
@@ -275,9 +285,11 @@ def backward(
     for k in range(steps.iterations.size, 0, -1):
         for i in range(n):
             eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
+            eq.base[i] = eq.y[i]
         evaluate(eq, k - 1, 0.0, CONSTRAINTS | CORRECTIONS)
         for i in range(n):
             eq.y[i], eq.v[i], eq.w[i] = steps.y[k, i], steps.v[k, i], steps.w[k, i]
+        chart(eq, k, LOCALISE)
         for c in range(rows):
             eq.lam[c] = steps.lam[k, c]
         step_system(eq, system, k, cy, cv)
@@ -287,6 +299,8 @@ def backward(
             return SINGULAR
         for i in range(n):
             yb[i] += bars.y[k, i]
+        chart(eq, k, ENTER)
+        for i in range(n):
             vb[i] += bars.v[k, i]
             wb[i] += bars.w[k, i]
             rhs[i] = wb[i] + a1 * ab[i] + cy * yb[i] + cv * vb[i]
@@ -305,7 +319,6 @@ def backward(
         pullback(eq, k, BODY_FORCES | OTHER_FORCES | ROWS)
         # The share of y' = ... - h D C_y^T eta, with the constraints where the step began.
         for i in range(n):
-            eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
             eq.adjoint[i] = yb[i]
             total = ab[i] + h * h * beta * yb[i] + h * gamma * vb[i]
             wb[i] = a0 * total
@@ -315,6 +328,9 @@ def backward(
             for c in range(rows):
                 total += eq.correction[c, i] * steps.eta[k, c]
             bars.right[k, i] = total
+        chart(eq, k, LEAVE)
+        for i in range(n):
+            eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
         for c in range(rows):
             eq.lam[c] = h * steps.eta[k, c]
             eq.on_values[c] = eq.on_rates[c] = 0.0

@@ -1,41 +1,28 @@
 # SPDX-License-Identifier: MIT
 """Planar kinematics: equations of motion of planar mechanisms, their Jacobians and transposes.
 
-What other folders use of it stands here; another kind of kinematics would offer the same.
+What other folders use of it stands here; kinematics in space offer the same.
 """
 
 from __future__ import annotations
 
 from .arrays import ModelArrays
 from .coordinates import Coordinates
-from .integral_gradients import Samples, integral_bars, marker_bar, metric_bars
-from .kinematics import (
-    COMPILED,
-    Evaluation,
-    Kinematics,
-    applied_forces,
-    equations_pullback,
-    evaluate_equations,
-    place_markers,
-)
-from .metric import coordinates_of, least_sizes, length_of, sizes_by_mass
+from .integral_gradients import integral_bars, marker_bar, metric_bars
+from .kinematics import KIND
+from .metric import coordinates_of, length_of, settled, settled_pullback, sizes_by_mass, ways
 
 __all__ = [
-    "COMPILED",
+    "KIND",
     "Coordinates",
-    "Evaluation",
-    "Kinematics",
     "ModelArrays",
-    "Samples",
-    "applied_forces",
     "coordinates_of",
-    "equations_pullback",
-    "evaluate_equations",
     "integral_bars",
-    "least_sizes",
     "length_of",
     "marker_bar",
     "metric_bars",
-    "place_markers",
+    "settled",
+    "settled_pullback",
     "sizes_by_mass",
+    "ways",
 ]

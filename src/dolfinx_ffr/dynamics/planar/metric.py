@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,15 +52,34 @@ def length_of(model: ModelArrays) -> float:
     return length or float(np.sqrt(np.max(model.G[:, 0, 0] / model.mass)))
 
 
-def least_sizes(model: ModelArrays, duration: float) -> Array:
-    """Sizes below which a motion counts as rest: far below what a machine of this size does.
+def settled(model: ModelArrays, base: Array, y: Array) -> Array:
+    """Coordinates after a shift y - base, shape (n,).
 
     Args:
         model: Flat arrays of the mechanism.
-        duration: Of the motion [s].
-
-    Returns:
-        Way and velocity by mass, elastic part by energy, shape (3,).
+        base: Coordinates before it, shape (n,).
+        y: Their sum with the shift, shape (n,).
     """
-    least = 1e-6 * length_of(model) * math.sqrt(float(np.sum(model.mass)))
-    return np.array([least, least / duration, 1e-6 * least / duration])
+    return y
+
+
+def settled_pullback(model: ModelArrays, shift: Array, bar: Array) -> tuple[Array, Array]:
+    """Transpose of :func:`settled` with respect to the shift and to the coordinates.
+
+    Args:
+        model: Flat arrays of the mechanism.
+        shift: The shift, shape (n,).
+        bar: Derivative with respect to the coordinates after it, shape (n,).
+    """
+    return bar, bar
+
+
+def ways(model: ModelArrays, y: Array, start: Array) -> Array:
+    """Shifts that lead from one motion to another, shape (instants, n).
+
+    Args:
+        model: Flat arrays of the mechanism.
+        y: Coordinates over time, shape (instants, n).
+        start: Coordinates from which, shape (n,) or (instants, n).
+    """
+    return y - start
