@@ -37,7 +37,7 @@ class Slow(Compiled):
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
     function = Slow()
-    monkeypatch.setattr(compiled, "compiled_functions", lambda _: [function])
+    monkeypatch.setattr(compiled, "compiled_functions", lambda _, *, space=False: [function])
     return function
 
 

@@ -24,7 +24,7 @@ from dolfinx_ffr.dynamics import (
     Trajectory,
     simulate,
 )
-from dolfinx_ffr.dynamics.planar import evaluate_equations
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations
 from dolfinx_ffr.mechanism import (
     Ground,
     Mechanism,

@@ -32,7 +32,7 @@ from dolfinx_ffr.dynamics import (
     initial_state,
     simulate,
 )
-from dolfinx_ffr.dynamics.planar import evaluate_equations
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations
 from dolfinx_ffr.mechanism import Mechanism, Placement
 from dolfinx_ffr.mechanism.forces import Force, SpringDamper, Torque, TorsionalSpringDamper
 from dolfinx_ffr.mechanism.initial_conditions import Assembled, Start, StaticEquilibrium

@@ -26,7 +26,7 @@ from dolfinx_ffr.dynamics import (
     simulate,
 )
 from dolfinx_ffr.dynamics.integration.stages import NODES, stage_integrals
-from dolfinx_ffr.dynamics.planar import evaluate_equations
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.mechanism import (
     Force,

@@ -12,7 +12,7 @@ from shared.scenes import SCENES, Bodies, four_bar, slider_crank
 
 from dolfinx_ffr.body.volume_integrals import VolumeIntegrals
 from dolfinx_ffr.dynamics import assemble_model, initial_state
-from dolfinx_ffr.dynamics.planar import evaluate_equations
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations
 from dolfinx_ffr.mechanism import (
     Ground,
     Joint,

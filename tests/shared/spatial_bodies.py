@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,3 +42,20 @@ def cloud(modes: int, seed: int = 0, stiffness: float = 400.0) -> VolumeIntegral
         K=stiffness * root @ root.T,
         markers=markers,
     )
+
+
+def stiffened_cloud(modes: int, seed: int = 0) -> VolumeIntegrals:
+    """The same with geometric stiffness, also at its markers."""
+    rng = np.random.default_rng(200 + seed)
+
+    def symmetric(*shape: int) -> Array:
+        array = rng.standard_normal((*shape, modes, modes))
+        return array + np.swapaxes(array, -1, -2)
+
+    body = cloud(modes, seed)
+    markers = {
+        name: replace(marker, stiffening=0.3 * symmetric(3))
+        for name, marker in body.markers.items()
+    }
+    loads = {"rotation": 0.2 * symmetric(3, 3), "acceleration": 0.2 * symmetric(3)}
+    return replace(body, markers=markers, stiffening=loads)

@@ -388,8 +388,8 @@ class Trajectory:
 class TrajectoryBar:
     """Derivatives of a number with respect to a trajectory."""
 
-    #: With respect to the coordinates, shape (steps + 1, size); in space, at the place of rotations,
-    #: with respect to turns dth about the body's axes, dA = A [dth].
+    #: With respect to the coordinates, shape (steps + 1, size); in space, at the place of
+    #: rotations, with respect to turns dth about the body's axes, dA = A [dth].
     y: Array
     #: With respect to the velocities, shape (steps + 1, size).
     v: Array

@@ -176,7 +176,8 @@ class Torque(_On):
             return
         if len(self.moment) != 3:
             raise ValueError(
-                f"{what}: the moment has three components in space, but {len(self.moment)} are given"
+                f"{what}: the moment has three components in space, but there are "
+                f"{len(self.moment)}"
             )
         for axis, signal in zip("xyz", self.moment, strict=True):
             check_signal(f"{what}: the moment about {axis}", signal)

@@ -4,8 +4,8 @@
 Each joint is one to six scalar constraint equations between two markers, its rows. The
 multipliers of the rows are the forces of the joint, :meth:`Trajectory.joint_force`.
 
-Most joints are joints in space as well, where bodies are: then directions have three components, and
-axes count. Those that exist in space only stand in :mod:`.spatial_joints`.
+Most joints are joints in space as well, where bodies are: then directions have three components,
+and axes count. Those that exist in space only stand in :mod:`.spatial_joints`.
 
 A joint is all that is known about it: a new one derives from :class:`Joint`, with its markers, its
 rows and, where a pin is not what it looks like, its symbols.
@@ -315,7 +315,7 @@ class Distance(_Between):
 class PrescribedAngle(Joint):
     """The angle of a marker, against another marker or the ground, follows a motion: one row.
 
-    In space it is the angle about an axis, which a :class:`Revolute` or a :class:`Cylindrical` holds:
+    In space it is the angle about an axis, which a :class:`Revolute` or :class:`Cylindrical` holds:
     zero where the axes of the two markers agree but for a rotation of the axis.
     """
 

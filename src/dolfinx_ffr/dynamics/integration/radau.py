@@ -194,6 +194,11 @@ class RadauIIA(Integrator):
         return replace(self, tolerance=tolerance) if self.adaptive else self
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
+        if model.dimension == 3:
+            raise ValueError(
+                "RadauIIA integrates mechanisms in the plane only; in space take "
+                "GeneralizedAlpha(end_time, steps), with simulate(tolerance=...) for an accuracy"
+            )
         start = _Rows.empty(np.zeros(1), model)
         start.y[0], start.v[0] = y0, v0
         found = start_accelerations(Kinematics(model.arrays), 0, y0, v0)

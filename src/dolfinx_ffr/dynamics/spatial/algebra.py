@@ -16,7 +16,7 @@ def cross(a: Vector, b: Vector, out: Vector) -> None:
 
 @kernel
 def dot(a: Vector, b: Vector) -> float:
-    """A . b."""
+    """Scalar product of a and b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

@@ -149,8 +149,8 @@ def assemble(
         instants: Times, shape (instants,) [s].
 
     Raises:
-        ValueError: If a joint or a force has no meaning in space, or its markers coincide where they
-            must not.
+        ValueError: If a joint or a force has no meaning in space, or its markers coincide where
+            they must not.
     """
     positions = {
         (name, point): marker.position

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Equations of motion of one body in space, and their Jacobians.
 
-With the rotation A, the angular velocity omega and the angular acceleration alpha in the body's axes,
-qh = (1, q), S(q) = sum_a qh_a S_a, P_j(x) = sum_b P_jb x_b, Z(x, y) = sum_ab x_a y_b P_ab, f = A^T a_R
-with gravity taken off a_R, W = [omega] and B = [alpha] + W W, the acceleration of a point is
+With the rotation A, angular velocity omega and angular acceleration alpha in the body's axes,
+qh = (1, q), S(q) = sum_a qh_a S_a, P_j(x) = sum_b P_jb x_b, Z(x, y) = sum_ab x_a y_b P_ab, the
+acceleration of the frame less gravity f = A^T a_R, W = [omega] and B = [alpha] + W W, the
+acceleration of a point is
 
     c = f + B w + 2 W w(v) + w(a)
 
@@ -75,9 +76,9 @@ def matrix_of(PX: Matrix, j: int, out: Matrix) -> None:
 
 @kernel
 def body_blocks(model: ModelArrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Forces r of one body, and their derivatives work.RW, work.RV, work.RY with respect to w, v, y."""
+    """Forces r of one body; work.RW, work.RV, work.RY: their derivatives by w, v, y."""
     body_products(model, eq, work, b)
-    o, n, S, P = model.first[b], model.modes[b], model.S[b], model.P[b]
+    o, n, S = model.first[b], model.modes[b], model.S[b]
     RW, RV, RY, r, A = work.RW, work.RV, work.RY, eq.r, work.A[b]
     PX, qh, mass, small, x = work.PX, work.qh, model.mass[b], work.small, work.vectors
     omega, eps = eq.v[o + ROTATION : o + RIGID], eq.w[o + ROTATION : o + RIGID]
@@ -143,7 +144,7 @@ def body_blocks(model: ModelArrays, eq: Equations, work: Work, instant: int, b: 
     for k in range(3):
         r[o + 3 + k] = t[k] + u[k]
         for i in range(3):
-            RW[3 + k, i] = -RW[i, 3 + k]  # (A [Sq])^T = -[Sq] A^T
+            RW[3 + k, i] = RW[i, 3 + k]  # [Sq] A^T = (-A [Sq])^T
             RW[3 + k, 3 + i] = J[k, i]
     cross_matrix(f, M2)
     product(M1, M2, M3)
@@ -237,8 +238,8 @@ def elastic_blocks(
     for k in range(n):
         force += K[j, k] * (eq.y[o + RIGID + k] + db * eq.v[o + RIGID + k])
     eq.r[o + p] = force
-    # Rows: R by w s A^T; th by w axial(P_j(q)), by v (Q + Q^T) omega - 2 tr(Q) omega + 2 axial(P_j(v))
-    # with Q = P_j(q), by y s x f.
+    # Rows: R by w s A^T; th by w axial(Q), by v (Q + Q^T) omega - 2 tr(Q) omega + 2 axial(P_j(v)),
+    # by y s x f, with Q = P_j(q).
     turned(A, s, t)
     cross(s, f, u)
     trace = Pq[0, 0] + Pq[1, 1] + Pq[2, 2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Springs, which are rows with a law, and loads on points and spins; their Jacobians, transposes."""
+"""Springs, which are rows with a law, and loads on points and spins, with their transposes."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 """Rotations by their vectors: exponential map, its derivative, composition.
 
 The rotation of a body is A = exp([a]) exp([u]) with coordinates a + u, a those at the beginning of
-a step, so that u is the vector of a short rotation and coordinates add up within a step. For angular
-velocities omega and variations dth in the body's axes, dA = A [dth],
+a step, so that u is the vector of a short rotation and coordinates add up within a step. For
+variations dth in the body's axes, dA = A [dth],
 
     dth = T(u) du,     T(u) = 1 - (1 - cos t)/t^2 [u] + (t - sin t)/t^3 [u]^2,     t = |u|.
 

@@ -20,9 +20,9 @@ def integral_bars(
 ) -> VolumeIntegrals:
     """Minus the sum over time of adjoint . dr, r being linear in each integral.
 
-    With m_x = A^T x_R, f = A^T a_R, X = [x_th], W = [omega], B = [alpha] + W W, x = (x_R, x_th, x_q)
-    the adjoint of the forces of one body, and h marking vectors to which the entry a = 0 has been
-    added (1 for q, 0 for the others), x . r is
+    With x = (x_R, x_th, x_q) the adjoint of the forces of one body, m_x = A^T x_R, f = A^T a_R,
+    X = [x_th], W = [omega], B = [alpha] + W W, and h marking vectors to which the entry a = 0 has
+    been added (1 for q, 0 for the others), x . r is
 
         m m_x . f
         + S_a . [qh_a (B^T m_x + X^T f) + 2 vh_a W^T m_x + ah_a m_x + xh_a f]

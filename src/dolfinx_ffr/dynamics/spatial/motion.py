@@ -79,7 +79,7 @@ class MarkerMotion(NamedTuple):
     acceleration: Array
     #: Rotation of the body, shape (instants, 3, 3).
     A: Array
-    #: Place in the body's axes, its elastic rate, velocity and acceleration less those of the frame.
+    #: Place in the body's axes, its elastic rate, velocity and acceleration without the frame's.
     c: Array
     rate: Array
     c1: Array

@@ -66,8 +66,8 @@ def largest_turn(model: ModelArrays, body: int, y: Array, v: Array, h: Array) ->
     """
     where = coordinates_of(model, body)
     omega = v[:, where.rotation]
-    speed: Array = np.linalg.norm(omega, axis=1)
-    turning = speed > 1e-6 * max(float(np.max(speed)), np.finfo(float).tiny)
+    speed: Array = np.asarray(np.linalg.norm(omega, axis=1))
+    turning = speed > 1e-6 * float(np.max(speed)) + float(np.finfo(np.float64).tiny)
     axes = np.einsum("tij,tj->ti", rotations_of(y[turning][:, where.rotation]), omega[turning])
     axes /= speed[turning, None]
     if len(axes) == 0 or np.max(np.linalg.norm(np.cross(axes, axes[0]), axis=1)) < _FIXED:

@@ -8,10 +8,10 @@ derivatives B = b_q and cv = B v, and the angular velocity omega in the body's a
     s'' = delta R'' + A c2,   c2 = alpha x c + omega x (omega x c) + 2 omega x cv + B w - v . T v
     L   = [delta 1, -A [c], A B]
 
-with L the derivative of s, and of s' with respect to v. B = B_0 - T q, and T = 0 but for points with
-geometric stiffness. The spin of a marker, A (omega + Psi v), is the velocity of nothing; with
-L = [0, A, A Psi] it takes moments. All derivatives with respect to rotations are those in the
-body's axes, dA = A [dth].
+with L the derivative of s, and of s' with respect to v. B is B_0 - T q, and T is zero but for
+points with geometric stiffness. The spin of a marker, A (omega + Psi v), is the velocity of
+nothing; with L = [0, A, A Psi] it takes moments. All derivatives with respect to rotations are
+those in the body's axes, dA = A [dth].
 """
 
 from __future__ import annotations
