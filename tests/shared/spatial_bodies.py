@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 def cloud_of_mass(modes: int, seed: int = 0) -> tuple[Array, Array, Array]:
     """Points (n, 3) [m], their masses (n,) [kg] and fields w_a at them, (modes + 1, n, 3)."""
     rng = np.random.default_rng(seed)
-    n = 4 + modes
+    # More points than functions, which are 1 and three components of each field.
+    n = 8 + 3 * modes
     points = rng.uniform(-1.0, 1.0, (n, 3)) * np.array([0.5, 0.2, 0.1])
     fields = np.concatenate([points[None], 0.5 * rng.standard_normal((modes, n, 3))])
     return points, rng.uniform(0.2, 0.4, n), fields

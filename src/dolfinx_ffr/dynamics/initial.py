@@ -15,6 +15,8 @@ from .kinematics import (
     length_of,
     place_markers,
     settled,
+    settled_pullback,
+    ways,
 )
 from .model import FlatModel
 
@@ -148,9 +150,15 @@ class _Closure:
         gaps = values[self.model.size :].reshape(2, -1)
         return gaps[0], gaps[1], jacobian
 
-    def residual(self, y: Array) -> tuple[Array, Array]:
-        """Gaps and their Jacobian over the rigid coordinates, scaled to lengths."""
+    def residual(self, y: Array, shift: Array | None = None) -> tuple[Array, Array]:
+        """Gaps and their Jacobian over the rigid coordinates, scaled to lengths.
+
+        Over a shift that has led to y, if it is given, else over turns of the bodies as they are.
+        """
         value, _, jacobian = self.constraints(y, np.zeros_like(y))
+        if shift is not None:
+            rows = [settled_pullback(self.model.arrays, shift, row)[0] for row in jacobian]
+            jacobian = np.array(rows)
         return self.row * value, self.row[:, None] * jacobian[:, self.rigid] * self.column
 
     def assembled(self, y: Array, *, refuse: bool = True) -> Array:
@@ -192,25 +200,27 @@ class _Closure:
 
         The shift keeps to the directions in which the joints pull before the deformation.
         """
-        y = undeformed + elastic
+        arrays, moved = self.model.arrays, undeformed + elastic
         if self.model.rows == 0:
-            return y
+            return moved
         left, right = self._directions(undeformed)
         for _ in range(_MAX_ITERATIONS):
-            value, jacobian = self.residual(y)
+            y = settled(arrays, undeformed, moved)
+            value, jacobian = self.residual(y, moved - undeformed)
             step = np.linalg.lstsq(left.T @ jacobian @ right, -left.T @ value, rcond=None)[0]
-            before, y = y, y.copy()
-            y[self.rigid] += self.column * (right @ step)
-            y = settled(self.model.arrays, before, y)
+            moved[self.rigid] += self.column * (right @ step)
             if not np.max(np.abs(step)) > 1e-15 * self.length:
                 break
+        y = settled(arrays, undeformed, moved)
         self.refuse_open(y, "with the given elastic coordinates")
         return y
 
     def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> Array:
         """Transpose of :meth:`deformed` with respect to the markers' shape functions."""
         left, right = self._directions(undeformed)
-        _, jacobian = self.residual(y)
+        shift = ways(self.model.arrays, y[None], undeformed)[0]
+        _, jacobian = self.residual(y, shift)
+        y_bar, _ = settled_pullback(self.model.arrays, shift, y_bar)
         pulled = right.T @ (self.column * y_bar[self.rigid])
         m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
