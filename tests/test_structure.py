@@ -92,11 +92,11 @@ def test_other_folders_are_entered_by_their_door() -> None:
 
 
 def test_time_integration_knows_no_kind_of_kinematics_but_by_its_door() -> None:
-    """So another kind, in a folder beside `planar`, can be integrated by the same methods."""
+    """So any kind, in the folders `planar` and `spatial`, is integrated by the same methods."""
     past_the_door = []
     for path in sorted((ROOT / "dynamics" / "integration").glob("*.py")):
         for folder, rest in imports(path):
-            if folder == "dynamics" and rest.startswith("planar."):
+            if folder == "dynamics" and rest.startswith(("planar", "spatial")):
                 past_the_door.append(f"{name(path)} imports {rest}")
     assert not past_the_door
 

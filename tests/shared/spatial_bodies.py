@@ -60,3 +60,30 @@ def stiffened_cloud(modes: int, seed: int = 0) -> VolumeIntegrals:
     }
     loads = {"rotation": 0.2 * symmetric(3, 3), "acceleration": 0.2 * symmetric(3)}
     return replace(body, markers=markers, stiffening=loads)
+
+
+def flat_cloud(modes: int, seed: int = 0, *, space: bool) -> VolumeIntegrals:
+    """A body of random points that moves in its plane, in the plane or in space.
+
+    In space the points have a thickness, which does not matter to motions in the plane.
+    """
+    rng = np.random.default_rng(300 + seed)
+    n = 6 + 2 * modes
+    points = rng.uniform(-1.0, 1.0, (n, 2)) * np.array([0.5, 0.2])
+    masses, root = rng.uniform(0.2, 0.4, n), rng.standard_normal((modes, modes))
+    fields = np.concatenate([points[None], 0.5 * rng.standard_normal((modes, n, 2))])
+    K = 400.0 * (root @ root.T + 5.0 * np.eye(modes))
+    S, P = np.einsum("p,apk->ak", masses, fields), np.zeros((modes + 1, modes + 1, 3, 3))
+    P[..., :2, :2] = np.einsum("p,apk,bpl->abkl", masses, fields, fields)
+    P[0, 0, 2, 2] = 0.01
+    markers = {}
+    for name, x in (("root", -0.5), ("tip", 0.5)):
+        shapes, turns = 0.3 * rng.standard_normal((2, modes)), np.zeros(modes)
+        markers[name] = BodyMarker(np.array([x, 0.0]), shapes, turns)
+        if space:
+            three = np.vstack([shapes, np.zeros(modes)])
+            markers[name] = BodyMarker(np.array([x, 0.0, 0.0]), three, np.zeros((3, modes)))
+    if space:
+        S = np.column_stack([S, np.zeros(modes + 1)])
+        return VolumeIntegrals.from_arrays(masses.sum(), S, P=P, K=K, markers=markers)
+    return VolumeIntegrals.from_arrays(masses.sum(), S, P=P[..., :2, :2], K=K, markers=markers)

@@ -21,6 +21,7 @@ __all__ = [
     "check_stiffening",
     "inertia_of_point",
     "largest_share",
+    "stacked_loads",
 ]
 
 Array = NDArray[np.float64]
@@ -257,3 +258,23 @@ def inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
         "alpha": -mass * (QUARTER_TURN @ position),
         "acceleration": -mass * np.eye(2),
     }
+
+
+def stacked_loads(stiffening: Mapping[str, Array], d: int, r: int) -> Array:
+    """Geometric stiffness of all loads one after the other, zero where there is none.
+
+    Args:
+        stiffening: Geometric stiffness by load.
+        d: 2 in the plane, 3 in space.
+        r: Number of shape functions of the body.
+
+    Returns:
+        By omega^2, alpha and the acceleration, shape (4, r, r); in space by the loads of the
+        rotation and by the acceleration, shape (12, r, r).
+    """
+    shapes = {"omega2": (1, r, r), "alpha": (1, r, r), "acceleration": (2, r, r)}
+    if d == 3:
+        shapes = {"rotation": (9, r, r), "acceleration": (3, r, r)}
+    none = np.zeros((9, r, r))
+    parts = [stiffening.get(load, none[: n[0]]).reshape(n) for load, n in shapes.items()]
+    return np.concatenate(parts)

@@ -42,6 +42,7 @@ from .marker import (
     check_loads,
     inertia_of_point,
     largest_share,
+    stacked_loads,
 )
 from .moments import (
     check_gram_matrix,
@@ -163,18 +164,8 @@ class VolumeIntegrals:
 
     @property
     def stacked_stiffening(self) -> Array:
-        """Geometric stiffness by omega^2, alpha and acceleration, shape (4, modes, modes).
-
-        In space by rotation and acceleration, shape (12, modes, modes).
-        """
-        r = self.modes
-        if self.P is not None:
-            none = {"rotation": np.zeros((3, 3, r, r)), "acceleration": np.zeros((3, r, r))}
-            parts = none | self.stiffening
-            return np.concatenate([parts["rotation"].reshape(9, r, r), parts["acceleration"]])
-        none = {"omega2": np.zeros((r, r)), "alpha": np.zeros((r, r))}
-        parts = none | {"acceleration": np.zeros((2, r, r))} | self.stiffening
-        return np.stack([parts["omega2"], parts["alpha"], *parts["acceleration"]])
+        """Geometric stiffness by all loads, shape (4, modes, modes); in space (12, ...)."""
+        return stacked_loads(self.stiffening, self.dimension, self.modes)
 
     @staticmethod
     def rigid(

@@ -31,7 +31,7 @@ from .arrays import RIGID, ROTATION, ModelArrays, Work
 
 @kernel
 def body_products(model: ModelArrays, eq: Equations, work: Work, b: int) -> None:
-    """work.qh: qh, vh, ah of one body; work.PX: P_a(q), P_a(v), P_a(a) of all its a."""
+    """Put qh, vh, ah of one body into work.qh, P_a(q), P_a(v), P_a(a) of all a into work.PX."""
     o, n, P, qh, PX = model.first[b] + RIGID, model.modes[b] + 1, model.P[b], work.qh, work.PX
     qh[0, 0], qh[1, 0], qh[2, 0] = 1.0, 0.0, 0.0
     for j in range(n - 1):
