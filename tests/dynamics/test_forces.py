@@ -438,8 +438,9 @@ def test_refused_when_assembled(force: AppliedForce, message: str) -> None:
 def test_refused_gravity_and_ground_acceleration() -> None:
     with pytest.raises(ValueError, match="ground_acceleration along x must be finite"):
         Mechanism({}, ground_acceleration=(np.nan, 0.0))
-    with pytest.raises(ValueError, match="gravity must have two components, but it has 3"):
-        Mechanism({}, gravity=(0.0, 0.0, 1.0))  # type: ignore[arg-type]
+    message = "gravity must have two components, in space three, but it has 4"
+    with pytest.raises(ValueError, match=message):
+        Mechanism({}, gravity=(0.0, 0.0, 1.0, 0.0))
     with pytest.raises(ValueError, match="gravity along y is NaN or infinite at t = 0 s"):
         motion_of_block([], 10, gravity=(0.0, lambda t: np.nan * t))
 
