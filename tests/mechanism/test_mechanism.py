@@ -249,8 +249,8 @@ def test_four_bar_on_parallel_cranks_in_line_is_singular() -> None:
             "direction of the line must not be zero",
         ),
         (
-            lambda: placed(PrescribedPosition(("bar", "left"), "z", Motion.constant(0))),  # type: ignore[arg-type]
-            "axis must be 'x' or 'y', but it is 'z'",
+            lambda: placed(PrescribedPosition(("bar", "left"), "w", Motion.constant(0))),  # type: ignore[arg-type]
+            "axis must be one of .*, but it is 'w'",
         ),
     ],
 )
