@@ -10,9 +10,16 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from PIL import Image
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.plotting import plot_design, plot_modes, plot_stress
+from dolfinx_ffr.plotting import (
+    animate_motion,
+    plot_design,
+    plot_modes,
+    plot_scene,
+    plot_stress,
+)
 
 pytestmark = pytest.mark.mpi
 
@@ -37,3 +44,38 @@ def test_pictures_of_a_body(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
         assert 0.05 < drawn.mean() < 0.9
         # interfaces, or values, in colour
         assert np.mean(np.ptp(image, axis=2) > 0.3) > 1e-3
+
+
+def test_pictures_of_a_motion(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """A rod between a crank and a slider, skew to each other: something moves, and is in colour."""
+    domain = ffr.Domain.box(comm, 0.3, 0.02, 0.02, elements=(6, 1, 1), solid_layers=1)
+    material = ffr.Isotropic(3e9, 0.35, 1200.0)
+    rod = ffr.FlexibleBody(domain, material, frame=ffr.ChordFrame("left", "right"), modes=1)
+    angle = ffr.Motion.smooth_step(np.pi, 0.1)
+    pin = np.array([0.0, 0.18, 0.12])
+    along = np.array([np.sqrt(0.09 - pin @ pin), 0.0, 0.0]) - pin
+    side = np.cross([1.0, 0.0, 0.0], along) / np.linalg.norm(np.cross([1.0, 0.0, 0.0], along))
+    axes = np.column_stack([along / 0.3, side, np.cross(along / 0.3, side)])
+    crank = ffr.Moving.circle((0.0, 0.1, 0.12), 0.08, angle, axis=(1.0, 0.0, 0.0))
+    mechanism = ffr.Mechanism(
+        placements={"rod": ffr.Placement((0.0, 0.18, 0.12), rotation=axes)},
+        joints=[
+            ffr.Universal(("rod", "left"), crank, name="pin"),
+            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
+        ],
+    )
+    problem = ffr.Problem(
+        {"rod": rod}, mechanism, ffr.GeneralizedAlpha(0.1, 40), ffr.IntegralCompliance()
+    )
+    evaluation = problem.value(np.ones(domain.n_cells))
+    still = plot_scene(problem, evaluation, shared_tmp_path / "scene.png", color="energy")
+    film = animate_motion(problem, evaluation, shared_tmp_path / "film.gif", frames=4)
+    if comm.rank == 0:
+        image = imread(still)[..., :3]
+        assert np.mean(np.ptp(image, axis=2) > 0.3) > 0.01
+        with Image.open(film) as pictures:
+            assert pictures.n_frames == 4
+            first = np.asarray(pictures.convert("L"), dtype=float)
+            pictures.seek(3)
+            last = np.asarray(pictures.convert("L"), dtype=float)
+        assert np.mean(np.abs(first - last) > 60.0) > 0.01

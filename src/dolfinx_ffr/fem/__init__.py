@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .circles import fit_circle
 from .curves import Arc, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
@@ -53,6 +54,7 @@ __all__ = [
     "SuppressedVoidMass",
     "cut_exponent",
     "enclosed",
+    "fit_circle",
     "floating_cells",
     "gmsh_model",
     "kept_by",

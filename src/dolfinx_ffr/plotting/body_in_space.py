@@ -169,10 +169,11 @@ def _page(
     """Draw a view of the body under each heading."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     around = margin * float(np.max(high - low))
-    box = np.array([low - around, high + around])
+    corners = np.array(np.meshgrid(*np.array([low - around, high + around]).T))
+    seen = corners.reshape(3, -1).T
     width = 10.0 if across == 1 else 12.0
     wide = width / across - 0.3
-    tall = wide * Rendering.shape_of(box)
+    tall = wide * Rendering.shape_of(seen)
     head = (0.5 if title else 0.15) + (0.55 if bar else 0.0)
     row, foot = tall + (0.3 if any(headings) else 0.05), 0.55 if legend else 0.1
     rows = -(-len(headings) // across)
@@ -186,7 +187,7 @@ def _page(
             place = (left / width, bottom / height, wide / width, tall / height)
             axes = figure.add_axes(place)
             axes.set_title(name, fontsize=10)
-            with rendering(wide, tall, box) as view:
+            with rendering(wide, tall, seen) as view:
                 show(view, name)
                 view.look()
                 view.show(axes)

@@ -87,6 +87,9 @@ class MechanismView:
         for update in self._updates:
             update(instant)
 
+    def close(self) -> None:
+        """Nothing is to be freed."""
+
     # ------------------------------------------------------------------ parts
 
     def _set_limits(self, low: Array, high: Array) -> None:

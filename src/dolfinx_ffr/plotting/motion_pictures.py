@@ -11,6 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
@@ -20,7 +21,9 @@ from PIL import Image
 from .. import validation
 from ..problem import Evaluation, Problem
 from .mechanism_view import VOID, MechanismView
+from .rendering import Rendering
 from .scene import DrawnBody, Scene
+from .scene_in_space import BodyInSpace, SceneInSpace, ViewOfSpace
 from .style import (
     BLUE,
     GLOW,
@@ -40,6 +43,7 @@ from .style import (
 __all__ = ["animate_motion", "plot_scene"]
 
 Array = NDArray[np.float64]
+AnyScene = Scene | SceneInSpace
 
 #: Shown deflection relative to the body, at the instant of the largest one
 _SHOWN_DEFLECTION = 0.1
@@ -60,6 +64,7 @@ def plot_scene(
     One sees the flexible bodies with their design (cells of density below 0.3 are left out, the
     outline remains), bodies given by integrals as bars, prescribed cranks with their circles,
     supports, guides and sliders, joints as pins and welds as squares, names of bodies and joints.
+    Mechanisms in space are seen from the front, the right and above, with the axes of joints.
 
     Args:
         problem: Bodies and mechanism.
@@ -96,26 +101,26 @@ def plot_scene(
             f"{trajectory.t[0]:g} to {trajectory.t[-1]:g} s"
         )
     steps = np.array([step])
-    scene = Scene.gather(problem, evaluation, steps, energy=color == "energy")
+    scene = _gathered(problem, evaluation, steps, energy=color == "energy")
     if deformation_scale is None and color == "density":
         deformation_scale = 1.0
 
     def draw(file: Path) -> None:
         scale = deformation_scale or _visible_scale(scene)
-        low, high = scene.box(scale)
-        width, tall = 9.0, _height_of_view(low, high, 8.8)
+        width, tall = 9.0, _height_of_view(scene, scale, 8.8)
         height = tall + 0.75
         with styled_figure(width, height) as figure:
             axes = figure.add_axes((0.1 / width, 0.1 / height, 8.8 / width, tall / height))
             if color == "energy":
                 norm, top = _energy_norm(scene)
                 _add_color_bar(figure, top)
-                view = MechanismView(axes, scene, scale, _energy, GLOW, norm, labels=True)
+                view = _view(axes, scene, scale, _energy, GLOW, norm, labels=True)
             else:
-                view = MechanismView(
-                    axes, scene, scale, _density, "gray_r", Normalize(-0.15, 1.15), labels=True
-                )
+                # shaded bodies in space must not be black
+                norm = Normalize(-0.15, 2.5 if isinstance(scene, SceneInSpace) else 1.15)
+                view = _view(axes, scene, scale, _density, "gray_r", norm, labels=True)
             view.show(0)
+            view.close()
             _write(figure, _heading(title, scale), f"t = {scene.times[0]:.3f} s")
             save(figure, file)
 
@@ -178,7 +183,7 @@ def animate_motion(
     t = trajectory.t  # the steps may have unlike lengths
     wanted = np.interp(np.linspace(t[0], t[-1], frames), t, np.arange(t.size))
     steps = np.unique(np.round(wanted).astype(np.int64))
-    scene = Scene.gather(problem, evaluation, steps, energy=True)
+    scene = _gathered(problem, evaluation, steps, energy=True)
 
     def draw(file: Path) -> None:
         pictures = _film(scene, list(problem.flexible), deformation_scale, title)
@@ -193,18 +198,33 @@ def animate_motion(
 # ---------------------------------------------------------------------- frames
 
 
+def _gathered(
+    problem: Problem, evaluation: Evaluation, steps: NDArray[np.int64], *, energy: bool
+) -> AnyScene:
+    """The scene in the plane or in space; collective."""
+    if evaluation.motion.model.dimension == 3:
+        return SceneInSpace.gather(problem, problem.mechanism, evaluation, steps, energy=energy)
+    return Scene.gather(problem, evaluation, steps, energy=energy)
+
+
+def _view(axes: Axes, scene: AnyScene, *how: Any, **options: Any) -> MechanismView | ViewOfSpace:
+    """The picture of a scene in axes."""
+    if isinstance(scene, SceneInSpace):
+        return ViewOfSpace(axes, scene, *how, **options)
+    return MechanismView(axes, scene, *how, **options)
+
+
 def _film(
-    scene: Scene, flexible: list[str], scale: float | None, title: str
+    scene: AnyScene, flexible: list[str], scale: float | None, title: str
 ) -> list[NDArray[np.uint8]]:
     """The pictures, each of shape (height, width, 3)."""
     scale = scale or _visible_scale(scene)
-    low, high = scene.box(scale)
-    width, tall, head, foot = 9.0, _height_of_view(low, high, 8.8), 0.75, 1.45
+    width, tall, head, foot = 9.0, _height_of_view(scene, scale, 8.8), 0.75, 1.45
     height = round(100 * (head + tall + foot)) // 2 * 2 / 100  # even, as films want it
     with styled_figure(width, height, dpi=100.0) as figure:
         axes = figure.add_axes((0.1 / width, foot / height, 8.8 / width, tall / height))
         norm, top = _energy_norm(scene)
-        view = MechanismView(axes, scene, scale, _energy, GLOW, norm)
+        view = _view(axes, scene, scale, _energy, GLOW, norm)
         stamp = _write(figure, _heading(title, scale), "")
         _add_color_bar(figure, top)
         below = figure.add_axes((0.6 / width, 0.5 / height, 8.15 / width, 0.75 / height))
@@ -240,25 +260,26 @@ def _film(
                 below.draw_artist(artist)
             figure.draw_artist(stamp)
             pictures.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+        view.close()
     return pictures
 
 
-def _energy(body: DrawnBody, instant: int) -> Array:
+def _energy(body: DrawnBody | BodyInSpace, instant: int) -> Array:
     return body.energy[instant]
 
 
-def _density(body: DrawnBody, instant: int) -> Array:
+def _density(body: DrawnBody | BodyInSpace, instant: int) -> Array:
     return body.density
 
 
-def _energy_norm(scene: Scene) -> tuple[Normalize, float]:
+def _energy_norm(scene: AnyScene) -> tuple[Normalize, float]:
     """The colour scale, and the largest strain energy density that is drawn [J/m^3]."""
     drawn = [body.energy[:, body.density >= VOID] for body in scene.bodies.values()]
     top = float(max((np.max(energy, initial=0.0) for energy in drawn), default=0.0))
     return PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), top
 
 
-def _visible_scale(scene: Scene) -> float:
+def _visible_scale(scene: AnyScene) -> float:
     """A round magnification that makes the largest deflection visible."""
     instants = range(len(scene.steps))
     largest = max(
@@ -269,8 +290,11 @@ def _visible_scale(scene: Scene) -> float:
     return max(nice_number(_SHOWN_DEFLECTION * scene.size() / largest), 1.0)
 
 
-def _height_of_view(low: Array, high: Array, width: float) -> float:
+def _height_of_view(scene: AnyScene, scale: float, width: float) -> float:
     """The height [inches] of axes of a width that fit all that is drawn."""
+    if isinstance(scene, SceneInSpace):
+        return float(np.clip(width * Rendering.shape_of(scene.seen(scale)), 1.0, 7.0))
+    low, high = scene.box(scale)
     margin = 2.0 * 3.2 * 0.018 * float(np.max(high - low))
     size = high - low + margin
     return float(np.clip(width * size[1] / size[0], 1.0, 7.0))
