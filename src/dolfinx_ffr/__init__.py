@@ -85,6 +85,7 @@ _FOLDERS = {
     "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
     "mechanism": [
         "Assembled",
+        "Bushing",
         "Cylindrical",
         "Distance",
         "Force",

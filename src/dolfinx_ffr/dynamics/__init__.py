@@ -19,6 +19,7 @@ from .integration.stages import stage_integrals
 from .memory import available_memory, check_memory, required_memory
 from .model import FlatModel, assemble_model, check_names
 from .simulation import integrate, restored, simulate
+from .spatial import MarkerMotion, marker_motion, marker_motion_pullback
 from .trajectory import Integrator, Trajectory, TrajectoryBar
 from .validity import LargeDeformationWarning, SofteningWarning, TimeStepWarning
 
@@ -28,6 +29,7 @@ __all__ = [
     "GeneralizedAlpha",
     "Integrator",
     "LargeDeformationWarning",
+    "MarkerMotion",
     "RadauIIA",
     "SimulationError",
     "SofteningWarning",
@@ -45,6 +47,8 @@ __all__ = [
     "compiled_functions",
     "initial_state",
     "integrate",
+    "marker_motion",
+    "marker_motion_pullback",
     "required_memory",
     "restored",
     "run_to_tolerance",

@@ -308,7 +308,39 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
     raise ValueError(
         f"{count} of the {model.rows} constraints {'is' if count == 1 else 'are'} redundant; "
         f"joints involved: {involved}. Remove what another joint already holds, or start from a "
-        "position that is not singular"
+        f"position that is not singular{_proposal(model, scaled, rank)}"
+    )
+
+
+def _proposal(model: FlatModel, jacobian: Array, rank: int) -> str:
+    """What could be left out of the joints of a mechanism in space, whose loops close in planes."""
+    if model.dimension == 2:
+        return ""
+    # Orthogonalised one after the other, so that the last of rows that depend on each other falls.
+    kept, redundant = np.zeros((0, jacobian.shape[1])), []
+    for row, direction in enumerate(jacobian):
+        rest = direction - kept.T @ (kept @ direction)
+        rest -= kept.T @ (kept @ rest)
+        if float(np.linalg.norm(rest)) < 1e-6:
+            redundant.append(row)
+        else:
+            kept = np.vstack([kept, rest / np.linalg.norm(rest)])
+    parts: dict[str, list[str]] = {}
+    for row in redundant[: model.rows - rank]:
+        what = "rotation" if model.angular[row] else "position"
+        parts.setdefault(model.joint_of_row(row), []).append(what)
+    listed = [
+        f"{joint!r} need not hold "
+        + " and ".join(
+            f"{held.count(what)} {what}{'s' if held.count(what) > 1 else ''}"
+            for what in ("position", "rotation")
+            if what in held
+        )
+        for joint, held in parts.items()
+    ]
+    return (
+        f". For instance {'; '.join(listed)}: in place of a Revolute, a Spherical leaves both "
+        "rotations free, a Universal one, a Cylindrical the position along the axis"
     )
 
 

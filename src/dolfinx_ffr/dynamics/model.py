@@ -106,6 +106,20 @@ class FlatModel:
         """
         return coordinates_of(self.arrays, self.body_index(body))
 
+    def coordinates_in_space(self, body: str) -> spatial.Coordinates:
+        """The same of a body in space.
+
+        Args:
+            body: Name of the body.
+
+        Raises:
+            ValueError: If there is no such body, or the mechanism is in the plane.
+        """
+        found = self.coordinates(body)
+        if not isinstance(found, spatial.Coordinates):
+            raise ValueError(f"body {body!r} is in the plane, and has no coordinates in space")
+        return found
+
     @cached_property
     def rigid(self) -> Integers:
         """Places of the rigid coordinates of all bodies, shape (rigid,)."""

@@ -8,7 +8,8 @@ acceleration. Its acceleration is
     a = R'' + A b,     b = alpha J w + Phi q'' - omega^2 w + 2 omega J Phi q'.
 
 Of a marker with geometric stiffness T, w = X + Phi q - 1/2 q . T q; Phi - T q stands for Phi in b,
-which gains -q' . T q'.
+which gains -q' . T q'. In space [omega] and [alpha] take the places of omega J and alpha J, see
+:func:`marker_motion`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import BodyMarker, VolumeIntegrals
-from ..dynamics import Trajectory, TrajectoryBar
+from ..dynamics import (
+    MarkerMotion,
+    Trajectory,
+    TrajectoryBar,
+    marker_motion,
+    marker_motion_pullback,
+)
 from ..mechanism import Motion, check_signal, evaluated
 from .base import Bodies, Objective, no_body
 from .time_average import check_window, time_weights
@@ -60,6 +67,27 @@ class _MarkerObjective(Objective):
             )
         return markers[self.marker]
 
+    def _in_space(self, trajectory: Trajectory, marker: BodyMarker) -> MarkerMotion:
+        """Motion of the marker in space."""
+        where = trajectory.model.coordinates_in_space(self.body)
+        return marker_motion(where, marker, trajectory.y, trajectory.v, trajectory.w)
+
+    def _in_space_pullback(
+        self,
+        trajectory: Trajectory,
+        bodies: Bodies,
+        motion: MarkerMotion,
+        bars: tuple[Array, Array, Array],
+    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
+        """Transpose of the motion of the marker in space: of position, velocity, acceleration."""
+        where = trajectory.model.coordinates_in_space(self.body)
+        marker = bodies[self.body].markers[self.marker]
+        state = trajectory.y, trajectory.v, trajectory.w
+        found = marker_motion_pullback(where, marker, state, motion, bars)
+        bar = TrajectoryBar.zeros(trajectory)
+        bar.y[:, where.all], bar.v[:, where.all], bar.w[:, where.all] = found[:3]
+        return bar, self._bars(bodies, found.displacement, found.stiffening)
+
     def _bars(
         self, bodies: Bodies, displacement: Array, stiffening: Array
     ) -> dict[str, VolumeIntegrals]:
@@ -92,10 +120,10 @@ class PathTracking(_MarkerObjective):
 
     unit: ClassVar[str] = "m^2 s"
 
-    #: Pair (x, y) of motions, functions of an array of times, numbers, or arrays of shape
-    #: (steps + 1,) if not both are; or an array of the positions at the instants of the trajectory,
-    #: shape (steps + 1, 2) [m].
-    path: tuple[Coordinate, Coordinate] | Array
+    #: Pair (x, y), in space (x, y, z), of motions, functions of an array of times, numbers, or
+    #: arrays of shape (steps + 1,) if not all are; or an array of the positions at the instants of
+    #: the trajectory, shape (steps + 1, 2), in space (steps + 1, 3) [m].
+    path: tuple[Coordinate, ...] | Array
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
     #: Weight over time: function of an array of times, or array of shape (steps + 1,); None is 1.
@@ -106,11 +134,12 @@ class PathTracking(_MarkerObjective):
         self._check_names("path tracking")
         check_window("path tracking", self.window)
         if _is_pair_of_coordinates(self.path):
-            if len(self.path) != 2:
+            if len(self.path) not in (2, 3):
                 raise ValueError(
-                    f"path tracking: the path is a pair (x, y), not of {len(self.path)} entries"
+                    "path tracking: the path is a pair (x, y), in space (x, y, z), not of "
+                    f"{len(self.path)} entries"
                 )
-            for axis, along in zip("xy", self.path, strict=True):
+            for axis, along in zip("xyz", self.path, strict=False):
                 if np.ndim(along) == 1:  # of a function it is zero
                     validation.numbers(f"path tracking: the path along {axis}", along)
                 else:
@@ -128,6 +157,11 @@ class PathTracking(_MarkerObjective):
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
         distance, w = self._distance(trajectory, bodies)
+        if trajectory.model.dimension == 3:
+            motion = self._in_space(trajectory, bodies[self.body].markers[self.marker])
+            r_bar = 2.0 * self._weights(trajectory)[:, None] * distance
+            none = np.zeros_like(r_bar)
+            return self._in_space_pullback(trajectory, bodies, motion, (r_bar, none, none))
         marker = bodies[self.body].markers[self.marker]
         where = trajectory.model.coordinates(self.body)
         theta, q = trajectory.y[:, where.rotation], trajectory.elastic(self.body)
@@ -142,21 +176,29 @@ class PathTracking(_MarkerObjective):
     def _distance(self, trajectory: Trajectory, bodies: Bodies) -> tuple[Array, Array]:
         """Vectors from path to marker, and the marker in the body's axes, (steps + 1, 2) [m]."""
         marker = self._body_marker("path tracking", bodies)
+        if trajectory.model.dimension == 3:
+            motion = self._in_space(trajectory, marker)
+            return motion.position - self._target(trajectory.t, 3), motion.c
         rigid = trajectory.rigid(self.body)
         w = marker.position + marker.shift(trajectory.elastic(self.body))
-        return rigid[:, :2] + _turned(w, rigid[:, 2]) - self._target(trajectory.t), w
+        return rigid[:, :2] + _turned(w, rigid[:, 2]) - self._target(trajectory.t, 2), w
 
-    def _target(self, t: Array) -> Array:
-        """The path at the time steps, shape (steps + 1, 2) [m]."""
+    def _target(self, t: Array, d: int) -> Array:
+        """The path at the time steps, shape (steps + 1, d) [m]."""
         if _is_pair_of_coordinates(self.path):
+            if len(self.path) != d:
+                raise ValueError(
+                    f"path tracking: the path has {len(self.path)} coordinates, but the marker has "
+                    f"{d}"
+                )
             return np.column_stack(
                 [
                     _tabulated(f"path tracking: the path along {axis}", along, t)
-                    for axis, along in zip("xy", self.path, strict=True)
+                    for axis, along in zip("xyz", self.path, strict=False)
                 ]
             )
         array = np.asarray(self.path, dtype=np.float64)
-        return _checked("path tracking: the path", array, (t.size, 2))
+        return _checked("path tracking: the path", array, (t.size, d))
 
     def _weights(self, trajectory: Trajectory) -> Array:
         weights = time_weights(trajectory, self.window, "path tracking")
@@ -191,7 +233,7 @@ class MarkerAcceleration(_MarkerObjective):
         check_window("marker acceleration", self.window)
 
     def acceleration(self, trajectory: Trajectory, bodies: Bodies) -> Array:
-        """Acceleration of the marker in global axes, shape (steps + 1, 2) [m/s^2].
+        """Acceleration of the marker in global axes, shape (steps + 1, 2 or 3) [m/s^2].
 
         Args:
             trajectory: Result of the simulation.
@@ -201,6 +243,8 @@ class MarkerAcceleration(_MarkerObjective):
             ValueError: If a name does not exist; the message lists those that do.
         """
         marker = self._body_marker("marker acceleration", bodies)
+        if trajectory.model.dimension == 3:
+            return self._in_space(trajectory, marker).acceleration
         where = trajectory.model.coordinates(self.body)
         b, angle = self._relative(trajectory, marker)[-1], trajectory.y[:, where.rotation]
         return trajectory.w[:, where.position] + _turned(b, angle)
@@ -214,6 +258,11 @@ class MarkerAcceleration(_MarkerObjective):
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
         marker = self._body_marker("marker acceleration", bodies)
         weights = time_weights(trajectory, self.window, "marker acceleration")
+        if trajectory.model.dimension == 3:
+            motion = self._in_space(trajectory, marker)
+            second = 2.0 * weights[:, None] * motion.acceleration
+            none = np.zeros_like(second)
+            return self._in_space_pullback(trajectory, bodies, motion, (none, none, second))
         where = trajectory.model.coordinates(self.body)
         y, v, w = trajectory.y, trajectory.v, trajectory.w
         omega, alpha = (part[:, where.rotation, None] for part in (v, w))

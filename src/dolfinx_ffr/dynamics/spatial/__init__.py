@@ -13,12 +13,20 @@ from .coordinates import Coordinates
 from .integral_gradients import integral_bars, marker_bar, metric_bars
 from .kinematics import KIND, begin_turns, follow_turns, round_off_floor
 from .metric import coordinates_of, length_of, settled, settled_pullback, sizes_by_mass, ways
-from .motion import Momenta, marker_motion, marker_motion_pullback, momenta_of, rotations_of
+from .motion import (
+    MarkerMotion,
+    Momenta,
+    marker_motion,
+    marker_motion_pullback,
+    momenta_of,
+    rotations_of,
+)
 from .softening import largest_turn, softened
 
 __all__ = [
     "KIND",
     "Coordinates",
+    "MarkerMotion",
     "ModelArrays",
     "Momenta",
     "assemble",

@@ -68,8 +68,10 @@ def largest_turn(model: ModelArrays, body: int, y: Array, v: Array, h: Array) ->
     omega = v[:, where.rotation]
     speed: Array = np.asarray(np.linalg.norm(omega, axis=1))
     turning = speed > 1e-6 * float(np.max(speed)) + float(np.finfo(np.float64).tiny)
+    if not np.any(turning):
+        return 0.0
     axes = np.einsum("tij,tj->ti", rotations_of(y[turning][:, where.rotation]), omega[turning])
     axes /= speed[turning, None]
-    if len(axes) == 0 or np.max(np.linalg.norm(np.cross(axes, axes[0]), axis=1)) < _FIXED:
+    if np.max(np.linalg.norm(np.cross(axes, axes[0]), axis=1)) < _FIXED:
         return 0.0
     return float(np.max(speed * h))
