@@ -8,7 +8,14 @@ from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
 from .mirrors import Mirror, MirrorPlane, image_cells, mirror_lines, mirror_planes
-from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
+from .parametrization import (
+    DensityDesign,
+    Design,
+    VolumeBisection,
+    check_volume,
+    cutting,
+    shrunk,
+)
 from .rbf import (
     ExponentialSpline,
     Gaussian,
@@ -38,6 +45,7 @@ __all__ = [
     "Wendland",
     "check_kernel",
     "check_volume",
+    "cutting",
     "density_field",
     "image_cells",
     "mirror_lines",
