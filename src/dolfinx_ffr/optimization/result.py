@@ -16,8 +16,8 @@ from .. import validation
 from ..design import Design
 from ..dynamics import SimulationError
 from ..fem import Domain
-from ..part import Part, Verification, verify
-from ..plotting import plot_part
+from ..part import Part, Solid, Verification, verify
+from ..plotting import plot_design, plot_part
 from ..problem import Evaluation, Problem
 
 __all__ = ["DesignWarning", "Result", "gray_fraction", "of_problem", "only"]
@@ -129,6 +129,25 @@ class Result:
             self._parts[name] = Part.of(design, variables, material=material)
         return self._parts[name]
 
+    def solid(self, name: str | None = None) -> Solid:
+        """The solid that a designed body in space encloses, of the body's material; collective.
+
+        Args:
+            name: Of the body; by default the only one.
+
+        Raises:
+            ValueError: On every rank, if no body of this name was designed, several are and none is
+                named, the body is in the plane, or the solid cannot be made (`Solid`).
+
+        Warns:
+            PartWarning: Of loose pieces and lost interfaces, see `Solid`.
+        """
+        if name is None:
+            name = only({body: body for body in self.designs})
+        validation.choice("result: solid", name, self.designs)
+        material = self.problem.flexible[name].material
+        return Solid.of(self.designs[name], self.variables[name], material=material)
+
     def verify(self, **options: Any) -> Verification:
         """Evaluate the problem with all designed bodies as parts, on meshes that fit; collective.
 
@@ -145,13 +164,17 @@ class Result:
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
         """Leave the parts of all designed bodies: files for CAD, a picture, psi again; collective.
 
+        Of bodies in space it leaves the surfaces of their solids, and computes nothing again.
+
         Args:
-            folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png`` where one body is
-                designed; where several are, for folders with their names.
+            folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
+                ``solid.stl`` and ``solid.png``, where one body is designed; where several are, for
+                folders with their names.
             options: Those of `verify`.
 
         Returns:
-            What the parts are worth; None if the design encloses no part that can be moved.
+            What the parts are worth; None if the design encloses no part that can be moved, and of
+            bodies in space.
 
         Raises:
             OSError: On every rank, if a file cannot be written.
@@ -159,18 +182,38 @@ class Result:
         Warns:
             DesignWarning: Where there is no such part, with the reason.
         """
+        if any(design.domain.dimension == 3 for design in self.designs.values()):
+            self._leave_solids(folder)
+            return None
         try:
             found = self.verify(**options)
         except (ValueError, SimulationError) as error:
             warnings.warn(f"no part comes of this design: {error}", DesignWarning, stacklevel=2)
             return None
-        for name in self.designs:
+        for name, own in self._folders(folder).items():
             part = self.part(name)
-            own = Path(folder) if len(self.designs) == 1 else Path(folder) / name.replace(" ", "_")
             part.write(own)
             title = f"{name}: psi of the part is {found.psi / self.psi:.3f} of that of the design"
             plot_part(part, own / "part.png", title=title)
         return found
+
+    def _folders(self, folder: str | Path) -> dict[str, Path]:
+        """Where the files of each body go."""
+        if len(self.designs) == 1:
+            return dict.fromkeys(self.designs, Path(folder))
+        return {name: Path(folder) / name.replace(" ", "_") for name in self.designs}
+
+    def _leave_solids(self, folder: str | Path) -> None:
+        """The surfaces of the solids of designed bodies in space, and pictures of them."""
+        for name, own in self._folders(folder).items():
+            try:
+                solid = self.solid(name)
+            except ValueError as error:
+                what = f"no solid comes of the design of {name!r}: {error}"
+                warnings.warn(what, DesignWarning, stacklevel=3)
+                continue
+            solid.write(own / "solid.stl")
+            plot_design(self.designs[name].domain, self.densities[name], own / "solid.png")
 
     @property
     def psi(self) -> float:
