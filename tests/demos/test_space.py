@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""Demos in space on small meshes, and Haug's slider-crank in numbers."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from spatial_slider_crank import main, slider_of, spatial_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
+
+
+def test_way_of_the_slider() -> None:
+    """The closed form, beside E. J. Haug's numbers for angles that he counts from z."""
+    for degrees, x in ((0, 0.2), (45, 0.238615293517), (90, 0.274226184016), (180, 0.28)):
+        assert slider_of(np.radians(degrees + 90.0)) == pytest.approx(x, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_design_on_any_number_of_ranks(
+    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The program leaves its files; several ranks find the design that one does."""
+    monkeypatch.setattr(plotting, "animate_motion", lambda *_, **__: None)
+    monkeypatch.setattr(plotting, "plot_modes", lambda *_, **__: None)
+    monkeypatch.setattr(plotting, "plot_scene", lambda *_, **__: None)
+    out = shared_tmp_path / "out"
+    small = ["--elements", "16", "4", "4", "--steps", "400", "--iterations", "6"]
+    main([*small, "--output", str(out)])
+    comm.Barrier()
+    found = json.loads((out / "summary.json").read_text())
+    assert found["gradient"] == pytest.approx(found["central_difference"], rel=1e-5)
+    for name in ("design.xdmf", "design.png", "solid.stl", "stress.png", "report.html"):
+        assert (out / name).stat().st_size > 500, name
+    problem = spatial_problem(MPI.COMM_SELF, (16, 4, 4), steps=400)
+    with warnings.catch_warnings():  # no good design in so few iterations
+        warnings.simplefilter("ignore")
+        levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+        options = {"volume": 0.5, "iterations": 6, "progress": False}
+        alone = ffr.optimize(problem, levelset, **options)
+    assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-6)
