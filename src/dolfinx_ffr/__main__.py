@@ -47,7 +47,8 @@ def compile_beforehand(*, everything: bool) -> None:
     """Compile the time integration, with a bar of progress.
 
     Args:
-        everything: Whether to compile all integrators, or only the one that the demos take.
+        everything: Whether to compile all integrators, and for mechanisms in space as well, or only
+            what the demos take.
     """
     from tqdm import tqdm
 
@@ -55,6 +56,8 @@ def compile_beforehand(*, everything: bool) -> None:
 
     began = time.perf_counter()
     functions = compiled_functions(INTEGRATORS if everything else (GeneralizedAlpha,))
+    if everything:
+        functions = list(dict.fromkeys([*compiled_functions(space=True), *functions]))
     text = "compiling the time integration"
     with tqdm(total=len(functions), desc=text, unit="function") as bar:
         for name in compile_side_by_side(functions):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shared.spatial_bodies import cloud, stiffened_cloud
 
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
-from dolfinx_ffr.dynamics import GeneralizedAlpha
+from dolfinx_ffr.dynamics import GeneralizedAlpha, Integrator, RadauIIA
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.mechanism import (
     Assembled,
@@ -63,6 +63,7 @@ class Case:
     mechanism: Mechanism
     objective: Objective
     make: Callable[[int, int], VolumeIntegrals] = cloud
+    integrator: Integrator = field(default_factory=lambda: GeneralizedAlpha(0.3, 30))
 
     @property
     def bodies(self) -> Bodies:
@@ -70,7 +71,7 @@ class Case:
 
     @property
     def problem(self) -> MechanicalProblem:
-        return MechanicalProblem(self.mechanism, GeneralizedAlpha(0.3, 30), self.objective)
+        return MechanicalProblem(self.mechanism, self.integrator, self.objective)
 
 
 def loop() -> Case:
@@ -149,7 +150,18 @@ def geared() -> Case:
     return Case(mechanism, IntegralCompliance() + 0.1 * JointForce("gear"))
 
 
-CASES = {make.__name__: make for make in (loop, forced, stiffened, settled, geared)}
+def loop_by_radau() -> Case:
+    """The loop by Radau's method."""
+    return replace(loop(), integrator=RadauIIA(0.3, steps=12))
+
+
+def stiffened_by_radau() -> Case:
+    """All kinds of forces and stiffening by Radau's method."""
+    return replace(stiffened(), integrator=RadauIIA(0.3, steps=30))
+
+
+MAKERS = (loop, forced, stiffened, settled, geared, loop_by_radau, stiffened_by_radau)
+CASES = {make.__name__: make for make in MAKERS}
 
 
 def random_direction(bodies: Mapping[str, VolumeIntegrals], seed: int) -> Bodies:

@@ -13,7 +13,14 @@ from scipy.spatial.transform import Rotation
 from shared.spatial_bodies import cloud, flat_cloud
 
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
-from dolfinx_ffr.dynamics import GeneralizedAlpha, TimeStepWarning, Trajectory, simulate
+from dolfinx_ffr.dynamics import (
+    GeneralizedAlpha,
+    Integrator,
+    RadauIIA,
+    TimeStepWarning,
+    Trajectory,
+    simulate,
+)
 from dolfinx_ffr.mechanism import (
     Assembled,
     Cylindrical,
@@ -75,12 +82,36 @@ def test_torque_free_symmetric_top_is_of_second_order() -> None:
     assert np.ptp(energy) < 1e-8 * energy[0]
 
 
+def test_radau_is_of_fifth_order() -> None:
+    J, spin, end = (0.2, 0.2, 0.35), (0.8, 0.0, 5.0), 2.0
+    body = VolumeIntegrals.rigid(1.0, inertia=J)
+    mechanism = Mechanism({"top": Placement((0.0, 0.0, 0.0), angular_velocity=spin)})
+    L = np.array(J) * spin
+    exact = Rotation.from_rotvec(L * end / J[0]) * Rotation.from_rotvec(
+        [0.0, 0.0, -(J[2] - J[0]) / J[0] * spin[2] * end]
+    )
+
+    def error(integrator: RadauIIA) -> float:
+        last = simulate(mechanism, {"top": body}, integrator).rotation("top")[-1]
+        return float(np.max(np.abs(last - exact.as_matrix())))
+
+    errors = [error(RadauIIA(end, steps=n)) for n in (20, 40, 80)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 5.0, atol=0.1)
+    assert error(RadauIIA(end, tolerance=1e-8)) < 1e-8
+
+
 def test_intermediate_axis() -> None:
     """Dzhanibekov's body turns over; reference by a Runge-Kutta method of order 8."""
     runs = [free_body((3.0, 2.0, 1.0), (0.1, 2.0, 0.1), 5.0, n) for n in (1000, 2000)]
     coarse, fine = (run.v[-1, 3:6] for run in runs)
     expected = (0.214448400638, -1.972824282695, 0.343459385675)
     np.testing.assert_allclose(extrapolated(coarse, fine), expected, atol=1e-6)
+    body = VolumeIntegrals.rigid(1.0, inertia=(3.0, 2.0, 1.0))
+    mechanism = Mechanism({"top": Placement((0.0, 0.0, 0.0), angular_velocity=(0.1, 2.0, 0.1))})
+    trajectory = simulate(mechanism, {"top": body}, end_time=10.0, tolerance=1e-9)
+    expected = (1.150535090216, 0.242501584624, -1.987760795834)
+    np.testing.assert_allclose(trajectory.v[-1, 3:6], expected, atol=1e-7)
 
 
 def test_heavy_top() -> None:
@@ -212,8 +243,8 @@ def test_spatial_slider_crank() -> None:
     assert np.max(slider[:, 0]) == pytest.approx(0.29015995410, abs=1e-3)
 
 
-def bricard(n: int) -> Array:
-    """Place of the third hinge of Bricard's mechanism after 0.4 s, shape (3,) [m]."""
+def bricard(integrator: Integrator) -> Array:
+    """Place of the fourth corner of Bricard's mechanism at the end, shape (3,) [m]."""
     corners = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
     axes = np.eye(3)[[1, 2, 0, 1, 2, 0]]
     long, across = (1.0 + 0.01) / 12.0, 0.02 / 12.0
@@ -240,14 +271,16 @@ def bricard(n: int) -> Array:
         return Revolute(here, (before, "b"), axis=tuple(frame.T @ axes[k]))
 
     mechanism = Mechanism(placements, [hinge(k) for k in range(6)], gravity=(0.0, -9.81, 0.0))
-    trajectory = simulate(mechanism, bodies, GeneralizedAlpha(0.4, n))
+    trajectory = simulate(mechanism, bodies, integrator)
     return trajectory.marker_path("rod 2", "b")[-1]
 
 
 def test_bricard() -> None:
     """IFToMM's benchmark A04; the numbers are those of Exudyn, extrapolated, to 1e-7."""
-    found = extrapolated(bricard(100), bricard(200))
+    found = extrapolated(*(bricard(GeneralizedAlpha(0.4, n)) for n in (100, 200)))
     np.testing.assert_allclose(found, (0.987207406, -1.148426164, 0.840558673), atol=3e-7)
+    found = bricard(RadauIIA(2.0, tolerance=1e-8))
+    np.testing.assert_allclose(found, (-0.969340345, -1.221246895, 0.754278011), atol=3e-7)
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5)])

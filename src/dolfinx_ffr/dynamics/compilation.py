@@ -196,7 +196,7 @@ class Compiled:
     @property
     def name(self) -> str:
         """Where the function is, and its name."""
-        return f"{self.function.__module__.rsplit('.', 1)[-1]}.{self.function.__name__}"
+        return ".".join([*self.function.__module__.split(".")[-2:], self.function.__name__])
 
     @property
     def ready(self) -> bool:

@@ -7,18 +7,20 @@ with coordinates y, their first derivatives v and second derivatives w, and mult
 of kinematics is three compiled functions, which work on the arrays of :class:`Equations`.
 
 Where bodies turn in space, v is no derivative of y, but dy/dt = T(y)^-1 v, and w = dv/dt. A fourth
-function then changes between coordinates that add up within a step and those between steps; T = 1
-where a step begins. Derivatives with respect to y in these arrays are those to coordinates within a
-step, and C_y v stands for C v, C the derivative of the constraints' rate with respect to v.
+function then changes between coordinates that add up within a step and those between steps, and a
+fifth one integrates dy/dt = T^-1 v through the stages of a step; T = 1 where a step begins.
+Derivatives with respect to y in these arrays are those to coordinates within a step, and C_y v
+stands for C v, C the derivative of the constraints' rate with respect to v.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .compilation import IntVector, Matrix, Vector, call_at, kernel
+from .compilation import Array3, IntVector, Matrix, Vector, call_at, kernel
 
 #: What to evaluate; the values are added. Positions, velocities and gradients of the constraints,
 #: on which all others rest; forces and mass matrix; what is missing from their derivatives;
@@ -62,22 +64,34 @@ class Equations(NamedTuple):
     on_accelerations: Vector  # (rows,) adjoint of the second derivative of C
     y_bar: Vector  # (n,) derivatives of the result with respect to y
     v_bar: Vector  # (n,) and to v
-    #: (6,) addresses of the three functions, of their two tables, and of the fourth function or 0
+    turning: IntVector  # (bodies,) places of their rotations in space; none where v = dy/dt
+    stage_weights: Matrix  # (3, 3) coefficients of a method of three stages
+    stage_v: Matrix  # (3, n) velocities of its stages; empty where v = dy/dt, like the next three
+    stage_shift: Matrix  # (3, n) u of rotations less h times the weighted sum of velocities
+    excess: Array3  # (9, n, 3) derivatives of it, in stage i, by the accelerations of stage j
+    excess_start: Array3  # (3, n, 3) and by the velocities at the beginning of the step
+    #: (7,) addresses of the three functions, of their two tables, and of the fourth and the fifth
+    #: function or 0
     kinematics: IntVector
 
 
-def equations(n: int, rows: int, kinematics: tuple[int, ...]) -> Equations:
+def equations(
+    n: int, rows: int, kinematics: tuple[int, ...], turning: Sequence[int] = ()
+) -> Equations:
     """Arrays of zeros for a mechanism.
 
     Args:
         n: Number of coordinates.
         rows: Number of scalar constraints.
         kinematics: Addresses of the functions evaluate, pullback and measure, of the two tables
-            that they take beside the equations, and of the function chart, 0 where v = dy/dt.
+            that they take beside the equations, and of the functions chart and turn_stages, 0 where
+            v = dy/dt.
+        turning: Places of the rotations of bodies in space.
     """
     of_coordinates = ("y", "v", "w", "base", "floor", "reference", "r", "adjoint", "y_bar", "v_bar")
     of_rows = ("lam", "value", "rate", "acceleration", "on_values", "on_rates", "on_accelerations")
     jacobian = np.zeros((rows, n))
+    m = n if len(turning) else 0
     return Equations(
         **{name: np.zeros(n) for name in of_coordinates},
         **{name: np.zeros(rows) for name in of_rows},
@@ -85,6 +99,12 @@ def equations(n: int, rows: int, kinematics: tuple[int, ...]) -> Equations:
         C=jacobian,
         Cy=np.zeros((rows, n)) if kinematics[5] else jacobian,
         **{name: np.zeros((n, n)) for name in ("M", "Ky")},
+        turning=np.array(turning, dtype=np.int64),
+        stage_weights=np.zeros((3, 3)),
+        stage_v=np.zeros((3, m)),
+        stage_shift=np.zeros((3, m)),
+        excess=np.zeros((9, m, 3)),
+        excess_start=np.zeros((3, m, 3)),
         sizes=np.zeros(4),
         kinematics=np.array(kinematics, dtype=np.int64),
     )
@@ -123,3 +143,15 @@ def chart(eq: Equations, instant: int, what: int) -> None:
     f = eq.kinematics
     if f[5] != 0:
         call_at(f[5], (eq, f[3], f[4], np.int64(instant), np.int64(what)))
+
+
+@kernel
+def turn_stages(eq: Equations, h: float) -> None:
+    """Shifts of rotations in the stages of a step of length h, and their derivatives.
+
+    From the velocities in stage_v. With the coefficients a_ij of the method the coordinates u of
+    rotations within the step hold u_i = h sum_j a_ij T(u_j)^-1 v_j.
+    """
+    f = eq.kinematics
+    if f[6] != 0:
+        call_at(f[6], (eq, f[3], f[4], np.float64(h)))

@@ -32,6 +32,8 @@ class Kind(Generic[M, W]):
     measure: Compiled
     #: Changes of coordinates; None where the velocities are their derivatives.
     chart: Compiled | None
+    #: Rotations through the stages of a step; None likewise.
+    turn_stages: Compiled | None
     #: Work arrays of a mechanism.
     work_arrays: Callable[[M], W]
     #: Number of coordinates.
@@ -48,5 +50,5 @@ class Kind(Generic[M, W]):
     @property
     def compiled(self) -> tuple[Compiled, ...]:
         """All compiled functions."""
-        own = (self.evaluate, self.pullback, self.measure)
-        return own if self.chart is None else (*own, self.chart)
+        every = (self.evaluate, self.pullback, self.measure, self.chart, self.turn_stages)
+        return tuple(function for function in every if function is not None)

@@ -88,9 +88,12 @@ class Kinematics:
         kind = self._kind
         functions = kind.evaluate.address, kind.pullback.address, kind.measure.address
         tables = self._model.address, self._work.address
-        chart = 0 if kind.chart is None else kind.chart.address
+        chart, turn_stages = (0 if f is None else f.address for f in (kind.chart, kind.turn_stages))
+        turning = spatial.turning_of(model) if isinstance(model, spatial.ModelArrays) else ()
         #: State at one instant, and what the equations of motion are there.
-        self.equations = equations(kind.size(model), kind.rows(model), (*functions, *tables, chart))
+        self.equations = equations(
+            kind.size(model), kind.rows(model), (*functions, *tables, chart, turn_stages), turning
+        )
         if isinstance(model, spatial.ModelArrays):
             self.equations.floor[:] = spatial.round_off_floor(model)
         #: The same for compiled functions.
@@ -151,14 +154,25 @@ class Kinematics:
         """Forces after an evaluation, see :func:`applied_forces`."""
         return np.asarray(self._kind.forces(self.work))
 
-    def begin(self, y: Array) -> None:
+    def begin(self, y: Array, turns: Array | None = None) -> None:
         """Let angles that count turns be those at the start of a motion.
 
         Args:
             y: Coordinates at the start, shape (n,).
+            turns: What :meth:`turns` gave there, if the motion goes on from another one.
         """
         if isinstance(self.model, spatial.ModelArrays):
-            spatial.begin_turns(self, y)
+            spatial.begin_turns(self, y, turns)
+
+    def turns(self, instant: int) -> Array | None:
+        """Angles that count turns at an instant of a motion; None in the plane.
+
+        Args:
+            instant: Number of the instant in the tables of the mechanism.
+        """
+        if isinstance(self.model, spatial.ModelArrays):
+            return np.array(self.work.turns[instant])
+        return None
 
     def follow(self, y: Array) -> None:
         """Let angles that count turns be those along a motion.

@@ -61,7 +61,8 @@ def compile_side_by_side(functions: Iterable[Compiled]) -> Iterator[str]:
 
 def _compile(name: str) -> str:
     """Compile the function of a name."""
-    next(function for function in compiled_functions() if function.name == name).compile()
+    every = [*compiled_functions(), *compiled_kinematics(space=True)]
+    next(function for function in every if function.name == name).compile()
     return name
 
 

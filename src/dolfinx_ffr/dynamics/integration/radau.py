@@ -194,14 +194,11 @@ class RadauIIA(Integrator):
         return replace(self, tolerance=tolerance) if self.adaptive else self
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        if model.dimension == 3:
-            raise ValueError(
-                "RadauIIA integrates mechanisms in the plane only; in space take "
-                "GeneralizedAlpha(end_time, steps), with simulate(tolerance=...) for an accuracy"
-            )
         start = _Rows.empty(np.zeros(1), model)
         start.y[0], start.v[0] = y0, v0
-        found = start_accelerations(Kinematics(model.arrays), 0, y0, v0)
+        kinematics = Kinematics(model.arrays)
+        kinematics.begin(y0)
+        found = start_accelerations(kinematics, 0, y0, v0)
         if found is None:
             raise SimulationError(
                 "the accelerations at the start cannot be found: the mass matrix of the bodies "
@@ -232,7 +229,8 @@ class RadauIIA(Integrator):
         model, kinematics = trajectory.model, Kinematics(trajectory.model.arrays)
         rows = _Rows(
             trajectory.t,
-            trajectory.y,
+            # where bodies turn in space the transpose puts them into coordinates within each step
+            trajectory.y.copy() if model.dimension == 3 else trajectory.y,
             trajectory.v,
             trajectory.w,
             trajectory.multipliers,
@@ -243,6 +241,7 @@ class RadauIIA(Integrator):
         stages = rows.stages(np.diff(trajectory.step_ends))
         bars = step_bars(bar.y, bar.v, bar.w, bar.multipliers)
         system = Table(linear_system(3 * (model.size + 2 * model.rows)))
+        kinematics.follow(trajectory.y)
         if backward(kinematics.table, Table(stages), Table(bars), system) != CONVERGED:
             t = trajectory.t[stages.last[0]]
             raise RuntimeError(f"the matrix of the step at t = {t:.6g} s is singular")
@@ -366,6 +365,7 @@ class _Marching:
         size = model.size + 2 * model.rows
         self.system, self.small = Table(linear_system(3 * size)), Table(linear_system(size))
         self.weight, self.kept = np.zeros(model.size), np.zeros(2)
+        self.turns: Array | None = None
 
     def advance(self, ends: Array, limit: float) -> tuple:
         """Steps to the given ends, the first of which is where the motion stands.
@@ -386,12 +386,14 @@ class _Marching:
         )
         arrays = self.model.arrays._replace(**self.model.tables.tabulate(rows.t))
         equations = Kinematics(arrays)
+        equations.begin(rows.y[0], self.turns)
         status = march(
             equations.table, Table(stages), self.system, self.small, float(before), float(limit)
         )
         good = int(stages.last[0])
         if good:
             self.parts.append(rows.leading(good))
+            self.turns = equations.turns(3 * good)
         return status, good, rows
 
     def _jumps(self, rows: _Rows) -> bool:
@@ -407,6 +409,7 @@ class _Marching:
         for share in (1.0 - BESIDE_JUMP, 1.0 + BESIDE_JUMP):
             tables = self.model.tables.tabulate(np.full(2, share * t))
             kinematics = Kinematics(self.model.arrays._replace(**tables))
+            kinematics.begin(y, self.turns)
             found = start_accelerations(kinematics, 0, y, v)
             if found is None:
                 return False

@@ -8,11 +8,16 @@ import numpy as np
 from ..compilation import compiled, kernel
 from ..equations import (
     BODY_FORCES,
+    COMPOSE,
     CONSTRAINTS,
+    ENTER,
+    LEAVE,
+    LOCALISE,
     METRIC,
     OTHER_FORCES,
     ROWS,
     Equations,
+    chart,
     evaluate,
     measure,
     pullback,
@@ -29,6 +34,7 @@ from .stages import (
     stage_jacobian,
     stage_residual,
     stage_states,
+    turn_rotations,
 )
 from .start import CONVERGED, DIVERGED, SINGULAR
 from .steps import MAX_ITERATIONS, StepBars
@@ -142,7 +148,7 @@ def iterate(
                 delta = rhs[o + p]
                 finite = finite and np.isfinite(delta)
                 stages.w[at + i, p] -= delta
-                y, v = abs(stages.y[at + i, p]), abs(stages.v[at + i, p])
+                y, v = max(abs(stages.y[at + i, p]), eq.floor[p]), abs(stages.v[at + i, p])
                 change = max(change, weight[p] * max(abs(delta), abs(shift)))
                 largest = max(largest, weight[p] * abs(stages.w[at + i, p]))
                 round_off = max(round_off, weight[p] * (y / h + v) / h)
@@ -172,6 +178,7 @@ def judge(
     for i in range(3):
         stages.errors[k, i] = eq.sizes[i]
     load_stage(eq, stages, at + 2)
+    chart(eq, at + 2, COMPOSE)
     for p in range(eq.r.size):
         eq.reference[p] = stages.reference[p]
     measure(eq)
@@ -182,6 +189,7 @@ def judge(
     own = eq.sizes[0], eq.sizes[1], eq.sizes[2]
     # Where a body turns too far, the method may find another motion, and sees no error.
     if limit < np.inf:
+        load_stage(eq, stages, at + 2)
         for p in range(eq.r.size):
             eq.reference[p] = stages.y[at - 1, p]
         measure(eq)
@@ -189,6 +197,18 @@ def judge(
             return REJECTED
     stages.sizes[0], stages.sizes[1], stages.sizes[2] = own
     return CONVERGED
+
+
+@kernel
+def settle_stages(eq: Equations, stages: Stages, at: int) -> None:
+    """Coordinates of the stages in rows at, at + 1, at + 2 from those within the step."""
+    if eq.turning.size > 0:
+        for i in range(3):
+            load_stage(eq, stages, at + i)
+            evaluate(eq, at + i, 0.0, CONSTRAINTS)
+            chart(eq, at + i, COMPOSE)
+            for p in range(eq.r.size):
+                stages.y[at + i, p] = eq.y[p]
 
 
 @compiled(Equations, Stages, LinearSystem, LinearSystem, float, float)
@@ -228,13 +248,29 @@ def march(
         for i in range(3):
             for c in range(eq.value.size):
                 stages.eta[at + i, c] = h * stages.eta[at + i, c]
-        if status != CONVERGED:
-            return status
-        status = judge(eq, stages, small, k, h, limit)
+        if status == CONVERGED:
+            status = judge(eq, stages, small, k, h, limit)
+        settle_stages(eq, stages, at)
         if status != CONVERGED:
             return status
         stages.last[0] = k + 1
     return CONVERGED
+
+
+@kernel
+def enter_stages(eq: Equations, stages: Stages, bars: StepBars, at: int, h: float) -> None:
+    """Coordinates of the stages, and derivatives with respect to them, to those within the step."""
+    if eq.turning.size > 0:
+        for i in range(3):
+            load_stage(eq, stages, at + i)
+            chart(eq, at + i, LOCALISE)
+            for p in range(eq.r.size):
+                stages.y[at + i, p] = eq.y[p]
+                eq.y_bar[p] = bars.y[at + i, p]
+            chart(eq, at + i, ENTER)
+            for p in range(eq.r.size):
+                bars.y[at + i, p] = eq.y_bar[p]
+        turn_rotations(eq, stages, at, h)
 
 
 @compiled(Equations, Stages, StepBars, LinearSystem)
@@ -254,13 +290,14 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
     for k in range(stages.lengths.size - 1, -1, -1):
         h, at = stages.lengths[k], 3 * k + 1
         begin_step(eq, stages, at - 1)
+        for p in range(n):
+            bars.y[at + 2, p] += y0b[p]
+            bars.v[at + 2, p] += v0b[p]
+        enter_stages(eq, stages, bars, at, h)
         stage_jacobian(eq, stages, system, at, h)
         if not lu_factor(system, 3 * block):
             stages.last[0] = at
             return SINGULAR
-        for p in range(n):
-            bars.y[at + 2, p] += y0b[p]
-            bars.v[at + 2, p] += v0b[p]
         for j in range(3):
             o = j * block
             for p in range(n):
@@ -268,6 +305,12 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
                 for i in range(3):
                     total += h * A[i, j] * bars.v[at + i, p] + h * h * AA[i, j] * bars.y[at + i, p]
                 rhs[o + p] = total
+            for b in range(eq.turning.size):
+                p = eq.turning[b]
+                for i in range(3):
+                    for r in range(3):
+                        for q in range(3):
+                            rhs[o + p + q] += eq.excess[3 * i + j, p + r, q] * bars.y[at + i, p + r]
             for c in range(rows):
                 rhs[o + n + c] = bars.lam[at + j, c]
                 total = 0.0
@@ -290,8 +333,15 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
             pullback(eq, row, BODY_FORCES | OTHER_FORCES | ROWS)
             for p in range(n):
                 bars.y[row, p] = eq.y_bar[p]
-                y0b[p] += eq.y_bar[p]
                 v0b[p] += eq.v_bar[p] + NODES[i] * h * eq.y_bar[p]
+            for b in range(eq.turning.size):
+                p = eq.turning[b]
+                for r in range(3):
+                    for q in range(3):
+                        v0b[p + q] += eq.excess_start[i, p + r, q] * eq.y_bar[p + r]
+            chart(eq, row, LEAVE)
+            for p in range(n):
+                y0b[p] += eq.y_bar[p]
         # The share of Y_i = ... - h^2 D C_y(y)^T sigma_i through D and C_y at the beginning.
         load_stage(eq, stages, at - 1)
         evaluate(eq, at - 1, 0.0, CONSTRAINTS)

@@ -36,6 +36,7 @@ from ..equations import (
     Equations,
     evaluate,
     measure,
+    turn_stages,
 )
 from .linear import LinearSystem, lu_factor, lu_solve
 from .start import set_units, unit_of_row
@@ -118,6 +119,8 @@ def load_stage(eq: Equations, stages: Stages, row: int) -> None:
 def begin_step(eq: Equations, stages: Stages, row: int) -> None:
     """Directions of position corrections of the step that begins at a row."""
     load_stage(eq, stages, row)
+    for p in range(eq.r.size):
+        eq.base[p] = eq.y[p]
     evaluate(eq, row, 0.0, CONSTRAINTS | CORRECTIONS)
 
 
@@ -136,6 +139,41 @@ def stage_states(eq: Equations, stages: Stages, at: int, h: float) -> None:
             y0, v0 = stages.y[at - 1, p], stages.v[at - 1, p]
             stages.v[at + i, p] = v0 + h * first
             stages.y[at + i, p] = y0 + NODES[i] * h * v0 + h * h * (second - push)
+    turn_rotations(eq, stages, at, h)
+    for b in range(eq.turning.size):
+        for i in range(3):
+            for p in range(eq.turning[b], eq.turning[b] + 3):
+                stages.y[at + i, p] += eq.stage_shift[i, p]
+
+
+@kernel
+def turn_rotations(eq: Equations, stages: Stages, at: int, h: float) -> None:
+    """Shifts of rotations by the velocities of the stages, and their derivatives."""
+    if eq.turning.size > 0:
+        for i in range(3):
+            for p in range(eq.r.size):
+                eq.stage_v[i, p] = stages.v[at + i, p]
+            for j in range(3):
+                eq.stage_weights[i, j] = A[i, j]
+        turn_stages(eq, h)
+
+
+@kernel
+def add_turns(eq: Equations, matrix: Matrix, i: int, size: int, h: float) -> None:
+    """Add to the Jacobian of stage i what rotations add to the derivatives of its coordinates."""
+    n, rows, o = eq.r.size, eq.value.size, i * size
+    for b in range(eq.turning.size):
+        at = eq.turning[b]
+        for j in range(3):
+            for q in range(3):
+                column = j * size + at + q
+                for r in range(3):
+                    excess = eq.excess[3 * i + j, at + r, q]
+                    for p in range(n):
+                        matrix[o + p, column] += eq.Ky[p, at + r] * excess
+                    for c in range(rows):
+                        matrix[o + n + c, column] += eq.Cy[c, at + r] * excess / (h * h)
+                        matrix[o + n + rows + c, column] += eq.D[c, at + r] * excess / h
 
 
 @kernel
@@ -165,6 +203,7 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
     """
     n, rows, mass, weight, matrix = eq.r.size, eq.value.size, stages.mass, stages.weight, system.A
     M, Ky, C, D, correction = eq.M, eq.Ky, eq.C, eq.D, eq.correction
+    Cy = eq.Cy
     size = n + 2 * rows
     for p in range(3 * size):
         for q in range(3 * size):
@@ -194,16 +233,17 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
             at_row, rate = o + n + c, o + n + rows + c
             for j in range(3):
                 for q in range(n):
-                    matrix[at_row, j * size + q] = AA[i, j] * C[c, q]
+                    matrix[at_row, j * size + q] = AA[i, j] * Cy[c, q]
                     matrix[rate, j * size + q] = A[i, j] * C[c, q]
                     matrix[rate, j * size + q] += h * AA[i, j] * D[c, q]
             for d in range(rows):
                 first = second = 0.0
                 for q in range(n):
-                    first += C[c, q] * correction[d, q]
+                    first += Cy[c, q] * correction[d, q]
                     second += D[c, q] * correction[d, q]
                 matrix[at_row, o + n + rows + d] = -first
                 matrix[rate, o + n + rows + d] = -h * second
+        add_turns(eq, matrix, i, size, h)
     unit = system.unit
     for p in range(n):
         unit[p] = 1.0 / weight[p]

@@ -32,5 +32,5 @@ def _forces(work: Work) -> Array:
 #: Planar kinematics: positions, an angle and elastic coordinates of each body, whose derivatives
 #: are the velocities.
 KIND: Kind[ModelArrays, Work] = Kind(
-    evaluate, pullback, measure, None, work_arrays, size, _rows, _bars, _places, _forces
+    evaluate, pullback, measure, None, None, work_arrays, size, _rows, _bars, _places, _forces
 )

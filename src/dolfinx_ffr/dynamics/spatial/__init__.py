@@ -11,7 +11,7 @@ from .arrays import ModelArrays
 from .assembly import assemble
 from .coordinates import Coordinates
 from .integral_gradients import integral_bars, marker_bar, metric_bars
-from .kinematics import KIND, begin_turns, follow_turns, round_off_floor
+from .kinematics import KIND, begin_turns, follow_turns, round_off_floor, turning_of
 from .metric import coordinates_of, length_of, settled, settled_pullback, sizes_by_mass, ways
 from .motion import (
     MarkerMotion,
@@ -47,5 +47,6 @@ __all__ = [
     "settled_pullback",
     "sizes_by_mass",
     "softened",
+    "turning_of",
     "ways",
 ]

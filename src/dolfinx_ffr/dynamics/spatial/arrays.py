@@ -97,6 +97,7 @@ class Work(NamedTuple):
     qh: Matrix  # (3, modes + 1) (1, q), (0, v), (0, w)
     small: Array3  # (16, 3, 3)
     vectors: Matrix  # (24, 3)
+    Q: Matrix  # (9, 18) equations of the stages of a rotation, and right-hand sides
     RW: Matrix  # (modes + 6, modes + 6) derivative of the forces of a body with respect to w
     RV: Matrix  # (modes + 6, modes + 6) v
     RY: Matrix  # (modes + 6, modes + 6) y
@@ -137,6 +138,7 @@ def work_arrays(model: ModelArrays) -> Work:
         qh=zeros(3, modes + 1),
         small=zeros(16, 3, 3),
         vectors=zeros(24, 3),
+        Q=zeros(9, 18),
         **{name: zeros(RIGID + modes, RIGID + modes) for name in ("RW", "RV", "RY")},
         bars=zeros(4, COMPONENTS),
         vector_bars=zeros(vectors, 3 + 3 * modes, modes + 1),

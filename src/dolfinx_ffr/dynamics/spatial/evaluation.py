@@ -22,6 +22,7 @@ from ..equations import (
     TANGENT,
     Equations,
 )
+from .algebra import dot
 from .arrays import RIGID, ROTATION, ModelArrays, Work
 from .bodies import body_equations, body_pullback
 from .constraints import (
@@ -122,13 +123,12 @@ def chart(eq: Equations, model: ModelArrays, work: Work, instant: int, what: int
             for k in range(3):
                 bar[i + k] = matrix[k, 0] * p + matrix[k, 1] * q + matrix[k, 2] * r
     if what == COMPOSE:
-        # Angles of rows are counted on from here.
+        # Angles of rows are counted on from here, through the next step of three stages at most.
         turns, last = work.turns, work.turns.shape[0] - 1
         for row in range(model.kind.size):
             for k in range(2):
-                turns[instant, row, k] = work.angles[row, k]
-                if instant < last:
-                    turns[instant + 1, row, k] = work.angles[row, k]
+                for later in range(instant, min(instant + 3, last) + 1):
+                    turns[later, row, k] = work.angles[row, k]
     return 0
 
 
@@ -161,7 +161,10 @@ def measure(eq: Equations, model: ModelArrays, work: Work) -> int:
                 sizes[0] += (y[p] - reference[p]) * G * (y[q] - reference[q])
                 sizes[1] += rate
                 sizes[2] += y[p] * model.K[b, i, j] * y[q] + rate
-        turn = math.sqrt(shift[0] ** 2 + shift[1] ** 2 + shift[2] ** 2)
+        # Within the step, where it may be more than half a turn.
+        for k in range(3):
+            shift[k] = y[r + k] - eq.base[r + k]
+        turn = math.sqrt(dot(shift, shift))
         # Not a maximum: NaN must stay.
         if not turn <= sizes[3]:
             sizes[3] = turn

@@ -12,6 +12,7 @@ from ..equations import CONSTRAINTS
 from ..kind import Kind
 from .arrays import ANGLE, GEAR, RIGID, ROTATION, ModelArrays, Work, constraints, size, work_arrays
 from .evaluation import chart, evaluate, measure, pullback
+from .stages import turn_stages
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,17 @@ def _forces(work: Work) -> Array:
 
 #: Kinematics in space: positions, rotations and elastic coordinates of each body.
 KIND: Kind[ModelArrays, Work] = Kind(
-    evaluate, pullback, measure, chart, work_arrays, size, constraints, _bars, _places, _forces
+    evaluate,
+    pullback,
+    measure,
+    chart,
+    turn_stages,
+    work_arrays,
+    size,
+    constraints,
+    _bars,
+    _places,
+    _forces,
 )
 
 
@@ -50,13 +61,25 @@ def round_off_floor(model: ModelArrays) -> Array:
     return floor
 
 
-def begin_turns(kinematics: Any, y: Array) -> None:
+def turning_of(model: ModelArrays) -> list[int]:
+    """Places of the rotations of all bodies among the coordinates.
+
+    Args:
+        model: Flat arrays of the mechanism.
+    """
+    return [int(first) + ROTATION for first in model.first]
+
+
+def begin_turns(kinematics: Any, y: Array, turns: Array | None = None) -> None:
     """Let angles of rows be those at the start of a motion.
 
     Args:
         kinematics: Equations of motion.
         y: Coordinates at the start, shape (n,).
+        turns: Angles to which they are close, shape (rows and springs, 2); None is zero.
     """
+    if turns is not None:
+        kinematics.work.turns[:] = turns
     kinematics.set(y)
     kinematics.evaluate(0, CONSTRAINTS)
     kinematics.work.turns[:] = kinematics.work.angles
