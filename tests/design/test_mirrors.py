@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from meshes.connecting_rod import ConnectingRod
 from shared.meshes import annulus, plate, prongs
 from shared.problems import slider_crank
 
@@ -90,3 +91,14 @@ def test_the_gradient_confirms_the_axis_of_the_slider_crank(comm: MPI.Intracomm)
     assert angles(ffr.mirror_lines(domain, gradient["rod"])) == [0.0]
     with pytest.raises(ValueError, match="mirror lines: gradient"):
         ffr.mirror_lines(domain, gradient["rod"][1:])
+
+
+@pytest.mark.mpi
+def test_a_graded_mesh_without_the_symmetry_of_its_body(comm: MPI.Intracomm) -> None:
+    """Image cells are none of the mesh: a gradient is compared between centroids."""
+    domain = ConnectingRod().domain(comm, 0.005)
+    assert angles(ffr.mirror_lines(domain)) == [0.0]
+    x, y = 10.0 * domain.centroids.T
+    for odd, found in ((0.0, [0.0]), (0.1, [])):
+        density = np.cos(x) + np.cos(3.0 * y) + odd * np.sin(5.0 * y)
+        assert angles(ffr.mirror_lines(domain, domain.cell_volumes * density)) == found
