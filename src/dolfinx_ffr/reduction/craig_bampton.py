@@ -33,6 +33,7 @@ from ..fem import Block, Domain, Elasticity, Matrices, kept_by, rigid_fields, ro
 from .factored_body import FactoredBody, HeldMatrices
 from .frame import Frame
 from .inertia import InertiaCount
+from .krylov import KrylovSpace
 from .normal_modes import CLUSTER, EigenSolver, NormalModes, cluster
 
 __all__ = ["CraigBampton", "ReducedBasis"]
@@ -91,7 +92,7 @@ class CraigBampton:
     """
 
     def __init__(
-        self, elasticity: Elasticity, frame: Frame, modes: int, *, tolerance: float = 1e-11
+        self, elasticity: Elasticity, frame: Frame, modes: int, *, tolerance: float = 1e-8
     ) -> None:
         validation.instance("reduction: elasticity", elasticity, Elasticity, "an Elasticity")
         needed = "ChordFrame(...) or TangentFrame(...)"
@@ -305,8 +306,7 @@ class CraigBampton:
         K z_k = -Phi_bar_k for the constraint modes, and
         (K - lambda_i M) z_i = -(Phi_bar_i projected off the retained modes), z_i M-orthogonal to
         them, the derivative of psi is  sum_k z_k^T dK psi_k + sum_i z_i^T (dK - lambda_i dM) phi_i.
-        The second systems are solved together by conjugate gradients, preconditioned with the
-        factor of K and deflated by the retained modes.
+        The second systems are solved together in one block Krylov space (`solve_shifted`).
 
         Args:
             factored: The body at one density.
@@ -323,13 +323,9 @@ class CraigBampton:
         self.check_gap(factored, basis)
         right = -shapes_bar
         right[self.held] = 0.0
-        fields = np.zeros_like(right)
         k = basis.n_constraint
-        fields[:, :k] = factored.solve(right[:, :k])
-        fields[:, k:], iterations = self.solve_shifted(
-            factored, basis, right[:, k:], basis.eigenvalues
-        )
-        return Pullback(fields, iterations)
+        adjoint, iterations = self.solve_shifted(factored, basis, right[:, k:], basis.eigenvalues)
+        return Pullback(np.hstack([factored.solve(right[:, :k]), adjoint]), iterations)
 
     def solve_shifted(
         self,
@@ -340,9 +336,12 @@ class CraigBampton:
     ) -> tuple[Block, int]:
         """Solve (K - shift_j M) z_j = right_j on the complement of the retained modes.
 
-        All columns go through the conjugate gradients side by side, so that the factor serves
-        several right-hand sides at once; a column that has converged stays as it is. Along the
-        modes that the eigenvalue solver found beyond the retained ones the solution is known.
+        With T = K^-1 M and z_0 = K^-1 right all solutions lie near one block Krylov space V of T
+        that grows from all z_0: Galerkin's method for (1 - shift_j T) z_j = z_0j gives V y_j, and
+        z_j = z_0j + shift_j T V y_j. Its error in the norm of K is at most
+        shift_j / (1 - shift_j / lambda) / sqrt(lambda) times the norm by mass of z_j - V y_j, with
+        the first eigenvalue lambda that the space does not know. Along the modes that the
+        eigenvalue solver found beyond the retained ones the solution is known.
 
         Args:
             factored: The body at one density.
@@ -353,7 +352,10 @@ class CraigBampton:
 
         Returns:
             Solutions M-orthogonal to the retained modes, shape (dofs, columns), and the number of
-            iterations.
+            blocks. The error of each in the norm of K is at most the tolerance times the largest
+            norm of all solutions, both times the square roots of their shifts: where
+            the columns are those of `pullback`, that bounds the error of the gradient relative to
+            the largest part of it.
 
         Raises:
             RuntimeError: On every rank, if the iteration does not converge.
@@ -361,41 +363,38 @@ class CraigBampton:
         inner = self.elasticity.inner
         if right.shape[1] == 0:
             return np.zeros_like(right), 0
-        outer = basis.outer_modes
-        solution = outer @ (inner(outer, right) / (basis.outer_eigenvalues[:, None] - shifts))
+        outer, outer_values = basis.outer_modes, basis.outer_eigenvalues
+        shares = inner(outer, right) / (outer_values[:, None] - shifts)
         normal = np.hstack([basis.shapes[:, basis.n_constraint :], outer])
         mass_normal = np.hstack([basis.mass_times_normal, basis.mass_times_outer])
-        residual = right - mass_normal @ inner(normal, right)
-        active = np.arange(right.shape[1])
-        direction = np.zeros_like(right)
-        energy = np.ones(right.shape[1])
-        target = np.zeros(right.shape[1])
+        loads = right - mass_normal @ inner(normal, right)
+        first = factored.solve(loads)
+        first -= normal @ inner(mass_normal, first)
+        known = self._column_products(first, loads) + outer_values @ shares**2
+        reach = shifts**2.5 / (1.0 - shifts / outer_values[-1]) / np.sqrt(outer_values[-1])
+        # directions whose bound is a tenth of what is allowed are not followed
+        allowed = self.tolerance * np.sqrt(np.max(shifts * known))
+        floor = 0.1 * allowed / float(np.max(reach / shifts, initial=0.0))
+        space = KrylovSpace(factored, first, normal, answers=True, floor=floor)
+        if space.invariant:  # nothing to solve for
+            return first + outer @ shares, 0
         for iteration in range(MAX_ITERATIONS):
-            z = factored.solve(residual[:, active])
-            z -= normal @ inner(mass_normal, z)
-            new_energy = self._column_products(residual[:, active], z)
-            if iteration == 0:
-                target = self.tolerance**2 * np.abs(new_energy)
-                beta = np.zeros(len(active))
-            else:
-                beta = new_energy / energy[active]
-            energy[active] = new_energy
-            open_ = new_energy > target[active]
-            direction[:, active] = z + beta * direction[:, active]
-            active = active[open_]
-            if len(active) == 0:
-                return solution, iteration
-            d = direction[:, active]
-            image = self.elasticity.apply(factored.held_stiffness, d)
-            image -= shifts[active] * self.elasticity.apply(factored.held_mass, d)
-            # the images lie off the modes' range only up to round-off, which would grow
-            image -= mass_normal @ inner(normal, image)
-            curvature = self._column_products(d, image)
-            if np.any(curvature <= 0.0):
+            start = space.start[: space.complete]
+            start = np.pad(start, ((0, space.complete - len(start)), (0, 0)))
+            values, vectors = np.linalg.eigh(space.projected)
+            answers = vectors @ ((vectors.T @ start) / (1.0 - shifts * values[:, None]))
+            if space.complete:
+                energies = known + shifts * np.einsum(
+                    "ij,ij->j", answers, 2.0 * start + shifts * (space.projected @ answers)
+                )
+                largest = np.sqrt(max(np.max(shifts * energies), 0.0))
+                if np.max(reach * space.leaving(answers)) <= self.tolerance * largest:
+                    solution = first + shifts * (space.answers @ answers)
+                    solution -= normal @ inner(mass_normal, solution)
+                    return solution + outer @ shares, iteration
+            if space.invariant:
                 break
-            step = energy[active] / curvature
-            solution[:, active] += step * d
-            residual[:, active] -= step * image
+            space.grow()
         raise RuntimeError(
             f"reduction: the adjoint of the normal modes did not converge in {MAX_ITERATIONS} "
             f"iterations (relative gap to the first frequency left out {basis.outer_gap:.1e}); "
@@ -406,8 +405,8 @@ class CraigBampton:
         return self.elasticity.sum(np.einsum("ij,ij->j", a, b))
 
 
-#: Conjugate gradient iterations after which the pullback gives up
-MAX_ITERATIONS = 500
+#: Blocks after which the pullback gives up
+MAX_ITERATIONS = 100
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Block, Elasticity, Matrices
+from .direct_solver import DirectSolver, direct_solver
 from .inertia import InertiaCount
 
-__all__ = ["FactoredBody", "HeldMatrices", "direct_solver"]
+__all__ = ["FactoredBody", "HeldMatrices"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class HeldMatrices:
 
     stiffness: PETSc.Mat  #: One on the diagonal of held rows
     mass: PETSc.Mat  #: Zero in held rows
-    ksp: PETSc.KSP  #: Holds the factor
+    solver: DirectSolver  #: Holds the factor of the stiffness
 
     @staticmethod
     def of(elasticity: Elasticity) -> HeldMatrices:
@@ -36,14 +37,7 @@ class HeldMatrices:
             elasticity: The body.
         """
         stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
-        ksp = PETSc.KSP().create(elasticity.comm)
-        ksp.setType("preonly")
-        pc = ksp.getPC()
-        pc.setType("cholesky")
-        pc.setFactorSolverType(direct_solver(elasticity.comm.size))
-        ksp.setErrorIfNotConverged(True)
-        ksp.setOperators(stiffness)
-        return HeldMatrices(stiffness, mass, ksp)
+        return HeldMatrices(stiffness, mass, direct_solver(elasticity, stiffness))
 
     def fill(self, matrices: Matrices, rows: NDArray[np.int32]) -> None:
         """Write the matrices of a density, and factor the stiffness.
@@ -61,12 +55,11 @@ class HeldMatrices:
         ):
             source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             target.zeroRowsColumnsLocal(rows, diagonal)
-        self.ksp.setOperators(self.stiffness)
-        self.ksp.setUp()
+        self.solver.factor(self.stiffness)
 
     def destroy(self) -> None:
         """Free the memory on all ranks together."""
-        for item in (self.ksp, self.stiffness, self.mass):
+        for item in (self.solver, self.stiffness, self.mass):
             item.destroy()
 
 
@@ -104,22 +97,9 @@ class FactoredBody:
         """M with all interfaces held: zero in held rows."""
         return self.held.mass
 
-    @property
-    def ksp(self) -> PETSc.KSP:
-        """Holds the factor of K with all interfaces held."""
-        return self.held.ksp
-
     def solve(self, block: Block) -> Block:
         """K^{-1} times block with all interfaces held, several right-hand sides at once."""
-        if block.shape[1] == 0:
-            return np.zeros_like(block)
-        right = self.elasticity.dense(block)
-        left = self.elasticity.dense(np.zeros_like(block))
-        self.ksp.getPC().getFactorMatrix().matSolve(right, left)
-        result = np.array(left.getDenseArray())
-        right.destroy()
-        left.destroy()
-        return result
+        return self.held.solver.solve(block)
 
     def count_below(self, limit: float) -> int:
         """How many eigenvalues of K phi = lambda M phi lie below a limit, copies included.
@@ -145,14 +125,3 @@ class FactoredBody:
                 self._spare.append(held)
         self.matrices.destroy()
 
-
-def direct_solver(ranks: int) -> str:
-    """The library that factors K: CHOLMOD solves faster, but runs on one rank only.
-
-    Args:
-        ranks: Number of ranks that share the matrix.
-    """
-    packages = ("cholmod", "suitesparse")  # PETSc's name for it depends on how it was built
-    if ranks == 1 and any(map(PETSc.Sys.hasExternalPackage, packages)):
-        return "cholmod"
-    return "mumps"

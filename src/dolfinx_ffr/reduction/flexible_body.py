@@ -115,7 +115,7 @@ class FlexibleBody:
         modes: int = 8,
         interpolation: Interpolation | None = None,
         markers: Mapping[str, Sequence[float]] | None = None,
-        tolerance: float = 1e-11,
+        tolerance: float = 1e-8,
         stiffening: Sequence[str] = (),
         points: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
