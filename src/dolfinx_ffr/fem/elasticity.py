@@ -163,7 +163,8 @@ class Elasticity:
         if phi.shape[1] > w.shape[1]:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         self._set_density(x)
-        total = np.zeros(self.domain.n_cells)
+        # a new vector for each pair of fields would mean new communicators
+        total = np.zeros(len(self._density.x.array))
         for a in range(w.shape[1]):
             self.set(self._fields[0], w[:, a])
             self.set(self._fields[1], y[:, a])
@@ -172,8 +173,8 @@ class Elasticity:
                 self.set(self._fields[3], kappa[:, a])
             elif a == phi.shape[1]:
                 self._fields[3].x.array[:] = 0.0
-            total += fem.assemble_vector(self._gradient_form).array[: self.domain.n_cells]
-        return total
+            fem.assemble_vector(total, self._gradient_form)
+        return total[: self.domain.n_cells]
 
     def cell_derivatives(
         self, x: NDArray[np.float64], w: Block, phi: Block

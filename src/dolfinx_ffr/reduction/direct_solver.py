@@ -193,7 +193,7 @@ class CopiedFactor(DirectSolver):
         if failed:
             raise PETSc.Error(failed)
 
-    def _gathered(self, part: NDArray, counts: NDArray[np.int64]) -> NDArray:  # type: ignore[type-arg]
+    def _gathered(self, part: NDArray, counts: NDArray[np.int64]) -> NDArray:
         """What the ranks hold, one after the other."""
         whole = np.empty(int(counts.sum()), dtype=part.dtype)
         self._comm.Allgatherv(np.ascontiguousarray(part), (whole, counts))

@@ -124,4 +124,3 @@ class FactoredBody:
             else:
                 self._spare.append(held)
         self.matrices.destroy()
-

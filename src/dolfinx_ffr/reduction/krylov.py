@@ -27,13 +27,13 @@ from .factored_body import FactoredBody
 
 __all__ = ["KrylovSpace"]
 
-#: Norm of a direction, relative to the largest of its block, from which it is exact at once; what
-#: is left is looked at again.
-CLEAR = 1e-5
+#: Norm of a direction, relative to the largest of its block, from which it is taken at once, exact
+#: to round-off times the square of this; what is left is looked at again.
+CLEAR = 1e-3
 #: Norm of a direction, relative to what it is the rest of, below which it is round-off
 NOTHING = 1e-13
 #: Looks at a block, each for directions that are smaller by `CLEAR`
-LOOKS = 3
+LOOKS = 6
 
 
 class KrylovSpace:
@@ -121,9 +121,7 @@ class KrylovSpace:
         self._projected[size:, last:size] = coupling
         self._projected[last:size, size:] = coupling.T
 
-    def _append(
-        self, rest: Block, scale: float, floor: float = 0.0
-    ) -> NDArray[np.float64]:
+    def _append(self, rest: Block, scale: float, floor: float = 0.0) -> NDArray[np.float64]:
         """Add an M-orthonormal basis of fields as the last block.
 
         Args:

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: MIT
+"""Direct solutions, with one factor on all ranks and with copies of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+from dolfinx_ffr import Domain, Elasticity, PlaneStress
+from dolfinx_ffr.fem import SIMP
+from dolfinx_ffr.reduction import direct_solver as module
+from dolfinx_ffr.reduction.direct_solver import CopiedFactor, DirectSolver, SharedFactor
+
+SOLVERS: dict[str, Callable[[Elasticity], DirectSolver]] = {
+    "shared": lambda elasticity: SharedFactor(elasticity, "mumps"),
+    "copied": CopiedFactor,
+}
+
+
+def body(comm: MPI.Intracomm) -> Elasticity:
+    domain = Domain.rectangle(comm, 0.4, 0.04, elements=(12, 3))
+    return Elasticity(domain, PlaneStress(210e9, 0.3, 7850.0, 0.01), SIMP())
+
+
+def positive(elasticity: Elasticity, density: float) -> PETSc.Mat:
+    """A matrix that is positive definite: K + 1e6 M."""
+    matrices = elasticity.assemble(np.full(elasticity.domain.n_cells, density))
+    matrix = matrices.stiffness.copy()
+    matrix.axpy(1e6, matrices.mass, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    matrices.destroy()
+    return matrix
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", SOLVERS)
+def test_blocks_of_any_width(comm: MPI.Intracomm, kind: str) -> None:
+    """With one matrix after the other, and fewer columns than ranks."""
+    elasticity = body(comm)
+    solver = SOLVERS[kind](elasticity)
+    place = elasticity.coordinates().sum(axis=1).repeat(2)[:, None]
+    for density in (1.0, 0.5):
+        matrix = positive(elasticity, density)
+        solver.factor(matrix)
+        for columns in (0, 1, 5):
+            right = np.cos(place * (10.0 + np.arange(columns)))
+            solution = solver.solve(right)
+            assert solution.shape == right.shape
+            residual = elasticity.apply(matrix, solution) - right if columns else solution
+            assert elasticity.largest(np.abs(residual)) < 1e-8
+        matrix.destroy()
+    solver.destroy()
+
+
+@pytest.mark.mpi
+def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
+    elasticity = body(comm)
+    matrix = positive(elasticity, 1.0)
+    matrix.zeroEntries()
+    with pytest.raises(PETSc.Error):
+        CopiedFactor(elasticity).factor(matrix)
+
+
+@pytest.mark.mpi
+def test_copies_are_made_where_the_memory_suffices(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elasticity = body(comm)
+    matrix = elasticity.new_matrix()
+    expected: type[DirectSolver] = SharedFactor if comm.size == 1 else CopiedFactor
+    assert type(module.direct_solver(elasticity, matrix)) is expected
+    monkeypatch.setattr(module, "agreed_memory", lambda comm, most: 100_000)
+    assert type(module.direct_solver(elasticity, matrix)) is SharedFactor
