@@ -44,6 +44,7 @@ _FOLDERS = {
         "RadauIIA",
         "SimulationError",
         "SofteningWarning",
+        "TimeInterval",
         "TimeStepWarning",
         "Trajectory",
         "simulate",

@@ -10,7 +10,7 @@ depend on the motion, such as a mass, causes neither.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -21,6 +21,7 @@ from . import validation
 from .body import VolumeIntegrals
 from .dynamics import (
     Integrator,
+    TimeInterval,
     Trajectory,
     TrajectoryBar,
     adjoint,
@@ -126,7 +127,8 @@ class MechanicalProblem:
 
     #: Joints, motions, point masses, gravity.
     mechanism: Mechanism
-    #: Time interval and steps.
+    #: Time interval and steps; of a :class:`TimeInterval` they are chosen for the bodies at each
+    #: call, or once by :meth:`settled`.
     integrator: Integrator
     #: What is minimised.
     objective: Objective
@@ -136,7 +138,7 @@ class MechanicalProblem:
     def __post_init__(self) -> None:
         """Check kinds and names."""
         validation.instance("problem: the mechanism", self.mechanism, Mechanism, "a Mechanism")
-        needed = "GeneralizedAlpha(...) or RadauIIA(...)"
+        needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
         validation.instance("problem: the integrator", self.integrator, Integrator, needed)
         check_objective("problem: the objective", self.objective)
         constraints = validation.instances(
@@ -172,9 +174,49 @@ class MechanicalProblem:
             SimulationError: If the motion cannot be computed.
         """
         start = perf_counter()
-        trajectory = self.motion(bodies)
+        trajectory = self.settled(bodies, densities, stresses).motion(bodies)
         found = self.evaluated(Response(trajectory, dict(bodies), densities or {}, stresses or {}))
         return replace(found, seconds={"simulation": perf_counter() - start})
+
+    def settled(
+        self,
+        bodies: Bodies,
+        densities: Mapping[str, DensityField] | None = None,
+        stresses: Mapping[str, StressField] | None = None,
+    ) -> MechanicalProblem:
+        """The same problem with the method and the steps that a :class:`TimeInterval` takes.
+
+        Args:
+            bodies: Volume integrals of all bodies, by name.
+            densities: As for :meth:`value`.
+            stresses: As for :meth:`value`.
+
+        Returns:
+            The problem itself where it has an integrator, or needs none.
+
+        Raises:
+            ValueError: If a name does not exist or integrals are not valid.
+            SimulationError: If the motion cannot be computed, or the tolerance is not reached.
+        """
+        if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
+            return self
+        chosen = self.integrator.chosen(*self._judged(bodies, densities, stresses))
+        return replace(self, integrator=chosen)
+
+    def _judged(
+        self,
+        bodies: Bodies,
+        densities: Mapping[str, DensityField] | None,
+        stresses: Mapping[str, StressField] | None,
+    ) -> tuple[Callable[[Integrator], Trajectory], Callable[[Trajectory, Trajectory], float]]:
+        """What simulates with a method, and the change of the objectives between two motions."""
+
+        def change(*motions: Trajectory) -> float:
+            return self._change(
+                *(Response(motion, bodies, densities or {}, stresses or {}) for motion in motions)
+            )
+
+        return lambda method: integrate(self.mechanism, bodies, method), change
 
     def motion(self, bodies: Bodies) -> Trajectory | None:
         """The motion; None if neither objective nor constraints depend on it.
@@ -252,7 +294,7 @@ class MechanicalProblem:
         def run(integrator: Integrator) -> Trajectory:
             return integrate(self.mechanism, bodies, integrator)
 
-        coarse = coarser_run(self.integrator, fine, run)
+        coarse = coarser_run(fine.integrator, fine, run)
         return self._change(evaluation.response, replace(evaluation.response, trajectory=coarse))
 
     def with_tolerance(
@@ -281,15 +323,11 @@ class MechanicalProblem:
         """
         if not self.needs_trajectory:
             return self
-        integrator, _ = run_to_tolerance(
-            self.integrator,
-            tolerance,
-            lambda chosen: integrate(self.mechanism, bodies, chosen),
-            lambda *motions: self._change(
-                *(Response(motion, bodies, densities or {}, stresses or {}) for motion in motions)
-            ),
-            "the objective",
-        )
+        if isinstance(self.integrator, TimeInterval):
+            interval = TimeInterval(self.integrator.end_time, tolerance)
+            return replace(self, integrator=interval).settled(bodies, densities, stresses)
+        judged = self._judged(bodies, densities, stresses)
+        integrator, _ = run_to_tolerance(self.integrator, tolerance, *judged, "the objective")
         return replace(self, integrator=integrator)
 
     def _change(self, fine: Response, coarse: Response) -> float:

@@ -61,8 +61,11 @@ def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
     elasticity = body(comm)
     matrix = positive(elasticity, 1.0)
     matrix.zeroEntries()
+    solver = CopiedFactor(elasticity)
     with pytest.raises(PETSc.Error):
-        CopiedFactor(elasticity).factor(matrix)
+        solver.factor(matrix)
+    for item in (solver, matrix):
+        item.destroy()
 
 
 @pytest.mark.mpi
@@ -72,6 +75,10 @@ def test_copies_are_made_where_the_memory_suffices(
     elasticity = body(comm)
     matrix = elasticity.new_matrix()
     expected: type[DirectSolver] = SharedFactor if comm.size == 1 else CopiedFactor
-    assert type(module.direct_solver(elasticity, matrix)) is expected
+    many = module.direct_solver(elasticity, matrix)
     monkeypatch.setattr(module, "agreed_memory", lambda comm, most: 100_000)
-    assert type(module.direct_solver(elasticity, matrix)) is SharedFactor
+    few = module.direct_solver(elasticity, matrix)
+    assert type(many) is expected
+    assert type(few) is SharedFactor
+    for item in (many, few, matrix):
+        item.destroy()

@@ -16,6 +16,7 @@ from .integration.compiled import (
 from .integration.generalized_alpha import GeneralizedAlpha
 from .integration.radau import RadauIIA
 from .integration.stages import stage_integrals
+from .integration.time_interval import TimeInterval
 from .memory import available_memory, check_memory, required_memory
 from .model import FlatModel, assemble_model, check_names
 from .simulation import integrate, restored, simulate
@@ -33,6 +34,7 @@ __all__ = [
     "RadauIIA",
     "SimulationError",
     "SofteningWarning",
+    "TimeInterval",
     "TimeStepWarning",
     "Trajectory",
     "TrajectoryBar",

@@ -18,6 +18,7 @@ from .initial import initial_state
 from .integration.accuracy import position_error, run_to_tolerance
 from .integration.compiled import compile_kernels
 from .integration.radau import RadauIIA
+from .integration.time_interval import TimeInterval
 from .memory import check_memory
 from .model import assemble_model
 from .trajectory import Integrator, Trajectory
@@ -48,7 +49,8 @@ def simulate(
     Args:
         mechanism: The mechanism.
         bodies: Volume integrals of all bodies, by name.
-        integrator: Time integration; with a tolerance, the one to begin with.
+        integrator: Time integration; with a tolerance, the one to begin with. A
+            :class:`TimeInterval` stands for its duration and its tolerance.
         end_time: Duration of the simulation, which starts at zero [s], instead of an integrator:
             :class:`RadauIIA` with the tolerance.
         tolerance: Largest relative error of the positions that is allowed.
@@ -79,8 +81,10 @@ def simulate(
         raise ValueError("simulate: give either an integrator, or end_time and a tolerance")
     if end_time is not None and tolerance is None:
         raise ValueError("simulate: end_time needs a tolerance; or give an integrator with steps")
+    if isinstance(integrator, TimeInterval):
+        end_time, tolerance = integrator.end_time, tolerance or integrator.tolerance
     method = RadauIIA(end_time) if end_time is not None else integrator
-    needed = "GeneralizedAlpha(...) or RadauIIA(...)"
+    needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
     method = validation.instance("simulate: the integrator", method, Integrator, needed)
     try:
         if tolerance is None:

@@ -40,6 +40,8 @@ class Integrator(ABC):
 
     #: Duration of the simulation, which starts at zero [s].
     end_time: float
+    #: Whether the steps were chosen for an accuracy of an objective.
+    judged: bool = False
 
     @property
     @abstractmethod

@@ -85,7 +85,8 @@ def warn_of_limits(
     reported = _warn_of_softening(trajectory)
     if complete:
         _warn_of_deformation(trajectory, reported)
-    if complete and steps_given and not trajectory.integrator.adaptive:
+    method = trajectory.integrator
+    if complete and steps_given and not (method.adaptive or method.judged):
         _warn_of_steps(trajectory)
         _warn_of_turns(trajectory)
 

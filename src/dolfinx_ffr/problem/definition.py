@@ -16,7 +16,7 @@ from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import (
     Integrator,
-    available_memory,
+    TimeInterval,
     check_memory,
     check_names,
     compile_kernels,
@@ -26,7 +26,7 @@ from ..mechanical_problem import MechanicalProblem
 from ..mechanism import Mechanism
 from ..objective import Constraint, DensityField, Objective, Response, StressField
 from ..parallel import check_alike, on_every_rank
-from ..reduction import BodyStress, FlexibleBody, ReducedBody
+from ..reduction import BodyStress, FlexibleBody, ReducedBody, agreed_memory
 from .combination import Combination, WeightedSum
 from .evaluation import Evaluation, only_motion
 
@@ -36,6 +36,8 @@ Densities = ArrayLike | Mapping[str, ArrayLike]
 
 #: Name of the motion where there is one
 MOTION = "motion"
+#: Density of design elements at which time steps are chosen
+FILLED = 0.5
 
 
 class MovingBodies:
@@ -131,9 +133,33 @@ class MovingBodies:
             {"bodies": list(self.bodies), "motions": list(self.motions), "combine": combine}
             | integrators,
         )
-        self._memory = _agreed_memory(self.comm)
+        self._memory = agreed_memory(self.comm)
         self._check_memory(adjoint=False)
         self._compile()
+        self._settle()
+
+    def _settle(self) -> None:
+        """Choose method and steps of motions of which a time interval is given."""
+        left_open = [
+            name
+            for name, motion in self.motions.items()
+            if isinstance(motion.integrator, TimeInterval) and motion.needs_trajectory
+        ]
+        if not left_open:
+            return
+        reduced = {
+            name: body.reduce(np.where(body.domain.design_cells, FILLED, 1.0))
+            for name, body in self.flexible.items()
+        }
+        parts = self._integrals(reduced), self._fields(reduced), self._stresses(reduced)
+        with on_every_rank(self.comm, "the choice of time steps"):
+            settled = {n: self.motions[n].settled(*parts).integrator for n in left_open}
+        chosen = self.comm.bcast(settled)
+        self.motions = {
+            name: replace(motion, integrator=chosen.get(name, motion.integrator))
+            for name, motion in self.motions.items()
+        }
+        self._check_memory(adjoint=False)
 
     def _with(
         self,
@@ -366,11 +392,3 @@ def _field(body: FlexibleBody, density: NDArray[np.float64]) -> DensityField:
     """A density as objectives see it."""
     domain = body.domain
     return DensityField(density, domain.cell_volumes, domain.centroids, domain.sum)
-
-
-def _agreed_memory(comm: MPI.Comm) -> int:
-    """Least memory that a rank may take, where those of a machine share its memory [bytes]."""
-    neighbours = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    own = available_memory(neighbours.size)
-    neighbours.Free()
-    return int(comm.allreduce(own, MPI.MIN))

@@ -53,7 +53,7 @@ class Problem(MovingBodies):
         bodies: By the names that the mechanism uses; `FlexibleBody` for bodies with a density,
             `VolumeIntegrals` for given ones (rigid bodies, standard input data).
         mechanism: Joints, motions, point masses, gravity.
-        integrator: Time interval and steps.
+        integrator: Time interval and steps, or a `TimeInterval` for which steps are chosen.
         objective: What is minimised.
         constraints: Bounds on further objectives, for optimisers that take several.
 

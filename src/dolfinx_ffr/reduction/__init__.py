@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from .craig_bampton import CraigBampton, ReducedBasis
+from .direct_solver import agreed_memory
 from .factored_body import FactoredBody
 from .flexible_body import FlexibleBody, ReducedBody
 from .frame import ChordFrame, TangentFrame
@@ -27,5 +28,6 @@ __all__ = [
     "RoundOffWarning",
     "ShapesBar",
     "TangentFrame",
+    "agreed_memory",
     "with_residual_modes",
 ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Craig-Bampton reduction of one body: shape functions by SLEPc, and the derivative of their span.
+"""Craig-Bampton reduction of one body: shape functions, and the derivative of their span.
 
 Interfaces move as rigid bodies. With the interfaces' nodes held, K and M below are the matrices of
 the remaining (interior) dofs.
@@ -8,8 +8,8 @@ the remaining (interior) dofs.
   the others. A frame of reference drops the motions that it fixes.
 - Fixed-interface normal modes phi_i: K phi_i = lambda_i M phi_i, phi_i^T M phi_i = 1.
 
-K is factored once for each density (CHOLMOD on one rank, MUMPS on several) and serves the
-constraint modes, the eigenvalue problem (shift-invert about zero) and the pullback.
+K is factored once for each density (`direct_solver`) and serves the constraint modes, the
+eigenvalue problem (`normal_modes`) and the pullback, all of them several columns at a time.
 
 References:
     R. R. Craig and M. C. C. Bampton, AIAA Journal 6 (1968), doi:10.2514/3.4741.
@@ -84,7 +84,9 @@ class CraigBampton:
         elasticity: Stiffness and mass of the body.
         frame: Reference conditions, `ChordFrame` or `TangentFrame`.
         modes: Number of normal modes.
-        tolerance: Relative residual of the eigenvalue problem, and of the adjoint systems.
+        tolerance: Largest residual of a mode, relative to it, and error of its adjoint field,
+            relative to the largest (`CraigBampton.solve_shifted`). What that leaves in a gradient
+            is smaller by some three digits.
 
     Raises:
         ValueError: On every rank, if the frame names an interface that is not there or leaves the

@@ -69,22 +69,23 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> DirectSolver:
     if any(map(PETSc.Sys.hasExternalPackage, CHOLMOD)):
         if comm.size == 1:
             return SharedFactor(elasticity, "cholmod")
-        if copies_fit(matrix):
+        if copies_fit(matrix, elasticity.dimension):
             return CopiedFactor(elasticity)
     return SharedFactor(elasticity, "mumps")
 
 
-def copies_fit(matrix: PETSc.Mat) -> bool:
+def copies_fit(matrix: PETSc.Mat, dimension: int) -> bool:
     """Whether a few ranks may hold the whole factor each, the same on every rank.
 
     Args:
         matrix: What is to be factored.
+        dimension: Of the body, 2 or 3.
     """
     n = matrix.size[0]
     entries = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
-    # By nested dissection in the plane a row fills up in proportion to log n: 0.23 log2(n) times
-    # its entries were seen with 8,000 to 500,000 unknowns.
-    filled = 0.35 * math.log2(max(n, 2)) * entries
+    # By nested dissection a factor has more entries than the matrix in proportion to log n in the
+    # plane and to n^(1/3) in space; 0.23 log2(n) times as many were seen with 130,000 unknowns.
+    filled = 0.35 * entries * (math.log2(max(n, 2)) if dimension == 2 else n ** (1.0 / 3.0))
     largest = 16.0 * filled + 12.0 * entries
     return bool(largest <= SHARE * agreed_memory(matrix.comm.tompi4py(), HOLDERS))
 

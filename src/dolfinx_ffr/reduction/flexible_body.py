@@ -93,7 +93,9 @@ class FlexibleBody:
         modes: Number of fixed-interface normal modes.
         markers: Markers besides the interfaces: name and position in the coordinates of the mesh,
             shape (dimension,) [m].
-        tolerance: Relative residual of the eigenvalue problem and of the adjoint systems.
+        tolerance: Largest residual of a mode, relative to it, and error of its adjoint field,
+            relative to the largest (`CraigBampton.solve_shifted`). What that leaves in a gradient
+            is smaller by some three digits.
         stiffening: Loads whose geometric stiffness is modelled (`GeometricStiffening`): some of
             ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia (in space
             ``"rotation"``, ``"acceleration"``), and ``"markers"`` for the forces of joints, springs

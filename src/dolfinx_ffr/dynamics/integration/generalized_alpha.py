@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -68,6 +68,9 @@ class GeneralizedAlpha(Integrator):
     #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
     #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
     spectral_radius: float = 0.8
+    #: Whether the steps were chosen for an accuracy of an objective, as by a :class:`TimeInterval`:
+    #: then no warning tells that they are too long.
+    judged: bool = field(default=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the numbers."""

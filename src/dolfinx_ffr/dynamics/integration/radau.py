@@ -117,6 +117,9 @@ class RadauIIA(Integrator):
     #: the next, or the times at which steps end beside the jumps, from 0 to ``end_time`` [s], such
     #: as the ``step_ends`` of a trajectory.
     steps: int | Sequence[float] | Array | None = field(default=None)
+    #: Whether the steps were chosen for an accuracy of an objective, as by a :class:`TimeInterval`:
+    #: then no warning tells that they are too long.
+    judged: bool = field(default=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
