@@ -224,10 +224,10 @@ def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) ->
         f"{scene} *Value* is psi alone, *gradient* is psi and its exact derivative with respect to "
         "every element. Value, gradient and lower bound are measured in turn, again and again, in "
         "one process for each line; times are medians, the ratio is the median of the ratios of "
-        "neighbours. *CPU* is that of the busiest rank, waiting for the other included. *Exponent*: "
+        "neighbours. *CPU*: of the busiest rank, waiting for the other included. *Exponent*: "
         "of the growth from the mesh before, with as many ranks. *Times one rank*: its time over "
         "this one. The *lower bound* is one numerical factorisation of the stiffness and one "
-        "back-substitution for each mode, all of them at once (beside it: one after the other). The "
+        "back-substitution for each mode, all at once (beside it: one after the other). The "
         "largest mesh is evaluated once, with all that is made once for a mesh.",
         {
             "mesh": "mesh",

@@ -21,9 +21,7 @@ mechanism = ffr.Mechanism(
     ],
     point_masses=[ffr.PointMass(("rod", "right"), 0.5)],
 )
-problem = ffr.Problem(
-    {"rod": body}, mechanism, ffr.GeneralizedAlpha(2.0, 2000), ffr.IntegralCompliance()
-)
+problem = ffr.Problem({"rod": body}, mechanism, ffr.TimeInterval(2.0), ffr.IntegralCompliance())
 
 levelset = ffr.LevelSet(rod)
 result = ffr.optimize(problem, levelset, volume=0.5, iterations=60, output="results/short")

@@ -200,7 +200,9 @@ class MechanicalProblem:
         """
         if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
             return self
-        chosen = self.integrator.chosen(*self._judged(bodies, densities, stresses))
+        space = any(body.dimension == 3 for body in bodies.values())
+        judged = self._judged(bodies, densities, stresses)
+        chosen = self.integrator.chosen(*judged, space=space)
         return replace(self, integrator=chosen)
 
     def _judged(

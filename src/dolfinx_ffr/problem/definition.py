@@ -148,7 +148,9 @@ class MovingBodies:
         if not left_open:
             return
         reduced = {
-            name: body.reduce(np.where(body.domain.design_cells, FILLED, 1.0))
+            name: body.reduce(
+                np.where(body.domain.design_cells, FILLED, body.domain.passive_density)
+            )
             for name, body in self.flexible.items()
         }
         parts = self._integrals(reduced), self._fields(reduced), self._stresses(reduced)
