@@ -6,11 +6,12 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from . import planar, spatial
 from .compilation import Compiled
@@ -188,6 +189,34 @@ class Trajectory:
     def step_ends(self) -> Array:
         """Times at which steps end, the start included [s]."""
         return self.t[:: self.integrator.stages]
+
+    def at(self, times: Array) -> Trajectory:
+        """The motion between its instants, for pictures: by cubic polynomials, in the plane only.
+
+        Accelerations and multipliers go straight from one instant to the next. There is no adjoint
+        of it.
+
+        Args:
+            times: Times that grow, from the start to the end, shape (instants,) [s].
+        """
+        path = CubicHermiteSpline(self.t, self.y, self.v)
+
+        def straight(rows: Array) -> Array:
+            return make_interp_spline(self.t, rows, k=1)(times)
+
+        return replace(
+            self,
+            t=times,
+            y=path(times),
+            v=path(times, 1),
+            w=straight(self.w),
+            a=straight(self.a),
+            multipliers=straight(self.multipliers),
+            stabilization=straight(self.stabilization),
+            iterations=np.zeros(times.size - 1, dtype=np.int64),
+            model=self.model.at(times),
+            weights=None,
+        )
 
     def rigid(self, body: str) -> Array:
         """Position and angle of a body's frame over time, shape (steps + 1, 3) [m, m, rad].

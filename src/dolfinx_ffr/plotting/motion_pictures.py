@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,8 @@ AnyScene = Scene | SceneInSpace
 
 #: Shown deflection relative to the body, at the instant of the largest one
 _SHOWN_DEFLECTION = 0.1
+#: Instants from one picture of a film to the next, where those of the motion are few
+BETWEEN = 10
 
 
 def plot_scene(
@@ -180,7 +183,12 @@ def animate_motion(
     frames = validation.integer("animate_motion: frames", frames, least=2)
     rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
     trajectory = evaluation.motion
-    t = trajectory.t  # the steps may have unlike lengths
+    t = trajectory.t
+    if trajectory.integrator.stages > 1:  # few of them, and of unlike lengths
+        t = np.linspace(t[0], t[-1], BETWEEN * (frames - 1) + 1)
+        ((name, motion),) = evaluation.motions.items()
+        even = replace(motion, trajectory=trajectory.at(t))
+        evaluation = replace(evaluation, motions={name: even})
     wanted = np.interp(np.linspace(t[0], t[-1], frames), t, np.arange(t.size))
     steps = np.unique(np.round(wanted).astype(np.int64))
     scene = _gathered(problem, evaluation, steps, energy=True)
