@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from . import planar, spatial
 from .compilation import Compiled
@@ -191,15 +191,15 @@ class Trajectory:
         return self.t[:: self.integrator.stages]
 
     def at(self, times: Array) -> Trajectory:
-        """The motion between its instants, for pictures: by cubic polynomials, in the plane only.
+        """The motion between its instants, for pictures: by cubic splines, in the plane only.
 
-        Accelerations and multipliers go straight from one instant to the next. There is no adjoint
-        of it.
+        They go through the positions alone, as velocities hold vibrations that long steps do not
+        resolve. Accelerations and multipliers go straight. There is no adjoint of it.
 
         Args:
             times: Times that grow, from the start to the end, shape (instants,) [s].
         """
-        path = CubicHermiteSpline(self.t, self.y, self.v)
+        path = CubicSpline(self.t, self.y)
 
         def straight(rows: Array) -> Array:
             return make_interp_spline(self.t, rows, k=1)(times)
