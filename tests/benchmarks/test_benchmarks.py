@@ -39,6 +39,7 @@ WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "model"}
 SIGNED = {"cosine", "levelset_cosine"}
 TABLES = {
     "growth": 3,
+    "growth_exponents": 1,
     "growth_parts": 3,
     "growth_memory": 3,
     "accuracy_steps": 3,
