@@ -238,7 +238,7 @@ def report_growth(results: list[tuple[Job, dict[str, Any]]], directory: Path) ->
         "every element. Value, gradient and lower bound are measured in turn, again and again, in "
         "one process for each line; times are medians, the ratio is the median of the ratios of "
         "neighbours. *CPU*: of the busiest rank, waiting for the other included. "
-        "*Times one rank*: its time over this one. The *lower bound* is one numerical factorisation "
+        "*Times one rank*: its time over this one. The *lower bound* is one numerical factoring "
         "of the stiffness and one back-substitution for each mode, all at once (beside it: one "
         "after the other). The largest mesh is evaluated once, with all that is made once for a "
         "mesh.",

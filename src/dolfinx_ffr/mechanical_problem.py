@@ -200,9 +200,7 @@ class MechanicalProblem:
         """
         if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
             return self
-        space = any(body.dimension == 3 for body in bodies.values())
-        judged = self._judged(bodies, densities, stresses)
-        chosen = self.integrator.chosen(*judged, space=space)
+        chosen = self.integrator.chosen(*self._judged(bodies, densities, stresses))
         return replace(self, integrator=chosen)
 
     def _judged(

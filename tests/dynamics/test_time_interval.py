@@ -62,8 +62,6 @@ def test_cheaper_method_with_enough_steps_is_chosen() -> None:
     assert radau == RadauIIA(2.0, steps=200, judged=True)
     # 250 steps for the error of (2 / 250)^2 cost less than those 200
     assert interval.chosen(*model(20.0, 2.0)) == GeneralizedAlpha(2.0, 250, judged=True)
-    in_space = interval.chosen(*model(radau=20.0, alpha=20.0), space=True)
-    assert in_space == GeneralizedAlpha(2.0, 2000, judged=True)
     # coarse steps need not lead to a motion
     assert interval.chosen(*model(20.0, 100.0, failing=150)) == radau
     # Radau IIA has no fifth order in what is rough: then the other method goes on alone

@@ -184,7 +184,8 @@ def animate_motion(
     rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
     trajectory = evaluation.motion
     t = trajectory.t
-    if trajectory.integrator.stages > 1:  # few of them, and of unlike lengths
+    in_plane = trajectory.model.dimension == 2
+    if in_plane and trajectory.integrator.stages > 1:  # few of them, and of unlike lengths
         t = np.linspace(t[0], t[-1], BETWEEN * (frames - 1) + 1)
         ((name, motion),) = evaluation.motions.items()
         even = replace(motion, trajectory=trajectory.at(t))

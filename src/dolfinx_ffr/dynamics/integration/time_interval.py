@@ -77,19 +77,18 @@ class TimeInterval(Integrator):
         validation.number("end_time", self.end_time, above=0.0, unit="s")
         validation.number("tolerance", self.tolerance, least=TIGHTEST, most=LOOSEST)
 
-    def chosen(self, run: Run, change: Change, *, space: bool = False) -> Integrator:
+    def chosen(self, run: Run, change: Change) -> Integrator:
         """The cheaper method with the steps that the tolerance takes.
 
         Args:
             run: Simulates with a method.
             change: Relative change of what is asked for, from a motion and a coarser one.
-            space: Whether the mechanism is in space, where there is generalised alpha alone.
 
         Raises:
             SimulationError: If the tolerance is out of reach with both, or no motion is found.
         """
-        radau = None if space else self._settled(self._radau(), run, change)
-        if radau is None or isinstance(radau, SimulationError):
+        radau = self._settled(self._radau(), run, change)
+        if isinstance(radau, SimulationError):
             alpha = self._settled(self._alpha(), run, change)
             if isinstance(alpha, SimulationError):
                 raise alpha
