@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from shared.spatial_bodies import cloud, flat_cloud
@@ -21,6 +22,8 @@ from dolfinx_ffr.dynamics import (
     Trajectory,
     simulate,
 )
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations
+from dolfinx_ffr.dynamics.model import assemble_model
 from dolfinx_ffr.mechanism import (
     Assembled,
     Cylindrical,
@@ -319,6 +322,56 @@ def test_particle_on_a_spring_in_a_turning_frame(axis: tuple[float, float, float
     ]
     exact = start * math.cos(w0 * end) + velocity / w0 * math.sin(w0 * end)
     np.testing.assert_allclose(extrapolated(*paths), exact, atol=1e-6)
+
+
+def rotating_cantilever() -> VolumeIntegrals:
+    """A slender beam of unit length, stiffness and mass per length, clamped at the origin."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    x, weights = 0.5 * (nodes + 1.0), 0.5 * weights
+    powers = np.arange(2, 10)
+    w = x ** powers[:, None]
+    slope = powers[:, None] * x ** (powers[:, None] - 1)
+    bend = (powers * (powers - 1))[:, None] * x ** (powers[:, None] - 2)
+    zero, count = np.zeros_like(w), len(powers)
+    position = np.stack([x, 0.0 * x, 0.0 * x], axis=-1)[None]
+    fields = np.concatenate(
+        [position, np.stack([zero, w, zero], -1), np.stack([zero, zero, w], -1)]
+    )
+    P = np.einsum("p,apk,bpl->abkl", weights, fields, fields)
+    P[0, 0] += np.diag([0.0, 1e-4, 1e-4])
+
+    def twice(matrix: Array) -> Array:
+        return np.kron(np.eye(2), matrix)
+
+    # The load -x e_x presses with (1 - x^2) / 2.
+    rotation = np.zeros((3, 3, 2 * count, 2 * count))
+    rotation[0, 0] = -twice((slope * weights * 0.5 * (1.0 - x**2)) @ slope.T)
+    return VolumeIntegrals.from_arrays(
+        1.0,
+        np.einsum("p,apk->ak", weights, fields),
+        P=P,
+        K=twice((bend * weights) @ bend.T),
+        stiffening={"rotation": rotation, "acceleration": np.zeros((3, 2 * count, 2 * count))},
+        name="beam",
+    )
+
+
+@pytest.mark.parametrize(
+    ("gamma", "flap"), [(0.0, 3.5160153), (2.0, 4.1373196), (6.0, 7.3603730), (12.0, 13.1701508)]
+)
+def test_rotating_cantilever(gamma: float, flap: float) -> None:
+    """A. D. Wright et al. 1982: first flap frequency; chord^2 = flap^2 - gamma^2."""
+    beam = rotating_cantilever()
+    mechanism = Mechanism({"beam": Placement((0.0, 0.0, 0.0))})
+    arrays = assemble_model(mechanism, {"beam": beam}, np.linspace(0.0, 1.0, 2)).arrays
+    v = np.zeros(6 + beam.modes)
+    v[5] = gamma
+    stiffness = evaluate_equations(arrays, 0, 0.0 * v, v, 0.0 * v, np.zeros(0)).stiffness[6:, 6:]
+    squares = scipy.linalg.eigh(
+        0.5 * (stiffness + stiffness.T), beam.G[1:, 1:], eigvals_only=True, subset_by_index=[0, 1]
+    )
+    expected = sorted([math.sqrt(flap**2 - gamma**2), flap])
+    np.testing.assert_allclose(np.sqrt(squares), expected, rtol=2e-6)
 
 
 def pendulum(space: bool, turn: Rotation | None = None) -> Trajectory:
