@@ -10,7 +10,16 @@ import pytest
 from shared.spatial_bodies import cloud
 
 from dolfinx_ffr.body import VolumeIntegrals
-from dolfinx_ffr.dynamics import GeneralizedAlpha, Integrator, RadauIIA, Trajectory, simulate
+from dolfinx_ffr.dynamics import (
+    GeneralizedAlpha,
+    Integrator,
+    RadauIIA,
+    Trajectory,
+    simulate,
+    spatial,
+)
+from dolfinx_ffr.dynamics.kinematics import evaluate_equations, place_markers
+from dolfinx_ffr.dynamics.model import assemble_model
 from dolfinx_ffr.mechanism import (
     Bushing,
     Cylindrical,
@@ -86,8 +95,6 @@ def test_joints_hold_under_a_force(joint: Joint, rows: int) -> None:
     model = trajectory.model
     assert model.rows == rows
     # Positions and velocities hold to round-off at the end.
-    from dolfinx_ffr.dynamics.kinematics import evaluate_equations
-
     state = trajectory.y[-1], trajectory.v[-1], trajectory.w[-1], trajectory.multipliers[-1]
     residual = evaluate_equations(model.arrays, len(trajectory.t) - 1, *state).residual
     np.testing.assert_allclose(residual[6:], 0.0, atol=1e-12)
@@ -197,6 +204,21 @@ def test_bushing_has_a_stiffness_along_and_about_each_axis() -> None:
 def test_acceleration_of_the_ground_is_felt() -> None:
     trajectory = motion(ground_acceleration=(1.0, 2.0, 3.0), gravity=(0.0, 0.0, -9.81), end=0.1)
     np.testing.assert_allclose(trajectory.v[-1, :3], (-0.1, -0.2, -1.281), atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", [Revolute(PIN, Ground()), Weld(PIN, Ground())])
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (math.pi, 0.0, 0.0), (0.0, 0.0, math.pi)])
+def test_axis_the_other_way_round_is_noticed(joint: Joint, turn: tuple[float, ...]) -> None:
+    """The rows of a joint hold for a reversed axis, too."""
+    mechanism = Mechanism({"body": Placement((0.0, 0.0, 0.0))}, [joint])
+    model = assemble_model(mechanism, {"body": block()}, np.linspace(0.0, 1.0, 2))
+    assert isinstance(model.arrays, spatial.ModelArrays)
+    before, after = (
+        place_markers(model.arrays, 0, np.array([0.0, 0.0, 0.0, *phi])) for phi in ([0.0] * 3, turn)
+    )
+    wrong = any(turn) and (isinstance(joint, Weld) or turn[0] > 0.0)
+    row = spatial.reversed_row(model.arrays, model.joints.values(), before, after)
+    assert (row >= 0) == wrong
 
 
 FOUR = [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0)]

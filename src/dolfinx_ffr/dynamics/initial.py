@@ -71,6 +71,14 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
         v = closure.moving(y, v)
         _refuse_redundant(model, closure.constraints(y, v)[2])
     _refuse_without_direction(model, y)
+    if isinstance(model.arrays, spatial.ModelArrays):
+        placed, here = (place_markers(model.arrays, 0, c) for c in (closure.placed()[0], y))
+        row = spatial.reversed_row(model.arrays, model.joints.values(), placed, here)
+        if row >= 0:
+            raise ValueError(
+                f"joint {model.joint_of_row(row)!r} closes with its axis reversed; the placements "
+                "are too far from a position in which it closes"
+            )
     return y, v
 
 

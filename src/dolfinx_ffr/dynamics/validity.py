@@ -12,7 +12,14 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from . import planar, spatial
-from .kinematics import coordinates_of, evaluate_equations, least_sizes, sizes_by_mass, ways
+from .kinematics import (
+    coordinates_of,
+    evaluate_equations,
+    least_sizes,
+    place_markers,
+    sizes_by_mass,
+    ways,
+)
 from .trajectory import Trajectory
 
 __all__ = [
@@ -89,6 +96,7 @@ def warn_of_limits(
     if complete and steps_given and not (method.adaptive or method.judged):
         _warn_of_steps(trajectory)
         _warn_of_turns(trajectory)
+        _warn_of_reversed_axes(trajectory)
 
 
 def _warn_of_deformation(trajectory: Trajectory, reported: set[str]) -> None:
@@ -111,6 +119,22 @@ def _warn_of_deformation(trajectory: Trajectory, reported: set[str]) -> None:
                 LargeDeformationWarning,
                 stacklevel=4,
             )
+
+
+def _warn_of_reversed_axes(trajectory: Trajectory) -> None:
+    """Warn of a joint in space whose axis is the other way round at the end."""
+    model, last = trajectory.model, trajectory.steps
+    if not isinstance(model.arrays, spatial.ModelArrays):
+        return
+    before, after = (place_markers(model.arrays, k, trajectory.y[k]) for k in (0, last))
+    row = spatial.reversed_row(model.arrays, model.joints.values(), before, after)
+    if row >= 0:
+        warnings.warn(
+            f"joint {model.joint_of_row(row)!r} has its axis reversed at the end: a step was so "
+            "long that the joint closed the other way round; take shorter steps",
+            TimeStepWarning,
+            stacklevel=4,
+        )
 
 
 def _warn_of_turns(trajectory: Trajectory) -> None:

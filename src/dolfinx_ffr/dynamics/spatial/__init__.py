@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from .arrays import ModelArrays
 from .assembly import assemble
+from .branches import reversed_row
 from .coordinates import Coordinates
 from .integral_gradients import integral_bars, marker_bar, metric_bars
 from .kinematics import KIND, begin_turns, follow_turns, round_off_floor, turning_of
@@ -41,6 +42,7 @@ __all__ = [
     "marker_motion_pullback",
     "metric_bars",
     "momenta_of",
+    "reversed_row",
     "rotations_of",
     "round_off_floor",
     "settled",
