@@ -102,6 +102,22 @@ def test_joints_hold_under_a_force(joint: Joint, rows: int) -> None:
     assert moves != isinstance(joint, Weld)
 
 
+def test_forces_and_moments_of_joints() -> None:
+    """They balance what acts on a block at rest, about the axes that the pages name."""
+    force, moment = np.array([1.0, -2.0, 0.5]), np.array([0.3, -0.2, 0.4])
+    loads = [Force(PIN, *force[:2], z=force[2]), Torque(PIN, tuple(moment))]
+    weld = motion(Weld(PIN, Ground(), name="weld"), forces=loads).joint_force("weld")
+    np.testing.assert_allclose(weld[-1], [*-force, *-moment], atol=1e-12)
+    for axis, others in (((0, 0, 1.0), (0, 1)), ((1.0, 0, 0), (1, 2)), ((0, 1.0, 0), (2, 0))):
+        loads[1] = Torque(PIN, tuple(moment * (1.0 - np.array(axis))))
+        hinge = motion(Revolute(PIN, Ground(), "hinge", axis), forces=loads).joint_force("hinge")
+        np.testing.assert_allclose(hinge[-1], [*-force, *-moment[list(others)]], atol=1e-12)
+    slider = motion(Translational(PIN, Ground(), name="slide"), forces=loads).joint_force("slide")
+    # Along x: forces along y and z, moments about y, z and x; the last torque is not about y.
+    expected = [-force[1], -force[2], 0.0, -moment[2], -moment[0]]
+    np.testing.assert_allclose(slider[-1], expected, atol=1e-12)
+
+
 def test_driven_shaft_turns_many_times_and_needs_its_moment() -> None:
     axis, rate = (0.0, 1.0, 1.0), 40.0
     trajectory = motion(

@@ -288,8 +288,10 @@ class Trajectory:
         the force along the normal of the line, a translational joint that force and the moment, a
         distance the force along the line from the second to the first marker, a gear the moment on
         its first marker, a prescribed angle or position the driving moment or force. In space come
-        first forces, along the global axes where markers coincide and else along the axes of the
-        second marker that the joint locks, then moments about the axes that it locks. On the second
+        first forces, along the global axes where markers coincide and else along directions of the
+        second marker that the joint locks, then moments about axes of the second marker. Those of
+        a joint with an axis are two perpendicular ones, x and y if the axis is z, y and z if it is
+        x, and then the axis itself, where the joint locks it. On the second
         marker acts the opposite; of a gear, minus ratio times the moment; of a line, also the
         moment of the force about the marker through which the line passes.
 

@@ -59,20 +59,25 @@ def parallel(
 ) -> list[SpatialRow]:
     """An axis that both markers share, in the placements and ever after: two rows.
 
+    With e_1 x e_2 the axis, their multipliers are those of moments about e_1 and e_2, as the axis
+    of the first marker is held perpendicular to -e_2 and e_1.
+
     Args:
         a: First marker.
         b: Second marker.
         axis: The axis, in the axes of the second marker, shape (3,).
         undeformed: The placements.
     """
-    own = direction(a, undeformed.seen_from(a, b, axis))
-    return [perpendicular_to(own, direction(b, e)) for e in perpendicular(axis)]
+    own, (first, second) = direction(a, undeformed.seen_from(a, b, axis)), perpendicular(axis)
+    return [perpendicular_to(own, direction(b, e)) for e in (-second, first)]
 
 
 def aligned(
     a: Marker, b: Marker, axis: ArrayLike, undeformed: UndeformedInSpace
 ) -> list[SpatialRow]:
     """Markers that keep the relative rotation of the placements: three rows.
+
+    Multipliers are those of moments about e_1, e_2 and the axis.
 
     Args:
         a: First marker.

@@ -12,12 +12,15 @@ from .arrays import DOT, ModelArrays
 
 Array = NDArray[np.float64]
 
+#: Cosines below which two directions count as neither parallel nor opposite.
+_CLEAR = 0.5
+
 
 def reversed_row(model: ModelArrays, joints: Iterable[slice], before: Array, after: Array) -> int:
     """First row of a joint that holds an axis against where it was; -1 if there is none.
 
     An axis that two markers share is held by two rows: it is perpendicular to two directions of the
-    other marker. A third row holds the first of them.
+    other marker. A third row holds another one that is parallel to the second of them.
 
     Args:
         model: Flat arrays of the mechanism.
@@ -28,7 +31,7 @@ def reversed_row(model: ModelArrays, joints: Iterable[slice], before: Array, aft
     for rows in joints:
         signs = zip(_signs(model, rows, before), _signs(model, rows, after), strict=True)
         for (row, here), (_, there) in signs:
-            if here * there < 0.0:
+            if abs(here) > _CLEAR and here * there < 0.0:
                 return row
     return -1
 
@@ -41,5 +44,5 @@ def _signs(model: ModelArrays, rows: slice, vectors: Array) -> Iterator[tuple[in
             continue
         yield i, float(vectors[axis] @ np.cross(vectors[first], vectors[second]))
         third = i + 2
-        if third < rows.stop and model.kind[third] == DOT and model.side[third, 1] == second:
-            yield third, float(vectors[model.side[third, 0]] @ vectors[first])
+        if third < rows.stop and model.kind[third] == DOT:
+            yield third, float(vectors[model.side[third, 0]] @ vectors[second])
