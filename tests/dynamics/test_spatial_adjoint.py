@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from shared.spatial_bodies import cloud, stiffened_cloud
 
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
-from dolfinx_ffr.dynamics import GeneralizedAlpha, Integrator, RadauIIA
+from dolfinx_ffr.dynamics import GeneralizedAlpha, Integrator, RadauIIA, simulate
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
 from dolfinx_ffr.mechanism import (
     Assembled,
@@ -259,3 +260,26 @@ def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: 
         difference = sum(w * (value(k * step) - value(-k * step)) for k, w in weights.items())
         # Differences of psi cannot tell what is smaller than its round-off over the step.
         assert difference / step == pytest.approx(slope, rel=1e-6, abs=1e-8 * whole)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.LargeDeformationWarning")
+def test_order_of_a_flexible_loop() -> None:
+    """Second order of generalised-alpha, also of multipliers; of Radau's method fifth and third."""
+    case = loop()
+
+    def end(integrator: Integrator) -> tuple[Array, Array, Array]:
+        run = simulate(case.mechanism, case.bodies, integrator)
+        place = run.marker_path("two", "tip")[-1]
+        return np.concatenate([place, run.elastic("one")[-1]]), run.v[-1], run.multipliers[-1]
+
+    reference = end(RadauIIA(0.3, steps=320))
+
+    def orders(coarse: Integrator, fine: Integrator) -> list[float]:
+        pairs = zip(end(coarse), end(fine), reference, strict=True)
+        sizes = [(np.max(np.abs(a - exact)), np.max(np.abs(b - exact))) for a, b, exact in pairs]
+        return [math.log2(a / b) for a, b in sizes]
+
+    found = orders(GeneralizedAlpha(0.3, 100), GeneralizedAlpha(0.3, 200))
+    np.testing.assert_allclose(found, 2.0, atol=0.05)
+    found = orders(RadauIIA(0.3, steps=20), RadauIIA(0.3, steps=40))
+    np.testing.assert_allclose(found, [5.0, 5.0, 3.0], atol=0.3)

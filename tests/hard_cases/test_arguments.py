@@ -38,7 +38,8 @@ NOT_NEGATIVE = (*NUMBER, -1.0)
 SHARE = (*NUMBER, -0.1, 1.1)
 COUNT = (*NUMBER, -1, 2.5, HUGE)
 WHOLE_FROM_1 = (*COUNT, 0)
-PAIR = ("ab", None, 1.0, (1.0,), (1.0, 0.0, 0.0), (1.0, math.nan), ("1", "0"), (1.0, 1j), np.sin)
+VECTOR = ("ab", None, 1.0, (1.0,), (1.0,) * 4, (1.0, math.nan), ("1", "0"), (1.0, 1j), np.sin)
+PAIR = (*VECTOR, (1.0, 0.0, 0.0))
 TEXT = (None, 1, True, ("rod",))
 FLAG = (None, "no", 2, 1.0)
 SIGNAL = ("1.0", None, True, 1j, (1.0,), *ENDLESS, ffr.Motion)
@@ -124,18 +125,18 @@ class Scene:
             {"distance": 1.0, "duration": 1.0, "start": 0.0},
             {"distance": NUMBER, "duration": POSITIVE, "start": NUMBER},
         )
-        yield ffr.Ground, {}, {"position": PAIR, "angle": NUMBER, "name": TEXT}
+        yield ffr.Ground, {}, {"position": VECTOR, "angle": NUMBER, "name": TEXT}
         yield ffr.Moving, {"x": held, "y": held}, dict.fromkeys(("x", "y", "angle"), MOTION)
         yield (
             ffr.Moving.circle,
             {"center": (0, 0), "radius": 0.1, "angle": held},
-            {"center": PAIR, "radius": NUMBER, "angle": MOTION},
+            {"center": VECTOR, "radius": NUMBER, "angle": MOTION},
         )
         ends = {"a": PIN, "b": ffr.Ground((1.0, 0.0))}
         markers = {"a": MARKER, "b": MARKER, "name": TEXT}
         yield joint(ffr.Revolute), ends, markers
         yield joint(ffr.Weld), ends, {**markers, "angle": ("1", True, *ENDLESS, held)}
-        yield joint(ffr.Translational), ends, {**markers, "direction": (*PAIR, (0.0, 0.0))}
+        yield joint(ffr.Translational), ends, {**markers, "direction": (*VECTOR, (0.0, 0.0))}
         yield joint(ffr.Gear), {**ends, "ratio": 2.0}, {**markers, "ratio": (*NUMBER, 0.0)}
         yield (
             joint(ffr.Distance),
@@ -143,14 +144,14 @@ class Scene:
             {**markers, "length": ("1", True, 1j, *ENDLESS, 0.0, -1.0, np.sin)},
         )
         line = {"point": PIN, "line": ffr.Ground()}
-        across = {"point": MARKER, "line": MARKER, "direction": (*PAIR, (0.0, 0.0))}
+        across = {"point": MARKER, "line": MARKER, "direction": (*VECTOR, (0.0, 0.0))}
         yield joint(ffr.PointOnLine), line, across
         yield joint(ffr.LinearDrive), {**line, "motion": held}, {**across, "motion": MOTION}
         driven = {"marker": PIN, "motion": held}
         drive = {"marker": MARKER, "motion": MOTION}
         yield joint(ffr.PrescribedAngle), driven, {**drive, "relative_to": MARKER}
         along = {**driven, "axis": "x"}
-        yield joint(ffr.PrescribedPosition), along, {**drive, "axis": (*TEXT, "z", 0)}
+        yield joint(ffr.PrescribedPosition), along, {**drive, "axis": (*TEXT, "w", 0)}
         yield (
             force(ffr.Force),
             {"marker": PIN},
@@ -165,7 +166,7 @@ class Scene:
         yield (
             lambda **given: ffr.Mechanism({"rod": ffr.Placement(**given)}),
             {},
-            {"position": PAIR, "angle": NUMBER, "velocity": PAIR, "angular_velocity": NUMBER},
+            {"position": VECTOR, "angle": NUMBER, "velocity": VECTOR, "angular_velocity": NUMBER},
         )
         yield (
             lambda **given: in_mechanism(point_masses=[ffr.PointMass(**given)]),
@@ -177,7 +178,7 @@ class Scene:
             {},
             {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE},
         )
-        fields = (*PAIR[:5], ("0", 0.0), (None, 0.0), (math.nan, 0.0))
+        fields = (*VECTOR[:5], ("0", 0.0), (None, 0.0), (math.nan, 0.0))
         yield (
             ffr.Mechanism,
             {"placements": {"rod": ffr.Placement()}},
@@ -303,7 +304,7 @@ class Scene:
             {"mass": 1.0, "inertia": 1.0},
             {
                 "mass": POSITIVE,
-                "center": PAIR,
+                "center": [center for center in PAIR if center is not None],
                 "inertia": POSITIVE,
                 "markers": (*MAPPING[:1], *MAPPING[2:], *({"pin": pair} for pair in PAIR)),
             },
@@ -356,7 +357,7 @@ class Scene:
             {**marker, "path": (0.0, np.sin)},
             {
                 **{"body": TEXT, "marker": TEXT, "window": WINDOW},
-                "path": (*ARRAY, (0.0, "1"), (np.sin, 0.0, 0.0), (None, 0.0), (math.nan, 0.0)),
+                "path": (*ARRAY, (0.0, "1"), (np.sin, *[0.0] * 3), (None, 0.0), (math.nan, 0.0)),
                 "weight": ("1", ["1"], [1j]),
             },
         )

@@ -292,7 +292,8 @@ def check_position(what: str, position: object, spatial: bool) -> None:
     if np.shape(position) == (3,):  # type: ignore[arg-type]
         validation.real_array(what, position)
         return
-    x, y = validation.plane_vector(what, position)
+    expected = "two components, in space three"
+    x, y = validation.real_array(what, position, (2,), expected=expected)
     if spatial and (x or y):
         raise ValueError(f"{what} must have three components in space, but it has two")
 
