@@ -217,6 +217,16 @@ def test_bushing_has_a_stiffness_along_and_about_each_axis() -> None:
         )
 
 
+def test_markers_of_the_ground_with_rotations_are_told_apart() -> None:
+    """Given as arrays, which Python compares entry by entry."""
+    turned = [Ground(np.zeros(3), rotation=Q) for Q in (np.eye(3), np.eye(3), np.eye(3)[[1, 2, 0]])]
+    assert turned[0] == turned[1]
+    assert turned[0] != turned[2]
+    joints = [PointOnPlane(PIN, marker) for marker in turned[1:]]
+    trajectory = motion(*joints, gravity=(1.0, 2.0, 3.0), end=0.1, steps=10)
+    np.testing.assert_allclose(trajectory.y[-1, :3], (0.005, 0.0, 0.0), atol=1e-12)
+
+
 def test_acceleration_of_the_ground_is_felt() -> None:
     trajectory = motion(ground_acceleration=(1.0, 2.0, 3.0), gravity=(0.0, 0.0, -9.81), end=0.1)
     np.testing.assert_allclose(trajectory.v[-1, :3], (-0.1, -0.2, -1.281), atol=1e-12)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .marker import Pair, Triple, check_position
-from .rotation import RotationLike, check_rotation, rotation_matrix, rotation_vector
+from .rotation import RotationLike, checked_rotation, rotation_matrix, rotation_vector
 
 __all__ = ["Assembled", "Placement", "Start", "StaticEquilibrium"]
 
@@ -65,7 +65,7 @@ class Placement:
             where = f"{what}: angular_velocity"
             validation.real_array(where, given, (3,), expected=needed)
         if self.rotation is not None:
-            check_rotation(f"{what}: rotation", self.rotation)
+            checked_rotation(f"{what}: rotation", self.rotation)
         if spatial and self.angle != 0.0:
             raise ValueError(f"{what}: in space give a rotation instead of an angle")
         if spatial and np.ndim(given) == 0 and given != 0.0:

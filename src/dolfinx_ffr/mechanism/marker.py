@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .motion import Motion, tabulated
-from .rotation import RotationLike, check_rotation, rotation_matrix
+from .rotation import RotationLike, checked_rotation, rotation_matrix
 
 __all__ = [
     "BodyPoint",
@@ -73,8 +73,11 @@ class Ground:
         check_position("ground: position", self.position, self.rotation is not None)
         validation.number("ground: angle", self.angle)
         validation.name("ground: name", self.name)
+        # In tuples, so that markers can be compared.
+        object.__setattr__(self, "position", tuple(float(x) for x in self.position))
         if self.rotation is not None:
-            check_rotation("ground: rotation", self.rotation)
+            rotation = checked_rotation("ground: rotation", self.rotation)
+            object.__setattr__(self, "rotation", rotation)
         if self.angle != 0.0 and self.dimension == 3:
             raise ValueError("ground: in space the axes turn by a rotation, not by an angle")
 
@@ -140,7 +143,8 @@ class Moving:
             )
         axis_vector(f"{self.name}: axis", self.axis)
         if self.rotation is not None:
-            check_rotation(f"{self.name}: rotation", self.rotation)
+            rotation = checked_rotation(f"{self.name}: rotation", self.rotation)
+            object.__setattr__(self, "rotation", rotation)
             if self.z is None:
                 raise ValueError(f"{self.name}: a marker with a rotation is one in space; give z")
 

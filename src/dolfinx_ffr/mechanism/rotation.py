@@ -13,7 +13,7 @@ from .. import validation
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["RotationLike", "check_rotation", "rotation_matrix", "rotation_vector"]
+__all__ = ["RotationLike", "checked_rotation", "rotation_matrix", "rotation_vector"]
 
 Array = NDArray[np.float64]
 
@@ -31,8 +31,8 @@ def _plain(rotation: object) -> object:
     return as_matrix() if callable(as_matrix) else rotation
 
 
-def check_rotation(what: str, rotation: object) -> None:
-    """Refuse what is no rotation.
+def checked_rotation(what: str, rotation: object) -> RotationLike:
+    """A rotation in tuples, which can be compared; what is none is refused.
 
     Args:
         what: Name of the rotation, for the message.
@@ -44,7 +44,7 @@ def check_rotation(what: str, rotation: object) -> None:
     """
     given = validation.real_array(what, _plain(rotation))
     if given.shape == (3,):
-        return
+        return tuple(given.tolist())
     needed = "shape (3,), a vector along the axis as long as the angle, or (3, 3), a matrix"
     validation.real_array(what, given, (3, 3), expected=needed)
     defect = float(np.max(np.abs(given.T @ given - np.eye(3))))
@@ -53,6 +53,7 @@ def check_rotation(what: str, rotation: object) -> None:
             f"{what} must be the matrix of a rotation, whose columns are perpendicular unit "
             f"vectors in a right-handed order, but it is {given.tolist()}"
         )
+    return tuple(tuple(row) for row in given.tolist())
 
 
 def rotation_matrix(rotation: RotationLike) -> Array:
