@@ -117,8 +117,9 @@ def test_files_of_the_slider_crank(serial: Path) -> None:
         assert (serial / name).stat().st_size > 500, name
     history = read_history(serial / "history.csv")
     assert len(history["psi"]) == 9
+    # the law of cut elements tells of a stiffer rod than that of densities
     final = summary(serial)["compliance_final"]
-    assert 0.9 < final / history["psi"].min() < 1.1
+    assert 0.5 * history["psi"].min() < final < history["psi"].min()
     found = summary(serial)
     assert found["psi"] == final
     assert found["part_pieces"] == 1

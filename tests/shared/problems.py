@@ -22,7 +22,7 @@ class Copy:
     def __init__(self, comm: MPI.Intracomm, target: Callable[[np.ndarray], np.ndarray]) -> None:
         self.domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(40, 8))
         plate = SimpleNamespace(domain=self.domain, modes=1)
-        plate.with_cut_elements = lambda share=1.0: plate
+        plate.with_cut_elements = lambda: plate
         self.flexible = {"plate": plate}
         self.constraints: list[Any] = []
         self.combine = ffr.WeightedSum()

@@ -8,14 +8,7 @@ from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
 from .mirrors import Mirror, MirrorPlane, image_cells, mirror_lines, mirror_planes
-from .parametrization import (
-    DensityDesign,
-    Design,
-    VolumeBisection,
-    check_volume,
-    cutting,
-    shrunk,
-)
+from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
     Gaussian,
@@ -45,7 +38,6 @@ __all__ = [
     "Wendland",
     "check_kernel",
     "check_volume",
-    "cutting",
     "density_field",
     "image_cells",
     "mirror_lines",

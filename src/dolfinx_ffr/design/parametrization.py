@@ -30,7 +30,6 @@ __all__ = [
     "Design",
     "VolumeBisection",
     "check_volume",
-    "cutting",
     "finite_vector",
     "shrunk",
     "steepness",
@@ -44,9 +43,6 @@ SHARP = 32.0
 #: Progress between which the projection becomes steeper, by the same factor each iteration: time
 #: before it to find the topology, and after it to find the best crisp boundary
 SHARPENING = (0.05, 0.55)
-#: Progress between which cut elements of a level set come to be worth what their part is: with the
-#: law that finds a topology, boundaries stay at sides of elements
-CUTTING = (0.6, 0.8)
 
 
 def steepness(progress: float) -> float:
@@ -61,16 +57,6 @@ def steepness(progress: float) -> float:
     validation.number("design: progress", progress, least=0.0, most=1.0)
     begin, end = SHARPENING
     return float(SHARP ** min(max((progress - begin) / (end - begin), 0.0), 1.0))
-
-
-def cutting(progress: float) -> float:
-    """How far the stiffness of cut elements is on its way to that of their part: 0 to 1.
-
-    Args:
-        progress: In [0, 1].
-    """
-    begin, end = CUTTING
-    return min(max((progress - begin) / (end - begin), 0.0), 1.0)
 
 
 class Design(ABC):

@@ -186,23 +186,6 @@ class DesignLoop:
         self._mode_error = max(errors.values())
         return evaluation
 
-    def cut_elements(self, designs: Mapping[str, Design], share: float = 1.0) -> None:
-        """Evaluate crisp level sets with the law of cut elements from here on.
-
-        Args:
-            designs: By name of the body.
-            share: Of the way to that law, see `FlexibleBody.with_cut_elements`.
-        """
-        present = self.problem.flexible
-        bodies = {
-            name: present[name].with_cut_elements(share)
-            for name, design in designs.items()
-            if design.fills and design.sharpness >= CRISP
-        }
-        bodies = {name: body for name, body in bodies.items() if body is not present[name]}
-        if bodies:
-            self.problem = self.problem.with_bodies(bodies)
-
     def calibrated(self, evaluation: Evaluation) -> Evaluation:
         """The evaluation of a design that is kept, with objectives corrected there.
 
@@ -478,10 +461,14 @@ class DesignLoop:
             volume: Upper bounds of the filled shares by body, if there are any.
         """
         densities = {name: design.density(variables[name]) for name, design in designs.items()}
-        before, told = self.problem, evaluation
-        self.cut_elements(designs)
-        problem = self.problem
-        if problem is not before:
+        cut = {
+            name: self.problem.flexible[name].with_cut_elements()
+            for name, design in designs.items()
+            if design.fills and design.sharpness >= CRISP
+        }
+        problem, told = self.problem, evaluation
+        if any(body is not problem.flexible[name] for name, body in cut.items()):
+            problem = problem.with_bodies(cut)
             told = problem.value(of_problem(densities))
         errors: dict[str, float] = {}
         if self._mode_tolerance is not None:

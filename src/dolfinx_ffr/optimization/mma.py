@@ -5,8 +5,7 @@
 
 where the g_k are the volume bound of each body and the constraints of the problem, and the penalty
 is that of the design (a `LevelSet` asks for a minimum size by it). One value and one gradient an
-iteration; along the run the design becomes crisp, see `Design.at`, and cut elements of a level set
-come to be worth what their part is, see `FlexibleBody.with_cut_elements`.
+iteration; along the run the design becomes crisp, see `Design.at`.
 
 Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
 the way. Near the end the constraints that are violated are tightened by as much, so that the
@@ -33,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..design import Design, cutting, shrunk
+from ..design import Design, shrunk
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from .loop import FEASIBLE, DesignLoop, Optimizer
@@ -208,7 +207,6 @@ class _Run:
         iteration = point.iteration + 1
         progress = self.next_progress(point)
         densities = self.densities(tried.x, progress)
-        self.loop.cut_elements(self.designs(progress), cutting(progress))
         try:
             found = self.loop.value(densities)
         except SimulationError:  # so soft that it cannot move
@@ -451,7 +449,6 @@ class _Run:
             merit=float(data["merit"]),
             best_merit=float(data["best_merit"]),
         )
-        self.loop.cut_elements(self.designs(point.progress), cutting(point.progress))
         now = self.loop.calibrated(self.loop.value(self.densities(state.x, point.progress)))
         self.loop.resumed(now)
         return point, self.differentiate(now, point)

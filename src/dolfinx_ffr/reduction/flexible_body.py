@@ -186,23 +186,18 @@ class FlexibleBody:
             self.domain, self.material, **{**self._options, "interpolation": interpolation}
         )
 
-    def with_cut_elements(self, share: float = 1.0) -> FlexibleBody:
+    def with_cut_elements(self) -> FlexibleBody:
         """The same body, for densities that are shares of elements which a boundary cuts.
 
         Its interpolation law is the one that its own law's method ``cut`` returns for cells of its
         kind and order: by that the body is as stiff as one whose mesh fits the boundary. A law
         without that method stays.
-
-        Args:
-            share: Of the way from the usual exponent of SIMP, 3, to that of the cells.
         """
-        validation.number("flexible body: share", share, least=0.0, most=1.0)
         cut = getattr(self.interpolation, "cut", None)
-        if cut is None or share == 0.0:
+        if cut is None:
             return self
         exponent = cut_exponent(self.domain.cell, self.domain.order)
-        law = cut(share * exponent + (1.0 - share) * SIMP().exponent)
-        return self if law == self.interpolation else self.with_interpolation(law)
+        return self.with_interpolation(cut(exponent))
 
     def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
         """How pickle and copy make the body anew, without matrices of a density."""
