@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from ..body import BodyMarker
@@ -300,10 +301,14 @@ class ViewOfSpace:
     # ------------------------------------------------------------------ parts
 
     def _add_mesh(self, body: BodyInSpace) -> None:
-        """Draw the cells that are not void."""
+        """Draw the cells that are not void, and the edges of the whole body."""
         assert body.mesh is not None
         shown = np.flatnonzero(body.density >= VOID)
-        cells = body.mesh.grid().extract_cells(shown)
+        grid = body.mesh.grid()
+        self._add_edges(body, grid)
+        if not len(shown):
+            return
+        cells = grid.extract_cells(shown)
         surface = surface_of(cells)
         of = np.asarray(cells["vtkOriginalPointIds"])[np.asarray(surface["vtkOriginalPointIds"])]
         cell = shown[np.asarray(surface["vtkOriginalCellIds"])]
@@ -315,6 +320,21 @@ class ViewOfSpace:
 
         update(0)
         self._view.add(surface, scalars="rgb", rgb=True)
+        self._updates.append(update)
+
+    def _add_edges(self, body: BodyInSpace, grid: Any) -> None:
+        edges = surface_of(grid).extract_feature_edges(
+            feature_angle=40.0, boundary_edges=False, manifold_edges=False, non_manifold_edges=False
+        )
+        if not edges.n_points:
+            return
+        of = cKDTree(grid.points).query(edges.points)[1]
+
+        def update(instant: int) -> None:
+            edges.points = body.points(instant, self.magnification)[of]
+
+        update(0)
+        self._view.plotter.add_mesh(edges, color=LIGHT, line_width=1.5, lighting=False)
         self._updates.append(update)
 
     def _add_bar(self, body: BodyInSpace) -> None:
