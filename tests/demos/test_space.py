@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import spatial_robot_arm
 from spatial_slider_crank import main, slider_of, spatial_problem
 
 import dolfinx_ffr as ffr
@@ -48,3 +49,15 @@ def test_design_on_any_number_of_ranks(
         options = {"volume": 0.5, "iterations": 6, "progress": False}
         alone = ffr.optimize(problem, levelset, **options)
     assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-6)
+
+
+def test_arm_follows_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program of the arm leaves its files, and its hand is where that of a rigid arm is."""
+    monkeypatch.setattr(plotting, "animate_motion", lambda *_, **__: None)
+    small = ["--elements", "12", "3", "3", "--steps", "150", "--iterations", "2"]
+    spatial_robot_arm.main([*small, "--output", str(tmp_path)])
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert found["error_full"] < 0.01 * spatial_robot_arm.FORE[0]
+    assert found["error_full"] < found["error_bars"]
+    for name in ("scene.png", "forearm/solid.stl", "upper_arm/design.xdmf", "report.html"):
+        assert (tmp_path / name).stat().st_size > 500, name
