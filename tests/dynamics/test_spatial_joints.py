@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from shared.spatial_bodies import cloud
 
-from dolfinx_ffr.body import VolumeIntegrals
+from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
 from dolfinx_ffr.dynamics import (
     GeneralizedAlpha,
     Integrator,
@@ -373,3 +375,31 @@ def test_moving_marker_has_the_derivatives_of_its_motion() -> None:
     np.testing.assert_allclose(axes[2], np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0), atol=1e-14)
     # The first axis points along the radius.
     np.testing.assert_allclose(here[0, 0] - (0.1, 0.2, 0.3), 0.5 * axes[0], atol=1e-14)
+
+
+def test_markers_have_axes_of_their_own(tmp_path: Path) -> None:
+    """Axes of joints and directions of followers are given in them; files keep them."""
+    Q = Rotation.from_rotvec((0.5, -0.3, 0.8)).as_matrix()
+    turned = VolumeIntegrals.rigid(
+        2.0,
+        inertia=(0.2, 0.3, 0.4),
+        markers={"pin": BodyMarker.of_rigid_body((0.1, 0.0, 0.0), Q), "end": (0.3, 0.1, 0.2)},
+    )
+    turned.save(tmp_path / "turned.npz")
+    axis = np.array([0.0, 0.6, 0.8])
+
+    def spin(body: VolumeIntegrals, direction: np.ndarray) -> Trajectory:
+        mechanism = Mechanism(
+            {"body": Placement((0.0, 0.0, 0.0))},
+            [Revolute(Ground((0.1, 0.0, 0.0)), ("body", "pin"), axis=tuple(direction))],
+            forces=[Torque(("body", "pin"), tuple(2.0 * direction), follower=True)],
+        )
+        return simulate(mechanism, {"body": body}, GeneralizedAlpha(0.5, 50))
+
+    plain = VolumeIntegrals.rigid(2.0, inertia=(0.2, 0.3, 0.4), markers={"pin": (0.1, 0.0, 0.0)})
+    expected = spin(plain, Q @ axis)
+    for body in (turned, VolumeIntegrals.load(tmp_path / "turned.npz")):
+        np.testing.assert_allclose(spin(body, axis).y, expected.y, atol=1e-12)
+    bad = {"pin": BodyMarker.of_rigid_body((0.0, 0.0, 0.0), 2.0 * np.eye(3))}
+    with pytest.raises(ValueError, match="axes must be perpendicular unit vectors"):
+        VolumeIntegrals.rigid(1.0, inertia=(1.0, 1.0, 1.0), markers=bad).validate("body")

@@ -20,6 +20,7 @@ of :class:`VolumeIntegrals`:
 | ``marker_displacements`` | (n, d, r) | shape functions of the displacement at the markers |
 | ``marker_rotations`` | (n, r) | shape functions of the rotation there; in space (n, 3, r) |
 | ``marker_stiffening`` | (n, d, r, r) | geometric stiffness by unit forces there; may be missing |
+| ``marker_axes`` | (n, 3, 3) | axes of the markers as columns, in space; may be missing |
 
 A marker whose geometric stiffness is all zero has none.
 
@@ -42,11 +43,12 @@ from ..files import replace_file
 __all__ = ["checked_ending", "read_arrays", "write_arrays"]
 
 _MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
-_MARKER_STIFFENING = "marker_stiffening"
+_MARKER_STIFFENING, _MARKER_AXES = "marker_stiffening", "marker_axes"
 _STIFFENING = {
     f"stiffening_{load}": load for load in ("omega2", "alpha", "rotation", "acceleration")
 }
 _KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS, _MARKER_STIFFENING]
+_KEYS.append(_MARKER_AXES)
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -80,7 +82,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     if unknown:
         raise ValueError(f"body file {path}: unknown keys {unknown}; the keys are {_KEYS}")
     needed = ["mass", "S", *([] if "P" in arrays else ["G", "N"])]
-    if any(key in arrays for key in (*_MARKERS, _MARKER_STIFFENING)):
+    if any(key in arrays for key in (*_MARKERS, _MARKER_STIFFENING, _MARKER_AXES)):
         needed += _MARKERS
     missing = [key for key in needed if key not in arrays]
     if missing:
@@ -104,7 +106,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         names = [str(name) for name in arrays["markers"].ravel()]
         if len(set(names)) < len(names):
             raise ValueError(f"body file {path}: two of the markers {names} have the same name")
-        for key in [*_MARKERS[1:], *({_MARKER_STIFFENING} & arrays.keys())]:
+        for key in [*_MARKERS[1:], *({_MARKER_STIFFENING, _MARKER_AXES} & arrays.keys())]:
             if arrays[key].shape[:1] != (len(names),):
                 raise ValueError(
                     f"body file {path}: {key} has shape {arrays[key].shape}, but there are "

@@ -21,6 +21,7 @@ __all__ = [
     "check_stiffening",
     "inertia_of_point",
     "largest_share",
+    "rigid_marker",
     "stacked_loads",
 ]
 
@@ -55,13 +56,17 @@ class BodyMarker:
     #: it the displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py q): a bent beam's end
     #: comes nearer. The work of a force F is then F . (Phi_P - T_P q) dq: it stiffens the body.
     stiffening: Array | None = None
+    #: Axes of the point in space as columns in the body's frame, shape (3, 3), in which axes of
+    #: joints and directions of forces are given; None are those of the body.
+    axes: Array | None = None
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
         for name in ("position", "displacement", "rotation"):
             object.__setattr__(self, name, as_array(getattr(self, name)))
-        if self.stiffening is not None:
-            object.__setattr__(self, "stiffening", as_array(self.stiffening))
+        for name in ("stiffening", "axes"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_array(getattr(self, name)))
 
     @property
     def dimension(self) -> int:
@@ -69,15 +74,17 @@ class BodyMarker:
         return int(self.position.size)
 
     @staticmethod
-    def of_rigid_body(position: ArrayLike) -> BodyMarker:
+    def of_rigid_body(position: ArrayLike, axes: ArrayLike | None = None) -> BodyMarker:
         """A point of a body without shape functions.
 
         Args:
             position: Position in the body's frame, shape (2,) or (3,) [m].
+            axes: Its axes in space as columns, shape (3, 3); None are those of the body.
         """
         where = as_array(position)
         none = np.zeros((where.size, 0))
-        return BodyMarker(where, none, none if where.size == 3 else np.zeros(0))
+        own = None if axes is None else as_array(axes)
+        return BodyMarker(where, none, none if where.size == 3 else np.zeros(0), None, own)
 
     @property
     def basis(self) -> Array:
@@ -113,26 +120,30 @@ class BodyMarker:
         """
         stiffening = None if self.stiffening is None else self.stiffening[:, :modes, :modes]
         shapes = self.displacement[:, :modes], self.rotation[..., :modes]
-        return BodyMarker(self.position, *shapes, stiffening)
+        return BodyMarker(self.position, *shapes, stiffening, self.axes)
 
     def scaled(self, factor: float) -> BodyMarker:
-        """All entries times a factor.
+        """All entries times a factor, but for the axes.
 
         Args:
             factor: The factor.
         """
         stiffening = None if self.stiffening is None else factor * self.stiffening
         shapes = factor * self.displacement, factor * self.rotation
-        return BodyMarker(factor * self.position, *shapes, stiffening)
+        return BodyMarker(factor * self.position, *shapes, stiffening, self.axes)
 
     def __add__(self, other: BodyMarker) -> BodyMarker:
-        """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero."""
+        """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero.
+
+        The axes are those of the first, or of the other if it has none.
+        """
         parts = [m.stiffening for m in (self, other) if m.stiffening is not None]
         return BodyMarker(
             self.position + other.position,
             self.displacement + other.displacement,
             self.rotation + other.rotation,
             np.sum(parts, axis=0) if parts else None,
+            other.axes if self.axes is None else self.axes,
         )
 
     def dot(self, other: BodyMarker) -> float:
@@ -146,6 +157,23 @@ class BodyMarker:
         if self.stiffening is not None and other.stiffening is not None:
             total += float(np.sum(self.stiffening * other.stiffening))
         return total
+
+
+def rigid_marker(what: str, given: ArrayLike | BodyMarker, d: int) -> BodyMarker:
+    """A marker of a rigid body from its position, or as it is.
+
+    Args:
+        what: Name of the marker, for the message.
+        given: Position in the body's frame [m], or the marker.
+        d: 2 in the plane, 3 in space.
+
+    Raises:
+        TypeError: If it holds something else than numbers.
+        ValueError: If the position has not d components, or one is not finite.
+    """
+    if isinstance(given, BodyMarker):
+        return given
+    return BodyMarker.of_rigid_body(validation.real_array(what, given, (d,)))
 
 
 def as_array(values: ArrayLike) -> Array:
@@ -212,6 +240,15 @@ def check_body_marker(where: str, point: BodyMarker, d: int, r: int, G: Array) -
     validation.real_array(f"{where}: rotation", point.rotation, (r,) if d == 2 else (d, r))
     if point.stiffening is not None:
         check_stiffening(f"{where}: stiffening", point.stiffening, (d, r, r), G)
+    if point.axes is not None:
+        if d == 2:
+            raise ValueError(f"{where}: markers of bodies in the plane have no axes of their own")
+        A = validation.real_array(f"{where}: axes", point.axes, (3, 3))
+        if np.max(np.abs(A.T @ A - np.eye(3))) > ASYMMETRY or np.linalg.det(A) < 0.0:
+            raise ValueError(
+                f"{where}: the axes must be perpendicular unit vectors in a right-handed order, "
+                f"but they are {A.T.tolist()}"
+            )
 
 
 def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: Array) -> None:

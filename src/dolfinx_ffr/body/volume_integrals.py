@@ -42,6 +42,7 @@ from .marker import (
     check_loads,
     inertia_of_point,
     largest_share,
+    rigid_marker,
     stacked_loads,
 )
 from .moments import (
@@ -172,7 +173,7 @@ class VolumeIntegrals:
         mass: float,
         center: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
-        markers: Mapping[str, ArrayLike] | None = None,
+        markers: Mapping[str, ArrayLike | BodyMarker] | None = None,
     ) -> VolumeIntegrals:
         """Integrals of a rigid body, a body with no elastic coordinates.
 
@@ -184,7 +185,7 @@ class VolumeIntegrals:
             inertia: Moment of inertia about the centre of mass [kg m^2]; in space the tensor, shape
                 (3, 3), or its diagonal, shape (3,), in the body's axes. It must be given, for a
                 body without it has no equation for its angle.
-            markers: Position in the body's frame, shape (2,) or (3,) [m], by name.
+            markers: Position in the body's frame, shape (2,) or (3,) [m], or marker, by name.
 
         Raises:
             TypeError: If an argument is of a wrong kind.
@@ -204,10 +205,8 @@ class VolumeIntegrals:
         given = np.zeros(d) if center is None else center
         c = validation.real_array("rigid body: center", given, (d,), expected=f"{d} components")
         found = {
-            name: BodyMarker.of_rigid_body(
-                validation.real_array(f"rigid body: marker {name!r}", position, (d,))
-            )
-            for name, position in points.items()
+            name: rigid_marker(f"rigid body: marker {name!r}", point, d)
+            for name, point in points.items()
         }
         if d == 3:
             P = moments_of_rigid_body(mass, c, inertia)
@@ -296,10 +295,8 @@ class VolumeIntegrals:
         if P is not None and second.shape[-1] == 3:
             body = VolumeIntegrals.in_space(mass, as_array(S), second, stiffness, points, loads)
         else:
-            assert G is not None
-            assert N is not None
-            moments_in_plane = as_array(G), as_array(N)
-            body = VolumeIntegrals(mass, as_array(S), *moments_in_plane, stiffness, points, loads)
+            both = [as_array(view) for view in (G, N) if view is not None]
+            body = VolumeIntegrals(mass, as_array(S), both[0], both[1], stiffness, points, loads)
         body.validate(name)
         return body
 
@@ -333,6 +330,9 @@ class VolumeIntegrals:
             arrays["marker_stiffening"] = np.array(
                 [none if point.stiffening is None else point.stiffening for point in points]
             )
+        if any(point.axes is not None for point in points):
+            axes = [np.eye(3) if point.axes is None else point.axes for point in points]
+            arrays["marker_axes"] = np.array(axes)
         write_arrays(path, arrays)
 
     @staticmethod
@@ -364,6 +364,7 @@ class VolumeIntegrals:
                         arrays["marker_displacements"][number],
                         arrays["marker_rotations"][number],
                         stiffening[number] if np.any(stiffening[number]) else None,
+                        arrays["marker_axes"][number] if "marker_axes" in arrays else None,
                     )
                     for number, name in enumerate(names)
                 },

@@ -12,7 +12,7 @@ a few kinds of g; a joint is put together from rows of these kinds, a spring is 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -239,6 +239,8 @@ class UndeformedInSpace:
     positions: Mapping[BodyPoint, Array]
     #: Time of the start, shape (1,) [s].
     start: Array
+    #: Axes of markers in the frames of their bodies as columns, shape (3, 3), where they have any.
+    marker_axes: Mapping[BodyPoint, Array] = field(default_factory=dict)
 
     def pose(self, marker: Marker) -> tuple[Array, Array]:
         """Position (3,) [m] of a marker, and its axes as columns (3, 3).
@@ -249,7 +251,8 @@ class UndeformedInSpace:
         if isinstance(marker, tuple):
             position, rotation, *_ = self.placements[marker[0]].in_space
             A = rotation_matrix(rotation)
-            return position + A @ self.positions[marker], A
+            own = self.marker_axes.get(marker)
+            return position + A @ self.positions[marker], A if own is None else A @ own
         tables = marker.tabulate_in_space(self.start, "the start")
         return tables[0, 0, 0], tables[0, 0, 1:].T
 

@@ -104,6 +104,7 @@ class _Vectors:
                     bends.append(padded(point.stiffening, modes))
             elif vector.kind == VectorKind.DIRECTION:
                 n = np.array(vector.components)
+                n = n if point.axes is None else point.axes @ n
                 shapes[number, :, 0] = n
                 shapes[number, :, 1 : r + 1] = np.cross(point.rotation, n, axisa=0, axisc=0)
             else:
@@ -157,7 +158,13 @@ def assemble(
         for name, integrals in bodies.items()
         for point, marker in integrals.markers.items()
     }
-    undeformed = UndeformedInSpace(mechanism.placements, positions, instants[:1])
+    own_axes = {
+        (name, point): marker.axes
+        for name, integrals in bodies.items()
+        for point, marker in integrals.markers.items()
+        if marker.axes is not None
+    }
+    undeformed = UndeformedInSpace(mechanism.placements, positions, instants[:1], own_axes)
     vectors = _Vectors(bodies)
     rows: list[tuple[SpatialRow, str]] = []
     joints: dict[str, slice] = {}
