@@ -36,6 +36,7 @@ STUDIES = (
     "designs",
     "peers",
     "integration",
+    "motions",
 )
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.

@@ -15,6 +15,8 @@ import dolfinx_ffr as ffr
 PAGE = TOP / "docs" / "scenes.md"
 #: Pages whose programs stand alone
 PARTS = TOP / "docs" / "from_field_to_part.md"
+#: A page whose programs go on from the slider-crank and from each other
+MOTIONS = TOP / "docs" / "several_motions.md"
 #: Numbers that say how long a program takes, and those of a test
 SHORTER = [
     (r"elements=\(\d+, \d+\)", "elements=(20, 4)"),
@@ -104,10 +106,27 @@ def test_program_of_a_part(
     assert files >= ({".svg", ".dxf", ".step", ".stl", ".png"} if part.material else {".dxf"})
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_programs_of_several_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They run one after the other, and what they ask for is there."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    scene = shorter(dict(programs(PAGE))["Slider-crank"])
+    lines = "x = 0.7 * np.ones(rod.n_cells)\n"
+    text = "\n".join(program for _, program in programs(MOTIONS))
+    exec(compile(scene + lines + shorter(text), MOTIONS.name, "exec"), names)
+    evaluation = names["apart"]
+    assert isinstance(evaluation, ffr.Evaluation)
+    assert list(evaluation.motions) == ["slow", "fast"]
+    assert all(motion.gradient for motion in evaluation.motions.values())
+    assert (tmp_path / "results" / "fast.png").exists()
+
+
 def test_names_on_the_page_exist() -> None:
     """Each name in code that looks like one of the package is one, and none is missing."""
     text = PAGE.read_text()
-    called = set(re.findall(r"\bffr\.(\w+)", text + PARTS.read_text()))
+    called = set(re.findall(r"\bffr\.(\w+)", text + PARTS.read_text() + MOTIONS.read_text()))
     assert not called - set(dir(ffr))
     for module in ("mechanism", "objective"):
         kinds = importlib.import_module(f"dolfinx_ffr.{module}").__all__
@@ -117,5 +136,6 @@ def test_names_on_the_page_exist() -> None:
 
 
 def test_pictures_are_small() -> None:
-    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", PAGE.read_text() + PARTS.read_text()):
+    text = "".join(page.read_text() for page in (PAGE, PARTS, MOTIONS))
+    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", text):
         assert (PAGE.parent / target).stat().st_size < 150_000, target

@@ -55,6 +55,7 @@ CONTENTS = """
 :caption: Guide
 
 docs/scenes
+docs/several_motions
 docs/from_field_to_part
 docs/speed_and_accuracy
 docs/approximate_gradient

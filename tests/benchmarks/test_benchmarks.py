@@ -16,7 +16,17 @@ from shared import TOP, processes
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = TOP / "benchmarks"
-PAGES = ("growth", "accuracy", "modes", "mesh", "model", "differences", "gradient", "integration")
+PAGES = (
+    "growth",
+    "accuracy",
+    "modes",
+    "mesh",
+    "model",
+    "differences",
+    "gradient",
+    "integration",
+    "motions",
+)
 #: Entries that may be nothing: memory that was there before, time lost between parts, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
 #: Errors of exact gradients, and the fixed part of a measurement that is too short for it.
@@ -32,6 +42,7 @@ MAY_BE_ZERO = {
     "estimate",
     "fixed",
     "each_ms",
+    "difference",
 }
 #: Columns that hold words
 WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "model"}
@@ -63,6 +74,7 @@ TABLES = {
     "integration_summary": 4,
     "integration_orders": 6,
     "integration_damping": 10,
+    "motions": 4,
 }
 Column = Callable[[str, str], np.ndarray]
 

@@ -173,6 +173,23 @@ def test_density_design(demo: Callable[..., Path]) -> None:
     assert len(read_history(history)["psi"]) == 5
 
 
+@pytest.mark.mpi
+def test_several_motions_on_ranks(demo: Callable[..., Path]) -> None:
+    """Eight designs in six motions, whose table is complete, and a report of all motions."""
+    out = demo(
+        "several_motions", "--elements", "40", "4", "--iterations", "3", "--steps", "200"
+    )
+    numbers = summary(out)
+    assert len(numbers["psi_by_design"]) == 8 and len(numbers["motions"]) == 6
+    for values in numbers["psi_by_design"].values():
+        assert list(values) == list(numbers["motions"]) and min(values.values()) > 0.0
+    assert min(numbers["largest_ratio"].values()) >= 1.0
+    for name in ("trade_off", "design", "history", "scene_slow", "scene_fast"):
+        assert (out / f"{name}.png").stat().st_size > 5000, name
+    assert "psi of fast, heavy" in read_history(out / "worst_case" / "history.csv")
+    assert "Reported, weighted" in (out / "report.html").read_text()
+
+
 def test_readme_shows_the_short_program() -> None:
     """README's program is the one that is run here."""
     blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)
