@@ -29,7 +29,7 @@ def motions_jobs(*, quick: bool) -> list[Job]:
     numbers = {
         "elements": [40, 4] if quick else [200, 20],
         "counts": [1, 4] if quick else [1, 2, 4, 8],
-        "repetitions": 2 if quick else 15,
+        "repetitions": 2 if quick else 9,
         "steps": 200 if quick else 2000,
     }
     return [Job("motions", "several", 8.0 if quick else 60.0, numbers, ranks) for ranks in (1, 2)]

@@ -21,6 +21,7 @@ worst case ends as a part, which is moved in all motions on a mesh that fits it.
 Run it with `make demo DEMO=several_motions`, or
 
     python demos/several_motions.py [--elements NX NY] [--iterations N] [--steps N] [--output DIR]
+                                    [--resume]
 
 also under `mpirun -n 2`.
 """
@@ -121,6 +122,7 @@ def main(arguments: list[str] | None = None) -> None:
             volume=VOLUME,
             iterations=options.iterations,
             output=output / folder(name),
+            resume=options.resume,
         )
         judged = every.with_bodies(result.problem.bodies).value(result.x)
         psi[name] = {motion: found.psi for motion, found in judged.motions.items()}

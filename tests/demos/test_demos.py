@@ -176,9 +176,7 @@ def test_density_design(demo: Callable[..., Path]) -> None:
 @pytest.mark.mpi
 def test_several_motions_on_ranks(demo: Callable[..., Path]) -> None:
     """Eight designs in six motions, whose table is complete, and a report of all motions."""
-    out = demo(
-        "several_motions", "--elements", "40", "4", "--iterations", "3", "--steps", "200"
-    )
+    out = demo("several_motions", "--elements", "40", "4", "--iterations", "3", "--steps", "200")
     numbers = summary(out)
     assert len(numbers["psi_by_design"]) == 8 and len(numbers["motions"]) == 6
     for values in numbers["psi_by_design"].values():

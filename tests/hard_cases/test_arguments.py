@@ -386,6 +386,22 @@ class Scene:
         yield ffr.MechanicalProblem, given, chain
         bodies = (*MAPPING, {}, {"rod": None}, {"rod": self.rod}, self.body, self.bodies)
         yield ffr.Problem, {**given, "bodies": {"rod": self.body}}, {**chain, "bodies": bodies}
+        weights = (*MAPPING[:1], *MAPPING[2:], {}, {"a": 0.0}, {"a": -1.0}, {"a": "1"}, {"a": None})
+        yield ffr.WeightedSum, {}, {"weights": weights}
+        yield ffr.WorstCase, {}, {"weights": weights}
+        yield ffr.PowerMean, {}, {"weights": weights, "p": (*NUMBER, 0.5)}
+        motion = ffr.MechanicalProblem(**given)
+        yield (
+            ffr.Problem.of_motions,
+            {"bodies": {"rod": self.body}, "motions": {"a": motion, "b": motion}},
+            {
+                "bodies": bodies,
+                "motions": (*MAPPING, {}, {"a": None}, {"a": self.problem}, motion, [motion]),
+                "combine": (1.0, "sum", ffr.WeightedSum, np.sum, ffr.WorstCase({"a": 1.0})),
+            },
+        )
+        yield self.problem.alone, {"motion": "motion"}, {"motion": (*TEXT, "fast")}
+        yield self.evaluation.alone, {"motion": "motion"}, {"motion": (*TEXT, "fast")}
 
     def of_designs(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
         no_domain = (None, "rod", self.rod.mesh, self.body)
@@ -649,6 +665,16 @@ class Scene:
             plotting.plot_crank_motion,
             {"source": CRANK.angle, "end_time": 1.0, **picture},
             {"source": MOTION, "end_time": POSITIVE, **common},
+        )
+        worth = (*MAPPING, {}, {"a": {}}, {"a": {"b": 0.0}}, {"a": {"b": "1"}})
+        yield (
+            plotting.plot_trade_off,
+            {"psi": {"a": {"slow": 1.0, "fast": 2.0}, "b": {"slow": 2.0, "fast": 1.0}}, **picture},
+            {
+                "psi": (*worth, {"a": {"b": 1.0}, "c": {"d": 1.0}}),
+                "images": (1.0, "a", [1.0], {"c": np.ones((2, 2))}, {"a": np.ones(2)}, {"a": "x"}),
+                **common,
+            },
         )
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
         yield (

@@ -47,6 +47,7 @@ from dolfinx_ffr.plotting import (
     plot_history,
     plot_modes,
     plot_scene,
+    plot_trade_off,
 )
 from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
 from dolfinx_ffr.plotting.scene import Scene
@@ -394,6 +395,29 @@ def test_history_has_a_panel_for_each_column(tmp_path: Path) -> None:
         part = {name: history[name] for name in names}
         sizes.append(pixels(plot_history(part, tmp_path / "x.png")).shape)
     assert sizes[0][1] < sizes[1][1] < sizes[2][1]
+
+
+def test_history_has_a_panel_for_several_motions(tmp_path: Path) -> None:
+    """A curve for each, relative to the start, beside that of all together."""
+    psi = some_history()["psi"]
+    motions = {"psi of slow": 2.0 * psi, "psi of fast": 3.0 * psi[0] - psi}
+    one, two, alone = (
+        pixels(plot_history(columns, tmp_path / "x.png"))
+        for columns in ({"psi": psi}, {"psi": psi, **motions}, motions)
+    )
+    assert one.shape[1] < two.shape[1] and alone.shape == one.shape
+    assert near(alone, "#0b62a4").sum() > 300 and near(alone, "#d9822b").sum() > 300
+
+
+def test_trade_off_has_a_row_for_each_design(tmp_path: Path) -> None:
+    """And images beside them, where there are any; the best are cool, the worst warm."""
+    psi = {f"design {k}": {"slow": 1.0 + k, "fast": 4.0 - k} for k in range(3)}
+    plain = pixels(plot_trade_off(psi, tmp_path / "a.png"))
+    images = {"design 1": np.eye(40)}
+    drawn = pixels(plot_trade_off(psi, tmp_path / "b.png", images=images))
+    assert drawn.shape[0] == plain.shape[0] and drawn.shape[1] > plain.shape[1]
+    more = pixels(plot_trade_off({**psi, "all": psi["design 1"]}, tmp_path / "c.png"))
+    assert more.shape[0] > plain.shape[0]
 
 
 @pytest.mark.mpi

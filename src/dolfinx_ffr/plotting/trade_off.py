@@ -49,7 +49,7 @@ def plot_trade_off(
 
     Raises:
         ValueError: On every rank, if designs have other motions than the first, a value is not
-            positive, or the kind of file is not known.
+            positive, an image is of another design, or the kind of file is not known.
     """
     path = writable(path, KINDS, title)
     what = "plot_trade_off"
@@ -70,7 +70,14 @@ def plot_trade_off(
     table = np.array([[values[motion] for motion in motions] for values in rows.values()])
     table /= table.min(axis=0)
     table = np.column_stack([table, table.max(axis=1)])
-    pictures = {name: np.asarray(image, dtype=np.float64) for name, image in (images or {}).items()}
+    pictures = {
+        name: validation.real_array(
+            f"{what}: image of {name!r}", image, (None, None), expected="rows and columns"
+        )
+        for name, image in validation.by_name(f"{what}: images", images or {}, "images").items()
+    }
+    if unknown := [name for name in pictures if name not in rows]:
+        raise ValueError(f"{what}: an image of {unknown[0]!r}, but the designs are {list(rows)}")
 
     def draw(file: Path) -> None:
         # in inches: heading and names of motions, names of designs, their pictures, the table
@@ -101,7 +108,8 @@ def plot_trade_off(
                     )
                     own.set_xticks([])
                     own.set_yticks([])
-                    own.spines[:].set(color=LIGHT, linewidth=0.6)
+                    for spine in own.spines.values():
+                        spine.set(color=LIGHT, linewidth=0.6)
             heading = title or "ψ over that of the design which is best in this motion"
             figure.text(0.1 / width, 1.0 - 0.1 / height, heading, va="top", fontsize=11.0)
             save(figure, file)
@@ -127,7 +135,7 @@ def _fill(axes: Axes, table: Array, motions: Sequence[str]) -> None:
             )
     axes.set_xlim(-0.5, places[-1] + 0.5)
     axes.set_ylim(len(table) - 0.5, -0.5)
-    axes.set_xticks(places, [*motions, "largest"])
+    axes.set_xticks(places, [*(name.replace(", ", ",\n") for name in motions), "largest"])
     axes.set_yticks([])
     axes.tick_params(top=True, bottom=False, labeltop=True, labelbottom=False, length=0, pad=2)
     axes.spines[:].set_visible(False)
