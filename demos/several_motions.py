@@ -224,18 +224,19 @@ def folder(name: str) -> str:
 
 
 #: Iterations and elements from which on a design counts as finished
-ENOUGH, FINE = 60, 2560
+ENOUGH, FINE = 60, 1440
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(description="Design one rod for six motions.")
-    parser.add_argument("--elements", nargs=2, type=int, default=[160, 16], metavar=("NX", "NY"))
+    parser.add_argument("--elements", nargs=2, type=int, default=[120, 12], metavar=("NX", "NY"))
     parser.add_argument("--iterations", type=int, default=60, help="at most (default 60)")
     parser.add_argument("--steps", type=int, default=1000, help="of each motion (default 1000)")
     parser.add_argument(
         "--output", default="results/several_motions", help="folder for the results"
     )
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoints")
     return parser.parse_args(arguments)
 
 

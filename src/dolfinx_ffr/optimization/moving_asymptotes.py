@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 __all__ = ["Asymptotes"]
 
@@ -151,7 +152,12 @@ class _Subproblem:
             # where all variables are at their bounds the dual is linear
             hessian += np.eye(len(hessian)) * (1e-12 * np.trace(hessian) + 1e-14)
             direction = np.zeros_like(multipliers)
-            direction[free] = np.linalg.solve(hessian, gradient[free])
+            if self.bounded:
+                direction[free] = _ascent(hessian, gradient[free], multipliers[free])
+                if gradient @ direction <= 1e-15 * max(1.0, abs(dual)):
+                    break  # as exact as round-off allows
+            else:
+                direction[free] = np.linalg.solve(hessian, gradient[free])
             size = 1.0
             for _ in range(80):
                 trial = np.maximum(multipliers + size * direction, 0.0)
@@ -200,3 +206,21 @@ class _Subproblem:
         found = (slopes * compliance) @ slopes.T + np.diag((multipliers > PRICE).astype(float))
         found[: self.bounded, : self.bounded] += 1.0 / WEAK
         return found
+
+
+def _ascent(hessian: Array, gradient: Array, multipliers: Array) -> Array:
+    """Newton's direction to the maximum of the dual's quadratic model over multipliers >= 0.
+
+    The sum of the bounded functions' multipliers hardly changes, so that cutting Newton's direction
+    off where one multiplier reaches zero would spoil it for the others. With H = R^T R the model
+    is at its maximum where |R m - R^-T (g + H m_0)| is smallest.
+
+    Args:
+        hessian: Negative second derivative, positive definite, shape (m, m).
+        gradient: Of the dual, shape (m,).
+        multipliers: Where it is, shape (m,).
+    """
+    root = np.linalg.cholesky(hessian).T
+    aim = np.linalg.solve(root.T, gradient + hessian @ multipliers)
+    found, _ = nnls(root, aim)
+    return np.asarray(found - multipliers)
