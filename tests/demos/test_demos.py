@@ -176,7 +176,8 @@ def test_density_design(demo: Callable[..., Path]) -> None:
 @pytest.mark.mpi
 def test_several_motions_on_ranks(demo: Callable[..., Path]) -> None:
     """Eight designs in six motions, whose table is complete, and a report of all motions."""
-    out = demo("several_motions", "--elements", "40", "4", "--iterations", "3", "--steps", "200")
+    small = ["--elements", "40", "8", "--iterations", "8", "--steps", "300"]
+    out = demo("several_motions", *small)
     numbers = summary(out)
     assert len(numbers["psi_by_design"]) == 8 and len(numbers["motions"]) == 6
     for values in numbers["psi_by_design"].values():
@@ -186,6 +187,18 @@ def test_several_motions_on_ranks(demo: Callable[..., Path]) -> None:
         assert (out / f"{name}.png").stat().st_size > 5000, name
     assert "psi of fast, heavy" in read_history(out / "worst_case" / "history.csv")
     assert "Reported, weighted" in (out / "report.html").read_text()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("scene", ["slider_crank", "four_bar"])
+def test_equivalent_static_loads(demo: Callable[..., Path], scene: str) -> None:
+    """The static problem gives back psi under its own loads, which the demo asserts."""
+    options = ["--elements", "30", "6", "--iterations", "2", "--cycles", "1"]
+    numbers = summary(demo("equivalent_static_loads", "--scene", scene, *options))
+    ways = [found for found in numbers.values() if isinstance(found, dict)]
+    assert [found["simulations"] for found in ways] == [4, 2, 4]
+    assert [found["adjoints"] for found in ways] == [2, 0, 0]
+    assert all(np.isfinite(found["psi_over_full"]) for found in ways)
 
 
 def test_readme_shows_the_short_program() -> None:

@@ -37,7 +37,8 @@ def plot_trade_off(
     motion; the last column is the largest of the row.
 
     Args:
-        psi: By name of the design, values by name of the motion; all designs have the same motions.
+        psi: By name of the design, values by name of the motion, infinite where it cannot be moved;
+            all designs have the same motions.
         path: File to write, .png, .pdf or .svg.
         images: Pictures of the designs by name, shape (rows, columns), 1 for solid and 0 for void,
             drawn beside their rows.
@@ -66,9 +67,13 @@ def plot_trade_off(
                 f"{what}: {name!r} has values of {list(values)}, and the first design of {motions}"
             )
         for motion, value in values.items():
-            validation.number(f"{what}: psi of {name!r} in {motion!r}", value, above=0.0)
+            if not (validation.is_number(value) and value > 0.0):
+                raise ValueError(
+                    f"{what}: psi of {name!r} in {motion!r} must be positive, but it is {value!r}"
+                )
     table = np.array([[values[motion] for motion in motions] for values in rows.values()])
-    table /= table.min(axis=0)
+    best = table.min(axis=0)
+    table /= np.where(np.isfinite(best), best, 1.0)
     table = np.column_stack([table, table.max(axis=1)])
     pictures = {
         name: validation.real_array(
@@ -128,7 +133,7 @@ def _fill(axes: Axes, table: Array, motions: Sequence[str]) -> None:
             axes.text(
                 place,
                 i,
-                f"{value:.2f}",
+                f"{value:.2f}" if np.isfinite(value) else "–",
                 ha="center",
                 va="center",
                 color=DARK if light else "white",
