@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Direct solution of symmetric positive definite systems whose rows are shared by ranks.
 
-CHOLMOD solves two to three times as fast as MUMPS, but runs on one rank only. What a reduction
+CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. What a reduction
 solves comes in blocks of right-hand sides, which do not depend on each other. So where the memory
 suffices, a few ranks hold the whole factor each, and share the columns of a block. A body whose
 factor is too large for that is factored by MUMPS, its rows on all ranks.
