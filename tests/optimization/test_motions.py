@@ -73,7 +73,7 @@ def test_constraints_of_each_motion_hold(comm: MPI.Intracomm) -> None:
     problem = three_motions(comm, combine)
     free = run(three_motions(comm, combine, constraints=False), iterations=16)
     stress = ffr.worst_stress(
-        problem.flexible["rod"], free.evaluation.alone("lever"), "rod", relaxation=0.5
+        free.problem.flexible["rod"], free.evaluation.alone("lever"), "rod", relaxation=0.5
     )
     bound = ffr.Constraint(ffr.PeakStress("rod"), upper=0.9 * stress.largest, name="stress")
     lever = replace(problem.motions["lever"], constraints=[bound])
