@@ -430,7 +430,7 @@ class Scene:
                 "minimum_member": (*optional, 1e-6),
                 "minimum_gap": (*optional, 1e-6),
                 "mirrors": (1.0, [1.0], "axis", [ffr.Mirror((0.0, 0.01), (1.0, 0.0))]),
-                "quadrature": WHOLE_FROM_1,
+                "quadrature": [value for value in WHOLE_FROM_1 if value is not None],
             },
         )
         yield (
@@ -774,7 +774,7 @@ class Scene:
             ffr.StressModes.of,
             {"body": self.body, "reduced": reduced},
             {
-                **{"body": nothing, "reduced": nothing, "correction": FLAG},
+                **{"body": nothing, "reduced": nothing, "correction": FLAG[1:]},
                 **{"relaxation": NOT_NEGATIVE, "void": SHARE},
             },
         )

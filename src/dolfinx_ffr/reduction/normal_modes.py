@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: MIT
 """The lowest fixed-interface normal modes of a body, with all copies of repeated frequencies.
 
-They are found in a block Krylov space of K^-1 M: a few vectors at a time cost little more than one,
-and ranks share them. A space that grows from b vectors holds b vectors of each eigenspace: further
-copies of an eigenvalue come in by round-off, late or not at all. Bodies with symmetries have pairs,
-equal blades on a rigid hub as many copies as there are blades. So what is found is certified by
-counting: by Sylvester's law of inertia the factor of K - sigma M has as many negative pivots as
-there are eigenvalues below sigma. As long as some are missing, SLEPc's Krylov-Schur method goes on
-from a scattered start in the complement of what has been found. It also takes over where a space of
-few vectors does not do, as on the coarsest of meshes.
+SLEPc's Krylov-Schur method finds them. A space that grows from one vector holds one vector of each
+eigenspace: further copies of an eigenvalue come in by round-off, late or not at all. Bodies with
+symmetries have pairs, equal blades on a rigid hub as many copies as there are blades. So what is
+found is certified by counting: by Sylvester's law of inertia the factor of K - sigma M has as many
+negative pivots as there are eigenvalues below sigma. As long as some are missing, SLEPc goes on
+from a scattered start in the complement of what has been found.
 
 References:
     R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse
@@ -29,7 +27,6 @@ from slepc4py import SLEPc
 
 from ..fem import Block, Elasticity
 from .factored_body import FactoredBody
-from .krylov import KrylovSpace
 
 __all__ = ["CLUSTER", "EigenSolver", "NormalModes", "cluster"]
 
@@ -39,11 +36,6 @@ CLUSTER = 1e-3
 #: How far below the first eigenvalue left out is counted, relative to it: more than the round-off
 #: of ill-conditioned bodies
 ROOM = 1e-2
-#: Vectors of a block. Fewer make smaller spaces, more make better use of each solution; in between,
-#: on one rank, times differ little.
-BLOCK = 4
-#: Most vectors of a space, and how many more for each mode
-MOST, MOST_EACH = 100, 6
 
 
 @dataclass(frozen=True)
@@ -77,8 +69,6 @@ class EigenSolver:
         box = elasticity.domain.bounding_box
         self._place = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
         self._smooth = self._start(_smooth_field(self._place))
-        scattered = [self._start(_scattered_field(self._place, k)) for k in range(1, BLOCK)]
-        self._block = np.hstack([self._smooth, *scattered])
 
     def lowest(self, factored: FactoredBody, number: int) -> NormalModes:
         """The lowest modes, and those that follow to the end of the last one's cluster and beyond.
@@ -90,9 +80,7 @@ class EigenSolver:
         Raises:
             RuntimeError: On every rank, if modes do not converge or remain missing.
         """
-        eigenvalues, fields = self._in_krylov_space(factored, number + 1) or self._search(
-            factored, self._smooth, number + 1
-        )
+        eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
             if end == self.freedoms:
@@ -118,28 +106,6 @@ class EigenSolver:
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, others]))
         return NormalModes(eigenvalues, fields, (last, end))
-
-    def _in_krylov_space(
-        self, factored: FactoredBody, number: int
-    ) -> tuple[NDArray[np.float64], Block] | None:
-        """At least ``number`` eigenpairs, the lowest ones, or None if a few vectors do not do."""
-        # what comes out of K^-1 is smooth, also in void
-        start = factored.solve(self.elasticity.apply(factored.held_mass, self._block))
-        start[self._held] = 0.0
-        space = KrylovSpace(factored, start)
-        while not space.invariant and space.size <= MOST + MOST_EACH * number:
-            space.grow()
-            if space.complete < number:
-                continue
-            # all ranks decide by the same numbers, to the last bit
-            inverses, vectors = self.elasticity.comm.bcast(np.linalg.eigh(space.projected))
-            inverses, vectors = inverses[::-1], vectors[:, ::-1]
-            open_ = space.leaving(vectors) > self.tolerance * np.abs(inverses)
-            found = int(np.argmax(open_)) if np.any(open_) else len(open_)
-            if found >= number:
-                fields = space.basis @ vectors[:, :found]
-                return 1.0 / inverses[:found], self._purified(factored, fields)
-        return None
 
     def _search(
         self, factored: FactoredBody, start: Block, number: int, known: Block | None = None
