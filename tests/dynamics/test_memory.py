@@ -14,7 +14,7 @@ from shared.scenes import SCENES
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics.memory import available_memory, required_memory
 from dolfinx_ffr.dynamics.trajectory import Integrator
-from dolfinx_ffr.problem import definition as chain
+from dolfinx_ffr.reduction import direct_solver
 
 METHODS = [ffr.GeneralizedAlpha(0.01, 1200), ffr.RadauIIA(0.01, steps=400)]
 
@@ -72,7 +72,9 @@ def test_all_ranks_refuse_where_one_lacks_memory(
     motion = required_memory(problem.integrator, modes)
     for memory, adjoint in ((motion - 1, False), (motion, True)):
         monkeypatch.setattr(
-            chain, "available_memory", lambda ranks, memory=memory: memory if last else 2**50
+            direct_solver,
+            "available_memory",
+            lambda ranks, memory=memory: memory if last else 2**50,
         )
         with pytest.raises(MemoryError, match="its adjoint" if adjoint else "a motion of"):
             again = problem.with_modes({})

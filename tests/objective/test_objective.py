@@ -406,7 +406,7 @@ def test_refused_with_the_names_that_exist(
         (lambda: MarkerAcceleration("a", "b", (1.0, 0.0)), "begin < end"),
         (lambda: Frequency("rod", number=0), "number must be a positive whole number"),
         (lambda: Frequency("rod", cluster=1.5), "cluster must be a positive whole number"),
-        (lambda: PathTracking("a", "b", (np.sin, 0.0, 0.0)), "a pair .* not of 3 entries"),
+        (lambda: PathTracking("a", "b", (np.sin, 0.0, 0.0, 0.0)), "a pair .* not of 4 entries"),
         (lambda: IntegralCompliance([]), "bodies is an empty list, and nothing would count"),
         (lambda: Sum([]), "at least one term"),
         (

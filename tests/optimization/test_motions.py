@@ -163,7 +163,7 @@ def test_modes_are_added_for_several_motions(comm: MPI.Intracomm) -> None:
 def test_explicit_steps_take_a_smooth_number(comm: MPI.Intracomm) -> None:
     evolution = ffr.LevelSetEvolution()
     problem = three_motions(comm, ffr.PowerMean(WEIGHTS), constraints=False)
-    result = run(problem, ffr.LevelSet, optimizer=evolution)
+    result = run(problem, ffr.LevelSet, optimizer=evolution, iterations=12)
     assert result.psi < result.history["psi"][0]
     worst = ffr.Problem.of_motions(problem.bodies, problem.motions, ffr.WorstCase(WEIGHTS))
     with pytest.raises(ValueError, match=r"WorstCase.*give optimizer=MMA\(\), or combine"):

@@ -28,6 +28,10 @@ __all__ = [
 ]
 
 
+#: Sides of a facet by its number of corners; quadrilaterals are numbered as tensor products
+_SIDES = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
+
 def check_cells(domain: mesh.Mesh) -> None:
     """Refuse cells of ``domain`` whose map from the reference cell folds over.
 
@@ -172,9 +176,7 @@ def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
     boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
     owned = boundary[boundary < domain.topology.index_map(dim - 1).size_local]
     corners = _facet_nodes(domain, owned)
-    # tensor-product numbering of quadrilaterals
-    sides = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
-    ends = corners[:, sides[corners.shape[1]]].reshape(-1, 2)
+    ends = corners[:, _SIDES[corners.shape[1]]].reshape(-1, 2)
     return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :dim]))
 
 
@@ -199,7 +201,9 @@ def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int
     node = np.zeros(cell_vertices.max(initial=-1) + 1, dtype=np.int32)
     # vertices come first among a cell's geometry nodes, in the same order
     node[cell_vertices] = _compat.cell_geometry(domain)[:, : cell_vertices.shape[1]]
-    return node[_compat.entity_vertices(domain, dim - 1)[facets]]
+    count = {"tetrahedron": 3, "hexahedron": 4}.get(_compat.cell_name(domain), 2)
+    # a rank may hold none
+    return node[_compat.entity_vertices(domain, dim - 1)[facets].reshape(-1, count)]
 
 
 def _point(point: NDArray[np.float64]) -> str:

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator
+from ..dynamics import Integrator, SimulationError
 from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import (
@@ -133,7 +133,10 @@ def propose_modes(
             shorter = whole[name].leading(evaluation.bodies[name].basis.n_constraint + number)
             if integrals_of(shorter).modes == 0:  # a flexible body without any shape function
                 return False
-            psi = psi_with(problem, evaluation, {**own, name: shorter})
+            try:
+                psi = psi_with(problem, evaluation, {**own, name: shorter})
+            except SimulationError:  # as of a torn design with too few
+                return False
             return relative_change(psi, exact) <= tolerance
 
         number = _least(holds, residual.modes - basis.n_constraint, len(basis.eigenvalues))

@@ -322,11 +322,12 @@ class MovingBodies:
         moved = {n: m.integrator for n, m in self.motions.items() if m.needs_trajectory}
         with on_every_rank(self.comm, "the evaluation of a problem"):
             modes = self._modes.values()
-            taken = {name: required_memory(each, modes) for name, each in moved.items()}
+            space = any(_dimension(body) == 3 for body in self.bodies.values())
+            taken = {n: required_memory(each, modes, space=space) for n, each in moved.items()}
             for name, integrator in moved.items():
                 # all motions are kept, one adjoint is computed at a time
                 left = self._memory - sum(taken.values()) + taken[name]
-                check_memory(integrator, modes, left, adjoint=adjoint)
+                check_memory(integrator, modes, left, adjoint=adjoint, space=space)
 
     def _compile(self) -> None:
         """Compile the time integration on one rank, for the others to find in the cache."""
@@ -388,6 +389,11 @@ class MovingBodies:
             name: body.domain.check_density(given[name], f"density of {name!r}")
             for name, body in self.flexible.items()
         }
+
+
+def _dimension(body: FlexibleBody | VolumeIntegrals) -> int:
+    """2 in the plane, 3 in space."""
+    return body.dimension if isinstance(body, VolumeIntegrals) else body.domain.dimension
 
 
 def _field(body: FlexibleBody, density: NDArray[np.float64]) -> DensityField:
