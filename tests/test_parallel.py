@@ -385,5 +385,5 @@ def test_problems_that_differ_between_the_ranks(comm: MPI.Intracomm) -> None:
     with pytest.raises(ValueError, match="body: modes differs between the ranks: 1 on rank 0"):
         base.flexible["rod"].with_modes(1 + comm.rank)
     base.integrator = ffr.GeneralizedAlpha(0.01, 5 + comm.rank)
-    with pytest.raises(ValueError, match="problem: (the )?integrator differs"):
+    with pytest.raises(ValueError, match=r"problem: (the )?integrator differs"):
         base.value(np.ones(base.flexible["rod"].domain.n_cells))
