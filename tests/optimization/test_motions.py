@@ -57,7 +57,8 @@ def test_the_worst_case_is_least_where_it_is_minimised(comm: MPI.Intracomm) -> N
         values = np.column_stack([history[f"psi of {name}"] for name in WEIGHTS])
         assert np.all(values[-1] < values[0])
         combined = [combine.value(dict(zip(WEIGHTS, row, strict=True))) for row in values]
-        assert np.array_equal(combined, history["psi"])
+        # the sum of floats is rounded otherwise from one release of Python to another
+        np.testing.assert_allclose(combined, history["psi"], rtol=1e-14)
     total, worst = found
     assert max(worst.values()) < max(total.values())
     assert sum(total.values()) < sum(worst.values())
