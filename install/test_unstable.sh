@@ -17,6 +17,10 @@ serial=(
     tests/fem/test_compat.py
     tests/fem/test_domain.py # gmsh among others
     tests/reduction/test_integrals.py
+    tests/fem/test_space.py
+    tests/reduction/test_space.py
+    tests/part/test_solid.py
+    tests/plotting/test_space.py
     tests/plotting/test_plotting.py::test_dark_share_of_a_design_is_its_volume
     tests/test_problem.py::test_gradient_with_a_marker_inside
     tests/demos/test_demos.py::test_short_program
