@@ -12,10 +12,12 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import spatial_robot_arm
+from spatial_blade import blade_problem
 from spatial_slider_crank import main, slider_of, spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
+from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::UserWarning")]
 
@@ -61,3 +63,27 @@ def test_arm_follows_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert found["error_full"] < found["error_bars"]
     for name in ("scene.png", "forearm/solid.stl", "upper_arm/design.xdmf", "report.html"):
         assert (tmp_path / name).stat().st_size > 500, name
+
+
+@pytest.mark.mpi
+def test_pull_stiffens_the_blade(comm: MPI.Intracomm) -> None:
+    """It bends less than a linear one, and the gradient holds the nine loads of rotation."""
+    problem = blade_problem(comm, (8, 3, 1), steps=200)
+    domain = problem.flexible["blade"].domain
+    linear = blade_problem(comm, (8, 3, 1), stiffening=False, steps=200)
+    ones = np.ones(domain.n_cells)
+    assert problem.value(ones).psi < 0.9 * linear.value(ones).psi
+    c = domain.centroids
+    x = np.where(domain.design_cells, 0.7 + 0.2 * np.sin(40 * c[:, 0] + 90 * c[:, 1]), 1.0)
+    direction = np.cos(60 * c[:, 0] - 70 * c[:, 1]) * domain.design_cells
+    gradient = problem.gradient(x).gradient
+    assert gradient is not None
+    result = taylor_test(
+        lambda d: problem.value(d).psi,
+        lambda d: comm.allreduce(float(gradient["blade"] @ d)),
+        x,
+        direction,
+        steps=[0.04, 0.02, 0.01, 0.005],
+        roundoff=2e-9,  # thin elements of order 2 are ill-conditioned
+    )
+    assert_taylor_order(result)
