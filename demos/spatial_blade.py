@@ -47,7 +47,7 @@ BLADE = (0.3, 0.06, 0.008)  # length, width and thickness of the blade [m]
 PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
 TILT, PITCH = 0.3, 0.5  # of the blade out of the plane of rotation and about its length [rad]
 TIP = 0.03  # mass of what it carries at its end [kg]
-TURNS, DURATION = 6, 1.0  # of the hub, from rest to rest; time [s]
+TURNS, DURATION = 4, 1.0  # of the hub, from rest to rest; time [s]
 VOLUME = 0.5  # bound of the filled share
 MODES, STEPS = 8, 1000
 
