@@ -132,7 +132,7 @@ def arm(
         gravity=(0, 0, -GRAVITY),
         start=ffr.StaticEquilibrium(),
     )
-    path = tuple(_along(k) for k in range(3))
+    path = tuple(Along(k) for k in range(3))
     return ffr.Problem(
         links,
         mechanism,
@@ -141,7 +141,7 @@ def arm(
     )
 
 
-class _along:
+class Along:
     """A coordinate of the hand of a rigid arm over time."""
 
     def __init__(self, axis: int) -> None:

@@ -41,7 +41,6 @@ from time import perf_counter
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
@@ -59,6 +58,11 @@ MODES, STEPS = 10, 2000
 
 
 # %% The scene
+def crank_angle() -> ffr.Motion:
+    """Of the crank from y, about x [rad]."""
+    return ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="crank angle")
+
+
 def slider_of(angle: float) -> float:
     """Where the slider is on its line if the rod is rigid, at an angle of the crank from y [m]."""
     y, z = CENTER[1] + CRANK * np.cos(angle), CENTER[2] + CRANK * np.sin(angle)
@@ -91,8 +95,7 @@ def spatial_problem(
     across = np.cross([1.0, 0.0, 0.0], along)
     across /= np.linalg.norm(across)
     axes = np.column_stack([along, across, np.cross(along, across)])
-    angle = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="crank angle")
-    crank = ffr.Moving.circle(CENTER, CRANK, angle, axis=(1.0, 0.0, 0.0))
+    crank = ffr.Moving.circle(CENTER, CRANK, crank_angle(), axis=(1.0, 0.0, 0.0))
     mechanism = ffr.Mechanism(
         placements={"rod": ffr.Placement(tuple(pin), rotation=axes)},
         joints=[
@@ -130,7 +133,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     full = problem.value(np.ones(domain.n_cells))
     path = full.motion.marker_path("rod", "right")
-    angles = 2 * np.pi * TURNS * _smooth(full.motion.t / DURATION)
+    angles = np.asarray(crank_angle().value(full.motion.t))
     rigid = np.array([slider_of(angle) for angle in angles])
     stretch = float(np.max(np.abs(path[:, 0] - rigid)))
     say(f"the slider is at most {1e6 * stretch:.1f} um from where that of a rigid rod is")
@@ -219,12 +222,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 #: Iterations and elements from which on a design counts as finished
 ENOUGH, FINE = 60, 5000
-
-
-def _smooth(s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The share of its way that `Motion.smooth_step` has gone."""
-    motion = ffr.Motion.smooth_step(1.0, 1.0)
-    return np.asarray(motion.value(s))
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -78,12 +78,14 @@ def test_pull_stiffens_the_blade(comm: MPI.Intracomm) -> None:
     direction = np.cos(60 * c[:, 0] - 70 * c[:, 1]) * domain.design_cells
     gradient = problem.gradient(x).gradient
     assert gradient is not None
+    # thin elements of order 2 are ill-conditioned: the spread over densities that hardly differ
+    values = [problem.value(x * (1.0 - k * 1e-13)).psi for k in range(4)]
     result = taylor_test(
         lambda d: problem.value(d).psi,
         lambda d: comm.allreduce(float(gradient["blade"] @ d)),
         x,
         direction,
         steps=[0.04, 0.02, 0.01, 0.005],
-        roundoff=2e-9,  # thin elements of order 2 are ill-conditioned
+        roundoff=4.0 * float(np.ptp(values)) / values[0],
     )
     assert_taylor_order(result)

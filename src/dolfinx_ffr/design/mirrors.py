@@ -59,22 +59,13 @@ class Mirror:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        point = validation.real_array("mirror: point", self.point, (2,))
-        direction = validation.real_array("mirror: direction", self.direction, (2,))
-        if not np.all(np.isfinite([point, direction])) or not np.any(direction):
-            raise ValueError(
-                f"mirror: the line through {self.point} along {self.direction} must have finite "
-                "coordinates and a direction"
-            )
+        where = f"mirror: the line through {self.point} along {self.direction}"
+        _check(where, "mirror", "direction", self.point, self.direction, 2)
 
     @property
     def reflection(self) -> Isometry:
         """To the other side of the line."""
-        along = np.asarray(self.direction, dtype=np.float64)
-        along = along / np.linalg.norm(along)
-        turn = 2.0 * np.outer(along, along) - np.eye(2)
-        point = np.asarray(self.point, dtype=np.float64)
-        return Isometry(turn, point - turn @ point)
+        return _reflection(self.point, (-self.direction[1], self.direction[0]))
 
 
 @dataclass(frozen=True)
@@ -94,22 +85,13 @@ class MirrorPlane:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        point = validation.real_array("mirror plane: point", self.point, (3,))
-        normal = validation.real_array("mirror plane: normal", self.normal, (3,))
-        if not np.all(np.isfinite([point, normal])) or not np.any(normal):
-            raise ValueError(
-                f"mirror plane: the plane through {self.point} across {self.normal} must have "
-                "finite coordinates and a normal"
-            )
+        where = f"mirror plane: the plane through {self.point} across {self.normal}"
+        _check(where, "mirror plane", "normal", self.point, self.normal, 3)
 
     @property
     def reflection(self) -> Isometry:
         """To the other side of the plane."""
-        normal = np.asarray(self.normal, dtype=np.float64)
-        normal = normal / np.linalg.norm(normal)
-        turn = np.eye(3) - 2.0 * np.outer(normal, normal)
-        point = np.asarray(self.point, dtype=np.float64)
-        return Isometry(turn, point - turn @ point)
+        return _reflection(self.point, self.normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +108,25 @@ class Isometry:
     def after(self, other: Isometry) -> Isometry:
         """First the other one, then this one."""
         return Isometry(self.turn @ other.turn, self.turn @ other.shift + self.shift)
+
+
+def _check(
+    where: str, what: str, kind: str, point: Sequence[float], vector: Sequence[float], d: int
+) -> None:
+    """Refuse a mirror without a place or a direction."""
+    place = validation.real_array(f"{what}: point", point, (d,))
+    axis = validation.real_array(f"{what}: {kind}", vector, (d,))
+    if not np.all(np.isfinite([place, axis])) or not np.any(axis):
+        raise ValueError(f"{where} must have finite coordinates and a {kind}")
+
+
+def _reflection(point: Sequence[float], normal: Sequence[float]) -> Isometry:
+    """To the other side of the line or plane through a point across a normal."""
+    n = np.asarray(normal, dtype=np.float64)
+    n = n / np.linalg.norm(n)
+    turn = np.eye(len(n)) - 2.0 * np.outer(n, n)
+    place = np.asarray(point, dtype=np.float64)
+    return Isometry(turn, place - turn @ place)
 
 
 def images(mirrors: Sequence[Mirror | MirrorPlane], dimension: int = 2) -> list[Isometry]:

@@ -25,6 +25,7 @@ from ..mechanism import (
     marker_name,
 )
 from . import planar, spatial
+from .body_matrices import inverse_mass, padded_stiffening
 from .kinematics import Coordinates, ModelArrays, coordinates_of, is_spatial
 from .tables import TimeTables
 
@@ -352,7 +353,7 @@ def assemble_model(
             body_of[number] = list(bodies).index(entry[0])
             if point_of_body.stiffening is not None and r:
                 stiffened[number] = len(bends)
-                bends.append(_padded_stiffening(point_of_body.stiffening, modes))
+                bends.append(padded_stiffening(point_of_body.stiffening, modes))
         else:
             slot_of[number] = slots
             slots += 1
@@ -382,21 +383,6 @@ def _pairs(pairs: Sequence[tuple[float, float]]) -> Array:
     return np.array(pairs, dtype=np.float64).reshape(-1, 2)
 
 
-def _padded_stiffening(stiffening: Array, modes: int) -> Array:
-    """Geometric stiffness (n, r, r), exactly symmetric, with rows and columns of zeros added."""
-    r = stiffening.shape[-1]
-    out = np.zeros((len(stiffening), modes, modes))
-    out[:, :r, :r] = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
-    return out
-
-
-def _inverse(G: Array) -> Array:
-    """Inverse of a mass matrix, found at unit diagonal, where its units do not matter."""
-    scale = 1.0 / np.sqrt(np.diag(G))
-    inverse = np.outer(scale, scale) * np.linalg.inv(G * np.outer(scale, scale))
-    return 0.5 * (inverse + inverse.T)
-
-
 def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
     """Padded arrays of all bodies, by name of the field of ModelArrays."""
     count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
@@ -418,7 +404,7 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
     for b, (name, integrals) in enumerate(bodies.items()):
         r = integrals.modes
         if integrals.stiffening:
-            out["stiffening"][b] = _padded_stiffening(integrals.stacked_stiffening, modes)
+            out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
         out["S"][b, : r + 1] = integrals.S
         # The kernels use rows as columns: remove what round-off has left of the other part.
         out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)
@@ -426,7 +412,7 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
         out["inverse"][b, :2, :2] = np.eye(2) / integrals.mass
         out["inverse"][b, 2, 2] = 1.0 / integrals.G[0, 0]
-        out["inverse"][b, 3 : r + 3, 3 : r + 3] = _inverse(out["G"][b, 1 : r + 1, 1 : r + 1])
+        out["inverse"][b, 3 : r + 3, 3 : r + 3] = inverse_mass(out["G"][b, 1 : r + 1, 1 : r + 1])
         if name in mechanism.damping:
             out["alpha"][b] = mechanism.damping[name].alpha
             out["beta"][b] = mechanism.damping[name].beta

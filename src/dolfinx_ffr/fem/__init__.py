@@ -7,7 +7,7 @@ from .circles import fit_circle
 from .curves import Arc, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
-from .gathered_mesh import GatheredMesh, surface_of
+from .gathered_mesh import GatheredMesh, gathered_cells, surface_of
 from .interface import Interface
 from .lifetime import kept_by
 from .material import (
@@ -56,6 +56,7 @@ __all__ = [
     "enclosed",
     "fit_circle",
     "floating_cells",
+    "gathered_cells",
     "gmsh_model",
     "kept_by",
     "mesh_faces",

@@ -17,7 +17,7 @@ from .domain import Domain
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["GatheredMesh", "surface_of"]
+__all__ = ["GatheredMesh", "gathered_cells", "surface_of"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,15 +94,7 @@ class GatheredMesh:
         Raises:
             ValueError: On every rank, if one does not give a value for each of its cells.
         """
-        domain = self.domain
-        with on_every_rank(domain.comm, "gathering values"):
-            if len(values) != domain.n_cells:
-                raise ValueError(
-                    f"gathered mesh: {len(values)} values on rank {domain.comm.rank}, which owns "
-                    f"{domain.n_cells} cells; give one for each"
-                )
-        sent = domain.comm.gather(values)
-        return values[:0] if sent is None else np.concatenate(sent)[self._order]
+        return gathered_cells(self.domain, values, self._order)
 
     def displacements(self, block: Array) -> Array:
         """Displacement fields at the points on rank 0.
@@ -135,6 +127,30 @@ class GatheredMesh:
             np.full(count, kind),
             self.points,
         )
+
+
+def gathered_cells(domain: Domain, values: NDArray, order: Integers) -> NDArray:
+    """Values of all cells on rank 0; collective.
+
+    Args:
+        domain: The body.
+        values: Of the cells owned by this rank, shape (cells, ...).
+        order: On rank 0, where each cell stands among those sent by the ranks.
+
+    Returns:
+        Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
+
+    Raises:
+        ValueError: On every rank, if one does not give a value for each of its cells.
+    """
+    with on_every_rank(domain.comm, "gathering values"):
+        if len(values) != domain.n_cells:
+            raise ValueError(
+                f"gathering: {len(values)} values on rank {domain.comm.rank}, which owns "
+                f"{domain.n_cells} cells; give one for each"
+            )
+    sent = domain.comm.gather(values)
+    return values[:0] if sent is None else np.concatenate(sent)[order]
 
 
 def surface_of(grid: pyvista.UnstructuredGrid) -> pyvista.PolyData:

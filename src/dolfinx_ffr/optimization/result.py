@@ -205,6 +205,14 @@ class Result:
 
     def _leave_solids(self, folder: str | Path) -> None:
         """The surfaces of the solids of designed bodies in space, and pictures of them."""
+        if any(design.fills for design in self.designs.values()):
+            warnings.warn(
+                "psi of a level set in space is told by the law of cut elements that was measured "
+                "in the plane, and is not computed again on a mesh that fits: to be sure, mesh the "
+                "solid (solid.stl) by tetrahedra and give it to Domain.from_gmsh",
+                DesignWarning,
+                stacklevel=3,
+            )
         for name, own in self._folders(folder).items():
             try:
                 solid = self.solid(name)

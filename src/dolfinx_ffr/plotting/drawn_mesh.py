@@ -11,8 +11,8 @@ from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
 from .. import validation
-from ..fem import Domain, _compat
-from ..parallel import announce, on_every_rank
+from ..fem import Domain, _compat, gathered_cells
+from ..parallel import announce
 
 __all__ = ["DrawnMesh"]
 
@@ -98,15 +98,7 @@ class DrawnMesh:
         Raises:
             ValueError: On every rank, if one does not give a value for each of its cells.
         """
-        domain = self.domain
-        with on_every_rank(domain.comm, "the drawing of values"):
-            if len(values) != domain.n_cells:
-                raise ValueError(
-                    f"plotting: {len(values)} values on rank {domain.comm.rank}, which owns "
-                    f"{domain.n_cells} cells; give one for each"
-                )
-        sent = domain.comm.gather(values)
-        return values[:0] if sent is None else np.concatenate(sent)[self._order]
+        return gathered_cells(self.domain, values, self._order)
 
     def displacements(self, block: Array) -> Array:
         """Displacement fields at the points on rank 0.

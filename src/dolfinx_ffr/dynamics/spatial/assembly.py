@@ -23,6 +23,7 @@ from ...mechanism import (
     VectorKind,
     marker_name,
 )
+from ..body_matrices import inverse_mass, padded_stiffening
 from ..tables import TimeTables, free_fall
 from .arrays import RIGID, SIDES, ModelArrays
 
@@ -101,7 +102,7 @@ class _Vectors:
                 shapes[number, :, : r + 1] = point.basis
                 if point.stiffening is not None and r:
                     stiffened[number] = len(bends)
-                    bends.append(padded(point.stiffening, modes))
+                    bends.append(padded_stiffening(point.stiffening, modes))
             elif vector.kind == VectorKind.DIRECTION:
                 n = np.array(vector.components)
                 n = n if point.axes is None else point.axes @ n
@@ -234,26 +235,6 @@ def _stack(tables: Sequence[Array], instants: int) -> Array:
     return np.ascontiguousarray(np.stack(tables, axis=1))
 
 
-def padded(stiffening: Array, modes: int) -> Array:
-    """Geometric stiffness (n, r, r), exactly symmetric, with rows and columns of zeros added.
-
-    Args:
-        stiffening: The geometric stiffness, shape (n, r, r).
-        modes: Number of rows to have.
-    """
-    r = stiffening.shape[-1]
-    out = np.zeros((len(stiffening), modes, modes))
-    out[:, :r, :r] = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
-    return out
-
-
-def _inverse(G: Array) -> Array:
-    """Inverse of a mass matrix, found at unit diagonal, where its units do not matter."""
-    scale = 1.0 / np.sqrt(np.diag(G))
-    inverse = np.outer(scale, scale) * np.linalg.inv(G * np.outer(scale, scale))
-    return 0.5 * (inverse + inverse.T)
-
-
 def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
     """Padded arrays of all bodies, by name of the field of ModelArrays."""
     count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
@@ -275,15 +256,15 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         r, P = integrals.modes, integrals.P
         assert P is not None
         if integrals.stiffening:
-            out["stiffening"][b] = padded(integrals.stacked_stiffening, modes)
+            out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
         out["S"][b, : r + 1] = integrals.S
         P = 0.5 * (P + P.transpose(1, 0, 3, 2))
         out["P"][b, :, : r + 1, : r + 1] = P.transpose(2, 3, 0, 1).reshape(9, r + 1, r + 1)
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
         inverse = out["inverse"][b]
         inverse[:3, :3] = np.eye(3) / integrals.mass
-        inverse[3:6, 3:6] = _inverse(np.trace(P[0, 0]) * np.eye(3) - P[0, 0])
-        inverse[6 : r + 6, 6 : r + 6] = _inverse(np.einsum("abkk->ab", P[1:, 1:]))
+        inverse[3:6, 3:6] = inverse_mass(np.trace(P[0, 0]) * np.eye(3) - P[0, 0])
+        inverse[6 : r + 6, 6 : r + 6] = inverse_mass(np.einsum("abkk->ab", P[1:, 1:]))
         if name in mechanism.damping:
             out["alpha"][b] = mechanism.damping[name].alpha
             out["beta"][b] = mechanism.damping[name].beta
