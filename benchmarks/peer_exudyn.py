@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""The slider-crank of the demo in Exudyn: the same reduced rod, in the same floating frame.
+"""The slider-cranks of the demos in Exudyn: the same reduced rod, in the same floating frame.
 
 Exudyn (J. Gerstmayr, https://github.com/jgerstmayr/EXUDYN, on PyPI as ``exudyn``) simulates
 flexible multibody systems in C++. Its reduced body (``ObjectFFRFreducedOrder``) takes nodes, mass
 and stiffness matrix and a mode basis of any finite-element code. It gets ours:
 
-- the nodes of our mesh, relative to the origin of our frame, in the plane z = 0;
-- our mass and stiffness matrix, each node with a third displacement that nothing excites;
+- the nodes of our mesh, relative to the origin of our frame, those of a planar mesh with z = 0;
+- our mass and stiffness matrix, in the plane with a third displacement that nothing excites;
 - our shape functions as modes, so that its elastic coordinates are ours and its reference node is
   our chord frame. (Linear elasticity in another frame is another model, at second order.)
 
-The slider is one more node: 0.5 kg at the center of the rod's right interface. The crank pin is the
-origin of the frame, so that the crank prescribes two coordinates of the reference node; the slider
-stays on its line by a spherical joint of one axis. These are three rows of constraints, as ours.
+The slider is one more node with its mass, at the center of the rod's right interface. The crank
+pin is the origin of the frame, so that the crank prescribes coordinates of the reference node; the
+slider stays on its line by a spherical joint of one axis, in space of two. In space the universal
+joint at the pin keeps the y axis of the rod's left interface perpendicular to the axis of the
+crank: it ends at one more node, without mass, which moves with the interface and stays in the plane
+of the crank. These are three rows of constraints in the plane, six in space, as ours.
 
 What Exudyn offers for speed is used: its module without range checks, user functions compiled to
 expressions, dense matrices, a Jacobian that is kept as long as Newton's method converges, no files.
@@ -21,10 +24,10 @@ expressions, dense matrices, a Jacobian that is kept as long as Newton's method 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from types import ModuleType
 from typing import Any
 
@@ -35,6 +38,7 @@ from numpy.typing import NDArray
 from peer_packages import use_peers
 
 __all__ = [
+    "AddedNode",
     "Crank",
     "ExudynRod",
     "Method",
@@ -54,10 +58,19 @@ Array = NDArray[np.float64]
 class ExudynRod:
     """A reduced body as a three-dimensional finite-element code would hand it over."""
 
-    positions: Array  #: (nodes, 3) in the body's frame [m]; the last node carries the point mass
+    positions: Array  #: (nodes, 3) in the body's frame [m]; the last ones are those of markers
     mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
     stiffness: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [N/m]
     modes: Array  #: (3 nodes, r) [-]
+
+
+@dataclass(frozen=True)
+class AddedNode:
+    """A node that moves with a marker, in the body's dimension d."""
+
+    position: Array  #: (d,) in the body's frame [m]
+    displacement: Array  #: (d, r) by each shape function [-]
+    mass: float = 0.0  #: Of a point there [kg]
 
 
 def rod_for_exudyn(
@@ -65,28 +78,28 @@ def rod_for_exudyn(
     mass: scipy.sparse.spmatrix,
     stiffness: scipy.sparse.spmatrix,
     shapes: Array,
-    marker: tuple[Array, Array],
-    point_mass: float,
+    added: Sequence[AddedNode],
 ) -> ExudynRod:
-    """A planar body with a point mass at a marker, in three dimensions.
+    """A body with nodes at markers, in three dimensions.
 
     Args:
-        reference: Positions in the body's frame, two for each node, shape (2 nodes,) [m].
-        mass: Of these displacements, shape (2 nodes, 2 nodes) [kg].
+        reference: Positions in the body's frame, d for each node, shape (d nodes,) [m].
+        mass: Of these displacements, shape (d nodes, d nodes) [kg].
         stiffness: Likewise [N/m].
-        shapes: Shape functions, shape (2 nodes, r).
-        marker: Its position, shape (2,), and its shape functions, shape (2, r).
-        point_mass: [kg].
+        shapes: Shape functions, shape (d nodes, r).
+        added: At least one node that follows those of the mesh.
     """
-    n, r = len(reference) // 2 + 1, shapes.shape[1]
+    d, r = len(added[0].position), shapes.shape[1]
+    n = len(reference) // d + len(added)
     positions, modes = np.zeros((n, 3)), np.zeros((n, 3, r))
-    positions[:, :2] = np.vstack([reference.reshape(-1, 2), marker[0]])
-    modes[:, :2] = np.concatenate([shapes.reshape(-1, 2, r), marker[1][None]])
-    # both displacements of a node have the same mass: so has the third
-    scalar = scipy.sparse.csr_matrix(mass)[0::2, 0::2]
-    nodal = scipy.sparse.block_diag([scalar, [[point_mass]]])
+    positions[:, :d] = np.vstack([reference.reshape(-1, d), *(a.position for a in added)])
+    own = shapes.reshape(-1, d, r)
+    modes[:, :d] = np.concatenate([own, *(a.displacement[None] for a in added)])
+    # all displacements of a node have the same mass: so has the third in the plane
+    scalar = scipy.sparse.csr_matrix(mass)[0::d, 0::d]
+    nodal = scipy.sparse.block_diag([scalar, np.diag([a.mass for a in added])])
     entries = scipy.sparse.coo_matrix(stiffness)
-    row, column = (3 * (k // 2) + k % 2 for k in (entries.row, entries.col))
+    row, column = (3 * (k // d) + k % d for k in (entries.row, entries.col))
     return ExudynRod(
         positions,
         scipy.sparse.csr_matrix(scipy.sparse.kron(nodal, scipy.sparse.identity(3))),
@@ -132,11 +145,19 @@ class Method:
 
 @dataclass(frozen=True)
 class Crank:
-    """The prescribed motion."""
+    """The prescribed motion, where the rod is at the start, and what else holds it."""
 
     radius: float  #: [m]
     turns: float  #: From rest to rest [-]
     duration: float  #: [s]
+    #: Axes of the pin's circle: its displacement along them is that of cosine and sine
+    axes: tuple[int, int] = (0, 1)
+    held: tuple[int, ...] = ()  #: Axes along which the pin does not move
+    place: tuple[float, ...] | None = None  #: Of the pin at the start [m]; None: radius along x
+    #: Axes of the rod at the start, in columns
+    rotation: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    #: Nodes, counted from the last one, that do not leave their place along some axes: 1 or 0
+    guides: tuple[tuple[int, tuple[int, int, int]], ...] = ((-1, (0, 1, 0)),)
 
 
 @dataclass(frozen=True)
@@ -145,8 +166,8 @@ class Simulation:
 
     t: Array  #: (steps + 1,) [s]
     q: Array  #: (steps + 1, r) elastic coordinates
-    seconds: float  #: Of the solver alone [s]
-    seconds_model: float  #: Of the model, before the solver begins [s]
+    seconds: float  #: Of the solver alone, CPU time [s]
+    seconds_model: float  #: Of the model, before the solver begins, CPU time [s]
 
 
 def load_exudyn() -> ModuleType:
@@ -162,33 +183,40 @@ def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
     """Simulate the slider-crank.
 
     Args:
-        rod: With the slider's mass on its last node.
+        rod: With the nodes that the crank's guides name.
         crank: Its motion.
         method: Time integration.
     """
     exudyn = load_exudyn()
-    begin = perf_counter()
-    mbs, sensor, keep = _model(exudyn, _reduced(rod), rod, crank)
+    begin = process_time()
+    rotations = "EulerParameters" if crank.held else "Rxyz"
+    mbs, sensor, keep = _model(exudyn, _reduced(rod, rotations), rod, crank)
     settings = _settings(exudyn, crank.duration, method)
     solvers = exudyn.DynamicSolverType
     solver = solvers.GeneralizedAlpha if method.index == 3 else solvers.TrapezoidalIndex2
-    start = perf_counter()
+    start = process_time()
     mbs.SolveDynamic(settings, solverType=solver)
-    seconds = perf_counter() - start
+    seconds = process_time() - start
     data = np.array(mbs.GetSensorStoredData(sensor))
     del keep
     return Simulation(data[:, 0], data[:, 1:], seconds, start - begin)
 
 
-def _reduced(rod: ExudynRod) -> Any:
-    """The rod's reduction to the constants of the equations of motion."""
+def _reduced(rod: ExudynRod, rotations: str) -> Any:
+    """The rod's reduction to the constants of the equations of motion.
+
+    Args:
+        rod: Of a three-dimensional code.
+        rotations: Kind of the reference node: ``"Rxyz"`` has no constraint of its own, but serves
+            rotations about z alone (others end at another motion); ``"EulerParameters"`` all.
+    """
     from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 
     fem = FEMinterface()
     fem.nodes = {"Position": rod.positions}
     fem.massMatrix, fem.stiffnessMatrix = rod.mass, rod.stiffness
     fem.modeBasis = {"matrix": rod.modes, "type": "HCBmodes"}
-    return ObjectFFRFreducedOrderInterface(fem, rigidBodyNodeType="NodeType.RotationRxyz")
+    return ObjectFFRFreducedOrderInterface(fem, rigidBodyNodeType=f"NodeType.Rotation{rotations}")
 
 
 def _model(
@@ -199,13 +227,23 @@ def _model(
     from exudyn.advancedUtilities import CreateSymbolicUserFunction
 
     mbs = exudyn.SystemContainer().AddSystem()
-    body = reduced.AddObjectFFRFreducedOrder(mbs, positionRef=[crank.radius, 0.0, 0.0])
+    place = [crank.radius, 0.0, 0.0] if crank.place is None else list(crank.place)
+    rotation = np.array(crank.rotation)
+    body = reduced.AddObjectFFRFreducedOrder(mbs, positionRef=place, rotationMatrixRef=rotation)
     ground = mbs.AddObject(items.ObjectGround())
     fixed = mbs.AddMarker(
         items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0)
     )
     keep: list[Any] = []
-    for axis, (position, velocity) in enumerate(crank_pin(exudyn, crank)):
+
+    def coordinate(axis: int) -> Any:
+        return mbs.AddMarker(
+            items.MarkerNodeCoordinate(nodeNumber=body["nRigidBody"], coordinate=axis)
+        )
+
+    for axis in crank.held:
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[fixed, coordinate(axis)]))
+    for axis, (position, velocity) in zip(crank.axes, crank_pin(exudyn, crank), strict=True):
         functions = [
             CreateSymbolicUserFunction(
                 mbs, function, name, itemTypeName="ObjectConnectorCoordinate"
@@ -216,27 +254,26 @@ def _model(
             )
         ]
         keep += functions
-        moved = mbs.AddMarker(
-            items.MarkerNodeCoordinate(nodeNumber=body["nRigidBody"], coordinate=axis)
-        )
         mbs.AddObject(
             items.ObjectConnectorCoordinate(
-                markerNumbers=[fixed, moved],
+                markerNumbers=[fixed, coordinate(axis)],
                 offsetUserFunction=functions[0],
                 offsetUserFunction_t=functions[1],
             )
         )
-    slider = mbs.AddMarker(
-        items.MarkerSuperElementPosition(
-            bodyNumber=body["oFFRFreducedOrder"],
-            meshNodeNumbers=[len(rod.positions) - 1],
-            weightingFactors=[1.0],
+    for node, axes in crank.guides:
+        guided = mbs.AddMarker(
+            items.MarkerSuperElementPosition(
+                bodyNumber=body["oFFRFreducedOrder"],
+                meshNodeNumbers=[len(rod.positions) + node],
+                weightingFactors=[1.0],
+            )
         )
-    )
-    line = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground))
-    mbs.AddObject(
-        items.ObjectJointSpherical(markerNumbers=[line, slider], constrainedAxes=[0, 1, 0])
-    )
+        start = np.array(place) + rotation @ rod.positions[node]
+        line = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground, localPosition=start))
+        mbs.AddObject(
+            items.ObjectJointSpherical(markerNumbers=[line, guided], constrainedAxes=list(axes))
+        )
     sensor = mbs.AddSensor(
         items.SensorNode(
             nodeNumber=body["nGenericODE2"],
@@ -252,7 +289,7 @@ def _model(
 def crank_pin(
     exudyn: ModuleType, crank: Crank
 ) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
-    """Displacement and velocity of the crank pin along x and y, as functions of time."""
+    """Displacement and velocity of the crank pin along its axes, as functions of time."""
     symbolic = exudyn.symbolic
     full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
 

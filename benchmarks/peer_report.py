@@ -53,21 +53,31 @@ def report_peers(results: list[tuple[Job, dict[str, Any]]], directory: Path) -> 
         The tables.
     """
     by_name = {job.function: result for job, result in results}
-    motion, designs = by_name["slider_crank_times"], by_name["plate_designs"]
+    designs = by_name["plate_designs"]
+    plane, space = (
+        next(r for j, r in results if j.function == "slider_crank_times" and dimension(j) == d)
+        for d in (2, 3)
+    )
     plates = [(job, result) for job, result in results if job.function == "plate_times"]
     plate_rows = rows_of_plates(plates)
     tables = [
-        *_motion_tables(motion),
+        *_motion_tables(plane, "", "Motion"),
+        *_motion_tables(space, "_space", "Motion in space"),
         *_plate_tables(plate_rows, designs),
         _memory_table(results),
     ]
-    _draw(motion, plate_rows, designs, directory / "peers.png")
+    _draw((plane, space), plate_rows, designs, directory / "peers.png")
     picture = "![Time beside error, of this package and of others](peers.png)"
     names = {"exudyn": EXUDYN, "pymoto": PYMOTO, "cvxopt": "CVXOPT", "opt_einsum": "opt_einsum"}
     peers = ", ".join(f"{names[name]} {version}" for name, version in versions().items())
     text = f"Beside {peers}; the peers' NumPy and SciPy are those of the environment.\n\n{picture}"
     write_page(directory, "peers", "Beside other packages", text, tables)
     return tables
+
+
+def dimension(job: Job) -> int:
+    """Of the scene of a ``job``."""
+    return len(job.parameters["elements"])
 
 
 def seconds_to_reach(rows: Sequence[dict[str, Any]], error: float, what: str) -> float:
@@ -119,28 +129,41 @@ def rows_of_equal_error(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def _motion_tables(motion: dict[str, Any]) -> list[Table]:
+#: What else is to be said of the motion, by the name of its tables
+REMARKS = {
+    "": "The last {nm:.0f} nm of the deflection, 2e-4 of it, are vibrations of more than 1 kHz "
+    "from the start, whose phase no method of second order follows with so few steps.",
+    "_space": "All elastic coordinates q(t) at these instants agree to {agreement:.1e} of the "
+    "largest, Exudyn's extrapolated from the trapezoidal rule with its two largest numbers of "
+    "steps. Its reference node has Euler parameters, as that of three angles ends at another "
+    "motion.",
+}
+
+
+def _motion_tables(motion: dict[str, Any], suffix: str, title: str) -> list[Table]:
     n = motion["elements"]
+    where = "demo in space" if suffix else "demo"
     scene = (
-        f"Slider-crank of the demo, rod with 30 holes, {n:,} elements, {motion['modes']} modes, "
-        "two seconds. Both codes get the same shape functions, mass and stiffness of the rod, and "
-        "the same floating frame."
+        f"Slider-crank of the {where}, rod with 30 holes, {n:,} elements, {motion['modes']} modes, "
+        f"{motion['duration']:g} s. Both codes get the same shape functions, mass and stiffness of "
+        "the rod, and the same floating frame."
+    )
+    remark = REMARKS[suffix].format(
+        nm=1e9 * 2e-4 * motion["deflection"], agreement=motion["agreement"]
     )
     table = Table(
-        "peers_motion",
-        "Motion: time and error",
-        f"{scene} *Seconds* are those of the solver, of the reduced rod, the fastest of several "
-        "turns through all settings: of this package the model's compilation and psi included, of "
-        "Exudyn without. *Error of psi* is relative; *error of deflection* is the largest one of "
-        f"the rod's middle at {INSTANTS} instants over the largest deflection "
+        f"peers{suffix}_motion",
+        f"{title}: time and error",
+        f"{scene} *Seconds* are CPU times of the solver, of the reduced rod, the fastest of "
+        "several turns through all settings: of this package the model's compilation and psi "
+        "included, of Exudyn without. *Error of psi* is relative; *error of deflection* is the "
+        f"largest one of the rod's middle at {INSTANTS} instants over the largest deflection "
         f"({1e6 * motion['deflection']:.3g} micrometres). Exact is {RADAU} with "
         f"{motion['reference']:,} steps; half as many differ from it by "
         f"{motion['reference_error_psi']:.0e} and {motion['reference_error_deflection']:.0e}. "
         f"Spectral radius 0.8 in both; Exudyn's {ALPHA} has constraints of positions (index 3), "
-        "its module is the one without range checks and its Newton method keeps the Jacobian. The "
-        f"last {1e9 * 2e-4 * motion['deflection']:.0f} nm of the deflection, 2e-4 of it, are "
-        "vibrations of more than 1 kHz from the start, whose phase no method of second order "
-        "follows with so few steps.",
+        f"its module is the one without range checks and its Newton method keeps the Jacobian. "
+        f"{remark}",
         {
             "code": "code",
             "method": "method",
@@ -152,13 +175,12 @@ def _motion_tables(motion: dict[str, Any]) -> list[Table]:
         sorted(motion["rows"], key=lambda r: (r["code"] != OURS, r["method"], r["steps"])),
     )
     equal = Table(
-        "peers_equal_error",
-        "Motion: time at equal error",
+        f"peers{suffix}_equal_error",
+        f"{title}: time at equal error",
         "From the table above, interpolated in logarithms. Where even a method's coarsest setting "
         "is more accurate than asked, its time counts; a dash where the finest is not accurate "
         f"enough. *Best* is the faster method of each code. {RADAU} is of order 5, and far ahead "
-        "where an objective hardly feels the vibrations, as psi does; where they count, as in the "
-        "deflection, it is not.",
+        "where an objective hardly feels vibrations or where the steps resolve them.",
         {
             "of": "error of",
             "error": "error",
@@ -174,8 +196,8 @@ def _motion_tables(motion: dict[str, Any]) -> list[Table]:
     )
     difference = (n + 1) * motion["exudyn_value"]
     gradient = Table(
-        "peers_gradient",
-        "Motion: one gradient with respect to every element",
+        f"peers{suffix}_gradient",
+        f"{title}: one gradient with respect to every element",
         f"{ALPHA.capitalize()} with {motion['steps']:,} steps. This package's exact gradient, with "
         f"the value, is measured. **Exudyn's is not: it has no derivatives, so its cost is "
         "extrapolated** as that of one-sided differences, the number of elements plus one times "
@@ -325,19 +347,23 @@ def _memory_table(results: list[tuple[Job, dict[str, Any]]]) -> Table:
 
 
 def _draw(
-    motion: dict[str, Any], plates: list[dict[str, Any]], designs: dict[str, Any], path: Path
+    motions: Sequence[dict[str, Any]],
+    plates: list[dict[str, Any]],
+    designs: dict[str, Any],
+    path: Path,
 ) -> None:
-    with styled_figure(13.0, 8.6) as figure:
-        (psi, deflection), (plate, design) = figure.subplots(2, 2)
-        for axes, what, title in (
-            (psi, "error_psi", "Slider-crank: psi"),
-            (deflection, "error_deflection", "Slider-crank: deflection of the rod's middle"),
-        ):
-            _draw_motion(axes, motion["rows"], what)
-            axes.set_title(title)
-        low, high = psi.get_ylim()
-        psi.set_ylim(low, high * (high / low) ** 0.3)
-        psi.legend(loc="upper right")
+    with styled_figure(13.0, 12.6) as figure:
+        *pairs, (plate, design) = figure.subplots(3, 2)
+        for motion, (psi, deflection), where in zip(motions, pairs, ("", " in space"), strict=True):
+            for axes, what, title in (
+                (psi, "error_psi", f"Slider-crank{where}: psi"),
+                (deflection, "error_deflection", f"Slider-crank{where}: deflection at mid-rod"),
+            ):
+                _draw_motion(axes, motion["rows"], what)
+                axes.set_title(title)
+            low, high = psi.get_ylim()
+            psi.set_ylim(low, high * (high / low) ** 0.3)
+            psi.legend(loc="upper right")
         _draw_plates(plate, plates)
         _draw_designs(design, designs)
         figure.tight_layout(w_pad=2.0, h_pad=2.0)

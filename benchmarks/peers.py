@@ -11,39 +11,32 @@ from __future__ import annotations
 
 import atexit
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-import scipy.sparse
 from jobs import Job, Progress
 from memory import peak_memory, reset_peak_memory
 from numpy.typing import NDArray
-from peer_exudyn import Crank, ExudynRod, Method, rod_for_exudyn, save_rod, simulate
+from peer_motion import exudyn_rod, seconds_of
 from peer_pymoto import FLOOR, SOLVERS, Plate, PymotoPlate, random_density
 from peer_report import (
-    ALPHA,
-    EXUDYN,
-    INSTANTS,
     OURS,
     PYMOTO,
-    RADAU,
     RADIUS,
-    TRAPEZOIDAL,
     report_peers,
 )
-from scene import holes_design, slider_crank, slider_crank_numbers
+from scene import slider_crank_numbers
 
 import dolfinx_ffr as ffr
 
 __all__ = [
     "exudyn_rod",
-    "memory_of_motion",
     "memory_of_plate",
     "peers_jobs",
     "plate_designs",
@@ -51,7 +44,6 @@ __all__ = [
     "plate_times",
     "report_peers",
     "row_after_row",
-    "slider_crank_times",
 ]
 
 Array = NDArray[np.float64]
@@ -75,7 +67,7 @@ def peers_jobs(*, quick: bool) -> list[Job]:
     designed, iterations = ([24, 8], 10) if quick else ([180, 60], 60)
     return [
         Job(
-            "peers",
+            "peer_motion",
             "slider_crank_times",
             6.0 if quick else 50.0,
             {
@@ -87,7 +79,19 @@ def peers_jobs(*, quick: bool) -> list[Job]:
                 "rod": rod,
             },
         ),
-        Job("peers", "memory_of_motion", 3.0, {"elements": elements, "steps": steps[-1]}),
+        Job(
+            "peer_motion",
+            "slider_crank_times",
+            10.0 if quick else 150.0,
+            {
+                "elements": [20, 2, 2] if quick else [80, 8, 8],
+                "steps": steps,
+                "stages": stages[1:],
+                "reference": 400 if quick else 6400,
+                "repetitions": 1 if quick else 5,
+            },
+        ),
+        Job("peer_motion", "memory_of_motion", 3.0, {"elements": elements, "steps": steps[-1]}),
         Job(
             "peer_exudyn",
             "memory_of_exudyn",
@@ -120,187 +124,6 @@ def peers_jobs(*, quick: bool) -> list[Job]:
             {"elements": designed, "iterations": iterations},
         ),
     ]
-
-
-# ---------------------------------------------------------------------- the motion
-
-
-def exudyn_rod(body: ffr.FlexibleBody, reduced: ffr.ReducedBody, point_mass: float) -> ExudynRod:
-    """A reduced rod as Exudyn takes it, with a point mass at its interface ``"right"``.
-
-    Args:
-        body: On one rank.
-        reduced: The body at one density.
-        point_mass: [kg].
-    """
-    marker, matrices = reduced.integrals.markers["right"], body.factored(reduced).matrices
-    mass, stiffness = (
-        scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.getSize())
-        for matrix in (matrices.mass, matrices.stiffness)
-    )
-    return rod_for_exudyn(
-        body.reduction.reference,
-        mass,
-        stiffness,
-        reduced.basis.shapes,
-        (marker.position, marker.displacement),
-        point_mass,
-    )
-
-
-def slider_crank_times(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: list[int],
-    steps: list[int],
-    stages: list[int],
-    reference: int,
-    repetitions: int,
-    rod: str,
-) -> dict[str, Any]:
-    """Measure the slider-crank by both codes, method by method and step by step.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        steps: Of the methods of second order.
-        stages: Steps of Radau IIA.
-        reference: Steps of Radau IIA that count as exact.
-        repetitions: Turns through all settings; the fastest of them counts.
-        rod: File for the rod, for other processes.
-    """
-    problem = slider_crank(comm, (elements[0], elements[1]))
-    body = problem.flexible["rod"]
-    x = holes_design(body.domain)
-    evaluation = problem.gradient(x)
-    reduced = evaluation.bodies["rod"]
-    radius, turns, duration_, slider = slider_crank_numbers()
-    given = exudyn_rod(body, reduced, slider)
-    save_rod(Path(rod), given)
-    crank = Crank(radius, turns, duration_)
-    K = reduced.integrals.K
-    middle = _middle(given)
-
-    def ours(integrator: ffr.Integrator) -> tuple[float, float, Array]:
-        mechanical = ffr.MechanicalProblem(problem.mechanism, integrator, problem.objective)
-        start = perf_counter()
-        found = mechanical.value({"rod": reduced.integrals})
-        seconds = perf_counter() - start
-        assert found.trajectory is not None
-        q = found.trajectory.elastic("rod")
-        q = q[:: found.trajectory.integrator.stages]  # the stages of Radau IIA left out
-        return seconds, found.psi, q @ middle
-
-    def exudyn(method: Method) -> tuple[float, float, Array]:
-        found = simulate(given, crank, method)
-        compliance = np.sum((found.q @ K) * found.q, axis=1)
-        psi = float(np.sum(np.diff(found.t) * 0.5 * (compliance[1:] + compliance[:-1])))
-        return found.seconds, psi, found.q @ middle
-
-    def at_instants(deflection: Array) -> Array:
-        return deflection[:: (len(deflection) - 1) // INSTANTS]
-
-    runs: list[tuple[str, str, int, Callable[[], tuple[float, float, Array]]]] = []
-    for n in steps:
-        runs += [
-            (OURS, ALPHA, n, lambda n=n: ours(ffr.GeneralizedAlpha(duration_, n))),
-            (EXUDYN, ALPHA, n, lambda n=n: exudyn(Method(n, 3))),
-            (EXUDYN, TRAPEZOIDAL, n, lambda n=n: exudyn(Method(n, 2))),
-        ]
-    for n in stages:
-        runs.append((OURS, RADAU, n, lambda n=n: ours(ffr.RadauIIA(duration_, steps=n))))
-
-    _, psi, deflection = ours(ffr.RadauIIA(duration_, steps=reference))
-    _, psi_half, deflection_half = ours(ffr.RadauIIA(duration_, steps=reference // 2))
-    exact = at_instants(deflection)
-    size = float(np.max(np.abs(exact)))
-    for _, _, n, run in runs:
-        if n in (steps[0], stages[0]):
-            run()  # whatever is loaded once
-    best: dict[int, float] = {}
-    rows: list[dict[str, Any]] = []
-    for repetition in range(repetitions):
-        for place, (code, method, n, run) in enumerate(runs):
-            seconds, found, w = run()
-            best[place] = min(seconds, best.get(place, np.inf))
-            if repetition == 0:
-                rows.append(
-                    {
-                        "code": code,
-                        "method": method,
-                        "steps": n,
-                        "error_psi": abs(found / psi - 1.0),
-                        "error_deflection": float(np.max(np.abs(at_instants(w) - exact)) / size),
-                    }
-                )
-            progress((repetition + (place + 1) / len(runs)) / (repetitions + 1))
-    for place, row in enumerate(rows):
-        row["seconds"] = best[place]
-
-    value, gradient, reduction, setup, motion = ([] for _ in range(5))
-    for _ in range(repetitions):
-        value.append(_seconds(lambda: problem.value(x)))
-        gradient.append(_seconds(lambda: problem.gradient(x)))
-        reduction.append(_seconds(lambda: body.reduce(x)))
-        simulation = simulate(given, crank, Method(problem.integrator.steps, 3))
-        setup.append(simulation.seconds_model)
-        motion.append(simulation.seconds)
-    return {
-        "rows": rows,
-        "elements": body.domain.n_cells_global,
-        "modes": body.n_elastic,
-        "psi": psi,
-        "reference": reference,
-        "reference_error_psi": abs(psi_half / psi - 1.0),
-        "reference_error_deflection": float(
-            np.max(np.abs(at_instants(deflection_half) - exact)) / size
-        ),
-        "deflection": size,
-        "value": min(value),
-        "gradient": min(gradient),
-        "steps": problem.integrator.steps,
-        "exudyn_value": min(reduction) + min(setup) + min(motion),
-        "reduction": min(reduction),
-        "exudyn_setup": min(setup),
-    }
-
-
-def _middle(rod: ExudynRod) -> Array:
-    """The shape functions across the rod at the node nearest to its middle, shape (r,)."""
-    target = np.array([0.5 * rod.positions[-1, 0], 0.0, 0.0])
-    node = int(np.argmin(np.linalg.norm(rod.positions - target, axis=1)))
-    return rod.modes[3 * node + 1]
-
-
-def _seconds(action: Callable[[], Any]) -> float:
-    start = perf_counter()
-    action()
-    return perf_counter() - start
-
-
-def memory_of_motion(
-    comm: MPI.Comm, progress: Progress, *, elements: list[int], steps: int
-) -> dict[str, float]:
-    """Measure the peak of memory of one simulation of the reduced rod.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        steps: Of generalised-alpha.
-    """
-    problem = slider_crank(comm, (elements[0], elements[1]), steps=2)
-    body = problem.flexible["rod"]
-    integrals = {"rod": problem.value(holes_design(body.domain)).bodies["rod"].integrals}
-    duration_ = problem.integrator.end_time
-    base = reset_peak_memory()
-    mechanical = ffr.MechanicalProblem(
-        problem.mechanism, ffr.GeneralizedAlpha(duration_, steps), problem.objective
-    )
-    mechanical.value(integrals)
-    return {"base": base, "beyond": peak_memory() - base}
 
 
 # ---------------------------------------------------------------------- the static limit
@@ -379,9 +202,9 @@ def plate_times(
         )
     times: dict[str, float] = dict.fromkeys((OURS, *SOLVERS), np.inf)
     for repetition in range(repetitions):
-        times[OURS] = min(times[OURS], _seconds(lambda: problem.gradient(x[place])))
+        times[OURS] = min(times[OURS], seconds_of(lambda: problem.gradient(x[place])))
         for solver, peer in theirs.items():
-            times[solver] = min(times[solver], _seconds(lambda peer=peer: peer.gradient(x)))
+            times[solver] = min(times[solver], seconds_of(lambda peer=peer: peer.gradient(x)))
         progress((repetition + 1) / repetitions)
     return {
         "seconds": times,
@@ -419,7 +242,7 @@ class _Race:
         self.ours: dict[str, list[float]] = {"seconds": [], "compliance": []}
         self.theirs: dict[str, list[float]] = {"seconds": [], "compliance": []}
         self.variables: Array = np.zeros(0)
-        self._mark = perf_counter()
+        self._mark = process_time()
 
     def __call__(self, iteration: int, x: Any, evaluation: ffr.Evaluation) -> None:
         """Note our iteration, and do one of pyMOTO's."""
@@ -428,7 +251,7 @@ class _Race:
         self._note(self.theirs, compliance)
 
     def _note(self, run: dict[str, list[float]], compliance: float) -> None:
-        now = perf_counter()
+        now = process_time()
         run["seconds"].append((run["seconds"] or [0.0])[-1] + now - self._mark)
         run["compliance"].append(compliance)
         self._mark = now

@@ -25,6 +25,7 @@ __all__ = [
     "holes_design",
     "slider_crank",
     "slider_crank_numbers",
+    "spatial_slider_crank",
     "warm_up",
 ]
 
@@ -94,20 +95,41 @@ def slider_crank(
     return ffr.Problem({"rod": rod}, problem.mechanism, problem.integrator, problem.objective)
 
 
+def spatial_slider_crank(
+    comm: MPI.Comm,
+    elements: tuple[int, int, int] = (80, 8, 8),
+    *,
+    modes: int | None = None,
+    steps: int | None = None,
+) -> ffr.Problem:
+    """The problem of the demo in space, with what is given here in place of the demo's own choice.
+
+    Args:
+        comm: Communicator over which the mesh is distributed.
+        elements: Of the rod, along x, y and z.
+        modes: Number of normal modes.
+        steps: Number of time steps.
+    """
+    chosen = {name: n for name, n in (("modes", modes), ("steps", steps)) if n is not None}
+    problem: ffr.Problem = demo("spatial_slider_crank").spatial_problem(comm, elements, **chosen)
+    return problem
+
+
 def holes_design(domain: ffr.Domain) -> NDArray[np.float64]:
     """A rod with three rows of ten round holes, like the start of a level-set design.
 
-    Elements on the edge of a hole are gray; the ends are solid.
+    In space the holes go through the rod along z. Elements on the edge of a hole are gray; the
+    ends are solid.
 
     Returns:
         Density of the cells owned by this rank, shape (cells,).
     """
     low, high = domain.bounding_box
-    size = high - low
+    size = (high - low)[:2]
     element = domain.cell_size
     margin = 0.25 * size[1]
     cell = np.array([(size[0] - 2.0 * margin) / 10, size[1] / 3])  # of the pattern, one hole each
-    offset = domain.centroids - low - [margin, 0.0]
+    offset = (domain.centroids - low)[:, :2] - [margin, 0.0]
     from_hole = np.linalg.norm((offset / cell % 1.0 - 0.5) * cell, axis=1) - 0.1 * size[1]
     x = np.clip(0.5 + 0.5 * from_hole / element, 0.0, 1.0)
     ends = (offset[:, 0] < 0.0) | (offset[:, 0] > size[0] - 2.0 * margin)

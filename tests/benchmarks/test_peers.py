@@ -93,6 +93,24 @@ def test_the_crank_pin_moves_as_ours() -> None:
             assert velocity(None, t, 0, 0.0) == pytest.approx(crank.radius * rate, abs=1e-12)
 
 
+def test_the_rod_in_space_has_our_volume_integrals_and_a_fork(peers: ModuleType) -> None:
+    from scene import spatial_slider_crank
+
+    body = spatial_slider_crank(MPI.COMM_SELF, (6, 1, 1), modes=1).flexible["rod"]
+    reduced = body.reduce(np.linspace(0.5, 1.0, body.domain.n_cells))
+    rod = peers.exudyn_rod(body, reduced, 0.0, fork=2.0)
+    fields = np.column_stack([rod.positions.ravel(), rod.modes])
+    ours = reduced.integrals
+    assert ours.P is not None
+    moments = fields.T @ (rod.mass @ fields)
+    assert np.allclose(moments, np.trace(ours.P, axis1=2, axis2=3), rtol=0.0, atol=1e-15)
+    left = ours.markers["left"]
+    fork = rod.modes.reshape(-1, 3, rod.modes.shape[1])[-2] - left.displacement
+    assert np.array_equal(rod.positions[-2], [*left.position[:1], 2.0, *left.position[2:]])
+    # psi x 2 e_y, psi the rotation of the interface
+    assert np.array_equal(fork, 2.0 * np.array([-left.rotation[2], 0 * fork[1], left.rotation[0]]))
+
+
 def test_the_plate_has_the_compliance_of_its_finite_elements(peers: ModuleType) -> None:
     from peer_pymoto import Plate, random_density
 
@@ -175,7 +193,7 @@ def test_peers_come_last_on_the_path(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 @pytest.mark.slow
 def test_reports_hold_what_was_measured(peers: ModuleType, tmp_path: Path) -> None:
-    jobs = {job.function + str(job.parameters): job for job in peers.peers_jobs(quick=True)}
+    jobs = {f"{job.function} {job.parameters}": job for job in peers.peers_jobs(quick=True)}
     results = [(job, made_up(peers, job)) for job in jobs.values()]
     tables = peers.report_peers(results, tmp_path)
     for table in tables:
@@ -191,13 +209,15 @@ def test_reports_hold_what_was_measured(peers: ModuleType, tmp_path: Path) -> No
 
 def made_up(peers: ModuleType, job: Any) -> dict[str, Any]:
     """Results of a job as they might be."""
+    from peer_report import ALPHA, EXUDYN, OURS, RADAU, TRAPEZOIDAL
+
     if job.function == "slider_crank_times":
         rows = []
         for code, method, slow in (
-            (peers.OURS, peers.ALPHA, 1.0),
-            (peers.EXUDYN, peers.ALPHA, 4.0),
-            (peers.EXUDYN, peers.TRAPEZOIDAL, 3.0),
-            (peers.OURS, peers.RADAU, 5.0),
+            (OURS, ALPHA, 1.0),
+            (EXUDYN, ALPHA, 4.0),
+            (EXUDYN, TRAPEZOIDAL, 3.0),
+            (OURS, RADAU, 5.0),
         ):
             for n in (500, 4000):
                 error = 300.0 * n**-2.0
@@ -212,7 +232,7 @@ def made_up(peers: ModuleType, job: Any) -> dict[str, Any]:
                     }
                 )
         names = ("psi", "reference_error_psi", "reference_error_deflection", "deflection", "value")
-        names += ("gradient", "exudyn_value", "reduction", "exudyn_setup")
+        names += ("gradient", "exudyn_value", "reduction", "exudyn_setup", "agreement", "duration")
         numbers = dict.fromkeys(names, 1e-3)
         return {
             "rows": rows,
@@ -224,7 +244,7 @@ def made_up(peers: ModuleType, job: Any) -> dict[str, Any]:
         }
     if job.function == "plate_times":
         return {
-            "seconds": {peers.OURS: 0.1, "SuperLU": 0.3, "CHOLMOD": 0.2},
+            "seconds": {OURS: 0.1, "SuperLU": 0.3, "CHOLMOD": 0.2},
             "differences": {"SuperLU": (1e-12, 2e-12), "CHOLMOD": (1e-12, 2e-12)},
             "compliance": 1.0,
             "unknowns": 100,
