@@ -14,9 +14,10 @@ import pytest
 from dolfinx_ffr import Domain, Elasticity, PlaneStress
 from dolfinx_ffr.fem import SIMP
 from dolfinx_ffr.reduction import direct_solver as module
-from dolfinx_ffr.reduction.direct_solver import CopiedFactor, DirectSolver, SharedFactor
+from dolfinx_ffr.reduction.direct_solver import CopiedFactor, SharedFactor
+from dolfinx_ffr.reduction.linear_solver import LinearSolver
 
-SOLVERS: dict[str, Callable[[Elasticity], DirectSolver]] = {
+SOLVERS: dict[str, Callable[[Elasticity], LinearSolver]] = {
     "shared": lambda elasticity: SharedFactor(elasticity, "mumps"),
     "copied": CopiedFactor,
 }
@@ -74,7 +75,7 @@ def test_copies_are_made_where_the_memory_suffices(
 ) -> None:
     elasticity = body(comm)
     matrix = elasticity.new_matrix()
-    expected: type[DirectSolver] = SharedFactor if comm.size == 1 else CopiedFactor
+    expected: type[LinearSolver] = SharedFactor if comm.size == 1 else CopiedFactor
     many = module.direct_solver(elasticity, matrix)
     monkeypatch.setattr(module, "agreed_memory", lambda comm, most: 100_000)
     few = module.direct_solver(elasticity, matrix)

@@ -10,16 +10,18 @@ import numpy as np
 import dolfinx_ffr as ffr
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
-LOAD = np.array([0.3, 1.0])
+#: By axis; in the plane the first two
+LOAD = np.array([0.3, 1.0, 0.7])
 
 
 def body_compliance(body: ffr.FlexibleBody, x: np.ndarray) -> tuple[float, np.ndarray]:
     """The compliance at densities, with its gradient."""
     reduced = body.reduce(x)
     integrals = reduced.integrals
-    q = np.linalg.solve(integrals.K, integrals.S[1:] @ LOAD)
+    load = LOAD[: integrals.S.shape[1]]
+    q = np.linalg.solve(integrals.K, integrals.S[1:] @ load)
     bar = integrals.zeros_like()
-    bar.S[1:] = 2.0 * np.outer(q, LOAD)
+    bar.S[1:] = 2.0 * np.outer(q, load)
     bar.K[:] = -np.outer(q, q)
     return float(q @ integrals.K @ q), body.pullback(reduced, bar)[0]
 

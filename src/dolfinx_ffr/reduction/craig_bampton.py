@@ -9,7 +9,8 @@ the remaining (interior) dofs.
 - Fixed-interface normal modes phi_i: K phi_i = lambda_i M phi_i, phi_i^T M phi_i = 1.
 
 K is factored once for each density (`direct_solver`) and serves the constraint modes, the
-eigenvalue problem (`normal_modes`) and the pullback, all of them several columns at a time.
+eigenvalue problem (`normal_modes`) and the pullback, all of them several columns at a time; of
+bodies whose factor is too large multigrid takes its place (`multigrid`).
 
 References:
     R. R. Craig and M. C. C. Bampton, AIAA Journal 6 (1968), doi:10.2514/3.4741.
@@ -34,6 +35,8 @@ from .factored_body import FactoredBody, HeldMatrices
 from .frame import Frame
 from .inertia import InertiaCount
 from .krylov import KrylovSpace
+from .linear_solver import DIRECT, SOLVERS
+from .multigrid import MultigridSolver
 from .normal_modes import CLUSTER, EigenSolver, NormalModes, cluster
 
 __all__ = ["CraigBampton", "ReducedBasis"]
@@ -87,6 +90,8 @@ class CraigBampton:
         tolerance: Largest residual of a mode, relative to it, and error of its adjoint field,
             relative to the largest (`CraigBampton.solve_shifted`). What that leaves in a gradient
             is smaller by some three digits.
+        solver: ``"direct"``, by factors of the stiffness, or ``"iterative"``, by conjugate
+            gradients with multigrid (`FlexibleBody`).
 
     Raises:
         ValueError: On every rank, if the frame names an interface that is not there or leaves the
@@ -94,7 +99,13 @@ class CraigBampton:
     """
 
     def __init__(
-        self, elasticity: Elasticity, frame: Frame, modes: int, *, tolerance: float = 1e-8
+        self,
+        elasticity: Elasticity,
+        frame: Frame,
+        modes: int,
+        *,
+        tolerance: float = 1e-8,
+        solver: str = DIRECT,
     ) -> None:
         validation.instance("reduction: elasticity", elasticity, Elasticity, "an Elasticity")
         needed = "ChordFrame(...) or TangentFrame(...)"
@@ -104,6 +115,7 @@ class CraigBampton:
         self.frame = frame
         self.modes = validation.integer("reduction: modes", modes, least=-np.inf)
         self.tolerance = tolerance
+        self.solver = validation.choice("body: solver", solver, SOLVERS)
         domain = elasticity.domain
         self.origin = frame.origin(domain)
         self.motions = frame.retained(domain)
@@ -131,7 +143,7 @@ class CraigBampton:
 
     def __reduce__(self) -> tuple[Callable[..., CraigBampton], tuple[Any, ...]]:
         """How pickle and copy make it anew."""
-        made = partial(type(self), tolerance=self.tolerance)
+        made = partial(type(self), tolerance=self.tolerance, solver=self.solver)
         return made, (self.elasticity, self.frame, self.modes)
 
     def _lift(self, domain: Domain) -> Block:
@@ -212,7 +224,7 @@ class CraigBampton:
         """The matrices with all interfaces held, with an ordering from before if there is one."""
         while True:
             used = bool(self._spare)
-            held = self._spare.pop() if used else HeldMatrices.of(self.elasticity)
+            held = self._spare.pop() if used else self._new_matrices()
             try:
                 held.fill(matrices, self._held_rows)
                 return held
@@ -220,6 +232,9 @@ class CraigBampton:
                 held.destroy()
                 if not used:  # else a new ordering may do
                     raise
+
+    def _new_matrices(self) -> HeldMatrices:
+        return HeldMatrices.of(self.elasticity, self.held, self.solver, self.tolerance)
 
     def basis(self, factored: FactoredBody) -> ReducedBasis:
         """The shape functions at one density.
@@ -343,7 +358,8 @@ class CraigBampton:
         z_j = z_0j + shift_j T V y_j. Its error in the norm of K is at most
         shift_j / (1 - shift_j / lambda) / sqrt(lambda) times the norm by mass of z_j - V y_j, with
         the first eigenvalue lambda that the space does not know. Along the modes that the
-        eigenvalue solver found beyond the retained ones the solution is known.
+        eigenvalue solver found beyond the retained ones the solution is known. Without a factor,
+        conjugate gradients solve each system.
 
         Args:
             factored: The body at one density.
@@ -354,8 +370,8 @@ class CraigBampton:
 
         Returns:
             Solutions M-orthogonal to the retained modes, shape (dofs, columns), and the number of
-            blocks. The error of each in the norm of K is at most the tolerance times the largest
-            norm of all solutions, both times the square roots of their shifts: where
+            blocks or iterations. The error of each in the norm of K is at most the tolerance times
+            the largest norm of all solutions, both times the square roots of their shifts: where
             the columns are those of `pullback`, that bounds the error of the gradient relative to
             the largest part of it.
 
@@ -370,6 +386,12 @@ class CraigBampton:
         normal = np.hstack([basis.shapes[:, basis.n_constraint :], outer])
         mass_normal = np.hstack([basis.mass_times_normal, basis.mass_times_outer])
         loads = right - mass_normal @ inner(normal, right)
+        if isinstance(factored.held.solver, MultigridSolver):
+            matrices = factored.held_stiffness, factored.held_mass
+            solution, iterations = factored.held.solver.solve_shifted(
+                matrices, loads, shifts, (normal, mass_normal)
+            )
+            return solution + outer @ shares, iterations
         first = factored.solve(loads)
         first -= normal @ inner(mass_normal, first)
         known = self._column_products(first, loads) + outer_values @ shares**2
@@ -416,4 +438,4 @@ class Pullback:
     """Adjoint fields of the shape functions."""
 
     fields: Block  #: (dofs of this rank, r) z of constraint modes, then of normal modes
-    iterations: int  #: Conjugate gradient iterations
+    iterations: int  #: Blocks of the Krylov space, or conjugate gradient iterations

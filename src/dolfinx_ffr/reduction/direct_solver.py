@@ -10,7 +10,6 @@ factor is too large for that is factored by MUMPS, its rows on all ranks.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -20,8 +19,9 @@ from numpy.typing import NDArray
 
 from ..dynamics import available_memory
 from ..fem import Block, Elasticity
+from .linear_solver import LinearSolver
 
-__all__ = ["DirectSolver", "agreed_memory", "direct_solver"]
+__all__ = ["agreed_memory", "direct_solver"]
 
 #: Most ranks that hold a whole factor: a block has few columns.
 HOLDERS = 4
@@ -31,34 +31,7 @@ SHARE = 0.25
 CHOLMOD = ("cholmod", "suitesparse")
 
 
-class DirectSolver(ABC):
-    """Factor of one matrix after the other, all with the same entries."""
-
-    @abstractmethod
-    def factor(self, matrix: PETSc.Mat) -> None:
-        """Factor a matrix; the ordering is found once.
-
-        Args:
-            matrix: Symmetric and positive definite.
-
-        Raises:
-            petsc4py.PETSc.Error: On every rank, if it is singular.
-        """
-
-    @abstractmethod
-    def solve(self, block: Block) -> Block:
-        """The inverse times a block.
-
-        Args:
-            block: Right-hand sides, shape (dofs of this rank, columns).
-        """
-
-    @abstractmethod
-    def destroy(self) -> None:
-        """Free the memory on all ranks together."""
-
-
-def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> DirectSolver:
+def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
     """The solver for matrices of a body.
 
     Args:
@@ -124,7 +97,7 @@ def _solved(ksp: PETSc.KSP, right: PETSc.Mat) -> Block:
     return result
 
 
-class SharedFactor(DirectSolver):
+class SharedFactor(LinearSolver):
     """One factor, its rows on all ranks.
 
     Args:
@@ -149,7 +122,7 @@ class SharedFactor(DirectSolver):
         self._ksp.destroy()
 
 
-class CopiedFactor(DirectSolver):
+class CopiedFactor(LinearSolver):
     """The same factor on a few ranks, which share the columns of a block.
 
     Args:

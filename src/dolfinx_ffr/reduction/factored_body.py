@@ -11,36 +11,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Block, Elasticity, Matrices
-from .direct_solver import DirectSolver, direct_solver
+from .direct_solver import direct_solver
 from .inertia import InertiaCount
+from .linear_solver import ITERATIVE, LinearSolver
+from .multigrid import MultigridSolver
 
 __all__ = ["FactoredBody", "HeldMatrices"]
 
 
 @dataclass(frozen=True, eq=False)
 class HeldMatrices:
-    """Matrices with all interfaces held, and a factor of the stiffness.
+    """Matrices with all interfaces held, and what solves with the stiffness.
 
     One density after the other is written into them: their entries stay where they are, and the
-    factor's ordering is found once.
+    ordering of a factor is found once.
     """
 
     stiffness: PETSc.Mat  #: One on the diagonal of held rows
     mass: PETSc.Mat  #: Zero in held rows
-    solver: DirectSolver  #: Holds the factor of the stiffness
+    solver: LinearSolver  #: Holds the factor of the stiffness, or coarser systems
 
     @staticmethod
-    def of(elasticity: Elasticity) -> HeldMatrices:
+    def of(
+        elasticity: Elasticity, held: NDArray[np.bool_], solver: str, tolerance: float
+    ) -> HeldMatrices:
         """Matrices without values yet.
 
         Args:
             elasticity: The body.
+            held: Whether a dof of this rank belongs to an interface, shape (dofs,).
+            solver: ``"direct"`` or ``"iterative"``.
+            tolerance: Of modes and adjoints.
         """
         stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
+        if solver == ITERATIVE:
+            return HeldMatrices(stiffness, mass, MultigridSolver(elasticity, held, tolerance))
         return HeldMatrices(stiffness, mass, direct_solver(elasticity, stiffness))
 
     def fill(self, matrices: Matrices, rows: NDArray[np.int32]) -> None:
-        """Write the matrices of a density, and factor the stiffness.
+        """Write the matrices of a density, and make the solver ready for the stiffness.
 
         Args:
             matrices: Of the body that floats freely.

@@ -32,6 +32,7 @@ from .factored_body import FactoredBody
 from .frame import Frame
 from .geometric_stiffness import GeometricStiffening
 from .integrals import volume_integrals, volume_integrals_pullback
+from .linear_solver import DIRECT
 from .point_marker import PointMarker
 from .static_correction import ShapesBar, static_correction, static_correction_pullback
 
@@ -100,6 +101,10 @@ class FlexibleBody:
             ``"omega2"``, ``"alpha"``, ``"acceleration"`` of the body's own inertia (in space
             ``"rotation"``, ``"acceleration"``), and ``"markers"`` for the forces of joints, springs
             and others at markers, and the inertia of point masses there; none by default.
+        solver: ``"direct"`` factors the stiffness (CHOLMOD, MUMPS). ``"iterative"`` takes conjugate
+            gradients with algebraic multigrid (PETSc's GAMG) to a hundredth of ``tolerance``, for
+            bodies in space whose factor is too large for the memory; it is slower, and does not
+            certify by a count that no mode is missing.
         points: The name of ``markers`` in the release before; goes with the next one.
 
     Raises:
@@ -119,6 +124,7 @@ class FlexibleBody:
         markers: Mapping[str, Sequence[float]] | None = None,
         tolerance: float = 1e-8,
         stiffening: Sequence[str] = (),
+        solver: str = DIRECT,
         points: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         if points is not None:
@@ -136,6 +142,7 @@ class FlexibleBody:
                 "markers": markers,
                 "tolerance": tolerance,
                 "stiffening": stiffening,
+                "solver": solver,
             },
         )
         self.material = material
@@ -151,7 +158,9 @@ class FlexibleBody:
             for name, position in (markers or {}).items()
         }
         self.elasticity = Elasticity(domain, material, self.interpolation)
-        self.reduction = CraigBampton(self.elasticity, frame, modes, tolerance=tolerance)
+        self.reduction = CraigBampton(
+            self.elasticity, frame, modes, tolerance=tolerance, solver=solver
+        )
         self.stiffening = (
             GeometricStiffening(self.reduction, stiffening, self.markers) if stiffening else None
         )
@@ -213,6 +222,7 @@ class FlexibleBody:
             "markers": {name: point.position.tolist() for name, point in self.markers.items()},
             "tolerance": self.reduction.tolerance,
             "stiffening": () if self.stiffening is None else self.stiffening.loads,
+            "solver": self.reduction.solver,
         }
 
     @property

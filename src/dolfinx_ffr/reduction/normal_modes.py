@@ -8,6 +8,9 @@ found is certified by counting: by Sylvester's law of inertia the factor of K - 
 negative pivots as there are eigenvalues below sigma. As long as some are missing, SLEPc goes on
 from a scattered start in the complement of what has been found.
 
+Without a factor, by multigrid, a block of scattered fields is iterated, which holds as many copies
+as it has fields; nothing is counted then.
+
 References:
     R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse
     symmetric generalized eigenproblems, SIAM Journal on Matrix Analysis and Applications 15 (1994),
@@ -27,6 +30,7 @@ from slepc4py import SLEPc
 
 from ..fem import Block, Elasticity
 from .factored_body import FactoredBody
+from .multigrid import MultigridSolver
 
 __all__ = ["CLUSTER", "EigenSolver", "NormalModes", "cluster"]
 
@@ -36,6 +40,8 @@ CLUSTER = 1e-3
 #: How far below the first eigenvalue left out is counted, relative to it: more than the round-off
 #: of ill-conditioned bodies
 ROOM = 1e-2
+#: Fields that are iterated beyond those asked for, without a factor: the last ones converge slowly
+GUARDS = 2
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,7 @@ class EigenSolver:
         Raises:
             RuntimeError: On every rank, if modes do not converge or remain missing.
         """
+        iterative = isinstance(factored.held.solver, MultigridSolver)
         eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
@@ -89,7 +96,7 @@ class EigenSolver:
             if end < len(eigenvalues):
                 following = eigenvalues[end]
                 below = following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following)
-                missing = factored.count_below(below) - end
+                missing = 0 if iterative else factored.count_below(below) - end
             if missing == 0:
                 break
             # A few at a time: each further copy of the low ones brings the last one asked for, and
@@ -113,6 +120,8 @@ class EigenSolver:
         """At least ``number`` eigenpairs, the lowest ones in the complement of known ones."""
         if number < 1:
             return np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        if isinstance(factored.held.solver, MultigridSolver):
+            return self._iterated(factored, factored.held.solver, number, known)
         eps = SLEPc.EPS().create(self.elasticity.comm)
         transform = eps.getST()
         ksp = transform.getKSP()
@@ -157,6 +166,20 @@ class EigenSolver:
         eigenvalues = self.elasticity.comm.bcast(eigenvalues)
         order = np.argsort(eigenvalues, kind="stable")
         return eigenvalues[order], self._purified(factored, fields[:, order])
+
+    def _iterated(
+        self, factored: FactoredBody, solver: MultigridSolver, number: int, known: Block | None
+    ) -> tuple[NDArray[np.float64], Block]:
+        """What `_search` does, without a factor: a block that holds all of them at once."""
+        have = 0 if known is None else known.shape[1]
+        width = min(number + GUARDS, self.freedoms - have)
+        starts = np.hstack(
+            [self._start(_scattered_field(self._place, have + k)) for k in range(width)]
+        )
+        eigenvalues, fields = solver.modes(factored.held_mass, starts, number, known)
+        eigenvalues = self.elasticity.comm.bcast(eigenvalues)
+        order = np.argsort(eigenvalues, kind="stable")
+        return eigenvalues[order], fields[:, order]
 
     def _purified(self, factored: FactoredBody, fields: Block) -> Block:
         """Eigenvectors without what the mass does not see.
