@@ -24,7 +24,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE, save, styled_figure, tidy
 from dolfinx_ffr.reduction import FactoredBody
 
-__all__ = ["evaluation_growth", "growth_jobs", "report_growth"]
+__all__ = ["PARTS", "draw_shares", "evaluation_growth", "growth_jobs", "report_growth"]
 
 #: Parts of an evaluation in the order of the chain, those of the value first
 PARTS = (
@@ -320,7 +320,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             1, 3, gridspec_kw={"width_ratios": [1.1, 1.0, 1.0]}
         )
         _draw_times(time_axes, serial, parallel)
-        _draw_shares(share_axes, serial)
+        draw_shares(share_axes, serial)
         _draw_memory(memory_axes, serial, parallel)
         save(figure, path)
 
@@ -379,7 +379,13 @@ def _draw_times(axes: Axes, serial: list[dict[str, Any]], parallel: list[dict[st
     axes.legend(loc="upper left")
 
 
-def _draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
+def draw_shares(axes: Axes, serial: list[dict[str, Any]]) -> None:
+    """Draw the share of each part as bars, one for each mesh.
+
+    Args:
+        axes: Where to.
+        serial: A row for each mesh with its number of elements, its parts and the rest.
+    """
     # the value's parts in blues, the gradient's in oranges
     blues, oranges = ("#cfe3f2", "#0b62a4", "#7db5dc", "#073b63"), ("#f7d9b0", "#d9822b", "#8f4f12")
     colors = dict(zip(PARTS, blues + oranges, strict=True))

@@ -37,6 +37,7 @@ STUDIES = (
     "peers",
     "integration",
     "motions",
+    "space",
 )
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.
