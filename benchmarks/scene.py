@@ -42,6 +42,7 @@ def demo(name: str) -> ModuleType:
     if str(DEMOS) not in sys.path:  # what demos take from beside them
         sys.path.append(str(DEMOS))
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up, and so does what loads beside it
     spec.loader.exec_module(module)
     return module
 
