@@ -19,6 +19,7 @@ from mpi4py import MPI
 
 import numpy as np
 from jobs import Job, Progress
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from report import Table, write_page
 from scene import demo, slider_crank
@@ -27,7 +28,14 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.fem import polygon
 from dolfinx_ffr.plotting.style import BLUE, GRAY, save, styled_figure
 
-__all__ = ["cut_elements", "design", "designs_jobs", "report_designs"]
+__all__ = [
+    "cut_elements",
+    "design",
+    "designs_jobs",
+    "draw_parts",
+    "report_designs",
+    "rings",
+]
 
 Array = NDArray[np.float64]
 Results = list[tuple[Job, dict[str, Any]]]
@@ -251,13 +259,22 @@ def _told(problem: ffr.Problem, result: ffr.Result, full: Mapping[str, Array]) -
             ),
             default=float("nan"),
         ),
-        "rings": {
-            name: [
-                [polygon(loop, part.accuracy).round(6).tolist() for loop in loops]
-                for loops in part.outlines
-            ]
-            for name, part in parts.items()
-        },
+        "rings": rings(parts),
+    }
+
+
+def rings(parts: Mapping[str, ffr.Part]) -> dict[str, list[list[Any]]]:
+    """Corners of the boundaries of parts, by name, piece and loop, the outer loop first.
+
+    Args:
+        parts: By name of the body.
+    """
+    return {
+        name: [
+            [polygon(loop, part.accuracy).round(6).tolist() for loop in loops]
+            for loops in part.outlines
+        ]
+        for name, part in parts.items()
     }
 
 
@@ -462,20 +479,30 @@ def _draw(starts: list[dict[str, Any]], others: list[dict[str, Any]], path: Path
     with styled_figure(9.0, 0.75 * lines + 0.2, dpi=90.0) as figure:
         for k, row in enumerate(rows):
             axes = figure.add_subplot(lines, columns, k + 1)
-            axes.set_axis_off()
-            axes.set_aspect("equal")
-            below = 0.0
-            for pieces in row["rings"].values():
-                points = np.vstack([np.array(ring) for loops in pieces for ring in loops])
-                shift = np.array([0.0, below - points[:, 1].max()])
-                for loops in pieces:
-                    for j, ring in enumerate(loops):
-                        corners = np.array(ring) + shift
-                        axes.fill(*corners.T, color="white" if j else GRAY, linewidth=0.0)
-                        axes.plot(*corners.T, color=BLUE, linewidth=0.5)
-                below -= float(np.ptp(points[:, 1])) * 1.15
+            draw_parts(axes, row["rings"])
             name = row["start"] if row in starts else ""
             name = name or (row["scene"] if row["scene"] != "reference" else row["method"])
             axes.set_title(f"{name}: {row['part']:.4f}", fontsize=8, loc="left", pad=1.0)
         figure.subplots_adjust(0.01, 0.01, 0.99, 0.96, 0.04, 0.45)
         save(figure, path)
+
+
+def draw_parts(axes: Axes, by_name: Mapping[str, list[list[Any]]]) -> None:
+    """Draw parts, one below the other.
+
+    Args:
+        axes: Where to.
+        by_name: Of `rings`.
+    """
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    below = 0.0
+    for pieces in by_name.values():
+        points = np.vstack([np.array(ring) for loops in pieces for ring in loops])
+        shift = np.array([0.0, below - points[:, 1].max()])
+        for loops in pieces:
+            for j, ring in enumerate(loops):
+                corners = np.array(ring) + shift
+                axes.fill(*corners.T, color="white" if j else GRAY, linewidth=0.0)
+                axes.plot(*corners.T, color=BLUE, linewidth=0.5)
+        below -= float(np.ptp(points[:, 1])) * 1.15

@@ -37,6 +37,7 @@ STUDIES = (
     "peers",
     "integration",
     "motions",
+    "static_loads",
     "space",
 )
 MEASURED_BY = {"differences": "growth"}

@@ -36,7 +36,7 @@ also under `mpirun -n 2`.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import process_time
@@ -194,8 +194,7 @@ class FixedLoads(ffr.ExactAdjoint):
 class Way:
     """Where a way has led, and what it took."""
 
-    densities: dict[str, Array]
-    bodies: dict[str, ffr.FlexibleBody]  #: By the law of cut elements
+    result: ffr.Result  #: Of the last optimisation, or the best one; its bodies are crisp
     simulations: int
     adjoints: int
     static: int  #: Static analyses
@@ -222,8 +221,7 @@ def by_gradient(problem: ffr.Problem, iterations: int, method: ffr.GradientMetho
     )
     exact = not isinstance(method, FixedLoads)
     return Way(
-        result.densities,
-        result.problem.flexible,
+        result,
         simulations=iterations + 2,
         adjoints=iterations if exact else 0,
         static=0,
@@ -264,13 +262,12 @@ def by_static_loads(problem: ffr.Problem, iterations: int, cycles: int) -> Way:
         loads = frozen(moving, evaluation)
         history.append(evaluation.psi)
         if best is None or evaluation.psi < history[best[0]]:
-            best = len(history) - 1, result.densities, crisp
+            best = len(history) - 1, result
         if len(history) > 1 and abs(history[-1] / history[-2] - 1.0) < STANDS:
             break
     assert best is not None
     return Way(
         best[1],
-        best[2],
         simulations=1 + len(history),
         adjoints=0,
         static=len(history) * (iterations + 2),
@@ -289,10 +286,19 @@ def of_problem(densities: Mapping[str, Array]) -> Any:
     return dict(densities) if len(densities) > 1 else next(iter(densities.values()))
 
 
-def judged(problem: ffr.Problem, way: Way) -> float:
-    """Psi of a design in the motion, with more modes than it was designed with."""
-    many = {name: body.with_modes(JUDGE) for name, body in way.bodies.items()}
-    return problem.with_bodies(many).value(of_problem(way.densities)).psi
+def judged(problem: ffr.Problem, way: Way) -> tuple[ffr.Problem, ffr.Evaluation]:
+    """The motion of a design, with more modes than it was designed with, and its problem."""
+    result = way.result
+    many = with_many_modes(problem, result.problem.flexible)
+    return many, many.value(of_problem(result.densities))
+
+
+def with_many_modes(
+    problem: ffr.Problem, bodies: Mapping[str, ffr.FlexibleBody] | None = None
+) -> ffr.Problem:
+    """The problem by which designs are judged, with the laws of given bodies."""
+    bodies = bodies or problem.flexible
+    return problem.with_bodies({name: body.with_modes(JUDGE) for name, body in bodies.items()})
 
 
 def agreement(problem: ffr.Problem, x: Mapping[str, Array]) -> float:
@@ -309,19 +315,14 @@ def agreement(problem: ffr.Problem, x: Mapping[str, Array]) -> float:
     return float(products[0] / np.sqrt(products[1] * products[2]))
 
 
-def three_ways(problem: ffr.Problem, iterations: int, cycles: int) -> dict[str, Way]:
-    """All ways from the same even gray.
-
-    Args:
-        problem: The scene.
-        iterations: Of each optimisation.
-        cycles: Of frozen loads, at most.
-    """
-    return {
-        "whole motion": by_gradient(problem, iterations, ffr.ExactAdjoint()),
-        "static loads, renewed in cycles": by_static_loads(problem, iterations, cycles),
-        "static loads, renewed in iterations": by_gradient(problem, iterations, FixedLoads()),
-    }
+#: By name: what leads from a scene, a number of iterations and of cycles to a design
+WAYS: dict[str, Callable[[ffr.Problem, int, int], Way]] = {
+    "whole motion": lambda scene, iterations, _: by_gradient(scene, iterations, ffr.ExactAdjoint()),
+    "static loads, renewed in cycles": by_static_loads,
+    "static loads, renewed in iterations": lambda scene, iterations, _: by_gradient(
+        scene, iterations, FixedLoads()
+    ),
+}
 
 
 # %% The program
@@ -331,7 +332,7 @@ def main(arguments: list[str] | None = None) -> None:
     comm, output = MPI.COMM_WORLD, Path(options.output)
     say = print if comm.rank == 0 else lambda *_: None
     problem = SCENES[options.scene](comm, tuple(options.elements))
-    full = problem.value(of_problem({n: np.ones(b.domain.n_cells) for n, b in bodies(problem)}))
+    full = full_psi(problem)
     even = {n: np.where(b.domain.design_cells, VOLUME, 1.0) for n, b in bodies(problem)}
 
     # %% The static problem is psi at the design whose loads it has
@@ -342,24 +343,24 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"cosine of the gradients at fixed loads and of the motion, even gray: {cosine:.4f}")
 
     # %% Three designs
-    ways = three_ways(problem, options.iterations, options.cycles)
-    psi = {name: judged(problem, way) for name, way in ways.items()}
+    ways = {name: way(problem, options.iterations, options.cycles) for name, way in WAYS.items()}
+    psi = {name: judged(problem, way)[1].psi for name, way in ways.items()}
     whole = psi["whole motion"]
     summary: dict[str, Any] = {"scene": options.scene, "cosine_even": cosine}
     head = ("psi/full", "excess", "simulations", "static", "CPU s")
     say(" " * 36 + "".join(f" {text:>{n}s}" for text, n in zip(head, WIDTHS, strict=True)))
     for name, way in ways.items():
         summary[name] = {
-            "psi_over_full": psi[name] / full.psi,
+            "psi_over_full": psi[name] / full,
             "excess": psi[name] / whole - 1.0,
             "simulations": way.simulations,
             "adjoints": way.adjoints,
             "static_analyses": way.static,
             "cpu_seconds": way.seconds,
-            "psi_of_cycles": [value / full.psi for value in way.history],
+            "psi_of_cycles": [value / full for value in way.history],
         }
         say(
-            f"{name:36s} {psi[name] / full.psi:9.4f} {psi[name] / whole - 1.0:+8.2%} "
+            f"{name:36s} {psi[name] / full:9.4f} {psi[name] / whole - 1.0:+8.2%} "
             f"{way.simulations:12d} {way.static:7d} {way.seconds:6.1f}"
         )
     ffr.write_summary(comm, output / "summary.json", summary)
@@ -367,8 +368,8 @@ def main(arguments: list[str] | None = None) -> None:
         plotting.plot_design(
             body.domain,
             {
-                f"{label}: ψ {psi[label] / full.psi:.4f} of the full "
-                f"{'body' if len(problem.flexible) == 1 else 'links'}": way.densities[name]
+                f"{label}: ψ {psi[label] / full:.4f} of the full "
+                f"{'body' if len(problem.flexible) == 1 else 'links'}": way.result.densities[name]
                 for label, way in ways.items()
             },
             output / f"{name}.png",
@@ -378,6 +379,12 @@ def main(arguments: list[str] | None = None) -> None:
     # %% What must hold
     assert abs(static.psi / there.psi - 1.0) < 1e-6, "loads do not give back the displacements"
     assert 0.0 < cosine <= 1.0, "the gradient at fixed loads does not even point downwards"
+
+
+def full_psi(problem: ffr.Problem) -> float:
+    """Psi of the full bodies, with as many modes as designs are judged with."""
+    solid = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    return with_many_modes(problem).value(of_problem(solid)).psi
 
 
 def bodies(problem: ffr.Problem) -> list[tuple[str, ffr.FlexibleBody]]:
