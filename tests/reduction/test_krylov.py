@@ -89,6 +89,21 @@ def test_invariant_space(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
+def test_modes_beside_those_of_slepc(comm: MPI.Intracomm) -> None:
+    body = rod(comm)
+    factored, solver = at_gray(body), body.reduction._eigensolver
+    found = solver._in_krylov_space(factored, 7)
+    assert found is not None
+    eigenvalues, fields = found
+    expected, others = solver._search(factored, solver._smooth, 7)
+    np.testing.assert_allclose(eigenvalues[:7], expected[:7], rtol=1e-10)
+    overlap = body.elasticity.inner(
+        others[:, :7], body.elasticity.apply(factored.held_mass, fields[:, :7])
+    )
+    np.testing.assert_allclose(np.abs(overlap), np.eye(7), atol=1e-6)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_error_of_adjoints_is_below_its_bound(comm: MPI.Intracomm, tolerance: float) -> None:
     """In the norm of K, weighted by frequencies, relative to the largest of all solutions."""

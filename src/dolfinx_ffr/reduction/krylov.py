@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Block Krylov spaces of K^-1 M, in which the adjoints of modes are found.
+"""Block Krylov spaces of K^-1 M, in which modes and their adjoints are found.
 
 With the interfaces held, T = K^-1 M is self-adjoint in the inner product u^T M v. Blocks of fields
 V_0, V_1, ... are M-orthonormal with

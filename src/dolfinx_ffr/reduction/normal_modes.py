@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The lowest fixed-interface normal modes of a body, with all copies of repeated frequencies.
 
-SLEPc's Krylov-Schur method finds them. A space that grows from one vector holds one vector of each
-eigenspace: further copies of an eigenvalue come in by round-off, late or not at all. Bodies with
-symmetries have pairs, equal blades on a rigid hub as many copies as there are blades. So what is
-found is certified by counting: by Sylvester's law of inertia the factor of K - sigma M has as many
-negative pivots as there are eigenvalues below sigma. As long as some are missing, SLEPc goes on
-from a scattered start in the complement of what has been found.
+They are found in a block Krylov space of K^-1 M: two vectors at a time cost little more than one,
+and what is known of K^-1 M in the space leaves eigenvectors clean at no further solution. A space
+that grows from two vectors holds two vectors of each eigenspace: further copies of an eigenvalue
+come in by round-off, late or not at all. Bodies with symmetries have pairs, equal blades on a rigid
+hub as many copies as there are blades. So what is found is certified by counting: by Sylvester's
+law of inertia the factor of K - sigma M has as many negative pivots as there are eigenvalues below
+sigma. As long as some are missing, SLEPc's Krylov-Schur method goes on from a scattered start in
+the complement of what has been found. It also takes over where the space would grow too large.
 
 Without a factor, by multigrid, a block of scattered fields is iterated, which holds as many copies
 as it has fields; nothing is counted then.
@@ -30,6 +32,7 @@ from slepc4py import SLEPc
 
 from ..fem import Block, Elasticity
 from .factored_body import FactoredBody
+from .krylov import KrylovSpace
 from .multigrid import MultigridSolver
 
 __all__ = ["CLUSTER", "EigenSolver", "NormalModes", "cluster"]
@@ -40,6 +43,12 @@ CLUSTER = 1e-3
 #: How far below the first eigenvalue left out is counted, relative to it: more than the round-off
 #: of ill-conditioned bodies
 ROOM = 1e-2
+#: Vectors of a block: more of them make larger spaces
+BLOCK = 2
+#: Most vectors of a space, and how many more for each mode
+MOST, MOST_EACH = 100, 6
+#: Share by which a space grows between two looks at its modes
+LOOK = 1 / 16
 #: Fields that are iterated beyond those asked for, without a factor: the last ones converge slowly
 GUARDS = 2
 
@@ -75,6 +84,8 @@ class EigenSolver:
         box = elasticity.domain.bounding_box
         self._place = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
         self._smooth = self._start(_smooth_field(self._place))
+        scattered = [self._start(_scattered_field(self._place, k)) for k in range(1, BLOCK)]
+        self._block = np.hstack([self._smooth, *scattered])
 
     def lowest(self, factored: FactoredBody, number: int) -> NormalModes:
         """The lowest modes, and those that follow to the end of the last one's cluster and beyond.
@@ -87,7 +98,9 @@ class EigenSolver:
             RuntimeError: On every rank, if modes do not converge or remain missing.
         """
         iterative = isinstance(factored.held.solver, MultigridSolver)
-        eigenvalues, fields = self._search(factored, self._smooth, number + 1)
+        # where solutions are approximate, a Krylov space loses its recurrence
+        found = None if iterative else self._in_krylov_space(factored, number + 1)
+        eigenvalues, fields = found or self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
             if end == self.freedoms:
@@ -113,6 +126,31 @@ class EigenSolver:
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, others]))
         return NormalModes(eigenvalues, fields, (last, end))
+
+    def _in_krylov_space(
+        self, factored: FactoredBody, number: int
+    ) -> tuple[NDArray[np.float64], Block] | None:
+        """At least ``number`` eigenpairs, the lowest ones, or None if too many vectors were needed.
+
+        With theta and y of K^-1 M projected on the basis V, K^-1 M V y / theta is the mode: where
+        there is void, and in held rows, V holds what the mass does not see, and this does not.
+        """
+        space = KrylovSpace(factored, self._block, answers=True)
+        looked = 0
+        while not space.invariant and space.size <= MOST + MOST_EACH * number:
+            space.grow()
+            if space.complete < max(number, (1.0 + LOOK) * looked):
+                continue
+            looked = space.complete
+            # all ranks decide by the same numbers, to the last bit
+            inverses, vectors = self.elasticity.comm.bcast(np.linalg.eigh(space.projected))
+            inverses, vectors = inverses[::-1], vectors[:, ::-1]
+            open_ = space.leaving(vectors) > self.tolerance * np.abs(inverses)
+            found = int(np.argmax(open_)) if np.any(open_) else len(open_)
+            if found >= number:
+                fields = space.answers @ vectors[:, :found]
+                return 1.0 / inverses[:found], self._normalized(factored, fields)
+        return None
 
     def _search(
         self, factored: FactoredBody, start: Block, number: int, known: Block | None = None
@@ -188,8 +226,12 @@ class EigenSolver:
         grows there without bound as modes become many. K^-1 M leaves an eigenvector as it is but
         for a factor, and takes that away.
         """
+        fields = factored.solve(self.elasticity.apply(factored.held_mass, fields))
+        return self._normalized(factored, fields)
+
+    def _normalized(self, factored: FactoredBody, fields: Block) -> Block:
+        """Fields with zeros where the body is held, and of modal mass one."""
         elasticity = self.elasticity
-        fields = factored.solve(elasticity.apply(factored.held_mass, fields))
         fields[self._held] = 0.0
         image = elasticity.apply(factored.held_mass, fields)
         # a sum along a column could differ in its last bit by where the memory lies
