@@ -99,8 +99,8 @@ class EigenSolver:
         """
         iterative = isinstance(factored.held.solver, MultigridSolver)
         # where solutions are approximate, a Krylov space loses its recurrence
-        found = None if iterative else self._in_krylov_space(factored, number + 1)
-        eigenvalues, fields = found or self._search(factored, self._smooth, number + 1)
+        first = None if iterative else self._in_krylov_space(factored, number + 1)
+        eigenvalues, fields = first or self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
             if end == self.freedoms:
