@@ -192,12 +192,12 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     """All parts: a column for each scene, a line for each way."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     ways = list(dict.fromkeys(row["way"] for row in rows))
-    with styled_figure(10.0, 5.2) as figure:
+    with styled_figure(10.0, 4.4, dpi=90.0) as figure:
         for row in rows:
             place = ways.index(row["way"]) * len(scenes) + scenes.index(row["scene"])
             axes = figure.add_subplot(len(ways), len(scenes), place + 1)
             draw_parts(axes, row.get("rings", {}))
             what = f"psi {row['psi']:.3f}, of the part {row['part']:.3f}"
             axes.set_title(f"{row['scene']}, {row['way']}:\n{what}", fontsize=9, loc="left")
-        figure.subplots_adjust(0.01, 0.01, 0.99, 0.92, 0.04, 0.45)
+        figure.subplots_adjust(0.01, 0.01, 0.99, 0.93, 0.04, 0.32)
         save(figure, path)

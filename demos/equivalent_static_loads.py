@@ -96,10 +96,11 @@ def squares(problem: ffr.Problem, evaluation: ffr.Evaluation, name: str) -> Arra
     """The integral of w q q^T over the motion."""
     objective, motion = problem.objective, evaluation.motion
     assert isinstance(objective, ffr.IntegralCompliance)
-    q = motion.elastic(name)
-    trapezoid = np.gradient(motion.t)
-    trapezoid[[0, -1]] = 0.5 * np.diff(motion.t)[[0, -1]]
-    return float((objective.weights or {}).get(name, 1.0)) * (q.T * trapezoid) @ q
+    q, weights = motion.elastic(name), motion.weights
+    if weights is None:  # the trapezoidal rule
+        weights = np.gradient(motion.t)
+        weights[[0, -1]] = 0.5 * np.diff(motion.t)[[0, -1]]
+    return float((objective.weights or {}).get(name, 1.0)) * (q.T * weights) @ q
 
 
 def frozen(problem: ffr.Problem, evaluation: ffr.Evaluation) -> dict[str, Loads]:

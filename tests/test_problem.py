@@ -150,7 +150,7 @@ def test_every_rank_computes_the_same_bits(comm: MPI.Intracomm) -> None:
 
 def test_reference_scene(comm: MPI.Intracomm) -> None:
     """Psi of the full rod is the same on every DOLFINx release, and close to the published one."""
-    problem = reference_problem(comm)
+    problem = reference_problem(comm, steps=2000)
     domain = problem.flexible["rod"].domain
     values = {name: problem.value(x).psi for name, x in simple_designs(domain).items()}
     assert values["solid"] == pytest.approx(PSI_FULL_ROD, rel=1e-9)
@@ -323,7 +323,8 @@ def test_two_designs_in_turn(comm: MPI.Intracomm) -> None:
         assert later.gradient is not None and at_once.gradient is not None
         size = np.sqrt(body.domain.sum(at_once.gradient["rod"] ** 2))
         rest = later.gradient["rod"] - at_once.gradient["rod"]
-        assert np.sqrt(body.domain.sum(rest**2)) <= (1e-8 if comm.size > 1 else 0.0) * size
+        # one rank has the same modes again, and products whose last bits depend on the memory
+        assert np.sqrt(body.domain.sum(rest**2)) <= (1e-8 if comm.size > 1 else 1e-12) * size
     p, x, evaluation = evaluations[0]
     p.value(designs[1])
     assert_gradient(p, x, p.differentiate(evaluation).gradient)

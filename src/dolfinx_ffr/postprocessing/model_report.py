@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
+from ..dynamics import SimulationError
 from ..fem import Domain
 from ..parallel import announce
 from ..problem import Evaluation, Problem
@@ -113,7 +114,8 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
 
     Raises:
         ValueError: If nothing was simulated.
-        SimulationError: If the motion with longer steps or more modes cannot be computed.
+        SimulationError: If the motion with more modes cannot be computed, or neither one with steps
+            twice as long nor with shorter ones.
     """
     validation.instance("model_report: problem", problem, Problem, "a Problem")
     validation.instance("model_report: evaluation", evaluation, Evaluation, "an Evaluation")
@@ -151,10 +153,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
     ):
         if not there:
             left_out.append(what)
-    coarse = {name: motion.integrator.coarser for name, motion in problem.motions.items()}
-    order = min(integrator.order for integrator in coarse.values())
     exact = psi_with(problem, evaluation, with_all_residual_modes(problem, evaluation))
-    longer = psi_with(problem, evaluation, own_bodies(problem, evaluation), coarse)
     return ModelReport(
         bodies=bodies,
         coordinates=moved[0].model.size,
@@ -162,8 +161,22 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         left_out=left_out,
         psi=psi,
         modes_error=relative_change(psi, exact),
-        step_error=relative_change(longer, psi) / (2**order - 1),
+        step_error=_step_error(problem, evaluation),
     )
+
+
+def _step_error(problem: Problem, evaluation: Evaluation) -> float:
+    """The estimated relative error of psi by the time steps."""
+    bodies = own_bodies(problem, evaluation)
+    motions = problem.motions.items()
+    order = min(motion.integrator.coarser.order for _, motion in motions)
+    try:
+        coarse = {name: motion.integrator.coarser for name, motion in motions}
+        longer = psi_with(problem, evaluation, bodies, coarse)
+    except SimulationError:  # steps twice as long are too long for a motion
+        fine = {name: motion.integrator.finer for name, motion in motions}
+        return relative_change(evaluation.psi, psi_with(problem, evaluation, bodies, fine))
+    return relative_change(longer, evaluation.psi) / (2**order - 1)
 
 
 def _long_interfaces(domain: Domain) -> dict[str, float]:

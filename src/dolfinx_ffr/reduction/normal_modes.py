@@ -144,11 +144,12 @@ class EigenSolver:
             looked = space.complete
             # all ranks decide by the same numbers, to the last bit
             inverses, vectors = self.elasticity.comm.bcast(np.linalg.eigh(space.projected))
-            inverses, vectors = inverses[::-1], vectors[:, ::-1]
+            inverses, vectors = inverses[::-1].copy(), vectors[:, ::-1].copy()
             open_ = space.leaving(vectors) > self.tolerance * np.abs(inverses)
             found = int(np.argmax(open_)) if np.any(open_) else len(open_)
             if found >= number:
-                fields = space.answers @ vectors[:, :found]
+                # column by column in memory, as what is solved for
+                fields = (vectors[:, :found].T @ space.answers.T).T
                 return 1.0 / inverses[:found], self._normalized(factored, fields)
         return None
 
