@@ -318,17 +318,17 @@ def _first_unheld(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
     elastic = coordinates_of(arrays, b).elastic
     if isinstance(arrays, spatial.ModelArrays):
         stiffened = np.any(arrays.vector_stiffened[arrays.vector_body == b] >= 0)
-        inertia = np.diag(arrays.P[b, 0] + arrays.P[b, 4] + arrays.P[b, 8])
+        inertia = np.diag(arrays.pairs[b, 9].reshape(arrays.K.shape[1:]))
     else:
         stiffened = np.any(arrays.marker_stiffened[arrays.marker_body == b] >= 0)
-        inertia = np.diag(arrays.G[b])
+        inertia = np.diag(arrays.G[b])[1:]
     for k in steps:
         if not stiffened:
             return int(k)
         y, v, w = trajectory.y[k], trajectory.v[k], trajectory.w[k]
         Ky = evaluate_equations(arrays, int(k), y, v, w, trajectory.multipliers[k]).stiffness
         stiffness = Ky[elastic, elastic] + Ky[elastic, elastic].T
-        scale = 1.0 / np.sqrt(inertia[1 : len(stiffness) + 1])
+        scale = 1.0 / np.sqrt(inertia[: len(stiffness)])
         squares = np.linalg.eigvalsh(scale[:, None] * stiffness * scale)
         if squares[0] < min(0.0, -1e-12 * squares[-1]):
             return int(k)

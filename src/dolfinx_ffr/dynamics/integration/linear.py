@@ -44,7 +44,7 @@ def lu_factor(system: LinearSystem, n: int) -> bool:
     False where the matrix is singular. With units of the unknowns in system.unit, pivots and this
     verdict do not depend on those in which the entries are given.
     """
-    A, pivot, scale, unit = system.A, system.pivot, system.scale, system.unit
+    A, scale, unit = system.A, system.scale, system.unit
     for i in range(n):
         big = 0.0
         for j in range(n):
@@ -52,33 +52,49 @@ def lu_factor(system: LinearSystem, n: int) -> bool:
         if not big > 0.0:
             return False
         scale[i] = 1.0 / big
-    # Unsigned bounds tell the compiler that no index counts from the end; it vectorises then.
-    end = np.uintp(n)
-    for k in range(n):
-        best, p = 0.0, k
-        for i in range(k, n):
-            size = abs(A[i, k]) * scale[i]
-            if size > best:
-                best, p = size, i
-        if not best * unit[k] > PIVOT_FLOOR:
+    # Two pivots at a time: the rest of the matrix is gone through half as often.
+    for k in range(0, n - 1, 2):
+        if not take_pivot(system, k, n):
             return False
-        pivot[k] = p
-        top = A[k]
-        if p != k:
-            other = A[p]
-            for j in range(n):
-                top[j], other[j] = other[j], top[j]
-            scale[p] = scale[k]
-        inverse = 1.0 / top[k]
-        after = np.uintp(k + 1)
+        inverse = 1.0 / A[k, k]
         for i in range(k + 1, n):
+            A[i, k] *= inverse
+            A[i, k + 1] -= A[i, k] * A[k, k + 1]
+        if not take_pivot(system, k + 1, n):
+            return False
+        first, second, inverse = A[k], A[k + 1], 1.0 / A[k + 1, k + 1]
+        # Unsigned bounds tell the compiler that no index counts from the end; it vectorises then.
+        after, end = np.uintp(k + 2), np.uintp(n)
+        factor = second[k]
+        for j in range(after, end):
+            second[j] -= factor * first[j]
+        for i in range(k + 2, n):
             row = A[i]
-            factor = row[k]
-            if factor != 0.0:
-                factor *= inverse
-                row[k] = factor
+            row[k + 1] *= inverse
+            f, g = row[k], row[k + 1]
+            if f != 0.0 or g != 0.0:
                 for j in range(after, end):
-                    row[j] -= factor * top[j]
+                    row[j] = (row[j] - f * first[j]) - g * second[j]
+    return n % 2 == 0 or take_pivot(system, n - 1, n)
+
+
+@kernel
+def take_pivot(system: LinearSystem, k: int, n: int) -> bool:
+    """Exchange rows so that the pivot of column k is in row k; False where there is none."""
+    A, scale = system.A, system.scale
+    best, p = 0.0, k
+    for i in range(k, n):
+        size = abs(A[i, k]) * scale[i]
+        if size > best:
+            best, p = size, i
+    if not best * system.unit[k] > PIVOT_FLOOR:
+        return False
+    system.pivot[k] = p
+    if p != k:
+        top, other = A[k], A[p]
+        for j in range(n):
+            top[j], other[j] = other[j], top[j]
+        scale[p] = scale[k]
     return True
 
 

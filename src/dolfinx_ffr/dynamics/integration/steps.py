@@ -140,10 +140,7 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
         for c in range(rows):
             total += C[c, i] * lam[c]
             A[i, n + c] = C[c, i]
-            push = 0.0
-            for j in range(n):
-                push += Ky[i, j] * correction[c, j]
-            A[i, n + rows + c] = -cy * push
+        times_transposed(Ky[i], correction, -cy, A[i, n + rows :])
         rhs[i] = total
     ratio = cy / cv
     for i in range(rows):
@@ -155,12 +152,27 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
             A[q, j] = C[i, j] + ratio * D[i, j]
         for c in range(rows):
             A[p, n + c] = A[q, n + c] = 0.0
-            first = second = 0.0
-            for j in range(n):
-                first += Cy[i, j] * correction[c, j]
-                second += D[i, j] * correction[c, j]
-            A[p, n + rows + c] = -first
-            A[q, n + rows + c] = -ratio * second
+        times_transposed(Cy[i], correction, -1.0, A[p, n + rows :])
+        times_transposed(D[i], correction, -ratio, A[q, n + rows :])
+
+
+@kernel
+def times_transposed(x: Vector, B: Matrix, factor: float, out: Vector) -> None:
+    """Set out to factor times B x; the sums of three rows at a time do not wait for each other."""
+    rows, n = B.shape
+    whole = rows - rows % 3
+    for c in range(0, whole, 3):
+        first = second = third = 0.0
+        for j in range(n):
+            first += x[j] * B[c, j]
+            second += x[j] * B[c + 1, j]
+            third += x[j] * B[c + 2, j]
+        out[c], out[c + 1], out[c + 2] = factor * first, factor * second, factor * third
+    for c in range(whole, rows):
+        first = 0.0
+        for j in range(n):
+            first += x[j] * B[c, j]
+        out[c] = factor * first
 
 
 @kernel

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compilation import Matrix, Vector, kernel
 
 
@@ -12,6 +14,14 @@ def cross(a: Vector, b: Vector, out: Vector) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def add_multiple(x: Vector, factor: float, out: Vector) -> None:
+    """Add factor times x to out, of any length."""
+    # Unsigned bounds let the compiler vectorise, see integration/linear.py.
+    for i in range(np.uintp(out.size)):
+        out[i] += factor * x[i]
 
 
 @kernel

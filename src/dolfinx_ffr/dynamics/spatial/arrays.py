@@ -33,7 +33,11 @@ class ModelArrays(NamedTuple):
     modes: IntVector  # (bodies,) number of elastic coordinates
     mass: Vector  # (bodies,) [kg]
     S: Array3  # (bodies, modes + 1, 3)
-    P: Array4  # (bodies, 9, modes + 1, modes + 1) component kl of P_ab in row 3 k + l
+    #: (bodies, modes + 1, 9 (modes + 1)) component kl of P_ba in [a, (3 k + l) (modes + 1) + b]
+    P: Array3
+    #: (bodies, 10, modes * modes) elastic part of P: the three components of its axial vector; 11,
+    #: 22, 33, 12 + 21, 13 + 31, 23 + 32; its trace
+    pairs: Array3
     K: Array3  # (bodies, modes, modes)
     alpha: Vector  # (bodies,) mass-proportional damping [1/s]
     beta: Vector  # (bodies,) stiffness-proportional damping [s]
@@ -78,6 +82,8 @@ class Work(NamedTuple):
     s: Matrix  # (vectors, 3)
     sd: Matrix  # (vectors, 3)
     sdd: Matrix  # (vectors, 3)
+    forces: Matrix  # (vectors, 3) whose curvatures are to be added
+    shift: Matrix  # (vectors, 3) L adj
     L: Array3  # (vectors, 3, modes + 6) derivative of s
     g: Matrix  # (rows and springs, 18) gradients
     hz: Vector  # (18,)
@@ -93,7 +99,7 @@ class Work(NamedTuple):
     #: (instants, rows and springs, 2) angles to which those of rows are close
     turns: Array3
     loads: Matrix  # (loads, 3) in the global axes
-    PX: Array3  # (3, 9, modes + 1) P_a(q), P_a(v), P_a(a)
+    PX: Matrix  # (3, 9 (modes + 1)) P_a(q), P_a(v), P_a(a), in the order of ModelArrays.P
     qh: Matrix  # (3, modes + 1) (1, q), (0, v), (0, w)
     small: Array3  # (16, 3, 3)
     vectors: Matrix  # (24, 3)
@@ -101,10 +107,15 @@ class Work(NamedTuple):
     RW: Matrix  # (modes + 6, modes + 6) derivative of the forces of a body with respect to w
     RV: Matrix  # (modes + 6, modes + 6) v
     RY: Matrix  # (modes + 6, modes + 6) y
-    bars: Matrix  # (4, 18) derivatives with respect to the vectors of a row, see above
+    pairs: Matrix  # (2, modes * modes) their elastic parts, see bodies.py
+    bars: Array3  # (vectors, 4, 3) derivatives with respect to vectors, see above
     #: (vectors, 3 + 3 modes, modes + 1) derivatives with respect to the shape functions of the
     #: vectors, then to their geometric stiffness
     vector_bars: Array3
+
+
+#: Fields of Work of shape (vectors, 3)
+_OF_VECTORS = ("c", "cv", "c1", "c2", "s", "sd", "sdd", "forces", "shift")
 
 
 def work_arrays(model: ModelArrays) -> Work:
@@ -122,7 +133,7 @@ def work_arrays(model: ModelArrays) -> Work:
     return Work(
         A=zeros(bodies, 3, 3),
         T=zeros(bodies, 3, 3),
-        **{name: zeros(vectors, 3) for name in ("c", "cv", "c1", "c2", "s", "sd", "sdd")},
+        **{name: zeros(vectors, 3) for name in _OF_VECTORS},
         B=zeros(vectors, 3, modes),
         bend=zeros(vectors, 3, modes),
         L=zeros(vectors, 3, RIGID + modes),
@@ -134,13 +145,14 @@ def work_arrays(model: ModelArrays) -> Work:
         angles=zeros(rows, 2),
         turns=zeros(len(model.drive), rows, 2),
         loads=zeros(model.load_vector.size, 3),
-        PX=zeros(3, 9, modes + 1),
+        PX=zeros(3, 9 * (modes + 1)),
         qh=zeros(3, modes + 1),
         small=zeros(16, 3, 3),
         vectors=zeros(24, 3),
         Q=zeros(9, 18),
         **{name: zeros(RIGID + modes, RIGID + modes) for name in ("RW", "RV", "RY")},
-        bars=zeros(4, COMPONENTS),
+        pairs=zeros(2, modes * modes),
+        bars=zeros(vectors, 4, 3),
         vector_bars=zeros(vectors, 3 + 3 * modes, modes + 1),
     )
 

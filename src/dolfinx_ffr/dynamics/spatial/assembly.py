@@ -242,7 +242,8 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         "modes": np.array([integrals.modes for integrals in bodies.values()], dtype=np.int64),
         "mass": np.array([integrals.mass for integrals in bodies.values()]),
         "S": np.zeros((count, modes + 1, 3)),
-        "P": np.zeros((count, 9, modes + 1, modes + 1)),
+        "P": np.zeros((count, modes + 1, 9, modes + 1)),
+        "pairs": np.zeros((count, 10, modes * modes)),
         "K": np.zeros((count, modes, modes)),
         "alpha": np.zeros(count),
         "beta": np.zeros(count),
@@ -259,7 +260,8 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
             out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
         out["S"][b, : r + 1] = integrals.S
         P = 0.5 * (P + P.transpose(1, 0, 3, 2))
-        out["P"][b, :, : r + 1, : r + 1] = P.transpose(2, 3, 0, 1).reshape(9, r + 1, r + 1)
+        out["P"][b, : r + 1, :, : r + 1] = P.reshape(r + 1, r + 1, 9).transpose(1, 2, 0)
+        out["pairs"][b] = _elastic_pairs(P, modes)
         out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
         inverse = out["inverse"][b]
         inverse[:3, :3] = np.eye(3) / integrals.mass
@@ -268,5 +270,18 @@ def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) ->
         if name in mechanism.damping:
             out["alpha"][b] = mechanism.damping[name].alpha
             out["beta"][b] = mechanism.damping[name].beta
+    out["P"] = out["P"].reshape(count, modes + 1, 9 * (modes + 1))
     out["first"] = np.concatenate([[0], np.cumsum(RIGID + out["modes"])[:-1]]).astype(np.int64)
     return out
+
+
+def _elastic_pairs(P: Array, modes: int) -> Array:
+    """Elastic part of the second moments as `ModelArrays.pairs` holds it, (10, modes * modes)."""
+    out, r = np.zeros((10, modes, modes)), len(P) - 1
+    E = P[1:, 1:]
+    axial = (E[:, :, k, i] - E[:, :, i, k] for k, i in ((2, 1), (0, 2), (1, 0)))
+    square = (E[:, :, k, k] for k in range(3))
+    mixed = (E[:, :, k, i] + E[:, :, i, k] for k, i in ((0, 1), (0, 2), (1, 2)))
+    for place, values in zip(out, (*axial, *square, *mixed, np.einsum("abkk->ab", E)), strict=True):
+        place[:r, :r] = values
+    return out.reshape(10, modes * modes)

@@ -23,9 +23,11 @@ Derivatives with respect to rotations are those in the body's axes, dA = A [dth]
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compilation import Matrix, Vector, kernel
 from ..equations import Equations
-from .algebra import axial, cross, cross_matrix, product, theta, turned, turned_back
+from .algebra import add_multiple, axial, cross, cross_matrix, product, theta, turned, turned_back
 from .arrays import RIGID, ROTATION, ModelArrays, Work
 
 
@@ -36,24 +38,23 @@ def body_products(model: ModelArrays, eq: Equations, work: Work, b: int) -> None
     qh[0, 0], qh[1, 0], qh[2, 0] = 1.0, 0.0, 0.0
     for j in range(n - 1):
         qh[0, j + 1], qh[1, j + 1], qh[2, j + 1] = eq.y[o + j], eq.v[o + j], eq.w[o + j]
-    for k in range(9):
-        for a in range(n):
-            x = y = z = 0.0
-            for c in range(n):
-                x += P[k, a, c] * qh[0, c]
-                y += P[k, a, c] * qh[1, c]
-                z += P[k, a, c] * qh[2, c]
-            PX[0, k, a], PX[1, k, a], PX[2, k, a] = x, y, z
+    for i in range(PX.shape[1]):
+        PX[0, i] = P[0, i]
+        PX[1, i] = PX[2, i] = 0.0
+    for x in range(3):
+        for c in range(1, n):
+            add_multiple(P[c], qh[x, c], PX[x])
 
 
 @kernel
-def weighted(PX: Matrix, x: Vector, n: int, out: Matrix) -> None:
-    """Set out to Z(x, y), PX being P_a(y)."""
+def weighted(PX: Vector, x: Vector, n: int, out: Matrix) -> None:
+    """Set out to Z(x, y), PX being P_a(y) of all a."""
+    size = PX.size // 9
     for k in range(3):
         for i in range(3):
-            total = 0.0
+            total, at = 0.0, (3 * k + i) * size
             for a in range(n):
-                total += PX[3 * k + i, a] * x[a]
+                total += PX[at + a] * x[a]
             out[k, i] = total
 
 
@@ -67,16 +68,11 @@ def moment(S: Matrix, x: Vector, n: int, out: Vector) -> None:
 
 
 @kernel
-def matrix_of(PX: Matrix, j: int, out: Matrix) -> None:
-    """Set out to P_j(x), PX being that of all."""
-    for k in range(3):
-        for i in range(3):
-            out[k, i] = PX[3 * k + i, j]
-
-
-@kernel
 def body_blocks(model: ModelArrays, eq: Equations, work: Work, instant: int, b: int) -> None:
-    """Forces r of one body; work.RW, work.RV, work.RY: their derivatives by w, v, y."""
+    """Forces r of one body; work.RW, work.RV, work.RY: their derivatives by w, v, y.
+
+    Those of elastic forces by elastic coordinates are in work.pairs, see elastic_pairs.
+    """
     body_products(model, eq, work, b)
     o, n, S = model.first[b], model.modes[b], model.S[b]
     RW, RV, RY, r, A = work.RW, work.RV, work.RY, eq.r, work.A[b]
@@ -100,8 +96,8 @@ def body_blocks(model: ModelArrays, eq: Equations, work: Work, instant: int, b: 
     weighted(PX[0], qh[0], n + 1, Zq)
     weighted(PX[0], qh[1], n + 1, Zv)
     theta(Zq, J)
-    for i in range(RIGID + n):
-        for j in range(RIGID + n):
+    for i in range(RIGID):
+        for j in range(RIGID):
             RW[i, j] = RV[i, j] = RY[i, j] = 0.0
 
     # Forces on the frame.
@@ -157,8 +153,9 @@ def body_blocks(model: ModelArrays, eq: Equations, work: Work, instant: int, b: 
     put(RV, 3, 3, M2, -1.0)
     theta(Zv, M2)
     put(RV, 3, 3, M2, 2.0)
-    for j in range(n):
-        elastic_blocks(model, eq, work, b, j, f)
+    if n:
+        elastic_blocks(model, eq, work, b, f)
+        elastic_pairs(model, eq, work, b, f)
 
 
 @kernel
@@ -170,104 +167,175 @@ def put(to: Matrix, row: int, column: int, block: Matrix, factor: float) -> None
 
 
 @kernel
-def elastic_blocks(
-    model: ModelArrays, eq: Equations, work: Work, b: int, j: int, f: Vector
-) -> None:
-    """Force on an elastic coordinate, and rows and columns of body_blocks that belong to it."""
-    o, n, S, P, K = model.first[b], model.modes[b], model.S[b], model.P[b], model.K[b]
-    RW, RV, RY, A, PX = work.RW, work.RV, work.RY, work.A[b], work.PX
-    small, x, da, db = work.small, work.vectors, model.alpha[b], model.beta[b]
-    omega = eq.v[o + ROTATION : o + RIGID]
-    W, B = small[0], small[1]
-    Pq, Pv, Pa, M1, M2, M3 = small[9], small[10], small[11], small[5], small[6], small[7]
-    s, t, u = x[8], x[9], x[10]
-    p = RIGID + j
-    matrix_of(PX[0], j + 1, Pq)
-    matrix_of(PX[1], j + 1, Pv)
-    matrix_of(PX[2], j + 1, Pa)
-    for k in range(3):
-        s[k] = S[j + 1, k]
-    # Columns: R by w A S_j, by v 2 A W S_j, by y A B S_j.
-    turned(A, s, t)
-    for k in range(3):
-        RW[k, p] = t[k]
-    cross(omega, s, u)
-    turned(A, u, t)
-    for k in range(3):
-        RV[k, p] = 2.0 * t[k]
-    turned(B, s, u)
-    turned(A, u, t)
-    for k in range(3):
-        RY[k, p] = t[k]
-    # th by w axial(P_j(q)), by v 2 axial(W P_j(q)),
-    # by y S_j x f + axial(B (P_j(q) + P_j(q)^T) + 2 W P_j(v)^T + P_j(a)^T)
-    axial(Pq, t)
-    product(W, Pq, M1)
-    axial(M1, u)
-    for k in range(3):
-        RW[3 + k, p] = t[k]
-        RV[3 + k, p] = 2.0 * u[k]
-        for i in range(3):
-            M1[k, i] = Pq[k, i] + Pq[i, k]
-            M2[k, i] = 2.0 * Pv[i, k]
-    product(B, M1, M3)
-    product(W, M2, M1)
-    for k in range(3):
-        for i in range(3):
-            M3[k, i] += M1[k, i] + Pa[i, k]
-    axial(M3, t)
-    cross(s, f, u)
-    for k in range(3):
-        RY[3 + k, p] = t[k] + u[k]
-    # Geometric stiffness acts on the force r_j alone.
+def elastic_blocks(model: ModelArrays, eq: Equations, work: Work, b: int, f: Vector) -> None:
+    """Forces on elastic coordinates, and rows and columns of body_blocks that belong to them.
+
+    With axial([omega] Z) = tr(Z) omega - Z omega, of which axial([omega]^2 X) = -omega x (X omega)
+    for a symmetric X is a consequence.
+    """
+    o, n, S, A, size = model.first[b], model.modes[b], model.S[b], work.A[b], model.S.shape[1]
+    Q, V, Z = work.PX[0, 1:], work.PX[1, 1:], work.PX[2, 1:]
+    RW, RV, RY, da = work.RW, work.RV, work.RY, model.alpha[b]
+    p = o + ROTATION
+    wx, wy, wz = eq.v[p], eq.v[p + 1], eq.v[p + 2]
+    ex, ey, ez = eq.w[p], eq.w[p + 1], eq.w[p + 2]
+    fx, fy, fz = f[0], f[1], f[2]
+    square = wx * wx + wy * wy + wz * wz
+    for j in range(n):
+        p = RIGID + j
+        x, y, z = S[j + 1, 0], S[j + 1, 1], S[j + 1, 2]
+        # Columns: R by w A S_j, by v 2 A W S_j, by y A B S_j.
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        bx = ey * z - ez * y + wy * uz - wz * uy
+        by = ez * x - ex * z + wz * ux - wx * uz
+        bz = ex * y - ey * x + wx * uy - wy * ux
+        for k in range(3):
+            RW[k, p] = A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
+            RV[k, p] = 2.0 * (A[k, 0] * ux + A[k, 1] * uy + A[k, 2] * uz)
+            RY[k, p] = A[k, 0] * bx + A[k, 1] * by + A[k, 2] * bz
+        # th by w axial(P_j(q)), by v 2 axial(W P_j(q)),
+        # by y S_j x f + axial(B (P_j(q) + P_j(q)^T) + 2 W P_j(v)^T + P_j(a)^T)
+        q00, q01, q02 = Q[j], Q[size + j], Q[2 * size + j]
+        q10, q11, q12 = Q[3 * size + j], Q[4 * size + j], Q[5 * size + j]
+        q20, q21, q22 = Q[6 * size + j], Q[7 * size + j], Q[8 * size + j]
+        v00, v01, v02 = V[j], V[size + j], V[2 * size + j]
+        v10, v11, v12 = V[3 * size + j], V[4 * size + j], V[5 * size + j]
+        v20, v21, v22 = V[6 * size + j], V[7 * size + j], V[8 * size + j]
+        trace, trace_v = q00 + q11 + q22, v00 + v11 + v22
+        trace_a = Z[j] + Z[4 * size + j] + Z[8 * size + j]
+        RW[3, p], RW[4, p], RW[5, p] = q21 - q12, q02 - q20, q10 - q01
+        RV[3, p] = 2.0 * (trace * wx - q00 * wx - q01 * wy - q02 * wz)
+        RV[4, p] = 2.0 * (trace * wy - q10 * wx - q11 * wy - q12 * wz)
+        RV[5, p] = 2.0 * (trace * wz - q20 * wx - q21 * wy - q22 * wz)
+        x00, x11, x22, x01, x02, x12 = (
+            2.0 * q00,
+            2.0 * q11,
+            2.0 * q22,
+            q01 + q10,
+            q02 + q20,
+            q12 + q21,
+        )
+        sx, sy, sz = (
+            x00 * wx + x01 * wy + x02 * wz,
+            x01 * wx + x11 * wy + x12 * wz,
+            x02 * wx + x12 * wy + x22 * wz,
+        )
+        RY[3, p] = (
+            y * fz
+            - z * fy
+            + 2.0 * trace * ex
+            - x00 * ex
+            - x01 * ey
+            - x02 * ez
+            - wy * sz
+            + wz * sy
+            + 2.0 * (trace_v * wx - v00 * wx - v10 * wy - v20 * wz)
+            - Z[7 * size + j]
+            + Z[5 * size + j]
+        )
+        RY[4, p] = (
+            z * fx
+            - x * fz
+            + 2.0 * trace * ey
+            - x01 * ex
+            - x11 * ey
+            - x12 * ez
+            - wz * sx
+            + wx * sz
+            + 2.0 * (trace_v * wy - v01 * wx - v11 * wy - v21 * wz)
+            - Z[2 * size + j]
+            + Z[6 * size + j]
+        )
+        RY[5, p] = (
+            x * fy
+            - y * fx
+            + 2.0 * trace * ez
+            - x02 * ex
+            - x12 * ey
+            - x22 * ez
+            - wx * sy
+            + wy * sx
+            + 2.0 * (trace_v * wz - v02 * wx - v12 * wy - v22 * wz)
+            - Z[3 * size + j]
+            + Z[size + j]
+        )
+        # Geometric stiffness acts on the force r_j alone.
+        if model.stiffened[b]:
+            T = model.stiffening[b]
+            for k in range(n):
+                q = eq.y[o + RIGID + k]
+                q00, q01, q02 = q00 + T[0, j, k] * q, q01 + T[1, j, k] * q, q02 + T[2, j, k] * q
+                q10, q11, q12 = q10 + T[3, j, k] * q, q11 + T[4, j, k] * q, q12 + T[5, j, k] * q
+                q20, q21, q22 = q20 + T[6, j, k] * q, q21 + T[7, j, k] * q, q22 + T[8, j, k] * q
+                x, y, z = x + T[9, j, k] * q, y + T[10, j, k] * q, z + T[11, j, k] * q
+            trace = q00 + q11 + q22
+        hx, hy, hz = q21 - q12, q02 - q20, q10 - q01
+        nx, ny, nz = v21 - v12, v02 - v20, v10 - v01
+        # (Q + Q^T) omega with Q = P_j(q)
+        sx = 2.0 * q00 * wx + (q01 + q10) * wy + (q02 + q20) * wz
+        sy = (q01 + q10) * wx + 2.0 * q11 * wy + (q12 + q21) * wz
+        sz = (q02 + q20) * wx + (q12 + q21) * wy + 2.0 * q22 * wz
+        eq.r[o + p] = (
+            x * fx
+            + y * fy
+            + z * fz
+            + trace_a
+            + da * trace_v
+            + ex * hx
+            + ey * hy
+            + ez * hz
+            + 0.5 * (wx * sx + wy * sy + wz * sz)
+            - square * trace
+            + 2.0 * (wx * nx + wy * ny + wz * nz)
+        )
+        # Rows: R by w s A^T; th by w axial(Q), by v (Q + Q^T) omega - 2 tr(Q) omega
+        # + 2 axial(P_j(v)), by y s x f.
+        for k in range(3):
+            RW[p, k] = A[k, 0] * x + A[k, 1] * y + A[k, 2] * z
+        RW[p, 3], RW[p, 4], RW[p, 5] = hx, hy, hz
+        RV[p, 3] = sx - 2.0 * trace * wx + 2.0 * nx
+        RV[p, 4] = sy - 2.0 * trace * wy + 2.0 * ny
+        RV[p, 5] = sz - 2.0 * trace * wz + 2.0 * nz
+        RY[p, 3], RY[p, 4], RY[p, 5] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+    K, db, q, rate = model.K[b], model.beta[b], eq.y, eq.v
+    force = eq.r[o + RIGID : o + RIGID + n]
+    for k in range(n):
+        shift, row = q[o + RIGID + k] + db * rate[o + RIGID + k], K[k]
+        add_multiple(row[:n], shift, force)
+
+
+@kernel
+def elastic_pairs(model: ModelArrays, eq: Equations, work: Work, b: int, f: Vector) -> None:
+    """Rows W : P_jk of work.pairs[0], B : P_jk and what geometric stiffness adds of work.pairs[1].
+
+    W : P_jk is omega . axial(P_jk), and B : P_jk = alpha . axial(P_jk) + omega . P_jk omega
+    - omega^2 tr(P_jk).
+    """
+    p, E = model.first[b] + ROTATION, model.pairs[b]
+    wx, wy, wz = eq.v[p], eq.v[p + 1], eq.v[p + 2]
+    ex, ey, ez = eq.w[p], eq.w[p + 1], eq.w[p + 2]
+    xx, yy, zz = -wy * wy - wz * wz, -wx * wx - wz * wz, -wx * wx - wy * wy
+    xy, xz, yz = wx * wy, wx * wz, wy * wz
+    by_v, by_y = work.pairs[0], work.pairs[1]
+    end = np.uintp(model.modes[b] * model.K.shape[1])
+    X, Y, Z = E[0], E[1], E[2]
+    for i in range(end):
+        by_v[i] = wx * X[i] + wy * Y[i] + wz * Z[i]
+    for i in range(end):
+        by_y[i] = ex * X[i] + ey * Y[i] + ez * Z[i]
+    X, Y, Z = E[3], E[4], E[5]
+    for i in range(end):
+        by_y[i] += xx * X[i] + yy * Y[i] + zz * Z[i]
+    X, Y, Z = E[6], E[7], E[8]
+    for i in range(end):
+        by_y[i] += xy * X[i] + xz * Y[i] + yz * Z[i]
     if model.stiffened[b]:
-        T = model.stiffening[b]
-        for k in range(n):
-            q = eq.y[o + RIGID + k]
-            for i in range(3):
-                s[i] += T[9 + i, j, k] * q
-                for m in range(3):
-                    Pq[i, m] += T[3 * i + m, j, k] * q
-                    RY[p, RIGID + k] += B[i, m] * T[3 * i + m, j, k]
-                RY[p, RIGID + k] += f[i] * T[9 + i, j, k]
-    force = 0.0
-    for k in range(3):
-        force += s[k] * f[k] + Pa[k, k] + da * Pv[k, k]
-        for i in range(3):
-            force += B[k, i] * Pq[k, i] + 2.0 * W[k, i] * Pv[k, i]
-    for k in range(n):
-        force += K[j, k] * (eq.y[o + RIGID + k] + db * eq.v[o + RIGID + k])
-    eq.r[o + p] = force
-    # Rows: R by w s A^T; th by w axial(Q), by v (Q + Q^T) omega - 2 tr(Q) omega + 2 axial(P_j(v)),
-    # by y s x f, with Q = P_j(q).
-    turned(A, s, t)
-    cross(s, f, u)
-    trace = Pq[0, 0] + Pq[1, 1] + Pq[2, 2]
-    for k in range(3):
-        RW[p, k] = t[k]
-        RY[p, 3 + k] = u[k]
-        spin = -2.0 * trace * omega[k]
-        for i in range(3):
-            spin += (Pq[k, i] + Pq[i, k]) * omega[i]
-        RV[p, 3 + k] = spin
-    axial(Pq, t)
-    axial(Pv, u)
-    for k in range(3):
-        RW[p, 3 + k] = t[k]
-        RV[p, 3 + k] += 2.0 * u[k]
-    # G, 2 W : P_jk and B : P_jk
-    for k in range(n):
-        P0, P4, P8 = P[0, j + 1, k + 1], P[4, j + 1, k + 1], P[8, j + 1, k + 1]
-        trace = P0 + P4 + P8
-        by_v = by_y = 0.0
-        for i in range(3):
-            for m in range(3):
-                entry = P[3 * i + m, j + 1, k + 1]
-                by_v += W[i, m] * entry
-                by_y += B[i, m] * entry
-        RW[p, RIGID + k] += trace
-        RV[p, RIGID + k] += 2.0 * by_v + da * trace + db * K[j, k]
-        RY[p, RIGID + k] += by_y + K[j, k]
+        n, T, B = model.modes[b], model.stiffening[b], work.small[1]
+        for j in range(n):
+            for m in range(12):
+                factor = B[m // 3, m % 3] if m < 9 else f[m - 9]
+                for k in range(n):
+                    by_y[j * model.K.shape[1] + k] += factor * T[m, j, k]
 
 
 @kernel
@@ -276,23 +344,48 @@ def body_equations(
 ) -> None:
     """Forces r of one body, its block of r_w + cv r_v (eq.M) and of r_y (eq.Ky)."""
     body_blocks(model, eq, work, instant, b)
-    o = model.first[b]
-    for i in range(RIGID + model.modes[b]):
-        for j in range(RIGID + model.modes[b]):
-            eq.M[o + i, o + j] = work.RW[i, j] + cv * work.RV[i, j]
-            eq.Ky[o + i, o + j] = work.RY[i, j]
+    o, n, size = model.first[b], model.modes[b], model.K.shape[1]
+    RW, RV, RY, M, Ky = work.RW, work.RV, work.RY, eq.M, eq.Ky
+    for i in range(RIGID + n):
+        for j in range(RIGID + n if i < RIGID else RIGID):
+            M[o + i, o + j] = RW[i, j] + cv * RV[i, j]
+            Ky[o + i, o + j] = RY[i, j]
+    if not n:
+        return
+    mass, stiff = 1.0 + cv * model.alpha[b], cv * model.beta[b]
+    at, end = o + RIGID, np.uintp(n)
+    for j in range(n):
+        left, right = M[at + j, at : at + n], Ky[at + j, at : at + n]
+        G, K = model.pairs[b, 9, j * size : j * size + n], model.K[b, j]
+        by_v = work.pairs[0, j * size : j * size + n]
+        by_y = work.pairs[1, j * size : j * size + n]
+        for k in range(end):
+            left[k] = mass * G[k] + stiff * K[k] + 2.0 * cv * by_v[k]
+        for k in range(end):
+            right[k] = by_y[k] + K[k]
 
 
 @kernel
 def body_pullback(model: ModelArrays, eq: Equations, work: Work, instant: int, b: int) -> None:
     """Subtract r_y^T adj from work.gather and r_v^T adj from eq.v_bar for one body."""
-    for i in range(RIGID + model.modes[b]):
-        work.line[i] = eq.r[model.first[b] + i]
+    o, n, size = model.first[b], model.modes[b], model.K.shape[1]
+    for i in range(RIGID + n):
+        work.line[i] = eq.r[o + i]
     body_blocks(model, eq, work, instant, b)
-    o, n = model.first[b], RIGID + model.modes[b]
-    for i in range(n):
+    for i in range(RIGID + n):
         eq.r[o + i] = work.line[i]
         x = eq.adjoint[o + i]
-        for j in range(n):
+        for j in range(RIGID + n if i < RIGID else RIGID):
             work.gather[o + j] -= work.RY[i, j] * x
             eq.v_bar[o + j] -= work.RV[i, j] * x
+    da, db, at, end = model.alpha[b], model.beta[b], o + RIGID, np.uintp(n)
+    by_q, by_rate = work.gather[at : at + n], eq.v_bar[at : at + n]
+    for j in range(n):
+        x = eq.adjoint[at + j]
+        G, K = model.pairs[b, 9, j * size : j * size + n], model.K[b, j]
+        by_v = work.pairs[0, j * size : j * size + n]
+        by_y = work.pairs[1, j * size : j * size + n]
+        for k in range(end):
+            by_q[k] -= x * (by_y[k] + K[k])
+        for k in range(end):
+            by_rate[k] -= x * (2.0 * by_v[k] + da * G[k] + db * K[k])

@@ -34,13 +34,10 @@ from .arrays import (
     Work,
 )
 from .vectors import (
-    add_curvature,
     place_vectors,
     pull,
     pull_velocity,
-    push,
     vector_accelerations,
-    vector_pullback,
 )
 
 #: A turn [rad].
@@ -344,14 +341,24 @@ def row_drift(model: ModelArrays, eq: Equations, work: Work, i: int, out: Vector
 
 @kernel
 def add_row_curvature(model: ModelArrays, eq: Equations, work: Work, i: int, factor: float) -> None:
-    """Add factor times the derivative of a row's C_y^T with respect to y to eq.Ky."""
+    """Add factor times the derivative of a row's C_y^T with respect to y to eq.Ky.
+
+    Shares of the curvatures of its vectors wait in work.forces for :func:`add_curvatures`.
+    """
     u, h = work.u, work.hz
     for side in range(SIDES):
         e = model.side[i, side]
         if e >= 0:
-            add_curvature(model, work, e, work.g[i], 3 * side, factor, eq.Ky)
+            for k in range(3):
+                work.forces[e, k] += factor * work.g[i, 3 * side + k]
     if model.kind[i] == POINT:
         return
+    moving = 0
+    for side in range(SIDES):
+        if model.side[i, side] >= 0 and model.vector_body[model.side[i, side]] >= 0:
+            moving += 1
+    if moving == 1 and (model.kind[i] == DOT or model.kind[i] == PLANE):
+        return  # they are linear in each of their vectors
     for side in range(SIDES):
         e = model.side[i, side]
         if e < 0 or model.vector_body[e] < 0:
@@ -398,50 +405,59 @@ def row_pullback(
     on_rate: float,
     on_acceleration: float,
 ) -> None:
-    """Subtract the derivative of  lam g_s.ds + on_value g + on_rate g' + on_acceleration g''.
+    """Derivative of  lam g_s.ds + on_value g + on_rate g' + on_acceleration g''.
 
-    With ds = L adjoint, at fixed factors and adjoint; accelerations of vectors must be known.
+    With ds = L adjoint, at fixed factors and adjoint; :func:`begin_pullback` goes before it. It is
+    subtracted from work.bars.
     """
     bars, u, h, third, dz = work.bars, work.u, work.hz, work.third, work.dz
     for side in range(SIDES):
         e = model.side[i, side]
-        for k in range(3):
-            j = 3 * side + k
-            bars[PLACE, j] = -on_value * work.g[i, j]
-            bars[SHIFT, j] = -lam * work.g[i, j]
-            bars[VELOCITY, j] = -on_rate * work.g[i, j]
-            bars[ACCELERATION, j] = -on_acceleration * work.g[i, j]
-            dz[j] = 0.0
         if e >= 0:
-            push(model, work, e, eq.adjoint, dz, 3 * side)
-    if model.kind[i] != POINT:
-        row_hessian(model, work, i, dz, h)
-        for j in range(COMPONENTS):
-            bars[PLACE, j] -= lam * h[j]
-        gather_velocities(model, work, i)
-        row_hessian(model, work, i, u, h)
-        row_third(model, work, i, u, third)
-        for j in range(COMPONENTS):
-            bars[PLACE, j] -= on_rate * h[j] + on_acceleration * third[j]
-            bars[VELOCITY, j] -= 2.0 * on_acceleration * h[j]
-        if on_acceleration != 0.0:
-            for side in range(SIDES):
-                e = model.side[i, side]
-                for k in range(3):
-                    u[3 * side + k] = work.sdd[e, k] if e >= 0 else 0.0
-            row_hessian(model, work, i, u, h)
-            for j in range(COMPONENTS):
-                bars[PLACE, j] -= on_acceleration * h[j]
+            for k in range(3):
+                g = work.g[i, 3 * side + k]
+                bars[e, PLACE, k] -= on_value * g
+                bars[e, SHIFT, k] -= lam * g
+                bars[e, VELOCITY, k] -= on_rate * g
+                bars[e, ACCELERATION, k] -= on_acceleration * g
+    if model.kind[i] == POINT:
+        return
     for side in range(SIDES):
         e = model.side[i, side]
-        if e >= 0 and model.vector_body[e] >= 0:
-            vector_pullback(model, eq, work, e, 3 * side)
+        for k in range(3):
+            dz[3 * side + k] = work.shift[e, k] if e >= 0 else 0.0
+    row_hessian(model, work, i, dz, h)
+    subtract(model, work, i, PLACE, lam, h)
+    gather_velocities(model, work, i)
+    row_hessian(model, work, i, u, h)
+    row_third(model, work, i, u, third)
+    subtract(model, work, i, PLACE, on_rate, h)
+    subtract(model, work, i, PLACE, on_acceleration, third)
+    subtract(model, work, i, VELOCITY, 2.0 * on_acceleration, h)
+    if on_acceleration != 0.0:
+        for side in range(SIDES):
+            e = model.side[i, side]
+            for k in range(3):
+                u[3 * side + k] = work.sdd[e, k] if e >= 0 else 0.0
+        row_hessian(model, work, i, u, h)
+        subtract(model, work, i, PLACE, on_acceleration, h)
 
 
 @kernel
-def rows_pullback(model: ModelArrays, eq: Equations, work: Work, instant: int) -> None:
-    """Subtract the derivative of the constraints' share of Q, see equations.py, from the bars."""
-    vector_accelerations(model, eq, work, instant)
+def subtract(
+    model: ModelArrays, work: Work, i: int, what: int, factor: float, values: Vector
+) -> None:
+    """Subtract factor times values of the vectors of a row from work.bars."""
+    for side in range(SIDES):
+        e = model.side[i, side]
+        if e >= 0:
+            for k in range(3):
+                work.bars[e, what, k] -= factor * values[3 * side + k]
+
+
+@kernel
+def rows_pullback(model: ModelArrays, eq: Equations, work: Work) -> None:
+    """Subtract the derivative of the constraints' share of Q, see equations.py, from work.bars."""
     for i in range(eq.value.size):
         row_pullback(
             model,

@@ -22,7 +22,7 @@ from ..equations import (
     TANGENT,
     Equations,
 )
-from .algebra import dot
+from .algebra import add_multiple, dot
 from .arrays import RIGID, ROTATION, ModelArrays, Work
 from .bodies import body_equations, body_pullback
 from .constraints import (
@@ -34,6 +34,7 @@ from .constraints import (
 )
 from .forces import add_forces, forces_pullback
 from .group import compose, inverse_tangent, rotation_between, tangent
+from .vectors import add_curvatures, begin_pullback, finish_pullback
 
 
 @compiled(Equations, ModelArrays, Work, int, float, int)
@@ -53,6 +54,7 @@ def evaluate(
         add_forces(model, eq, work, instant, cv, extent & TANGENT != 0)
     if extent & TANGENT:
         row_curvatures(model, eq, work)
+        add_curvatures(model, work, eq.Ky)
         for i in range(n):
             into_coordinates(model, work, eq.Ky[i])
     if extent & ACCELERATIONS:
@@ -76,10 +78,13 @@ def pullback(eq: Equations, model: ModelArrays, work: Work, instant: int, extent
     if extent & BODY_FORCES:
         for b in range(model.first.size):
             body_pullback(model, eq, work, instant, b)
-    if extent & OTHER_FORCES:
-        forces_pullback(model, eq, work, instant)
-    if extent & ROWS:
-        rows_pullback(model, eq, work, instant)
+    if extent & (OTHER_FORCES | ROWS):
+        begin_pullback(model, eq, work, instant)
+        if extent & OTHER_FORCES:
+            forces_pullback(model, eq, work, instant)
+        if extent & ROWS:
+            rows_pullback(model, eq, work)
+        finish_pullback(model, eq, work)
     into_coordinates(model, work, gather)
     for j in range(n):
         eq.y_bar[j] += gather[j]
@@ -88,14 +93,20 @@ def pullback(eq: Equations, model: ModelArrays, work: Work, instant: int, extent
 
 @kernel
 def apply_inverse(model: ModelArrays, x: Vector, out: Vector) -> None:
-    """Set out to D x."""
+    """Set out to D x; it may not be x."""
     for b in range(model.first.size):
-        o, size = model.first[b], RIGID + model.modes[b]
-        for i in range(size):
+        o, n, D = model.first[b], model.modes[b], model.inverse[b]
+        for i in range(3):
+            out[o + i] = D[i, i] * x[o + i]
             total = 0.0
-            for j in range(size):
-                total += model.inverse[b, i, j] * x[o + j]
-            out[o + i] = total
+            for j in range(3):
+                total += D[3 + i, 3 + j] * x[o + 3 + j]
+            out[o + 3 + i] = total
+        to = out[o + RIGID : o + RIGID + n]
+        for i in range(n):
+            to[i] = 0.0
+        for j in range(n):
+            add_multiple(D[RIGID + j, RIGID : RIGID + n], x[o + RIGID + j], to)
 
 
 @compiled(Equations, ModelArrays, Work, int, int)
@@ -143,20 +154,20 @@ def measure(eq: Equations, model: ModelArrays, work: Work) -> int:
         shift[0], shift[1], shift[2] = rotation_between(
             reference[r], reference[r + 1], reference[r + 2], y[r], y[r + 1], y[r + 2]
         )
-        P = model.P[b]
-        trace = P[0, 0, 0] + P[4, 0, 0] + P[8, 0, 0]
+        P, size = model.P[b, 0], model.P.shape[1]
+        trace = P[0] + P[4 * size] + P[8 * size]
         for k in range(3):
             sizes[0] += model.mass[b] * (y[o + k] - reference[o + k]) ** 2
             sizes[1] += model.mass[b] * v[o + k] ** 2
             for i in range(3):
-                inertia = (trace if i == k else 0.0) - P[3 * k + i, 0, 0]
+                inertia = (trace if i == k else 0.0) - P[(3 * k + i) * size]
                 sizes[0] += shift[k] * inertia * shift[i]
                 sizes[1] += v[r + k] * inertia * v[r + i]
         for i in range(n):
             p = o + RIGID + i
             for j in range(n):
                 q = o + RIGID + j
-                G = P[0, i + 1, j + 1] + P[4, i + 1, j + 1] + P[8, i + 1, j + 1]
+                G = model.pairs[b, 9, i * (size - 1) + j]
                 rate = v[p] * G * v[q]
                 sizes[0] += (y[p] - reference[p]) * G * (y[q] - reference[q])
                 sizes[1] += rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..compilation import kernel
 from ..equations import Equations
-from .arrays import ACCELERATION, PLACE, RIGID, SHIFT, VELOCITY, ModelArrays, Work
+from .arrays import PLACE, RIGID, SHIFT, ModelArrays, Work
 from .constraints import (
     add_row_curvature,
     gradient_of_row,
@@ -13,7 +13,7 @@ from .constraints import (
     row_pullback,
     row_rate,
 )
-from .vectors import add_curvature, pull, push, vector_accelerations, vector_pullback
+from .vectors import pull
 
 
 @kernel
@@ -71,7 +71,8 @@ def add_forces(
             work.u[k] = -load[k]
         pull(model, work, e, work.u, 0, eq.r)
         if tangent:
-            add_curvature(model, work, e, load, 0, -1.0, eq.Ky)
+            for k in range(3):
+                work.forces[e, k] -= load[k]
             if model.load_axes[i, 0] >= 0:
                 add_follower(model, eq, work, i, instant)
 
@@ -93,9 +94,8 @@ def add_follower(model: ModelArrays, eq: Equations, work: Work, i: int, instant:
 
 @kernel
 def forces_pullback(model: ModelArrays, eq: Equations, work: Work, instant: int) -> None:
-    """Subtract the derivative of adjoint . r of all springs and loads from the bars."""
-    rows, dz, bars = eq.value.size, work.dz, work.bars
-    vector_accelerations(model, eq, work, instant)
+    """Subtract the derivative of adjoint . r of all springs and loads from work.bars."""
+    rows, bars = eq.value.size, work.bars
     for s in range(model.law.shape[0]):
         i, stiffness, damping = rows + s, model.law[s, 0], model.law[s, 1]
         gradient_of_row(model, work, i, work.line)
@@ -107,15 +107,11 @@ def forces_pullback(model: ModelArrays, eq: Equations, work: Work, instant: int)
     for i in range(model.load_vector.size):
         evaluate_load(model, work, i, instant)
         e = model.load_vector[i]
-        push(model, work, e, eq.adjoint, dz, 0)
         for k in range(3):
-            bars[SHIFT, k] = work.loads[i, k]
-            bars[PLACE, k] = bars[VELOCITY, k] = bars[ACCELERATION, k] = 0.0
-        vector_pullback(model, eq, work, e, 0)
+            bars[e, SHIFT, k] += work.loads[i, k]
         if model.load_axes[i, 0] >= 0:
-            push(model, work, e, eq.adjoint, dz, 0)
             for a in range(3):
                 for k in range(3):
-                    bars[SHIFT, k] = 0.0
-                    bars[PLACE, k] = model.load_table[instant, i, a] * dz[k]
-                vector_pullback(model, eq, work, model.load_axes[i, a], 0)
+                    bars[model.load_axes[i, a], PLACE, k] += (
+                        model.load_table[instant, i, a] * work.shift[e, k]
+                    )

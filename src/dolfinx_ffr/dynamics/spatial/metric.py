@@ -30,8 +30,9 @@ def moments_of(model: ModelArrays, body: int) -> Array:
         model: Flat arrays of the mechanism.
         body: Number of the body.
     """
-    n = int(model.modes[body]) + 1
-    return model.P[body, :, :n, :n].reshape(3, 3, n, n).transpose(2, 3, 0, 1)
+    n, size = int(model.modes[body]) + 1, model.P.shape[1]
+    P = model.P[body].reshape(size, 3, 3, size)[:n, :, :, :n]
+    return P.transpose(3, 0, 1, 2)
 
 
 def inertia_of(model: ModelArrays, body: int) -> Array:

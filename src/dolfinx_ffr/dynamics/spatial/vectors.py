@@ -16,6 +16,8 @@ those in the body's axes, dA = A [dth].
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compilation import Matrix, Vector, kernel
 from ..equations import Equations
 from .algebra import cross, dot, product, turned, turned_back
@@ -106,8 +108,15 @@ def place_vectors(model: ModelArrays, eq: Equations, work: Work, instant: int) -
                 L[k, 3] = A[k, 2] * c[1] - A[k, 1] * c[2]
                 L[k, 4] = A[k, 0] * c[2] - A[k, 2] * c[0]
                 L[k, 5] = A[k, 1] * c[0] - A[k, 0] * c[1]
-            for j in range(n):
-                L[k, RIGID + j] = A[k, 0] * B[0, j] + A[k, 1] * B[1, j] + A[k, 2] * B[2, j]
+            combine(B, A[k, 0], A[k, 1], A[k, 2], L[k, RIGID : RIGID + n])
+
+
+@kernel
+def combine(B: Matrix, x: float, y: float, z: float, out: Vector) -> None:
+    """Set out to x B_0 + y B_1 + z B_2, rows of B or their beginnings."""
+    first, second, third = B[0], B[1], B[2]
+    for j in range(np.uintp(out.size)):
+        out[j] = first[j] * x + second[j] * y + third[j] * z
 
 
 @kernel
@@ -128,26 +137,16 @@ def bend_vector(model: ModelArrays, eq: Equations, work: Work, e: int) -> None:
 
 
 @kernel
-def push(model: ModelArrays, work: Work, e: int, shift: Vector, out: Vector, at: int) -> None:
-    """Into out[at:at+3]: L shift, the change of a vector under a shift of the coordinates."""
-    b = model.vector_body[e]
-    out[at] = out[at + 1] = out[at + 2] = 0.0
-    if b >= 0:
-        o, L = model.first[b], work.L[e]
-        for k in range(3):
-            for i in range(RIGID + model.modes[b]):
-                out[at + k] += L[k, i] * shift[o + i]
-
-
-@kernel
 def pull(model: ModelArrays, work: Work, e: int, force: Vector, at: int, out: Vector) -> None:
     """Add L^T f to out, the generalised forces of f = force[at:at+3] on a vector."""
     b = model.vector_body[e]
     if b >= 0:
         o, L = model.first[b], work.L[e]
         x, y, z = force[at], force[at + 1], force[at + 2]
-        for i in range(RIGID + model.modes[b]):
-            out[o + i] += L[0, i] * x + L[1, i] * y + L[2, i] * z
+        to = out[o : o + RIGID + model.modes[b]]
+        first, second, third = L[0], L[1], L[2]
+        for i in range(np.uintp(to.size)):
+            to[i] += first[i] * x + second[i] * y + third[i] * z
 
 
 @kernel
@@ -207,17 +206,21 @@ def vector_accelerations(model: ModelArrays, eq: Equations, work: Work, instant:
 
 
 @kernel
-def add_curvature(
-    model: ModelArrays, work: Work, e: int, force: Vector, at: int, factor: float, Ky: Matrix
-) -> None:
-    """Add factor times d(L^T f)/dy at fixed f = force[at:at+3] to Ky."""
-    b = model.vector_body[e]
-    if b < 0:
-        return
-    o, n, f, c, B = model.first[b], model.modes[b], work.vectors[0], work.c[e], work.B[e]
-    turned_back(work.A[b], force[at : at + 3], f)
-    for k in range(3):
-        f[k] *= factor
+def add_curvatures(model: ModelArrays, work: Work, Ky: Matrix) -> None:
+    """Add d(L^T f)/dy of all vectors at fixed forces f, work.forces, to Ky, and clear these."""
+    for e in range(model.vector_body.size):
+        if model.vector_body[e] >= 0:
+            add_curvature(model, work, e, Ky)
+        for k in range(3):
+            work.forces[e, k] = 0.0
+
+
+@kernel
+def add_curvature(model: ModelArrays, work: Work, e: int, Ky: Matrix) -> None:
+    """Add d(L^T f)/dy of one vector of a body to Ky."""
+    b, f, c, B = model.vector_body[e], work.vectors[0], work.c[e], work.B[e]
+    o, n = model.first[b], model.modes[b]
+    turned_back(work.A[b], work.forces[e], f)
     p, e0 = o + ROTATION, o + RIGID
     spin = model.vector_kind[e] == OF_SPIN
     if spin:
@@ -253,11 +256,38 @@ def add_curvature(
 
 
 @kernel
-def vector_pullback(model: ModelArrays, eq: Equations, work: Work, e: int, at: int) -> None:
+def begin_pullback(model: ModelArrays, eq: Equations, work: Work, instant: int) -> None:
+    """Shifts L adj of all vectors, work.shift, and their accelerations; clears work.bars."""
+    vector_accelerations(model, eq, work, instant)
+    for e in range(model.vector_body.size):
+        b, L, shift, bars = model.vector_body[e], work.L[e], work.shift[e], work.bars[e]
+        for k in range(3):
+            shift[k] = 0.0
+            for what in range(4):
+                bars[what, k] = 0.0
+        if b >= 0:
+            o = model.first[b]
+            for i in range(RIGID + model.modes[b]):
+                x = eq.adjoint[o + i]
+                shift[0] += L[0, i] * x
+                shift[1] += L[1, i] * x
+                shift[2] += L[2, i] * x
+
+
+@kernel
+def finish_pullback(model: ModelArrays, eq: Equations, work: Work) -> None:
+    """Transpose of (s, L adj, s', s'') of all vectors of bodies."""
+    for e in range(model.vector_body.size):
+        if model.vector_body[e] >= 0:
+            vector_pullback(model, eq, work, e)
+
+
+@kernel
+def vector_pullback(model: ModelArrays, eq: Equations, work: Work, e: int) -> None:
     """Transpose of (s, L adj, s', s'') with respect to y, v and the vector's shape functions.
 
     Adds to work.gather, eq.v_bar and work.vector_bars; the derivatives with respect to these four
-    are the rows of work.bars[:, at:at+3].
+    are the rows of work.bars[e].
     """
     b = model.vector_body[e]
     o, n = model.first[b], model.modes[b]
@@ -276,10 +306,10 @@ def vector_pullback(model: ModelArrays, eq: Equations, work: Work, e: int, at: i
         adj[o + ROTATION : o + RIGID],
     )
     p, f, d, a = small[0], small[1], small[2], small[3]
-    turned_back(A, work.bars[PLACE, at : at + 3], p)
-    turned_back(A, work.bars[SHIFT, at : at + 3], f)
-    turned_back(A, work.bars[VELOCITY, at : at + 3], d)
-    turned_back(A, work.bars[ACCELERATION, at : at + 3], a)
+    turned_back(A, work.bars[e, PLACE], p)
+    turned_back(A, work.bars[e, SHIFT], f)
+    turned_back(A, work.bars[e, VELOCITY], d)
+    turned_back(A, work.bars[e, ACCELERATION], a)
     m, x, s, u, swung = small[4], small[5], small[6], small[7], small[8]
     for k in range(3):
         m[k] = 0.0
@@ -300,8 +330,8 @@ def vector_pullback(model: ModelArrays, eq: Equations, work: Work, e: int, at: i
         m[k] += x[k]
     if model.vector_kind[e] == OF_POINT:
         for k in range(3):
-            gather[o + k] += work.bars[PLACE, at + k]
-            v_bar[o + k] += work.bars[VELOCITY, at + k]
+            gather[o + k] += work.bars[e, PLACE, k]
+            v_bar[o + k] += work.bars[e, VELOCITY, k]
     # Derivatives with respect to c and cv.
     cross(a, omega, swung)
     cross(swung, omega, s)
