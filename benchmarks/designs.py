@@ -29,12 +29,14 @@ from dolfinx_ffr.fem import polygon
 from dolfinx_ffr.plotting.style import BLUE, GRAY, save, styled_figure
 
 __all__ = [
+    "EXPONENTS",
     "cut_elements",
     "design",
     "designs_jobs",
     "draw_parts",
     "report_designs",
     "rings",
+    "shares",
 ]
 
 Array = NDArray[np.float64]
@@ -323,7 +325,7 @@ def cut_elements(
         body = problem.flexible["rod"]
         for shape, distance in SHAPES.items():
             part = ffr.Part(rod, distance, body.domain.area**0.5 / 64.0, material=body.material)
-            x = _shares(rod, distance)
+            x = shares(rod, distance, 24)
             evaluation = problem.value(x)
             fine = part.verify(problem, evaluation).psi
             row: dict[str, Any] = {"cell": cell, "order": order, "shape": shape}
@@ -336,10 +338,16 @@ def cut_elements(
     return {"rows": rows}
 
 
-def _shares(domain: ffr.Domain, distance: Callable[[Array], Array]) -> Array:
-    """The share of each element in which a signed distance is positive."""
-    points, weights = domain.quadrature_points(24)
-    inside = (distance(points.reshape(-1, 2)) > 0.0).reshape(weights.shape)
+def shares(domain: ffr.Domain, distance: Callable[[Array], Array], count: int) -> Array:
+    """The share of each element in which a signed distance is positive.
+
+    Args:
+        domain: The mesh.
+        distance: Of positions (n, dimension) [m].
+        count: Points in each direction, see `Domain.quadrature_points`.
+    """
+    points, weights = domain.quadrature_points(count)
+    inside = (distance(points.reshape(-1, domain.dimension)) > 0.0).reshape(weights.shape)
     x = np.clip(np.einsum("cq,cq->c", weights, inside), 0.0, 1.0)
     return np.where(domain.design_cells, x, domain.passive_density)
 

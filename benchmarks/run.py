@@ -34,6 +34,7 @@ STUDIES = (
     "differences",
     "gradient",
     "designs",
+    "solids",
     "peers",
     "integration",
     "motions",

@@ -123,7 +123,7 @@ def main(arguments: list[str] | None = None) -> None:
         result = ffr.optimize(
             problem, design, volume=VOLUME, iterations=options.iterations, output=output
         )
-        result.finish(output)
+        verified = result.finish(output, most=3)
 
     # %% Numbers and pictures
     solid = result.problem.value(ones).psi
@@ -140,11 +140,13 @@ def main(arguments: list[str] | None = None) -> None:
         "compliance_full": full.psi,
         "compliance_final": result.psi,
         "compliance_final_relative": result.psi / solid,
+        **({} if verified is None else verified.record()),
         "solid_mass": enclosed.mass,
         "solid_pieces": enclosed.pieces,
         **ffr.run_record(
             result,
             title="A blade on a hub",
+            verification=verified,
             warnings=warnings,
             references={"full blade": full.psi},
             volume=VOLUME,
@@ -155,6 +157,7 @@ def main(arguments: list[str] | None = None) -> None:
     ffr.write_report(comm, output)
     say(f"{result.reason} after {result.iterations} iterations")
     say(f"  design {result.psi:.4e} J s   {result.psi / solid:6.3f} of the full blade")
+    say(str(verified or "no solid of this design can be moved"))
     say(f"pictures and numbers are in {output}")
 
     # %% What must hold
@@ -164,6 +167,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     assert result.feasible, f"bounds are violated: {result.violations}"
     assert enclosed.pieces == 1, "the blade has fallen to pieces"
+    assert verified is not None, "the solid cannot be moved"
     assert result.psi < solid, "the full blade is stiffer"
 
 

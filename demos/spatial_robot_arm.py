@@ -186,7 +186,7 @@ def main(arguments: list[str] | None = None) -> None:
         result = ffr.optimize(
             problem, designs, volume=VOLUME, iterations=options.iterations, output=output
         )
-        result.finish(output)
+        verified = result.finish(output, most=3)
 
     # %% Numbers and pictures
     error = {
@@ -203,11 +203,13 @@ def main(arguments: list[str] | None = None) -> None:
     solids = {name: result.solid(name) for name in designs}
     summary = {
         **{f"error_{name}": value for name, value in error.items()},
+        **({} if verified is None else verified.record()),
         "solid_mass": {name: solid.mass for name, solid in solids.items()},
         "solid_pieces": {name: solid.pieces for name, solid in solids.items()},
         **ffr.run_record(
             result,
             title="A robot arm in space",
+            verification=verified,
             warnings=warnings,
             references={"full links": full.psi, "bars": half.psi},
             volume=VOLUME,
@@ -219,6 +221,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"{result.reason} after {result.iterations} iterations; error of the hand (r.m.s.)")
     for name, value in error.items():
         say(f"  {name:7s} {1e3 * value:.3f} mm")
+    say(str(verified or "no solids of this design can be moved"))
     say(f"pictures and numbers are in {output}")
 
     # %% What must hold
@@ -232,6 +235,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     assert result.feasible, f"bounds are violated: {result.violations}"
     assert all(solid.pieces == 1 for solid in solids.values()), "a link has fallen to pieces"
+    assert verified is not None, "the solids cannot be moved"
     assert error["design"] < error["bars"], "bars are better than the design"
 
 

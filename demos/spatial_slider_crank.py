@@ -159,7 +159,7 @@ def main(arguments: list[str] | None = None) -> None:
             output=output,
             resume=options.resume,
         )
-        result.finish(output)
+        verified = result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
     solid = result.problem.value(np.ones(domain.n_cells)).psi
     enclosed = result.solid()
@@ -184,6 +184,7 @@ def main(arguments: list[str] | None = None) -> None:
         "compliance_final": result.psi,
         "compliance_final_relative": result.psi / solid,
         "volume_fraction": share,
+        **({} if verified is None else verified.record()),
         "solid_volume": enclosed.volume,
         "solid_mass": enclosed.mass,
         "solid_pieces": enclosed.pieces,
@@ -193,6 +194,7 @@ def main(arguments: list[str] | None = None) -> None:
         **ffr.run_record(
             result,
             title="The flexible rod of a slider-crank in space",
+            verification=verified,
             warnings=warnings,
             references={"full rod": full.psi},
             volume=VOLUME,
@@ -205,6 +207,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"  full rod {full.psi:.4e} J s")
     say(f"  design   {result.psi:.4e} J s   {result.psi / solid:6.3f} of the full rod")
     say(f"  solid: {enclosed.pieces} piece, {1e3 * enclosed.mass:.2f} g")
+    say(str(verified or "no solid of this design can be moved"))
     say(f"pictures and numbers are in {output}")
 
     # %% What must hold
@@ -217,6 +220,7 @@ def main(arguments: list[str] | None = None) -> None:
         return
     assert result.feasible, f"volume {share} above its bound {VOLUME}"
     assert enclosed.pieces == 1, "the solid has fallen to pieces"
+    assert verified is not None and abs(verified.difference) < 0.05, "psi is not that of the solid"
     assert result.psi < 0.25 * solid, f"psi is {result.psi / solid:.3f} of the full rod's"
 
 

@@ -41,8 +41,16 @@ def test_design_on_any_number_of_ranks(
     main([*small, "--output", str(out)])
     comm.Barrier()
     found = json.loads((out / "summary.json").read_text())
+    assert found["psi_part"] == found["verification"]["part"] > 0.0
     assert found["gradient"] == pytest.approx(found["central_difference"], rel=1e-5)
-    for name in ("design.xdmf", "design.png", "solid.stl", "stress.png", "report.html"):
+    for name in (
+        "design.xdmf",
+        "design.png",
+        "solid.stl",
+        "solid.png",
+        "stress.png",
+        "report.html",
+    ):
         assert (out / name).stat().st_size > 500, name
     problem = spatial_problem(MPI.COMM_SELF, (16, 4, 4), steps=400)
     with warnings.catch_warnings():  # no good design in so few iterations

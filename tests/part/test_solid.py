@@ -9,6 +9,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.meshes import write_pierced_block
+from spatial_slider_crank import ROD, SECTION, spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import Solid
@@ -43,8 +45,7 @@ def test_block_with_a_cavity(comm: MPI.Intracomm, cell: str) -> None:
         assert edges_used_once(solid.triangles) == 0
         assert solid.pieces == 1
         assert not solid.loose
-        # faces of cut hexahedra are not flat
-        assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-3)
+        assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-12)
         assert solid.mass == pytest.approx(1000.0 * solid.volume)
         errors.append(abs(solid.volume - (0.128 - 4.0 / 3.0 * np.pi * 0.15**3)))
     assert errors[0] < 2e-2 * 0.128
@@ -62,7 +63,7 @@ def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     with pytest.warns(ffr.PartWarning, match="1 pieces of .* touch no interface and are left out"):
         solid = Solid(domain, field)
     assert solid.pieces == 2
-    assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-6)
+    assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-9)
     path = solid.write(shared_tmp_path / "solid.stl")
     if comm.rank == 0:
         content = path.read_bytes()  # eighty bytes of text, a count, fifty bytes a triangle
@@ -74,6 +75,91 @@ def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
         assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(solid.volume, rel=1e-6)
     with pytest.raises(ValueError, match=r"the kind '\.step' .* is not known"):
         solid.write(shared_tmp_path / "solid.step")
+
+
+@pytest.mark.parametrize("finer", [0, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_mesh_has_the_interfaces_and_regions_of_the_body(
+    comm: MPI.Intracomm, cell: str, finer: int
+) -> None:
+    """A slanted cut of known volume, past a region that stays solid and one that stays void."""
+    domain = ffr.Domain.box(
+        comm,
+        0.8,
+        0.2,
+        0.2,
+        elements=(8, 3, 3),
+        cell=cell,
+        solid_layers=1,
+        void=lambda x: (x[0] > 0.29) & (x[0] < 0.51) & (x[1] > 0.03),
+    )
+    # above the plane, but for the regions
+    solid = Solid(domain, lambda x: 0.02 + 0.5 * (x[:, 0] - 0.4) - x[:, 1])
+    size = ffr.fem.Tetrahedra.size(domain, finer if cell == "hexahedron" else finer // 2)
+    mesh = solid.domain(size, order=1)
+    x = np.linspace(0.1, 0.7, 600_001)
+    top = 0.02 + 0.5 * (x - 0.4)
+    top = np.where((x > 0.3) & (x < 0.5), np.minimum(top, 0.1 / 3.0), top)
+    volume = 2 * 0.1 * 0.04 + 0.2 * 0.6 * np.mean(np.clip(top + 0.1, 0.0, 0.2))
+    assert mesh.area == pytest.approx(volume, rel=1e-5)
+    assert edges_used_once(solid.triangles) == 0
+    assert mesh.sum(mesh.cell_volumes * mesh.solid_cells) == pytest.approx(0.008, rel=1e-12)
+    assert list(mesh.interfaces) == ["left", "right"]
+    for name, part in mesh.interfaces.items():
+        before = domain.interfaces[name]
+        np.testing.assert_allclose(part.center, before.center, atol=1e-15)
+        np.testing.assert_allclose(part.axis, before.axis, atol=1e-12)
+        assert part.extent == pytest.approx(before.extent, rel=1e-12)
+
+
+def test_a_bore_is_found_again(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """Finer meshes are rounder: their nodes are on the cylinder, of which the axis is found."""
+    path = shared_tmp_path / "block.msh"
+    if comm.rank == 0:
+        write_pierced_block(path, tilt=0.3)
+    comm.Barrier()
+    domain = ffr.Domain.from_gmsh(comm, path, interfaces=["left", "bore"])
+    solid = Solid(domain, lambda x: np.linalg.norm(x - [-0.2, 0.0, 0.1], axis=1) - 0.07)
+    mesh = solid.domain(0.5 * ffr.fem.Tetrahedra.size(domain), order=1)
+    for name, part in mesh.interfaces.items():
+        before = domain.interfaces[name]
+        np.testing.assert_allclose(part.center, before.center, atol=1e-15)
+        np.testing.assert_allclose(part.axis, before.axis, atol=1e-6)
+    bore = domain.interfaces["bore"]
+    assert bore.axis is not None
+    nodes = mesh.space.tabulate_dof_coordinates()[mesh.interfaces["bore"].dofs] - bore.center
+    radii = np.linalg.norm(np.cross(nodes, bore.axis), axis=1)
+    np.testing.assert_allclose(radii, 0.1, rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:reduction. modes")
+def test_psi_of_a_mesh_of_its_own(comm: MPI.Intracomm) -> None:
+    """A solid has the psi of hexahedra of order 2 that fit it, on any number of ranks."""
+
+    def verified(of: MPI.Intracomm) -> ffr.Verification:
+        domain = ffr.Domain.box(of, ROD, *SECTION, elements=(10, 2, 4), order=2)
+        problem = spatial_problem(of, domain=domain, modes=4, steps=240)
+        problem = problem.with_bodies(
+            {"rod": problem.flexible["rod"].with_interpolation(ffr.SIMP(floor=1e-9))}
+        )
+        inside = np.abs(domain.centroids[:, 2]) < 0.25 * SECTION[1]
+        evaluation = problem.value(np.where(domain.solid_cells | inside, 1.0, 0.0))
+        solid = Solid(
+            domain,
+            lambda x: 0.25 * SECTION[1] - np.abs(x[:, 2]),
+            material=problem.flexible["rod"].material,
+        )
+        found = solid.verify(problem, evaluation, tolerance=0.05)
+        assert found.fitted[-1].bodies["rod"].mass == pytest.approx(solid.mass, rel=1e-9)
+        return found
+
+    found = verified(comm)
+    assert found.difference == pytest.approx(0.0, abs=0.01)
+    assert "tetrahedra, 4 modes" in str(found)
+    assert found.record()["part_pieces"] == 1
+    assert "part_holes" not in found.record()
+    if comm.size > 1:
+        assert found.psi == pytest.approx(verified(MPI.COMM_SELF).psi, rel=1e-8)
 
 
 def test_refusals(comm: MPI.Intracomm) -> None:

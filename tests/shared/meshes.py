@@ -114,3 +114,27 @@ def write_rod(
     gmsh.model.mesh.setOrder(order)
     gmsh.write(str(path))
     gmsh.finalize()
+
+
+def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
+    """A block with a bore along z, turned about x by an angle, as a gmsh file."""
+    import gmsh
+
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        block = gmsh.model.occ.addBox(-0.5, -0.25, 0.0, 1.0, 0.5, 0.2)
+        tool = gmsh.model.occ.addCylinder(0.2, 0.05, 0.0, 0.0, 0.0, 0.2, 0.1)
+        gmsh.model.occ.cut([(3, block)], [(3, tool)])
+        gmsh.model.occ.rotate([(3, 1)], 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, tilt)
+        gmsh.model.occ.synchronize()
+        surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
+        bore = [s for s in surfaces if gmsh.model.getType(2, s) == "Cylinder"]
+        left = [s for s in surfaces if gmsh.model.occ.getCenterOfMass(2, s)[0] < -0.499]
+        for dim, tags, name in ((3, [1], "material"), (2, bore, "bore"), (2, left, "left")):
+            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.12)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()

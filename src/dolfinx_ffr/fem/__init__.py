@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from .circles import fit_circle
+from .circles import fit_circle, fit_cylinder
 from .curves import Arc, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain
 from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
@@ -26,10 +26,14 @@ from .material import (
 from .mesh_checks import floating_cells
 from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces, quiet, surfaces
 from .stress_recovery import StressRecovery
+from .tetrahedra import DESIGNED, SOLID, VOID, Tetrahedra
 
 __all__ = [
+    "DESIGNED",
     "RAMP",
     "SIMP",
+    "SOLID",
+    "VOID",
     "Arc",
     "Block",
     "BoundMaterial",
@@ -52,9 +56,11 @@ __all__ = [
     "Spline",
     "StressRecovery",
     "SuppressedVoidMass",
+    "Tetrahedra",
     "cut_exponent",
     "enclosed",
     "fit_circle",
+    "fit_cylinder",
     "floating_cells",
     "gathered_cells",
     "gmsh_model",

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Corners of a cell of DOLFINx in the order of VTK
-_CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 #: Distance of points that are one, relative to the size of the body
 _SAME = 1e-9
 
@@ -51,7 +51,7 @@ class GatheredMesh:
             domain: Its mesh and interfaces.
         """
         announce(domain.comm, "gathering a mesh")
-        order = _CORNERS[domain.cell]
+        order = CORNERS[domain.cell]
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
         corners = domain.mesh.geometry.x[nodes]
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, order]
@@ -107,7 +107,7 @@ class GatheredMesh:
         """
         domain = self.domain
         # the dofs of vertices come first among those of a cell
-        dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, _CORNERS[domain.cell]]
+        dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, CORNERS[domain.cell]]
         field = fem.Function(domain.space)
         values = np.empty((*dofs.shape, 3, block.shape[1]))
         for i, column in enumerate(block.T):

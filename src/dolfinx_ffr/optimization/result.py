@@ -17,7 +17,7 @@ from ..design import Design
 from ..dynamics import SimulationError
 from ..fem import Domain
 from ..part import Part, Solid, Verification, verify
-from ..plotting import plot_design, plot_part
+from ..plotting import plot_part
 from ..problem import Evaluation, Problem
 
 __all__ = ["DesignWarning", "Result", "gray_fraction", "of_problem", "only"]
@@ -76,7 +76,9 @@ class Result:
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for
     mode_errors: dict[str, float] = field(default_factory=dict)
-    _parts: dict[str, Part] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _parts: dict[str, Part | Solid] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def feasible(self) -> bool:
@@ -120,14 +122,9 @@ class Result:
         Warns:
             PartWarning: Of loose pieces and lost interfaces, see `Part`.
         """
-        if name is None:
-            name = only({body: body for body in self.designs})
-        validation.choice("result: part", name, self.designs)
-        if name not in self._parts:  # kept: it takes seconds
-            material = self.problem.flexible[name].material
-            design, variables = self.designs[name], self.variables[name]
-            self._parts[name] = Part.of(design, variables, material=material)
-        return self._parts[name]
+        found = self._part("part", Part, name)
+        assert isinstance(found, Part)
+        return found
 
     def solid(self, name: str | None = None) -> Solid:
         """The solid that a designed body in space encloses, of the body's material; collective.
@@ -142,14 +139,28 @@ class Result:
         Warns:
             PartWarning: Of loose pieces and lost interfaces, see `Solid`.
         """
+        found = self._part("solid", Solid, name)
+        assert isinstance(found, Solid)
+        return found
+
+    def _part(self, what: str, kind: type[Part] | type[Solid], name: str | None) -> Part | Solid:
+        """What a designed body encloses, of a kind; kept, as it takes seconds."""
         if name is None:
             name = only({body: body for body in self.designs})
-        validation.choice("result: solid", name, self.designs)
-        material = self.problem.flexible[name].material
-        return Solid.of(self.designs[name], self.variables[name], material=material)
+        validation.choice(f"result: {what}", name, self.designs)
+        if not isinstance(self._parts.get(name), kind):
+            material = self.problem.flexible[name].material
+            design, variables = self.designs[name], self.variables[name]
+            self._parts[name] = kind.of(design, variables, material=material)
+        return self._parts[name]
+
+    def _enclosed(self, name: str) -> Part | Solid:
+        """The part of a body in the plane, the solid of one in space."""
+        space = self.designs[name].domain.dimension == 3
+        return self.solid(name) if space else self.part(name)
 
     def verify(self, **options: Any) -> Verification:
-        """Evaluate the problem with all designed bodies as parts, on meshes that fit; collective.
+        """Evaluate the problem with all designed bodies as parts or solids that fit; collective.
 
         Args:
             options: Those of `verify`.
@@ -158,13 +169,11 @@ class Result:
             ValueError: As `part` and `verify`.
             SimulationError: On every rank, if the motion of the parts cannot be computed.
         """
-        parts = {name: self.part(name) for name in self.designs}
+        parts = {name: self._enclosed(name) for name in self.designs}
         return verify(self.problem, parts, self.evaluation, **options)
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
         """Leave the parts of all designed bodies: files for CAD, a picture, psi again; collective.
-
-        Of bodies in space it leaves the surfaces of their solids, and computes nothing again.
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
@@ -173,8 +182,7 @@ class Result:
             options: Those of `verify`.
 
         Returns:
-            What the parts are worth; None if the design encloses no part that can be moved, and of
-            bodies in space.
+            What the parts are worth; None if the design encloses no part that can be moved.
 
         Raises:
             OSError: On every rank, if a file cannot be written.
@@ -182,19 +190,18 @@ class Result:
         Warns:
             DesignWarning: Where there is no such part, with the reason.
         """
-        if any(design.domain.dimension == 3 for design in self.designs.values()):
-            self._leave_solids(folder)
-            return None
         try:
             found = self.verify(**options)
         except (ValueError, SimulationError) as error:
             warnings.warn(f"no part comes of this design: {error}", DesignWarning, stacklevel=2)
             return None
         for name, own in self._folders(folder).items():
-            part = self.part(name)
-            part.write(own)
-            title = f"{name}: psi of the part is {found.psi / self.psi:.3f} of that of the design"
-            plot_part(part, own / "part.png", title=title)
+            part = self._enclosed(name)
+            solid = isinstance(part, Solid)
+            part.write(own / "solid.stl" if solid else own)
+            what = "solid" if solid else "part"
+            title = f"{name}: psi of the {what} is {found.psi / self.psi:.3f} of that of the design"
+            plot_part(part, own / f"{what}.png", title=title)
         return found
 
     def _folders(self, folder: str | Path) -> dict[str, Path]:
@@ -202,26 +209,6 @@ class Result:
         if len(self.designs) == 1:
             return dict.fromkeys(self.designs, Path(folder))
         return {name: Path(folder) / name.replace(" ", "_") for name in self.designs}
-
-    def _leave_solids(self, folder: str | Path) -> None:
-        """The surfaces of the solids of designed bodies in space, and pictures of them."""
-        if any(design.fills for design in self.designs.values()):
-            warnings.warn(
-                "psi of a level set in space is told by the law of cut elements that was measured "
-                "in the plane, and is not computed again on a mesh that fits: to be sure, mesh the "
-                "solid (solid.stl) by tetrahedra and give it to Domain.from_gmsh",
-                DesignWarning,
-                stacklevel=3,
-            )
-        for name, own in self._folders(folder).items():
-            try:
-                solid = self.solid(name)
-            except ValueError as error:
-                what = f"no solid comes of the design of {name!r}: {error}"
-                warnings.warn(what, DesignWarning, stacklevel=3)
-                continue
-            solid.write(own / "solid.stl")
-            plot_design(self.designs[name].domain, self.densities[name], own / "solid.png")
 
     @property
     def psi(self) -> float:

@@ -263,13 +263,7 @@ class Part(Shape):
         Raises:
             ValueError: If the problem has several bodies with a density.
         """
-        names = list(problem.flexible)
-        if len(names) != 1:
-            raise ValueError(
-                f"part: the problem designs the bodies {sorted(names)}; verify them together by "
-                "verify(problem, {name: part, ...}, evaluation)"
-            )
-        return verify(problem, {names[0]: self}, evaluation, **options)
+        return verify(problem, {self._only_body(problem): self}, evaluation, **options)
 
 
 class _nothing:

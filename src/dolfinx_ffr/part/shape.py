@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""A flat shape between closed curves: what it measures."""
+"""What a design encloses, and a flat shape between closed curves: what it measures."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import shapely
@@ -12,11 +14,15 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..fem import Curve, Domain, Drawing, ElasticMaterial, enclosed, polygon
+from ..problem import Problem
 from .widths import Width, narrowest_gap, thinnest_member
 
-__all__ = ["LoosePiece", "PartWarning", "Shape"]
+__all__ = ["Enclosed", "LoosePiece", "PartWarning", "Shape"]
 
 Array = NDArray[np.float64]
+
+#: Size of the first triangles of order 2, in spacings
+_FIRST = 2.0
 
 
 class PartWarning(UserWarning):
@@ -32,10 +38,66 @@ class LoosePiece:
     outline: list[list[Curve]]  #: Its outer loop, counterclockwise, then its holes, clockwise
 
 
-class Shape:
+class Enclosed(ABC):
+    """What a design encloses, a part in the plane or a solid in space, to be evaluated again."""
+
+    elements: ClassVar[str]  #: What its meshes are made of
+    #: Largest change of psi from one of its meshes to the next that counts as none, by default
+    tolerance: ClassVar[float]
+    most: ClassVar[int]  #: Number of meshes that are tried by default
+    body: Domain  #: The body that was designed
+
+    @property
+    @abstractmethod
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+
+    @property
+    @abstractmethod
+    def lost_interfaces(self) -> list[str]:
+        """Interfaces that are left without material."""
+
+    @abstractmethod
+    def sizes(self, size: float | None, count: int) -> list[float]:
+        """Sizes of the meshes on which it is evaluated, each finer than the last [m].
+
+        Args:
+            size: Of the first one [m], or None for a size that suits it.
+            count: How many.
+        """
+
+    @abstractmethod
+    def domain(self, size: float, order: int = 2) -> Domain:
+        """A mesh that fits it; collective.
+
+        Args:
+            size: Of its cells [m].
+            order: Polynomial order of the displacements.
+        """
+
+    def measures(self) -> dict[str, Width | int | None]:
+        """What summaries tell of it beside its pieces: its holes, its thinnest member."""
+        return {}
+
+    def _only_body(self, problem: Problem) -> str:
+        """The name of the only designed body of a problem."""
+        names = list(problem.flexible)
+        if len(names) != 1:
+            kind = type(self).__name__.lower()
+            raise ValueError(
+                f"{kind}: the problem designs the bodies {sorted(names)}; verify them together by "
+                f"verify(problem, {{name: {kind}, ...}}, evaluation)"
+            )
+        return names[0]
+
+
+class Shape(Enclosed):
     """Pieces of material of one thickness between closed curves."""
 
-    body: Domain  #: The body that was designed
+    elements = "triangles"
+    tolerance = 2e-3
+    most = 5
+    spacing: float  #: Length on which the field varies [m]
     material: ElasticMaterial | None  #: Of the part
     accuracy: float  #: Of the polygons that stand for the curves [m]
     drawing: Drawing  #: Curves, and the faces between them in designed and solid cells
@@ -74,7 +136,18 @@ class Shape:
         """
         return self._groups[id(curve)]
 
+    def sizes(self, size: float | None, count: int) -> list[float]:
+        first = _FIRST * self.spacing if size is None else size
+        return [first / 2**halving for halving in range(count)]
+
     # ------------------------------------------------------------------ what it measures
+
+    def measures(self) -> dict[str, Width | int | None]:
+        return {
+            "holes": self.holes,
+            "thinnest member": self.thinnest_member,
+            "narrowest gap": self.narrowest_gap,
+        }
 
     @cached_property
     def _moments(self) -> Array:

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""The solid that a design in space encloses: a closed surface of triangles, and what it measures.
+"""The solid that a design in space encloses: its surface, what it measures, and meshes that fit.
 
-A field phi(X), positive in material, is given at the vertices of the mesh, and in the middle of
-hexahedra and of their faces; the tetrahedra between them are cut where its interpolation is zero.
-The surface of what is left is closed: it is the zero surface inside of the body, and the surface of
-the body elsewhere. It is as fine as the mesh.
+A field phi(X), positive in material, and the cells that stay solid give
+
+    solid = ({phi > 0} in designed cells) and (solid cells),   without pieces that nothing holds.
+
+The cells of the body are cut into tetrahedra, and these along the zero surface
+(`tetrahedral_cut`): what is left is the solid, as a mesh and as a closed surface. The outline of
+the body, its interfaces and its regions stay what they are. It is as fine as the mesh of the body,
+or finer.
 """
 
 from __future__ import annotations
@@ -20,10 +24,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..design import Design
-from ..fem import Domain, ElasticMaterial, GatheredMesh, surface_of
+from ..fem import Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinder
 from ..files import named_in_errors
 from ..parallel import on_rank_0
-from .shape import PartWarning
+from ..problem import Evaluation, Problem
+from .shape import Enclosed, PartWarning
+from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, pieces, volumes
+from .verify import Verification, verify
 
 __all__ = ["Solid"]
 
@@ -31,14 +38,13 @@ Array = NDArray[np.float64]
 
 #: Files that can be written
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
-#: Least distance of the zero surface from a vertex, in units of the field's range: a cut through a
-#: vertex itself leaves triangles without area
-_OFF = 1e-4
+#: How fine the surface is, see `Tetrahedra.of`, by the body's cells
+_SURFACE = {"hexahedron": 1, "tetrahedron": 0}
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What rank 0 has found, for all ranks."""
+    """What rank 0 has found, for all ranks but the tetrahedra."""
 
     points: Array
     triangles: NDArray[np.int64]
@@ -48,10 +54,11 @@ class _Found:
     lost: list[str]
 
 
-class Solid:
+class Solid(Enclosed):
     """What is to be made of a design in space, bounded by a closed surface of triangles.
 
-    Every rank holds all of it. Pieces that touch no interface are left out.
+    Every rank holds all of the surface. Pieces that touch no interface are left out; pieces that
+    meet in an edge or a point only do not hold each other.
 
     Args:
         domain: Mesh, interfaces and regions of the body, in space.
@@ -68,6 +75,10 @@ class Solid:
         PartWarning: If loose pieces are left out, or an interface has no material.
     """
 
+    elements = "tetrahedra"
+    tolerance = 5e-3
+    most = 2
+
     def __init__(
         self,
         domain: Domain,
@@ -79,19 +90,17 @@ class Solid:
         if domain.dimension != 3:
             raise ValueError("solid: the body is in the plane; Part is for such bodies")
         validation.function("solid: field", field, "positions")
+        self.field = field  #: Positive in the material, of positions (n, 3) [m]
         self.material = material
-        mesh = GatheredMesh.of(domain)
-        solid, void = mesh.cell_values(domain.solid_cells), mesh.cell_values(domain.void_cells)
-        self._found: _Found = on_rank_0(domain.comm, lambda: _found(mesh, field, solid, void))
-        found = self._found
+        _, found = self._cut(_SURFACE[domain.cell])
         #: Vertices of the surface, shape (points, 3) [m]
         self.points = found.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
         self.triangles = found.triangles
         self.volume = found.volume  #: [m^3]
-        self.pieces = found.pieces  #: Number of connected pieces of material
+        self._pieces = found.pieces
         self.loose = found.loose  #: Volumes of the pieces that are left out [m^3]
-        self.lost_interfaces = found.lost  #: Interfaces that are left without material
+        self._lost = found.lost
         if found.loose:
             warnings.warn(
                 f"solid: {len(found.loose)} pieces of {sum(found.loose):.3g} m^3 touch no "
@@ -121,6 +130,18 @@ class Solid:
         validation.instance("solid: design", design, Design, "a design, as DensityDesign(...)")
         return Solid(design.domain, design.level(design.check(variables)), material=material)
 
+    # ------------------------------------------------------------------ what it is
+
+    @property
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+        return self._pieces
+
+    @property
+    def lost_interfaces(self) -> list[str]:
+        """Interfaces that are left without material."""
+        return self._lost
+
     @property
     def mass(self) -> float:
         """Mass [kg].
@@ -140,6 +161,7 @@ class Solid:
         faces = np.column_stack([np.full(len(self.triangles), 3), self.triangles])
         return pyvista.PolyData(self.points, faces.ravel())
 
+    # ------------------------------------------------------------------ what becomes of it
     def write(self, path: str | Path) -> Path:
         """Write the surface, for a printer or another program; collective.
 
@@ -168,80 +190,131 @@ class Solid:
         on_rank_0(self.body.comm, save)
         return file
 
+    def sizes(self, size: float | None, count: int) -> list[float]:
+        """Sizes of the meshes on which the solid is evaluated, each finer than the last.
 
-def _found(
-    mesh: GatheredMesh,
-    field: Callable[[Array], ArrayLike],
-    solid: NDArray[np.bool_],
-    void: NDArray[np.bool_],
-) -> _Found:
-    """The surface of the material."""
-    import pyvista  # takes a while
+        Args:
+            size: Largest size of the first one [m]; by default the coarsest is the first.
+            count: How many.
+        """
+        first = 0 if size is None else self._finer(size)
+        return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
-    points, cells, parents = _tetrahedra(mesh)
-    level = validation.real_array("solid: field", field(points), (len(points),)).copy()
-    largest = float(np.max(np.abs(level), initial=0.0)) or 1.0
-    level[np.unique(cells[void[parents]])] = -largest
-    level[np.unique(cells[solid[parents]])] = largest
-    near = np.abs(level) < _OFF * largest
-    level[near] = np.where(level[near] < 0.0, -_OFF, _OFF) * largest
-    kinds = np.full(len(cells), pyvista.CellType.TETRA)
-    grid = pyvista.UnstructuredGrid(
-        np.column_stack([np.full(len(cells), 4), cells]).ravel(), kinds, points
-    )
-    grid.point_data["level"] = level
-    for name, held in mesh.interfaces.items():
-        on = np.zeros(len(points))
-        on[: len(held)] = held
-        grid.point_data[f"held {name}"] = on
-    cut = grid.clip_scalar(scalars="level", value=0.0, invert=False)
-    if not cut.n_cells:
+    def domain(self, size: float, order: int = 2) -> Domain:
+        """A mesh of tetrahedra that fits the solid; collective.
+
+        It has the interfaces of the body, with the same centres, and its solid regions. The cells
+        of the body are divided as often as the size asks for; its own size is the largest.
+
+        Args:
+            size: Of the tetrahedra, the edge of a cube that six of them fill [m].
+            order: Polynomial order of the displacements.
+
+        Raises:
+            ValueError: On every rank, if a number is out of range, or a mesh of this size has no
+                material at the interfaces.
+        """
+        validation.number("solid: size", size, above=0.0, unit="m")
+        degree = validation.integer("solid: order", order, least=1)
+        comm, held = self.body.comm, self.body.interfaces
+        cut, _ = self._cut(self._finer(size))
+        centers = {name: part.center.tolist() for name, part in held.items()}
+        return cut.domain(comm, list(held), centers, degree)
+
+    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
+        """Evaluate a problem of one designed body with the solid in its place; see `verify`.
+
+        Args:
+            problem: With the body that was designed.
+            evaluation: Of the design, what was reported.
+            options: Those of `verify`.
+
+        Raises:
+            ValueError: If the problem has several bodies with a density.
+        """
+        return verify(problem, {self._only_body(problem): self}, evaluation, **options)
+
+    def _finer(self, size: float) -> int:
+        """How often cells are divided for tetrahedra of a size [m]."""
+        finer = 0
+        while Tetrahedra.size(self.body, finer) > (1.0 + 1e-9) * size:
+            finer += 1
+        return finer
+
+    def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:
+        """The solid of tetrahedra of the body, which rank 0 has, and what was found."""
+        body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)
+        kept: list[Tetrahedra] = []
+
+        def cut() -> _Found:
+            left = cut_tetrahedra(body, self.field)
+            for bore in _bores(mesh):
+                bore.round(left)
+            left, found = _held(left, list(self.body.interfaces))
+            kept.append(left)
+            return found
+
+        found: _Found = on_rank_0(self.body.comm, cut)
+        return (kept[0] if kept else body), found
+
+
+def _held(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
+    """The pieces that touch an interface, and what they are."""
+    if not len(cut.cells):
         raise ValueError("solid: there is no material; the field is negative everywhere")
-    numbers = cut.connectivity("all").cell_data["RegionId"]
-    pieces = [cut.extract_cells(np.flatnonzero(numbers == k)) for k in np.unique(numbers)]
-    held_by = [
-        {name for name in mesh.interfaces if np.any(piece.point_data[f"held {name}"] > 1.0 - 1e-9)}
-        for piece in pieces
-    ]
-    kept = [piece for piece, by in zip(pieces, held_by, strict=True) if by]
-    if not kept:
+    _, _, pairs = outer_faces(cut.cells)
+    piece = pieces(cut.cells, pairs)
+    size = volumes(cut.points, cut.cells)
+    touches = np.zeros(piece.max() + 1, dtype=bool)
+    touches[piece[np.any(cut.facets >= 0, axis=1)]] = True
+    if not np.any(touches):
         raise ValueError("solid: no material touches an interface; keep the cells there solid")
-    surface = surface_of(pyvista.merge(kept)).triangulate()
-    return _Found(
-        points=np.asarray(surface.points, dtype=np.float64),
-        triangles=np.asarray(surface.faces.reshape(-1, 4)[:, 1:], dtype=np.int64),
-        volume=float(sum(piece.volume for piece in kept)),
-        pieces=len(kept),
-        loose=[float(piece.volume) for piece, by in zip(pieces, held_by, strict=True) if not by],
-        lost=[name for name in mesh.interfaces if not any(name in by for by in held_by)],
+    stays = touches[piece]
+    used, cells = np.unique(cut.cells[stays], return_inverse=True)
+    cells = cells.reshape(-1, 4)
+    left = Tetrahedra(cut.points[used], cells, cut.facets[stays], cut.regions[stays])
+    triangles, _, _ = outer_faces(cells)
+    seen, corners = np.unique(triangles, return_inverse=True)
+    found = _Found(
+        points=left.points[seen],
+        triangles=corners.reshape(-1, 3),
+        volume=float(np.sum(size[stays])),
+        pieces=int(np.count_nonzero(touches)),
+        loose=[float(v) for v in np.bincount(piece, size)[~touches]],
+        lost=[name for i, name in enumerate(names) if not np.any(left.facets == i)],
     )
+    return left, found
 
 
-#: Corners of the faces of a hexahedron in the order of VTK
-_FACES = np.array(
-    [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [0, 3, 2, 1], [4, 5, 6, 7]]
-)
+@dataclass(frozen=True, eq=False)
+class _Bore:
+    """An interface that is a cylinder."""
+
+    number: int  #: Of the interface
+    center: Array  #: (3,) of its axis [m]
+    axis: Array  #: (3,) unit vector
+    radius: float  #: [m]
+
+    def round(self, cut: Tetrahedra) -> None:
+        """Move points on the sides of its polygon onto the cylinder."""
+        cells, opposite = np.nonzero(cut.facets == self.number)
+        points = np.unique(cut.cells[cells[:, None], SIDES[opposite]])
+        offset = cut.points[points] - self.center
+        radial = offset - np.outer(offset @ self.axis, self.axis)
+        away = np.linalg.norm(radial, axis=1, keepdims=True)
+        cut.points[points] += (self.radius / away - 1.0) * radial
 
 
-def _tetrahedra(mesh: GatheredMesh) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Points, tetrahedra and the cell of each; neighbours agree about the face between them.
-
-    A hexahedron is cut into 24 of them, by its middle and those of its faces.
-    """
-    number = np.arange(len(mesh.cells))
-    if mesh.cells.shape[1] == 4:
-        return mesh.points, mesh.cells, number
-    faces = mesh.cells[:, _FACES]
-    unique, of = np.unique(np.sort(faces.reshape(-1, 4), axis=1), axis=0, return_inverse=True)
-    n = len(mesh.points)
-    points = np.vstack(
-        [mesh.points, mesh.points[unique].mean(axis=1), mesh.points[mesh.cells].mean(axis=1)]
-    )
-    middle = n + of.reshape(faces.shape[:2])
-    inner = n + len(unique) + number
-    cells = [
-        np.column_stack([faces[:, f, (i + 1) % 4], faces[:, f, i], middle[:, f], inner])
-        for f in range(6)
-        for i in range(4)
-    ]
-    return points, np.concatenate(cells), np.tile(number, 24)
+def _bores(mesh: GatheredMesh) -> list[_Bore]:
+    """Interfaces that are cylinders."""
+    found = []
+    for number, (name, part) in enumerate(mesh.domain.interfaces.items()):
+        points = mesh.points[mesh.interfaces[name]]
+        if part.axis is None or np.ptp(points @ part.axis) < 1e-6 * part.extent:
+            continue
+        cylinder = fit_cylinder(points, part.axis)
+        if cylinder is not None:
+            center, axis = cylinder
+            radius = float(np.mean(np.linalg.norm(np.cross(points - center, axis), axis=1)))
+            found.append(_Bore(number, center, axis, radius))
+    return found

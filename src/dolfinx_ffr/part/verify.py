@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,51 +16,13 @@ from ..fem import Domain
 from ..parallel import on_every_rank
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
-from .shape import PartWarning, Shape
+from .shape import Enclosed, PartWarning
 from .widths import Width
 
 __all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
-#: Size of the first triangles of order 2, in spacings
-_FIRST = 2.0
 #: Frequencies that the summary shows
 _SHOWN = 3
-
-
-class Fitted(Protocol):
-    """What is needed of a part."""
-
-    body: Domain  #: The body that was designed
-    spacing: float  #: Size of its cells, or so [m]
-
-    @property
-    def pieces(self) -> int:
-        """Number of connected pieces of material."""
-        ...
-
-    @property
-    def holes(self) -> int:
-        """Number of holes in all pieces."""
-        ...
-
-    @property
-    def thinnest_member(self) -> Width | None:
-        """The thinnest member."""
-        ...
-
-    @property
-    def narrowest_gap(self) -> Width | None:
-        """The narrowest gap or hole."""
-        ...
-
-    @property
-    def lost_interfaces(self) -> list[str]:
-        """Interfaces that are left without material."""
-        ...
-
-    def domain(self, size: float, order: int = 2) -> Domain:
-        """A mesh that fits the part."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +40,7 @@ class BodyFigures:
 class Figures:
     """One line of the table: a problem with certain meshes."""
 
-    size: float | None  #: Of the triangles [m]; None for the design as it was reported
+    size: float | None  #: Of the cells [m]; None for the design as it was reported
     psi: float  #: Value of the objective
     constraints: dict[str, float]  #: Values of the constrained objectives
     bodies: dict[str, BodyFigures]  #: Of the designed bodies
@@ -91,10 +53,10 @@ class Verification:
     """What was reported of a design, and what its parts are worth."""
 
     reported: Figures  #: Of the densities
-    fitted: list[Figures]  #: Of the parts, each time with triangles half as large
+    fitted: list[Figures]  #: Of the parts, each time on finer meshes
     tolerance: float  #: Largest change of psi from one mesh to the next that counts as none
     modes: dict[str, int]  #: Number of normal modes of each part
-    parts: Mapping[str, Fitted]  #: By name of the body
+    parts: Mapping[str, Enclosed]  #: By name of the body
 
     @property
     def psi(self) -> float:
@@ -133,16 +95,16 @@ class Verification:
         for name, body in last.bodies.items():
             before = self.reported.bodies[name]
             lines.append(
-                f"{name}: {body.cells} triangles, {self.modes[name]} modes; reported -> part"
+                f"{name}: {body.cells} {self.parts[name].elements}, {self.modes[name]} modes; "
+                "reported -> part"
             )
-            part = self.parts[name]
-            holes = f"{part.holes} hole{'s' * (part.holes != 1)}"
-            lines.append(f"  pieces       {part.pieces}, with {holes}")
-            for what, width in (
-                ("thinnest member", part.thinnest_member),
-                ("narrowest gap", part.narrowest_gap),
-            ):
-                if width is not None:
+            measures = self.parts[name].measures()
+            holes = ""
+            if "holes" in measures:
+                holes = f", with {measures['holes']} hole{'s' * (measures['holes'] != 1)}"
+            lines.append(f"  pieces       {self.parts[name].pieces}{holes}")
+            for what, width in measures.items():
+                if isinstance(width, Width):
                     lines.append(f"  {what}: {1e3 * width.value:.3g} mm")
             lines.append(f"  mass         {before.mass:.5g} -> {body.mass:.5g} kg")
             lines.append(f"  volume       {before.volume:.4f} -> {body.volume:.4f}")
@@ -173,20 +135,27 @@ class Verification:
         def of_each(values: Mapping[str, Any]) -> Any:
             return next(iter(values.values())) if len(values) == 1 else dict(values)
 
-        def size(width: Width | None) -> float | None:
-            return None if width is None else width.value
-
         parts = self.parts
+        measures = {name: part.measures() for name, part in parts.items()}
+        told = {what for of in measures.values() for what in of}
+
+        def measure(what: str) -> Any:
+            found = {name: of.get(what) for name, of in measures.items()}
+            return of_each({n: v.value if isinstance(v, Width) else v for n, v in found.items()})
+
+        def by_name(what: str, key: str) -> dict[str, Any]:
+            return {key: measure(what)} if what in told else {}
+
         return {
             "psi_part": self.psi,
             **({"psi_part_by_motion": self.fitted[-1].motions} if self.reported.motions else {}),
             "part_difference": self.difference,
             "part_change": self.change,
             "part_pieces": of_each({name: part.pieces for name, part in parts.items()}),
-            "part_holes": of_each({name: part.holes for name, part in parts.items()}),
+            **by_name("holes", "part_holes"),
             "part_mass": of_each({n: body.mass for n, body in self.fitted[-1].bodies.items()}),
-            "thinnest_member": of_each({n: size(p.thinnest_member) for n, p in parts.items()}),
-            "narrowest_gap": of_each({n: size(p.narrowest_gap) for n, p in parts.items()}),
+            **by_name("thinnest member", "thinnest_member"),
+            **by_name("narrowest gap", "narrowest_gap"),
         }
 
     def __str__(self) -> str:
@@ -196,46 +165,54 @@ class Verification:
 
 def verify(
     problem: Problem,
-    parts: Mapping[str, Fitted],
+    parts: Mapping[str, Enclosed],
     evaluation: Evaluation,
     *,
     modes: Mapping[str, int] | int | None = None,
     size: float | None = None,
-    tolerance: float = 2e-3,
+    tolerance: float | None = None,
     order: int = 2,
-    most: int = 5,
+    most: int | None = None,
 ) -> Verification:
     """Evaluate a problem with parts in the place of designed bodies; collective.
 
-    Each part is meshed by triangles that fit its boundary, all of full density, and the whole
-    motion is computed again; with triangles half as large, until psi stands still. What then is
-    left between it and the reported psi is the difference between the densities and the part.
+    Each part is meshed by triangles, each solid by tetrahedra that fit its boundary, all of full
+    density, and the whole motion is computed again; on finer meshes, until psi stands still. What
+    then is left between it and the reported psi is the difference between the densities and the
+    part.
 
     Args:
         problem: As it was designed.
-        parts: By name of the body.
+        parts: By name of the body, a `Part` in the plane or a `Solid` in space.
         evaluation: Of the design, what was reported.
         modes: Number of normal modes of the parts, one for all or by name; by default that of the
             problem. Slender parts may need more than full bodies.
-        size: Of the triangles at first [m]; by default two spacings of each part, which are halved
-            at least once. Members narrower than that get smaller ones.
-        tolerance: Largest relative change of psi by halving the triangles.
+        size: Of the cells at first [m]. In the plane by default two spacings of each part; they are
+            halved at least once, and members narrower than that get smaller ones. In space by
+            default twelve tetrahedra for each hexahedron of the body, then 24, 96, 192, ..., or as
+            many as the body has, then eight times as many.
+        tolerance: Largest relative change of psi from mesh to mesh that counts as none; by default
+            2e-3 in the plane, 5e-3 in space.
         order: Polynomial order of the displacements.
-        most: Largest number of meshes.
+        most: Largest number of meshes; by default 5 in the plane, 2 in space.
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if a name is not that of a flexible body, a part has lost an
-            interface that the problem uses, or gmsh cannot mesh it.
+            interface that the problem uses, or cannot be meshed.
         SimulationError: On every rank, if the motion of the parts cannot be computed.
 
     Warns:
         PartWarning: If psi does not stand still.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
-    validation.instances_by_name("verify: parts", parts, Shape, "a Part")
+    validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
     validation.instance("verify: evaluation", evaluation, Evaluation, "an Evaluation")
+    if tolerance is None:
+        tolerance = max((part.tolerance for part in parts.values()), default=1.0)
     validation.number("verify: tolerance", tolerance, above=0.0)
+    if most is None:
+        most = max((part.most for part in parts.values()), default=2)
     if size is not None:
         validation.number("verify: size", size, above=0.0, unit="m")
     meshes = validation.integer("verify: most", most, least=2)
@@ -258,11 +235,9 @@ def verify(
     wanted = {name: given.get(name, problem.flexible[name].modes) for name in parts}
     reported = _figures(None, problem, evaluation, parts)
     fitted: list[Figures] = []
-    for halving in range(meshes):
-        sizes = {
-            name: (_FIRST * part.spacing if size is None else size) / 2**halving
-            for name, part in parts.items()
-        }
+    every = {name: part.sizes(size, meshes) for name, part in parts.items()}
+    for mesh in range(meshes):
+        sizes = {name: of[mesh] for name, of in every.items()}
         domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
         again = _with_parts(problem, domains, wanted)
         densities = {
@@ -274,10 +249,12 @@ def verify(
         if found.converged:
             break
     if not found.converged:
+        before, last = (1e3 * (row.size or 0.0) for row in fitted[-2:])
         warnings.warn(
-            f"verify: psi still changes by {100 * found.change:.2g} % from triangles of "
-            f"{2e3 * max(sizes.values()):.3g} mm to half of that; give a smaller size, or look for "
-            "members thinner than that",
+            f"verify: psi still changes by {100 * found.change:.2g} % from "
+            f"{next(iter(parts.values())).elements} of {before:.3g} mm to "
+            f"{last:.3g} mm; give a smaller size or more meshes (most=), or look "
+            "for members thinner than that",
             PartWarning,
             stacklevel=2,
         )
@@ -298,7 +275,7 @@ def _with_parts(
 
 
 def _figures(
-    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Fitted]
+    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Enclosed]
 ) -> Figures:
     bodies = {}
     for name, part in parts.items():

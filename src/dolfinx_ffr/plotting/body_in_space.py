@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..design import density_field
 from ..fem import Domain, GatheredMesh, surface_of
+from ..part import Solid
 from ..reduction import FlexibleBody, ReducedBody
 from .mechanism_view import VOID
 from .rendering import Rendering, rendering
@@ -30,7 +31,7 @@ from .style import (
     written,
 )
 
-__all__ = ["designs_in_space", "modes_in_space", "stress_in_space"]
+__all__ = ["designs_in_space", "modes_in_space", "solid_in_space", "stress_in_space"]
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,33 @@ def designs_in_space(domain: Domain, designs: Mapping[str, Array], path: Path, t
         _page(file, mesh, list(designs), title, show, legend=True)
 
     return written(domain.comm, path, draw)
+
+
+def solid_in_space(solid: Solid, path: Path, title: str) -> Path:
+    """Draw the surface of a solid, with the edges of the body and its interfaces.
+
+    Args:
+        solid: The solid.
+        path: File to write.
+        title: Heading.
+    """
+    mesh = GatheredMesh.of(solid.body)
+    heading = f"volume {1e6 * solid.volume:.4g} cm³"
+    if getattr(solid.material, "density", None) is not None:
+        heading += f"   mass {solid.mass:.4g} kg"
+    heading += f"   {solid.pieces} piece{'s' * (solid.pieces != 1)}"
+
+    def draw(file: Path) -> None:
+        grid = mesh.grid()
+
+        def show(view: Rendering, name: str) -> None:
+            view.add(solid.surface(), color=_STEEL)
+            _add_body(view, grid)
+            _add_interfaces(view, mesh, grid)
+
+        _page(file, mesh, [heading], title, show, legend=True)
+
+    return written(solid.body.comm, path, draw)
 
 
 def stress_in_space(

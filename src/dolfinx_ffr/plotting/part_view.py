@@ -19,7 +19,8 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..fem import polygon
-from ..part import Part, Width
+from ..part import Part, Solid, Width
+from .body_in_space import solid_in_space
 from .drawn_mesh import DrawnMesh
 from .style import (
     ACCENTS,
@@ -48,16 +49,16 @@ _POINTS = 900
 _WIDTH, _DETAIL = 10.4, 2.6
 
 
-def plot_part(part: Part, path: str | Path, *, title: str = "") -> Path:
+def plot_part(part: Part | Solid, path: str | Path, *, title: str = "") -> Path:
     """Draw a part: its outline over the field, and details of where it is thinnest and tightest.
 
     One sees the material in steel blue over the field from which it was drawn (blue where it is
     positive) and the outline of the body, its interfaces in colour, loose pieces that were left out
     in red, and framed the places that are enlarged below, each with its dimension and the disc that
-    is as wide.
+    is as wide. Of a solid one sees the surface, the edges of the body and its interfaces.
 
     Args:
-        part: The part.
+        part: The part, or the solid.
         path: File to write, .png, .pdf or .svg.
         title: Heading.
 
@@ -68,8 +69,10 @@ def plot_part(part: Part, path: str | Path, *, title: str = "") -> Path:
         TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if the kind of file is not known.
     """
-    validation.instance("plot_part: part", part, Part, "a Part")
+    validation.instance("plot_part: part", part, (Part, Solid), "a Part or a Solid")
     path = writable(path, KINDS)
+    if isinstance(part, Solid):
+        return solid_in_space(part, path, title)
     drawn = DrawnMesh.of(part.body)
     low, high = part.body.bounding_box  # collective where it is asked for the first time
 

@@ -111,9 +111,11 @@ def accuracy(run: Run) -> dict[str, Any]:
     values: list[Row] = []
     if real(psi):
         values.append(("Reported, of the densities", run.psi.text(psi, 5), unit, "0"))
+    kinds = {body.get("elements", "triangles") for body in found.get("bodies", {}).values()}
+    elements = kinds.pop() if len(kinds) == 1 else "cells"
     for mesh in found["meshes"] if found else []:
         size = Scale("m", mesh["size"])
-        what = f"Part, triangles of {size.text(mesh['size'], 3)} {size.name}"
+        what = f"Part, {elements} of {size.text(mesh['size'], 3)} {size.name}"
         change = mesh["psi"] / found["reported"] - 1.0
         values.append((what, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
     errors: list[Row] = []
@@ -134,7 +136,7 @@ def accuracy(run: Run) -> dict[str, Any]:
     if found:
         still = "stands still" if found.get("converged") else "still changes"
         limit = f"{still} within {percent(found.get('tolerance'))} %"
-        error("Mesh of the part", found.get("change"), f"triangles halved: {limit}")
+        error("Mesh of the part", found.get("change"), f"{elements} made smaller: {limit}")
     error("Normal modes left out", modes, "estimated by residual modes")
     error("Time step", scene.get("step_error"), "estimated by steps twice as long")
     note = (
@@ -263,7 +265,8 @@ def reported_and_part(run: Run) -> list[Table]:
         for number, pair in enumerate(pairs, 1):
             row(f"Frequency {number}", "Hz", pair)
         note = (
-            f"Part: {fixed(body['cells'])} triangles, {body['modes']} normal modes. Stress: "
+            f"Part: {fixed(body['cells'])} {body.get('elements', 'triangles')}, {body['modes']} "
+            "normal modes. Stress: "
             "von Mises, over the whole motion. Frequencies: with all interfaces held."
         )
         head = ["", "Reported", "Part", "Unit", "Change [%]"]
@@ -285,9 +288,10 @@ def own_figures(run: Run) -> Table | None:
         if name not in done:
             scale = Scale("Pa", given["value"])
             when = Scale("s", given["time"])
-            x, y = (Scale("m", 1.0).text(v) for v in given["position"])
+            place = zip("xyz", (Scale("m", 1.0).text(v) for v in given["position"]), strict=False)
             motion = f", in motion {given['motion']}" if given.get("motion") else ""
-            where = f"at {when.text(given['time'])} {when.name}, x = {x} mm, y = {y} mm{motion}"
+            at = ", ".join(f"{axis} = {value} mm" for axis, value in place)
+            where = f"at {when.text(given['time'])} {when.name}, {at}{motion}"
             rows.append(
                 (name, "Largest von Mises stress", scale.text(given["value"]), scale.name, where)
             )
