@@ -41,7 +41,6 @@ def test_design_on_any_number_of_ranks(
     main([*small, "--output", str(out)])
     comm.Barrier()
     found = json.loads((out / "summary.json").read_text())
-    assert found["psi_part"] == found["verification"]["part"] > 0.0
     assert found["gradient"] == pytest.approx(found["central_difference"], rel=1e-5)
     for name in (
         "design.xdmf",

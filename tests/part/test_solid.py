@@ -162,6 +162,27 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Intracomm) -> None:
         assert found.psi == pytest.approx(verified(MPI.COMM_SELF).psi, rel=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore:verify. psi still changes")
+def test_result_of_a_design_as_a_solid(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """A design that keeps all its material has the body as its solid, which it leaves."""
+    problem = spatial_problem(comm, (10, 2, 2), modes=2, steps=240)
+    rod = problem.flexible["rod"].domain
+    design = ffr.DensityDesign(rod)
+    start = design.even(1.0)
+    result = ffr.optimize(problem, design, start, volume=1.0, iterations=0, progress=False)
+    found = result.finish(shared_tmp_path)
+    assert found is not None
+    solid = result.solid()
+    assert solid is result.solid("rod")
+    assert solid.volume == pytest.approx(rod.area, rel=1e-12)
+    record = ffr.run_record(result, verification=found)["verification"]
+    assert record["bodies"]["rod"]["elements"] == "tetrahedra"
+    # linear elements are stiffer than they should be
+    assert 0.0 < found.difference < 4.0
+    for name in ("solid.stl", "solid.png"):
+        assert (shared_tmp_path / name).stat().st_size > 500
+
+
 def test_refusals(comm: MPI.Intracomm) -> None:
     """No material, and a body in the plane."""
     free = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(8, 2, 2), solid_layers=0)

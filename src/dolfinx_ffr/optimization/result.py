@@ -190,17 +190,21 @@ class Result:
         Warns:
             DesignWarning: Where there is no such part, with the reason.
         """
+        found = None
         try:
             found = self.verify(**options)
         except (ValueError, SimulationError) as error:
             warnings.warn(f"no part comes of this design: {error}", DesignWarning, stacklevel=2)
-            return None
         for name, own in self._folders(folder).items():
-            part = self._enclosed(name)
+            part = self._parts.get(name)
             solid = isinstance(part, Solid)
+            if part is None or (found is None and not solid):
+                continue
+            # the surface of a solid is worth a look in any case
             part.write(own / "solid.stl" if solid else own)
-            what = "solid" if solid else "part"
-            title = f"{name}: psi of the {what} is {found.psi / self.psi:.3f} of that of the design"
+            what, title = "solid" if solid else "part", name
+            if found is not None:
+                title += f": psi of the {what} is {found.psi / self.psi:.3f} of that of the design"
             plot_part(part, own / f"{what}.png", title=title)
         return found
 
