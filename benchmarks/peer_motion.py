@@ -84,7 +84,7 @@ def scene_of(comm: MPI.Comm, elements: list[int]) -> tuple[ffr.Problem, Crank, f
     if len(elements) == 2:
         radius, turns, duration, slider = slider_crank_numbers()
         return (
-            slider_crank(comm, (elements[0], elements[1])),
+            slider_crank(comm, (elements[0], elements[1]), steps=2000),
             Crank(radius, turns, duration),
             slider,
         )
