@@ -39,6 +39,7 @@ STUDIES = (
     "integration",
     "motions",
     "static_loads",
+    "warm_starts",
     "space",
 )
 MEASURED_BY = {"differences": "growth"}
