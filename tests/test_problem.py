@@ -352,3 +352,24 @@ def test_old_name_of_fixed_interface_frequencies() -> None:
     evaluation = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
     with pytest.warns(DeprecationWarning, match="is now called fixed_interface_frequencies"):
         assert evaluation.frequencies is evaluation.fixed_interface_frequencies
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("objective", "message"),
+    [
+        (ffr.IntegralCompliance(["bar"]), r"of body 'bar', but the bodies are \['rod'\]"),
+        (ffr.Mass("bar"), r"mass of body 'bar', but the bodies are \['rod'\]"),
+        (ffr.Frequency("bar"), r"frequency of body 'bar', but the bodies are \['rod'\]"),
+        (ffr.PathTracking("rod", "middle", (0.0, 0.0)), r"the markers of body 'rod' are \['left'"),
+        (ffr.Mass("rod") + ffr.JointForce("pin"), r"the joints are \['crank pin', 'slider'\]"),
+    ],
+)
+def test_names_that_do_not_exist_are_refused_before_work(
+    comm: MPI.Intracomm, objective: ffr.Objective, message: str
+) -> None:
+    given = reference_problem(comm, (10, 2), modes=2, steps=10)
+    bound = ffr.Constraint(objective, upper=1.0)
+    for psi, bounds in ((objective, []), (ffr.IntegralCompliance(), [bound])):
+        with pytest.raises(ValueError, match=message):
+            ffr.Problem(given.bodies, given.mechanism, given.integrator, psi, bounds)

@@ -10,7 +10,7 @@ depend on the motion, such as a mass, causes neither.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -174,9 +174,22 @@ class MechanicalProblem:
             SimulationError: If the motion cannot be computed.
         """
         start = perf_counter()
+        self.validate_names({name: integrals.markers for name, integrals in bodies.items()})
         trajectory = self.settled(bodies, densities, stresses).motion(bodies)
         found = self.evaluated(Response(trajectory, dict(bodies), densities or {}, stresses or {}))
         return replace(found, seconds={"simulation": perf_counter() - start})
+
+    def validate_names(self, markers: Mapping[str, Collection[str]]) -> None:
+        """Refuse objectives and constraints of bodies, markers and joints that do not exist.
+
+        Args:
+            markers: Names of the markers by name of the body, of all bodies.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        for objective in self.objectives.values():
+            objective.validate_names(markers, list(self.mechanism.joint_names))
 
     def settled(
         self,

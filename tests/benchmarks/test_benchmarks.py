@@ -46,6 +46,7 @@ MAY_BE_ZERO = {
     "each_ms",
     "difference",
     "adjoints",
+    "change",
     "static",
 }
 #: Columns that hold words

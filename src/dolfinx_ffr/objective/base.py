@@ -193,6 +193,17 @@ class Objective:
             ValueError: If a body has no density; the message lists those that have.
         """
 
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        """Refuse bodies, markers and joints that do not exist, before anything is computed.
+
+        Args:
+            markers: Names of the markers by name of the body, of all bodies.
+            joints: Names of the joints.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+
     def evaluate(self, response: Response) -> float:
         """The number, the same on every rank.
 
@@ -330,6 +341,10 @@ class Sum(Objective):
         for _, term in self.terms:
             term.validate(densities)
 
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        for _, term in self.terms:
+            term.validate_names(markers, joints)
+
     def evaluate(self, response: Response) -> float:
         return sum(weight * term.evaluate(response) for weight, term in self.terms)
 
@@ -438,12 +453,12 @@ def check_objective(what: str, objective: object) -> Objective:
     return validation.instance(what, objective, Objective, needed)
 
 
-def no_body(what: str, name: str, bodies: Bodies) -> ValueError:
+def no_body(what: str, name: str, bodies: Collection[str]) -> ValueError:
     """Error for a body that does not exist.
 
     Args:
         what: Name of the objective.
         name: Name of the missing body.
-        bodies: The bodies that exist.
+        bodies: Names of those that exist.
     """
     return ValueError(f"{what} of body {name!r}, but the bodies are {list(bodies)}")

@@ -7,7 +7,7 @@ and K its reduced stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -46,7 +46,10 @@ class _Compliance(Objective):
             for name, weight in validation.by_name(what, self.weights, "numbers").items():
                 validation.number(f"{what}: that of body {name!r}", weight)
 
-    def _terms(self, bodies: Bodies) -> dict[str, float]:
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        self._terms(markers)
+
+    def _terms(self, bodies: Collection[str]) -> dict[str, float]:
         """Weights of the bodies that count."""
         chosen = list(bodies) if self.bodies is None else list(self.bodies)
         for name in [*chosen, *(self.weights or {})]:

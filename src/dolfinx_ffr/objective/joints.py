@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,11 +78,14 @@ class JointForce(Objective):
         size = np.linalg.norm(trajectory.multipliers[:, self._rows(trajectory)], axis=1)
         return size, time_weights(trajectory, self.window, "joint force")
 
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        if self.joint not in joints:
+            raise ValueError(f"force of joint {self.joint!r}, but the joints are {joints}")
+
     def _rows(self, trajectory: Trajectory) -> NDArray[np.int64]:
         """Rows of the multipliers that count."""
         joints = trajectory.model.joints
-        if self.joint not in joints:
-            raise ValueError(f"force of joint {self.joint!r}, but the joints are {list(joints)}")
+        self.validate_names({}, list(joints))
         rows = np.arange(trajectory.model.rows)[joints[self.joint]]
         turns = trajectory.model.angular[rows]
         if self.moment and not turns.any():

@@ -14,7 +14,7 @@ which gains -q' . T q'. In space [omega] and [alpha] take the places of omega J 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import ClassVar, TypeAlias
@@ -52,20 +52,25 @@ class _MarkerObjective(Objective):
     #: Name of the marker.
     marker: str
 
-    def _check_names(self, what: str) -> None:
-        validation.name(f"{what}: body", self.body)
-        validation.name(f"{what}: marker", self.marker)
+    #: Name for messages.
+    _what: ClassVar[str]
 
-    def _body_marker(self, what: str, bodies: Bodies) -> BodyMarker:
-        if self.body not in bodies:
-            raise no_body(what, self.body, bodies)
-        markers = bodies[self.body].markers
-        if self.marker not in markers:
+    def _check_names(self) -> None:
+        validation.name(f"{self._what}: body", self.body)
+        validation.name(f"{self._what}: marker", self.marker)
+
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        if self.body not in markers:
+            raise no_body(self._what, self.body, markers)
+        if self.marker not in markers[self.body]:
             raise ValueError(
-                f"{what} of marker {self.marker!r}, but the markers of body {self.body!r} are "
-                f"{list(markers)}"
+                f"{self._what} of marker {self.marker!r}, but the markers of body {self.body!r} "
+                f"are {list(markers[self.body])}"
             )
-        return markers[self.marker]
+
+    def _body_marker(self, bodies: Bodies) -> BodyMarker:
+        self.validate_names({name: body.markers for name, body in bodies.items()}, [])
+        return bodies[self.body].markers[self.marker]
 
     def _in_space(self, trajectory: Trajectory, marker: BodyMarker) -> MarkerMotion:
         """Motion of the marker in space."""
@@ -119,6 +124,7 @@ class PathTracking(_MarkerObjective):
     """
 
     unit: ClassVar[str] = "m^2 s"
+    _what: ClassVar[str] = "path tracking"
 
     #: Pair (x, y), in space (x, y, z), of motions, functions of an array of times, numbers, or
     #: arrays of shape (steps + 1,) if not all are; or an array of the positions at the instants of
@@ -131,7 +137,7 @@ class PathTracking(_MarkerObjective):
 
     def __post_init__(self) -> None:
         """Check names, path and window."""
-        self._check_names("path tracking")
+        self._check_names()
         check_window("path tracking", self.window)
         if _is_pair_of_coordinates(self.path):
             if len(self.path) not in (2, 3):
@@ -175,7 +181,7 @@ class PathTracking(_MarkerObjective):
 
     def _distance(self, trajectory: Trajectory, bodies: Bodies) -> tuple[Array, Array]:
         """Vectors from path to marker, and the marker in the body's axes, (steps + 1, 2) [m]."""
-        marker = self._body_marker("path tracking", bodies)
+        marker = self._body_marker(bodies)
         if trajectory.model.dimension == 3:
             motion = self._in_space(trajectory, marker)
             return motion.position - self._target(trajectory.t, 3), motion.c
@@ -223,13 +229,14 @@ class MarkerAcceleration(_MarkerObjective):
     """
 
     unit: ClassVar[str] = "m^2/s^3"
+    _what: ClassVar[str] = "marker acceleration"
 
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check names and window."""
-        self._check_names("marker acceleration")
+        self._check_names()
         check_window("marker acceleration", self.window)
 
     def acceleration(self, trajectory: Trajectory, bodies: Bodies) -> Array:
@@ -242,7 +249,7 @@ class MarkerAcceleration(_MarkerObjective):
         Raises:
             ValueError: If a name does not exist; the message lists those that do.
         """
-        marker = self._body_marker("marker acceleration", bodies)
+        marker = self._body_marker(bodies)
         if trajectory.model.dimension == 3:
             return self._in_space(trajectory, marker).acceleration
         where = trajectory.model.coordinates(self.body)
@@ -256,7 +263,7 @@ class MarkerAcceleration(_MarkerObjective):
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        marker = self._body_marker("marker acceleration", bodies)
+        marker = self._body_marker(bodies)
         weights = time_weights(trajectory, self.window, "marker acceleration")
         if trajectory.model.dimension == 3:
             motion = self._in_space(trajectory, marker)

@@ -55,9 +55,12 @@ class Mass(Objective):
     ) -> tuple[None, dict[str, VolumeIntegrals]]:
         return None, {self.body: replace(self._body(bodies).zeros_like(), mass=1.0)}
 
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        if self.body not in markers:
+            raise no_body("mass", self.body, markers)
+
     def _body(self, bodies: Bodies) -> VolumeIntegrals:
-        if self.body not in bodies:
-            raise no_body("mass", self.body, bodies)
+        self.validate_names(dict.fromkeys(bodies, ()), [])
         return bodies[self.body]
 
 
@@ -228,10 +231,13 @@ class Frequency(Objective):
         """Number of rigid-body motions that count, which come first."""
         return 3 * bodies[self.body].dimension - 3 if self.free else 0
 
+    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
+        if self.body not in markers:
+            raise no_body("frequency", self.body, markers)
+
     def _eigenpairs(self, bodies: Bodies) -> tuple[Array, Array]:
         """Eigenvalues and M-orthonormal eigenvectors, in ascending order."""
-        if self.body not in bodies:
-            raise no_body("frequency", self.body, bodies)
+        self.validate_names(dict.fromkeys(bodies, ()), [])
         body = bodies[self.body]
         if self.number - 1 + self.cluster > body.modes:
             raise ValueError(
