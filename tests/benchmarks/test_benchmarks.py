@@ -28,6 +28,7 @@ PAGES = (
     "motions",
     "static_loads",
     "warm_starts",
+    "space",
 )
 #: Entries that may be nothing: memory that was there before, time lost between parts, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked.
@@ -36,6 +37,8 @@ MAY_BE_ZERO = {
     "modes",
     "memory_value",
     "memory_gradient",
+    "memory_direct",
+    "memory_iterative",
     "rest",
     "error_psi",
     "iterations",
@@ -48,9 +51,11 @@ MAY_BE_ZERO = {
     "adjoints",
     "change",
     "static",
+    "difference_psi",
+    "difference_gradient",
 }
 #: Columns that hold words
-WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "model", "way"}
+WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "model", "solver", "way"}
 #: Cosines may have any sign
 SIGNED = {"cosine", "levelset_cosine", "excess"}
 TABLES = {
@@ -83,6 +88,10 @@ TABLES = {
     "static_loads": 3,
     "static_loads_cycles": 1,
     "warm_starts": 1,
+    "space": 3,
+    "space_parts": 3,
+    "space_solvers": 1,
+    "space_steps": 1,
 }
 #: Columns that are not measured quickly
 LEFT_OUT = {"part", "part_excess"}
@@ -160,6 +169,11 @@ def test_error_falls_with_the_tolerance(column: Column) -> None:
     # not at every tolerance: tight ones know more of the outer modes, which saves iterations
     iterations = column("accuracy_tolerance", "iterations")
     assert iterations[0] < iterations[-1]
+
+
+def test_multigrid_agrees_with_factors(column: Column) -> None:
+    assert np.all(column("space_solvers", "difference_psi") < 1e-9)
+    assert np.all(column("space_solvers", "difference_gradient") < 1e-8)
 
 
 def rows_of(output: Path, table: str, **wanted: str) -> list[dict[str, str]]:
