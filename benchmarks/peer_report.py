@@ -66,8 +66,12 @@ def report_peers(results: list[tuple[Job, dict[str, Any]]], directory: Path) -> 
         *_plate_tables(plate_rows, designs),
         _memory_table(results),
     ]
-    _draw((plane, space), plate_rows, designs, directory / "peers.png")
-    picture = "![Time beside error, of this package and of others](peers.png)"
+    _draw(plane, plate_rows, designs, directory / "peers.png")
+    _draw_space(space, directory / "peers_space.png")
+    picture = (
+        "![Time beside error, of this package and of others](peers.png)\n\n"
+        "![The same of the motion in space](peers_space.png)"
+    )
     names = {"exudyn": EXUDYN, "pymoto": PYMOTO, "cvxopt": "CVXOPT", "opt_einsum": "opt_einsum"}
     peers = ", ".join(f"{names[name]} {version}" for name, version in versions().items())
     text = f"Beside {peers}; the peers' NumPy and SciPy are those of the environment.\n\n{picture}"
@@ -347,27 +351,37 @@ def _memory_table(results: list[tuple[Job, dict[str, Any]]]) -> Table:
 
 
 def _draw(
-    motions: Sequence[dict[str, Any]],
-    plates: list[dict[str, Any]],
-    designs: dict[str, Any],
-    path: Path,
+    motion: dict[str, Any], plates: list[dict[str, Any]], designs: dict[str, Any], path: Path
 ) -> None:
-    with styled_figure(13.0, 12.6) as figure:
-        *pairs, (plate, design) = figure.subplots(3, 2)
-        for motion, (psi, deflection), where in zip(motions, pairs, ("", " in space"), strict=True):
-            for axes, what, title in (
-                (psi, "error_psi", f"Slider-crank{where}: psi"),
-                (deflection, "error_deflection", f"Slider-crank{where}: deflection at mid-rod"),
-            ):
-                _draw_motion(axes, motion["rows"], what)
-                axes.set_title(title)
-            low, high = psi.get_ylim()
-            psi.set_ylim(low, high * (high / low) ** 0.3)
-            psi.legend(loc="upper right")
+    with styled_figure(13.0, 8.6) as figure:
+        pair, (plate, design) = figure.subplots(2, 2)
+        _draw_errors(pair, motion, "Slider-crank")
         _draw_plates(plate, plates)
         _draw_designs(design, designs)
         figure.tight_layout(w_pad=2.0, h_pad=2.0)
         save(figure, path)
+
+
+def _draw_space(motion: dict[str, Any], path: Path) -> None:
+    with styled_figure(13.0, 4.3) as figure:
+        _draw_errors(figure.subplots(1, 2), motion, "Slider-crank in space")
+        figure.tight_layout(w_pad=2.0)
+        save(figure, path)
+
+
+def _draw_errors(pair: Sequence[Axes], motion: dict[str, Any], scene: str) -> None:
+    """Time beside error of psi and of the deflection."""
+    for axes, what, title in zip(
+        pair,
+        ("error_psi", "error_deflection"),
+        ("psi", "deflection of the rod's middle"),
+        strict=True,
+    ):
+        _draw_motion(axes, motion["rows"], what)
+        axes.set_title(f"{scene}: {title}")
+    low, high = pair[0].get_ylim()
+    pair[0].set_ylim(low, high * (high / low) ** 0.3)
+    pair[0].legend(loc="upper right")
 
 
 def _draw_motion(axes: Axes, rows: Sequence[dict[str, Any]], what: str) -> None:
@@ -439,7 +453,7 @@ def _draw_plates(axes: Axes, rows: Sequence[dict[str, Any]]) -> None:
 
 def _draw_designs(axes: Axes, designs: dict[str, Any]) -> None:
     for (name, run), (style, color) in zip(
-        designs["runs"].items(), (("-", ORANGE), ("-", RED), ("--", BLUE)), strict=True
+        designs["runs"].items(), (("-", ORANGE), ("--", BLUE)), strict=True
     ):
         best = np.minimum.accumulate(run["compliance"]) / designs["solid"]
         axes.plot(run["seconds"], best, style, color=color, label=f"{name}: {best[-1]:.3f}")

@@ -251,5 +251,5 @@ def made_up(peers: ModuleType, job: Any) -> dict[str, Any]:
         }
     if job.function == "plate_designs":
         run = {"seconds": [0.1, 0.2, 0.3], "compliance": [8.0, 4.0, 2.0], "volume": 0.5}
-        return {"runs": {"a": run, "b": run, "c": run}, "solid": 1.0, "mesh": "3x1"}
+        return {"runs": {OURS: run, "pyMOTO": run}, "solid": 1.0, "mesh": "3x1"}
     return {"base": 100.0, "beyond": 3.0}
