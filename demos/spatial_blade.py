@@ -167,7 +167,6 @@ def main(arguments: list[str] | None = None) -> None:
         return
     assert result.feasible, f"bounds are violated: {result.violations}"
     assert enclosed.pieces == 1, "the blade has fallen to pieces"
-    assert verified is not None, "the solid cannot be moved"
     assert result.psi < solid, "the full blade is stiffer"
 
 
