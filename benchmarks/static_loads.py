@@ -192,7 +192,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     """All parts: a column for each scene, a line for each way."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     ways = list(dict.fromkeys(row["way"] for row in rows))
-    with styled_figure(10.0, 4.4, dpi=90.0) as figure:
+    with styled_figure(10.0, 4.8, dpi=90.0) as figure:
         for row in rows:
             place = ways.index(row["way"]) * len(scenes) + scenes.index(row["scene"])
             axes = figure.add_subplot(len(ways), len(scenes), place + 1)

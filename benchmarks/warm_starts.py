@@ -314,7 +314,7 @@ def report_warm_starts(results: list[tuple[Job, dict[str, Any]]], directory: Pat
 
 def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     sizes = sorted({row["elements"] for row in rows})
-    with styled_figure(4.6 * len(sizes) + 0.4, 3.8) as figure:
+    with styled_figure(max(4.6 * len(sizes), 6.0) + 0.4, 3.8) as figure:
         figure.set_constrained_layout(True)
         for k, size in enumerate(sizes):
             axes = figure.add_subplot(1, len(sizes), k + 1)
@@ -332,5 +332,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             axes.set_xlabel("iteration")
             axes.set_title(f"{size:,} elements: saved [% of value and gradient]", loc="left")
             tidy(axes)
-            axes.legend()
+            low, high = axes.get_ylim()
+            axes.set_ylim(low, high + 0.5 * (high - low))  # room for the legend
+            axes.legend(loc="upper left")
         save(figure, path)
