@@ -21,6 +21,7 @@ import numpy as np
 from jobs import Job, Progress
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from PIL import Image
 from report import Table, write_page
 from scene import demo, slider_crank
 
@@ -493,6 +494,9 @@ def _draw(starts: list[dict[str, Any]], others: list[dict[str, Any]], path: Path
             axes.set_title(f"{name}: {row['part']:.4f}", fontsize=8, loc="left", pad=1.0)
         figure.subplots_adjust(0.01, 0.01, 0.99, 0.96, 0.04, 0.45)
         save(figure, path)
+    with Image.open(path) as picture:  # few colours and many lines
+        few = picture.convert("RGB").quantize(32)
+    few.save(path, optimize=True)
 
 
 def draw_parts(axes: Axes, by_name: Mapping[str, list[list[Any]]]) -> None:

@@ -21,6 +21,8 @@ from .widths import Width
 
 __all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
+#: Share by which psi of the parts may exceed the reported one before that is said
+SOFTER = 0.02
 #: Frequencies that the summary shows
 _SHOWN = 3
 
@@ -203,7 +205,7 @@ def verify(
         SimulationError: On every rank, if the motion of the parts cannot be computed.
 
     Warns:
-        PartWarning: If psi does not stand still.
+        PartWarning: If psi does not stand still, or is more than 2 % above the reported one.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
     validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
@@ -255,6 +257,15 @@ def verify(
             f"{next(iter(parts.values())).elements} of {before:.3g} mm to "
             f"{last:.3g} mm; give a smaller size or more meshes (most=), or look "
             "for members thinner than that",
+            PartWarning,
+            stacklevel=2,
+        )
+    if found.difference > SOFTER:
+        warnings.warn(
+            f"verify: psi is {100 * found.difference:.1f} % above what was reported: elements "
+            "bridge a member that is broken or thinner than they are, or are coarse themselves. "
+            "Look at the picture of the part; design with a larger minimum_member, on smaller "
+            "elements, or from another start",
             PartWarning,
             stacklevel=2,
         )
