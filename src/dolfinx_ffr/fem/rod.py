@@ -65,7 +65,8 @@ def rod_mesh(
     name = f"{what}: solid_{pieces}"
     if 2 * validation.integer(name, layers) >= counts[0]:
         raise ValueError(
-            f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}"
+            f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}; "
+            f"take more elements along the rod or fewer solid {pieces}"
         )
     kind = _CELLS[dim][validation.choice(f"{what}: cell", cell, _CELLS[dim])]
     low = np.zeros(dim)
