@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -373,3 +375,25 @@ def test_names_that_do_not_exist_are_refused_before_work(
     for psi, bounds in ((objective, []), (ffr.IntegralCompliance(), [bound])):
         with pytest.raises(ValueError, match=message):
             ffr.Problem(given.bodies, given.mechanism, given.integrator, psi, bounds)
+
+
+def test_start_of_a_body_whose_damping_is_stiff(comm: MPI.Comm) -> None:
+    """Accelerations that damping ends within a share of a step leave no trace in psi."""
+    problem = reference_problem(comm, (20, 4), modes=4, steps=200)
+    angle = ffr.Motion.polynomial([0.0, 10.0 * np.pi])
+    mechanism = replace(
+        problem.mechanism,
+        joints=[
+            ffr.Revolute(("rod", "left"), ffr.Moving.circle((0.0, 0.0), 0.1, angle)),
+            ffr.PointOnLine(("rod", "right"), ffr.Ground()),
+        ],
+        damping={"rod": ffr.RayleighDamping(beta=1e-4)},
+    )
+
+    def psi(steps: int) -> float:
+        of = ffr.Problem(
+            problem.bodies, mechanism, ffr.GeneralizedAlpha(0.2, steps), problem.objective
+        )
+        return of.value(np.ones(of.flexible["rod"].domain.n_cells)).psi
+
+    assert psi(200) == pytest.approx(psi(1600), rel=1e-2)

@@ -118,13 +118,17 @@ class GeneralizedAlpha(Integrator):
         # An even number, half of which are whole steps.
         return replace(self, steps=2 * math.ceil(int(self.steps) / 2))
 
-    def _late_start(self, offset: float) -> float:
+    def _late_start(self, model: FlatModel) -> float:
         """Share of the change of the accelerations shortly after the start in the method's first.
 
-        a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, w_1 the accelerations there.
+        a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, w_1 the accelerations there. None
+        where damping is proportional to stiffness: it ends the accelerations of stiff modes within
+        a share of a step, and their slope at the start says nothing of the step.
         """
+        if np.any(model.arrays.beta > 0.0):
+            return 0.0
         alpha_m, alpha_f, *_ = self.parameters
-        return (alpha_m - alpha_f) * self.step / offset
+        return (alpha_m - alpha_f) * self.step / model.offset
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
         count, offset, kinematics = int(self.steps), model.offset, Kinematics(model.arrays)
@@ -149,7 +153,7 @@ class GeneralizedAlpha(Integrator):
                 cut(trajectory, 0),
             )
         beginning[2], beginning[3, : model.rows] = after
-        a[0] = w[0] + self._late_start(offset) * (beginning[2] - w[0])
+        a[0] = w[0] + self._late_start(model) * (beginning[2] - w[0])
         steps = _steps(trajectory)
         system = Table(linear_system(model.size + 2 * model.rows))
         status = march(kinematics.table, Table(steps), system, self.step, *self.parameters)
@@ -173,7 +177,7 @@ class GeneralizedAlpha(Integrator):
             t = trajectory.t[steps.last[0]]
             raise RuntimeError(f"the matrix of the step at t = {t:.6g} s is singular")
         y_bar, v_bar, w_bar, a_bar = bars.start
-        share = self._late_start(offset)
+        share = self._late_start(model)
         y_bar, v_bar = y_bar + bars.y[0], v_bar + bars.v[0]
         w_bar = w_bar + ((1.0 - share) * a_bar + bars.w[0])
         # The tables of the mechanism end with the instant shortly after the start.
