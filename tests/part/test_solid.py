@@ -190,6 +190,11 @@ def test_refusals(comm: MPI.Intracomm) -> None:
         Solid(free, lambda x: -np.ones(len(x)))
     with pytest.raises(ValueError, match="no material touches an interface"):
         Solid(free, lambda x: 0.1 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
+    whole = Solid(free, lambda x: np.ones(len(x)))
+    with pytest.raises(ValueError, match="tetrahedra are more than the 4,000,000 that can be cut"):
+        whole.domain(1e-9)
+    with pytest.raises(ValueError, match="or fewer meshes"):
+        whole.sizes(None, 200)
     flat = ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(8, 2))
     with pytest.raises(ValueError, match="the body is in the plane; Part"):
         Solid(flat, lambda x: np.ones(len(x)))

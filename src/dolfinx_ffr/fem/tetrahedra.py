@@ -50,6 +50,9 @@ _RED = np.array(
         [[0, 2], [1, 2], [1, 3], [2, 3]],
     ]
 )
+#: Most tetrahedra of a body: what is cut out of them has fewer than 2^21 points, below which three
+#: numbers of points make one of 64 bits
+_MOST = 4_000_000
 #: Steps in which coordinates are told apart, over the size of the body
 _STEPS = 2**20
 
@@ -74,7 +77,11 @@ class Tetrahedra:
             domain: Of hexahedra or tetrahedra; curved cells are taken to be straight.
             finer: 0, 1, 2, ... for ever smaller tetrahedra. Hexahedra become 12, 24, 96, 192, 324,
                 ... of them, tetrahedra 1, 8, 64, ...
+
+        Raises:
+            ValueError: On every rank, if they would be more than four millions.
         """
+        Tetrahedra.check(domain, finer)
         mesh = GatheredMesh.of(domain)
         regions = np.where(domain.void_cells, VOID, np.where(domain.solid_cells, SOLID, DESIGNED))
         regions, facets = mesh.cell_values(regions), mesh.cell_values(_facets(domain))
@@ -100,10 +107,37 @@ class Tetrahedra:
             domain: As for `of`.
             finer: As for `of`.
         """
-        count = 8**finer if domain.cell == "tetrahedron" else 12 * (1 + finer % 2)
-        if domain.cell != "tetrahedron":
-            count *= (finer // 2 + 1) ** 3
-        return domain.cell_size * (6.0 / count) ** (1.0 / 3.0)
+        return domain.cell_size * (6.0 / Tetrahedra.each(domain, finer)) ** (1.0 / 3.0)
+
+    @staticmethod
+    def check(domain: Domain, finer: int) -> None:
+        """Refuse more tetrahedra than can be cut.
+
+        Args:
+            domain: As for `of`.
+            finer: As for `of`.
+
+        Raises:
+            ValueError: On every rank, if they would be more than four millions.
+        """
+        count = domain.n_cells_global * Tetrahedra.each(domain, finer)
+        if count > _MOST:
+            raise ValueError(
+                f"solid: {count:,} tetrahedra are more than the {_MOST:,} that can be cut; ask for "
+                "a larger size or fewer meshes"
+            )
+
+    @staticmethod
+    def each(domain: Domain, finer: int) -> int:
+        """Number of tetrahedra that a cell becomes.
+
+        Args:
+            domain: As for `of`.
+            finer: As for `of`.
+        """
+        if domain.cell == "tetrahedron":
+            return int(8**finer)
+        return 12 * (1 + finer % 2) * (finer // 2 + 1) ** 3
 
     def domain(
         self,

@@ -196,8 +196,12 @@ class Solid(Enclosed):
         Args:
             size: Largest size of the first one [m]; by default the coarsest is the first.
             count: How many.
+
+        Raises:
+            ValueError: On every rank, if the last one has more than four million tetrahedra.
         """
         first = 0 if size is None else self._finer(size)
+        Tetrahedra.check(self.body, first + count - 1)
         return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
     def domain(self, size: float, order: int = 2) -> Domain:
@@ -212,7 +216,7 @@ class Solid(Enclosed):
 
         Raises:
             ValueError: On every rank, if a number is out of range, or a mesh of this size has no
-                material at the interfaces.
+                material at the interfaces or more than four million tetrahedra.
         """
         validation.number("solid: size", size, above=0.0, unit="m")
         degree = validation.integer("solid: order", order, least=1)
@@ -239,6 +243,7 @@ class Solid(Enclosed):
         finer = 0
         while Tetrahedra.size(self.body, finer) > (1.0 + 1e-9) * size:
             finer += 1
+            Tetrahedra.check(self.body, finer)
         return finer
 
     def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:

@@ -86,7 +86,15 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
     Returns:
         Corners of the faces, turned outwards, (faces, 3); the cell and the corner opposite of it of
         each, as 4 times the cell plus the corner, (faces,); pairs of cells, (pairs, 2).
+
+    Raises:
+        ValueError: If there are too many corners for their numbers to be told apart.
     """
+    if cells.max(initial=0) >= 2**21:
+        raise ValueError(
+            f"solid: {cells.max() + 1:,} corners are more than the {2**21:,} that can be told "
+            "apart; ask for a larger size or fewer meshes"
+        )
     faces = cells[:, SIDES].reshape(-1, 3)
     key = np.sort(faces, axis=1) @ np.array([2**42, 2**21, 1])
     order = np.argsort(key, kind="stable")
