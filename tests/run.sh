@@ -34,6 +34,10 @@ ran=0
 for session in "${sessions[@]}"; do
     printf '\n== tests, %s\n' "$session"
     start=$SECONDS
+    # A place of its own for each session: ranks that clear away the directories of sessions before
+    # do so at the same time, and one finds gone what the other has removed.
+    PYTEST_DEBUG_TEMPROOT=$(mktemp -d) || exit 1
+    export PYTEST_DEBUG_TEMPROOT
     if [ "$session" = serial ]; then
         "$python" -m pytest -n 2 --dist loadscope --no-loadscope-reorder "${selection[@]}" "$@"
     else
@@ -41,6 +45,7 @@ for session in "${sessions[@]}"; do
         OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${session% *}" "$python" -m pytest -m mpi "$@" -n 0
     fi
     code=$?
+    [ $code = 1 ] || rm -rf "$PYTEST_DEBUG_TEMPROOT" # files of tests that failed stay to be looked at
     if [ $code = 0 ]; then
         verdict=passed
         ran=1
