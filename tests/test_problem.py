@@ -360,21 +360,28 @@ def test_old_name_of_fixed_interface_frequencies() -> None:
 @pytest.mark.parametrize(
     ("objective", "message"),
     [
-        (ffr.IntegralCompliance(["bar"]), r"of body 'bar', but the bodies are \['rod'\]"),
-        (ffr.Mass("bar"), r"mass of body 'bar', but the bodies are \['rod'\]"),
-        (ffr.Frequency("bar"), r"frequency of body 'bar', but the bodies are \['rod'\]"),
+        (ffr.IntegralCompliance(["bar"]), r"of body 'bar', but the bodies are \['rod', 'disc'\]"),
+        (ffr.Mass("bar"), r"mass of body 'bar', but the bodies are \['rod', 'disc'\]"),
+        (ffr.Frequency("bar"), r"frequency of body 'bar', but the bodies are \['rod', 'disc'\]"),
         (ffr.PathTracking("rod", "middle", (0.0, 0.0)), r"the markers of body 'rod' are \['left'"),
         (ffr.Mass("rod") + ffr.JointForce("pin"), r"the joints are \['crank pin', 'slider'\]"),
+        (ffr.PeakCompliance(["disc"]), r"'disc', which is rigid .* flexible bodies are \['rod'\]"),
+        (ffr.IntegralCompliance(weights={"disc": 2.0}), "'disc', which is rigid"),
+        (2.0 * ffr.Frequency("disc"), "frequency: body 'disc' is rigid"),
+        (ffr.Frequency("rod", 5, cluster=2), "5 elastic coordinates, too few for .* 5 to 6"),
     ],
 )
-def test_names_that_do_not_exist_are_refused_before_work(
+def test_what_does_not_fit_the_bodies_is_refused_before_work(
     comm: MPI.Intracomm, objective: ffr.Objective, message: str
 ) -> None:
     given = reference_problem(comm, (10, 2), modes=2, steps=10)
+    bodies = {**given.bodies, "disc": ffr.VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1e-3, {})}
+    placements = {**given.mechanism.placements, "disc": ffr.Placement()}
+    mechanism = replace(given.mechanism, placements=placements)
     bound = ffr.Constraint(objective, upper=1.0)
     for psi, bounds in ((objective, []), (ffr.IntegralCompliance(), [bound])):
         with pytest.raises(ValueError, match=message):
-            ffr.Problem(given.bodies, given.mechanism, given.integrator, psi, bounds)
+            ffr.Problem(bodies, mechanism, given.integrator, psi, bounds)
 
 
 def test_start_of_a_body_whose_damping_is_stiff(comm: MPI.Comm) -> None:

@@ -222,10 +222,16 @@ def test_a_motion_that_fails_on_one_rank_fails_on_every_rank(comm: MPI.Intracomm
             "motion 'b': body 'rod' has no placement",
         ),
         (
+            {"a": replace(FAST, mechanism=ffr.Mechanism({}, []))},
+            None,
+            ValueError,
+            "^body 'rod' has no placement",
+        ),
+        (
             {"a": FAST, "b": replace(FAST, objective=ffr.Volume("bar"))},
             None,
             ValueError,
-            "'bar'",
+            "motion 'b': volume of body 'bar'",
         ),
         ({"a": FAST}, "sum", TypeError, r"combine must be WeightedSum\(...\), PowerMean"),
         ({"a": FAST}, ffr.WeightedSum({"b": 1.0}), ValueError, r"no motion 'b', but \['a'\]"),

@@ -170,11 +170,13 @@ class MechanicalProblem:
             stresses: Stress of the bodies that have a mesh, likewise.
 
         Raises:
-            ValueError: If a name does not exist or integrals are not valid.
+            ValueError: If a name does not exist, integrals are not valid, or a body that must
+                deform is rigid.
             SimulationError: If the motion cannot be computed.
         """
         start = perf_counter()
         self.validate_names({name: integrals.markers for name, integrals in bodies.items()})
+        self.validate_modes({name: integrals.modes for name, integrals in bodies.items()})
         trajectory = self.settled(bodies, densities, stresses).motion(bodies)
         found = self.evaluated(Response(trajectory, dict(bodies), densities or {}, stresses or {}))
         return replace(found, seconds={"simulation": perf_counter() - start})
@@ -190,6 +192,18 @@ class MechanicalProblem:
         """
         for objective in self.objectives.values():
             objective.validate_names(markers, list(self.mechanism.joint_names))
+
+    def validate_modes(self, modes: Mapping[str, int]) -> None:
+        """Refuse objectives and constraints of bodies with too few elastic coordinates.
+
+        Args:
+            modes: Their number by name of the body, of all bodies; 0 of rigid ones.
+
+        Raises:
+            ValueError: If a body that must deform is rigid, or has too few coordinates.
+        """
+        for objective in self.objectives.values():
+            objective.validate_modes(modes)
 
     def settled(
         self,

@@ -368,7 +368,7 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
         (JointForce("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
         (JointForce("crank pin", moment=True), "joint 'crank pin' carries no moment"),
         (Frequency("rocker", number=2, cluster=2), "2 elastic coordinates, too few for .* 2 to 3"),
-        (Frequency("crank"), "'crank' has 0 elastic coordinates"),
+        (Frequency("crank"), "'crank' is rigid, and has none"),
         (
             PathTracking("rocker", "left", np.zeros((60, 2))),
             r"the path has shape \(60, 2\), but with 61 time steps it must have \(61, 2\)",

@@ -204,6 +204,17 @@ class Objective:
             ValueError: If a name does not exist; the message lists those that do.
         """
 
+    def validate_modes(self, modes: Mapping[str, int]) -> None:
+        """Refuse bodies with too few elastic coordinates, before anything is computed.
+
+        Args:
+            modes: Number of elastic coordinates by name of the body, of all bodies; 0 of rigid
+                ones. Names have been checked by :meth:`validate_names`.
+
+        Raises:
+            ValueError: If a body that must deform is rigid, or has too few coordinates.
+        """
+
     def evaluate(self, response: Response) -> float:
         """The number, the same on every rank.
 
@@ -344,6 +355,10 @@ class Sum(Objective):
     def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
         for _, term in self.terms:
             term.validate_names(markers, joints)
+
+    def validate_modes(self, modes: Mapping[str, int]) -> None:
+        for _, term in self.terms:
+            term.validate_modes(modes)
 
     def evaluate(self, response: Response) -> float:
         return sum(weight * term.evaluate(response) for weight, term in self.terms)

@@ -49,6 +49,15 @@ class _Compliance(Objective):
     def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
         self._terms(markers)
 
+    def validate_modes(self, modes: Mapping[str, int]) -> None:
+        for name in [*(self.bodies or ()), *(self.weights or {})]:
+            if not modes[name]:
+                flexible = [other for other, count in modes.items() if count]
+                raise ValueError(
+                    f"{self._what} of body {name!r}, which is rigid and has none; the flexible "
+                    f"bodies are {flexible}"
+                )
+
     def _terms(self, bodies: Collection[str]) -> dict[str, float]:
         """Weights of the bodies that count."""
         chosen = list(bodies) if self.bodies is None else list(self.bodies)

@@ -175,8 +175,9 @@ class Frequency(Objective):
     close to the lowest of them.
 
     Raises:
-        ValueError: If number or cluster is below one; when the value is asked for, if the body does
-            not exist, has too few elastic coordinates, or a frequency of the cluster is zero.
+        ValueError: If number or cluster is below one; when the problem is made, if the body does
+            not exist or has too few elastic coordinates; when the value is asked for, if a
+            frequency of the cluster is zero.
 
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.
@@ -235,15 +236,24 @@ class Frequency(Objective):
         if self.body not in markers:
             raise no_body("frequency", self.body, markers)
 
+    def validate_modes(self, modes: Mapping[str, int]) -> None:
+        count, last = modes[self.body], self.number - 1 + self.cluster
+        if last > count:
+            wanted = (
+                f"frequencies {self.number} to {last}" if self.cluster > 1 else f"number {last}"
+            )
+            raise ValueError(
+                f"frequency: body {self.body!r} is rigid, and has none"
+                if count == 0
+                else f"frequency: body {self.body!r} has {count} elastic coordinates, too few for "
+                f"{wanted}; give it more modes"
+            )
+
     def _eigenpairs(self, bodies: Bodies) -> tuple[Array, Array]:
         """Eigenvalues and M-orthonormal eigenvectors, in ascending order."""
         self.validate_names(dict.fromkeys(bodies, ()), [])
         body = bodies[self.body]
-        if self.number - 1 + self.cluster > body.modes:
-            raise ValueError(
-                f"frequency: body {self.body!r} has {body.modes} elastic coordinates, too few for "
-                f"frequencies {self.number} to {self.number - 1 + self.cluster}"
-            )
+        self.validate_modes({self.body: body.modes})
         n = self._rigid(bodies)
         M = body.mass_matrix()[-n - body.modes :, -n - body.modes :]
         K = np.zeros_like(M)

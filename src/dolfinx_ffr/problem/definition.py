@@ -242,30 +242,27 @@ class MovingBodies:
         return comm
 
     def _validate(self) -> None:
-        """Refuse objectives that lack a density or a name, and mechanisms that lack a body."""
+        """Refuse objectives and mechanisms that lack a body, a density, a name or coordinates."""
         full = {
             name: _field(body, np.ones(body.domain.n_cells)) for name, body in self.flexible.items()
         }
-        for motion in self.motions.values():
-            for used in motion.objectives.values():
-                used.validate(full)
         markers = {
             name: body.markers
             if isinstance(body, VolumeIntegrals)
             else [*body.domain.interfaces, *body.markers]
             for name, body in self.bodies.items()
         }
-        if len(self.motions) == 1:
-            # what its mechanism lacks is found at the first evaluation, whose message names none
-            for motion in self.motions.values():
-                motion.validate_names(markers)
-            return
         modes = self._modes
         for name, motion in self.motions.items():
             try:
                 check_names(motion.mechanism, modes, markers)
                 motion.validate_names(markers)
+                motion.validate_modes(modes)
+                for used in motion.objectives.values():
+                    used.validate(full)
             except ValueError as error:
+                if len(self.motions) == 1:
+                    raise
                 raise ValueError(f"motion {name!r}: {error}") from error
 
     @property
