@@ -115,6 +115,7 @@ _FOLDERS = {
         "Weld",
     ],
     "objective": [
+        "Combination",
         "Constraint",
         "DensityField",
         "Derivatives",
@@ -127,10 +128,13 @@ _FOLDERS = {
         "PathTracking",
         "PeakCompliance",
         "PeakStress",
+        "PowerMean",
         "Response",
         "StressField",
         "Sum",
         "Volume",
+        "WeightedSum",
+        "WorstCase",
     ],
     "optimization": [
         "DesignLoop",
@@ -166,15 +170,7 @@ _FOLDERS = {
         "von_mises",
         "worst_stress",
     ],
-    "problem": [
-        "Combination",
-        "Evaluation",
-        "MotionEvaluation",
-        "PowerMean",
-        "Problem",
-        "WeightedSum",
-        "WorstCase",
-    ],
+    "problem": ["Evaluation", "MotionEvaluation", "Problem"],
     "reduction": [
         "ChordFrame",
         "CraigBampton",

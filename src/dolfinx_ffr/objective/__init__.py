@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Objectives: a number from a motion and from the bodies, and its exact derivatives.
 
-Objectives can be weighted and added (``0.3 * a + b``), and bounded by a :class:`Constraint`.
+Objectives can be weighted and added (``0.3 * a + b``), and bounded by a :class:`Constraint`. Those
+of several motions become one number by a :class:`Combination`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from .base import (
     Sum,
     check_objective,
 )
+from .combination import Combination, PowerMean, WeightedSum, WorstCase
 from .compliance import IntegralCompliance, PeakCompliance
 from .joints import JointForce
 from .markers import MarkerAcceleration, PathTracking
@@ -24,6 +26,7 @@ from .stress import PeakStress, von_mises_root
 from .stress_coordinates import stress_coordinates
 
 __all__ = [
+    "Combination",
     "Constraint",
     "DensityField",
     "Derivatives",
@@ -36,10 +39,13 @@ __all__ = [
     "PathTracking",
     "PeakCompliance",
     "PeakStress",
+    "PowerMean",
     "Response",
     "StressField",
     "Sum",
     "Volume",
+    "WeightedSum",
+    "WorstCase",
     "check_objective",
     "stress_coordinates",
     "von_mises_root",

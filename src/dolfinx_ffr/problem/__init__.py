@@ -3,16 +3,7 @@
 
 from __future__ import annotations
 
-from .combination import Combination, PowerMean, WeightedSum, WorstCase
 from .evaluation import Evaluation, MotionEvaluation
 from .problem import Problem
 
-__all__ = [
-    "Combination",
-    "Evaluation",
-    "MotionEvaluation",
-    "PowerMean",
-    "Problem",
-    "WeightedSum",
-    "WorstCase",
-]
+__all__ = ["Evaluation", "MotionEvaluation", "Problem"]

@@ -24,10 +24,17 @@ from ..dynamics import (
 )
 from ..mechanical_problem import MechanicalProblem
 from ..mechanism import Mechanism
-from ..objective import Constraint, DensityField, Objective, Response, StressField
+from ..objective import (
+    Combination,
+    Constraint,
+    DensityField,
+    Objective,
+    Response,
+    StressField,
+    WeightedSum,
+)
 from ..parallel import check_alike, on_every_rank
 from ..reduction import BodyStress, FlexibleBody, ReducedBody, agreed_memory
-from .combination import Combination, WeightedSum
 from .evaluation import Evaluation, only_motion
 
 __all__ = ["Densities", "MovingBodies"]
