@@ -45,6 +45,7 @@ _FOLDERS = {
         "SimulationError",
         "SofteningWarning",
         "TimeInterval",
+        "TiltedAxisWarning",
         "TimeStepWarning",
         "Trajectory",
         "simulate",

@@ -46,6 +46,12 @@ from dolfinx_ffr.objective import (
 )
 from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
+#: What is tested are derivatives, of motions that no one would want.
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.dynamics.validity.{name}Warning")
+    for name in ("LargeDeformation", "Softening", "TiltedAxis", "TimeStep")
+]
+
 Array = NDArray[np.float64]
 Bodies = dict[str, VolumeIntegrals]
 
@@ -226,9 +232,6 @@ def along(case: Case, direction: Bodies) -> Callable[[float], float]:
     return value
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.LargeDeformationWarning")
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.SofteningWarning")
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.TimeStepWarning")
 def test_taylor_order(case: tuple[Case, Bodies]) -> None:
     made, gradient = case
     direction = random_direction(made.bodies, 5)
@@ -244,9 +247,6 @@ def test_taylor_order(case: tuple[Case, Bodies]) -> None:
     assert_taylor_order(result, points=4)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.LargeDeformationWarning")
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.SofteningWarning")
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.TimeStepWarning")
 @pytest.mark.parametrize("part", ["mass", "S", "P", "K", "markers", "stiffening"])
 def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: str) -> None:
     made, gradient = case
@@ -262,7 +262,6 @@ def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: 
         assert difference / step == pytest.approx(slope, rel=1e-6, abs=1e-8 * whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.validity.LargeDeformationWarning")
 def test_order_of_a_flexible_loop() -> None:
     """Second order of generalised-alpha, also of multipliers; of Radau's method fifth and third."""
     case = loop()

@@ -16,6 +16,7 @@ from dolfinx_ffr.dynamics import (
     GeneralizedAlpha,
     Integrator,
     RadauIIA,
+    TiltedAxisWarning,
     Trajectory,
     simulate,
     spatial,
@@ -23,6 +24,7 @@ from dolfinx_ffr.dynamics import (
 from dolfinx_ffr.dynamics.kinematics import evaluate_equations, place_markers
 from dolfinx_ffr.dynamics.model import assemble_model
 from dolfinx_ffr.mechanism import (
+    AppliedForce,
     Bushing,
     Cylindrical,
     Distance,
@@ -281,6 +283,25 @@ def test_redundant_rows_are_refused_with_a_proposal() -> None:
     # A ball at the end still holds one position too many: that out of the plane.
     with pytest.raises(ValueError, match="'last' need not hold 1 position"):
         four_bar(Spherical)
+
+
+@pytest.mark.parametrize(
+    ("joint", "force"),
+    [
+        (PrescribedAngle(PIN, Motion.constant(0.0), name="loose"), None),
+        (Gear(PIN, Ground(), 1.0, name="loose"), None),
+        (Spherical(PIN, Ground()), TorsionalSpringDamper(PIN, Ground(), 1.0, name="loose")),
+        (
+            Spherical(PIN, Ground()),
+            Bushing(PIN, Ground(), (1.0,) * 3, torsional_stiffness=(1e-3,) * 3, name="loose"),
+        ),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_an_axis_that_nothing_holds_is_reported(joint: Joint, force: AppliedForce | None) -> None:
+    turn = Placement((0.0, 0.0, 0.0), angular_velocity=(1.5, 2.0, 0.0))
+    with pytest.warns(TiltedAxisWarning, match="'loose': the axes of its markers part by [01]"):
+        motion(joint, forces=[force] if force else [], placement=turn)
 
 
 def in_space(*joints: Joint, **scene: object) -> None:

@@ -280,6 +280,38 @@ def test_gmsh_model_in_space(
         Domain.from_gmsh(comm, path, interfaces=["left"])
 
 
+@pytest.mark.parametrize(
+    ("dim", "message"),
+    [
+        (3, r"surface 7 of the physical surface 'left' is no boundary of the physical volumes"),
+        (2, r"mixes Quadrilateral 4 \('part'\) and Triangle 3 \('part'\); mesh all surfaces with"),
+    ],
+)
+def test_gmsh_model_of_several_kinds(comm: MPI.Intracomm, dim: int, message: str) -> None:
+    """A sheet beside a volume, and triangles beside quadrilaterals."""
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        if dim == 3:
+            gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        else:
+            gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+        sheet = gmsh.model.occ.addRectangle(2, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        parts, held = ([1], [sheet]) if dim == 3 else ([1, sheet], [1])
+        for d, group, name in ((dim, parts, "part"), (dim - 1, held, "left")):
+            gmsh.model.setPhysicalName(d, gmsh.model.addPhysicalGroup(d, group), name)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 1.0)
+        if dim == 2:
+            gmsh.model.mesh.setRecombine(2, 1)
+        gmsh.model.mesh.generate(dim)
+        with pytest.raises(ValueError, match=message):
+            Domain.from_gmsh_model(comm, gmsh.model, interfaces=["left"])
+    finally:
+        gmsh.finalize()
+
+
 def test_gmsh_file_without_names(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """A file whose groups have no names is refused."""
     path = shared_tmp_path / "rod.msh"

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import mesh
 from shared.meshes import write_pierced_block
 
 import dolfinx_ffr as ffr
@@ -120,6 +121,12 @@ def test_hanging_nodes_in_space_are_refused() -> None:
     joined = _compat.create_mesh(MPI.COMM_SELF, cells, np.array(points), "hexahedron", 1)
     with pytest.raises(ValueError, match=r"hanging node at \(1, [01], 0\.5\) m"):
         Domain(joined, {"left": lambda x: x[0] < 1e-9})
+
+
+def test_other_cells_are_refused(comm: MPI.Intracomm) -> None:
+    prisms = mesh.create_unit_cube(comm, 2, 1, 1, cell_type=mesh.CellType.prism)
+    with pytest.raises(ValueError, match=r"of the kind 'prism', but .* tetrahedron or hexahedron"):
+        Domain(prisms, {"left": lambda x: x[0] < 1e-9})
 
 
 def test_a_mesh_in_space_is_pickled() -> None:

@@ -22,7 +22,7 @@ from .model import FlatModel, assemble_model, check_names
 from .simulation import integrate, restored, simulate
 from .spatial import MarkerMotion, marker_motion, marker_motion_pullback
 from .trajectory import Integrator, Trajectory, TrajectoryBar
-from .validity import LargeDeformationWarning, SofteningWarning, TimeStepWarning
+from .validity import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
 
 __all__ = [
     "INTEGRATORS",
@@ -34,6 +34,7 @@ __all__ = [
     "RadauIIA",
     "SimulationError",
     "SofteningWarning",
+    "TiltedAxisWarning",
     "TimeInterval",
     "TimeStepWarning",
     "Trajectory",

@@ -25,6 +25,7 @@ from .trajectory import Trajectory
 __all__ = [
     "LargeDeformationWarning",
     "SofteningWarning",
+    "TiltedAxisWarning",
     "TimeStepWarning",
     "warn_of_limits",
 ]
@@ -52,6 +53,9 @@ LARGEST_RESOLVED = 1.0
 #: a heavy top that turns by 0.15, 0.075 and 0.0375 rad a step is off by 9, 2 and 0.5 percent of its
 #: length after one second.
 LARGEST_TURN = 0.1
+#: Sine of the angle between the axes of two markers up to which an angle about them counts: that
+#: angle is off by a fifth of the square of this one, and a bushing's moments by half of it.
+LARGEST_TILT = 0.1
 #: Steps to advise at least: from a handful nothing can be told about a motion between them.
 _FEWEST_STEPS = 20
 
@@ -70,6 +74,10 @@ class LargeDeformationWarning(UserWarning):
     """A body is deformed so much that its linear theory does not describe it."""
 
 
+class TiltedAxisWarning(UserWarning):
+    """An angle counts about an axis that nothing holds, or a bushing turns too far, in space."""
+
+
 class TimeStepWarning(UserWarning):
     """The time steps are too long for the motion, or for the vibrations among its deformations.
 
@@ -85,11 +93,12 @@ def warn_of_limits(
 
     Args:
         trajectory: The motion.
-        complete: Whether it came to its end; of one that failed, only softening is reported, as a
-            likely reason.
+        complete: Whether it came to its end; of one that failed, only softening and tilted axes
+            are reported, as likely reasons.
         steps_given: Whether the caller chose the steps; those of a tolerance are what it asked for.
     """
     reported = _warn_of_softening(trajectory)
+    _warn_of_tilted_axes(trajectory)
     if complete:
         _warn_of_deformation(trajectory, reported)
     method = trajectory.integrator
@@ -135,6 +144,33 @@ def _warn_of_reversed_axes(trajectory: Trajectory) -> None:
             TimeStepWarning,
             stacklevel=4,
         )
+
+
+def _warn_of_tilted_axes(trajectory: Trajectory) -> None:
+    """Warn of drives, gears and torsional springs in space whose axis no joint holds."""
+    model = trajectory.model
+    if not isinstance(model.arrays, spatial.ModelArrays):
+        return
+    found = spatial.tilts(model.arrays, trajectory.y)
+    for name, rows in model.joints.items():
+        if (tilt := float(np.max(found[rows], initial=0.0))) > LARGEST_TILT:
+            _warn_of_tilt(f"joint {name!r}", tilt)
+    springs = found[model.rows :]
+    for name, places in model.forces.items():
+        own = [springs[k] for k in places if k < len(springs)]
+        if (tilt := float(np.max(own, initial=0.0))) > LARGEST_TILT:
+            _warn_of_tilt(f"force {name!r}", tilt)
+
+
+def _warn_of_tilt(what: str, tilt: float) -> None:
+    angle = math.asin(min(tilt, 1.0))
+    warnings.warn(
+        f"{what}: the axes of its markers part by {angle:.2g} rad, and an angle about them means "
+        f"little beyond {LARGEST_TILT:g}: hold its axis by a joint (Revolute, Cylindrical), or, of "
+        "a Bushing, make it stiffer about all axes",
+        TiltedAxisWarning,
+        stacklevel=5,
+    )
 
 
 def _warn_of_turns(trajectory: Trajectory) -> None:

@@ -35,6 +35,9 @@ from .rod import rod_mesh
 
 __all__ = ["Domain"]
 
+#: Cells of bodies in the plane and in space
+CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
+
 
 class Domain:
     """The mesh of one body, with named interfaces, and cells that are not designed.
@@ -90,6 +93,11 @@ class Domain:
         #: Name of its cells: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``,
         #: ``"hexahedron"``
         self.cell = _compat.cell_name(domain)
+        if self.cell not in CELLS[dim - 2]:
+            raise ValueError(
+                f"domain: the mesh has cells of the kind {self.cell!r}, but those of a body are of "
+                f"the kind {' or '.join(CELLS[dim - 2])}"
+            )
         self.comm: MPI.Comm = domain.comm
         domain.topology.create_entities(dim - 1)
         domain.topology.create_connectivity(dim - 1, dim)

@@ -137,7 +137,42 @@ def _groups(model: Any, source: str) -> Groups:
             )
         if of and dim == 2:
             _check_plane(model, part, source)
+    _check_kinds(model, dim, source)
     return groups
+
+
+def _check_kinds(model: Any, dim: int, source: str) -> None:
+    """Refuse cells of several kinds, and facets that are not those of cells."""
+    facets, cells = (("curve", "surface"), ("surface", "volume"))[dim - 2]
+
+    def parts(d: int, group: int) -> list[int]:
+        return [int(part) for part in model.getEntitiesForPhysicalGroup(d, group)]
+
+    kinds: dict[str, str] = {}
+    nodes = [np.zeros(0, dtype=np.uint64)]
+    for _, group in model.getPhysicalGroups(dim):
+        for part in parts(dim, group):
+            types, _, found = model.mesh.getElements(dim, part)
+            nodes += [np.asarray(some, dtype=np.uint64) for some in found]
+            for kind in types:
+                what = model.mesh.getElementProperties(kind)[0]
+                kinds.setdefault(what, model.getPhysicalName(dim, group))
+    if len(kinds) > 1:
+        mixed = " and ".join(f"{kind} ({name!r})" for kind, name in sorted(kinds.items()))
+        raise ValueError(
+            f"{source}: the mesh mixes {mixed}; mesh all {cells}s with cells of one kind and order"
+        )
+    own = np.unique(np.concatenate(nodes))
+    for _, group in model.getPhysicalGroups(dim - 1):
+        for part in parts(dim - 1, group):
+            for some in model.mesh.getElements(dim - 1, part)[2]:
+                if not np.all(np.isin(some, own)):
+                    raise ValueError(
+                        f"{source}: {facets} {part} of the physical {facets} "
+                        f"{model.getPhysicalName(dim - 1, group)!r} is no boundary of the physical "
+                        f"{cells}s: a body is of {cells}s alone; leave it out, or join it to them "
+                        "(fragment) before meshing"
+                    )
 
 
 def _check_plane(model: Any, surface: int, source: str) -> None:

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from tqdm import tqdm
 
-from ..dynamics import LargeDeformationWarning, SofteningWarning, TimeStepWarning
+from ..dynamics import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
 from ..postprocessing import LocalModesWarning
 from ..reduction import RoundOffWarning
 
@@ -28,6 +28,7 @@ LIMITS = (
     LocalModesWarning,
     RoundOffWarning,
     SofteningWarning,
+    TiltedAxisWarning,
     TimeStepWarning,
 )
 #: A text in quotes, or a number

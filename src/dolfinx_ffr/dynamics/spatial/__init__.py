@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .arrays import ModelArrays
 from .assembly import assemble
-from .branches import reversed_row
+from .branches import reversed_row, tilts
 from .coordinates import Coordinates
 from .integral_gradients import integral_bars, marker_bar, metric_bars
 from .kinematics import KIND, begin_turns, follow_turns, round_off_floor, turning_of
@@ -49,6 +49,7 @@ __all__ = [
     "settled_pullback",
     "sizes_by_mass",
     "softened",
+    "tilts",
     "turning_of",
     "ways",
 ]

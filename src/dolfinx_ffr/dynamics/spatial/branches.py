@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Joints that have closed the other way round: perpendicular axes know no sign."""
+"""Joints that have closed the other way round, and axes that nothing holds.
+
+Perpendicular axes know no sign. An angle about an axis means what it says as long as both markers
+share the axis, which another joint has to see to; and the rows of a bushing are sines of angles.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,16 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import DOT, ModelArrays
+from .arrays import ANGLE, DOT, GEAR, ModelArrays, constraints
+from .metric import coordinates_of
+from .motion import rotations_of
 
 Array = NDArray[np.float64]
 
 #: Cosines below which two directions count as neither parallel nor opposite.
 _CLEAR = 0.5
+#: Instants that are looked at, at most
+_LOOKS = 400
 
 
 def reversed_row(model: ModelArrays, joints: Iterable[slice], before: Array, after: Array) -> int:
@@ -46,3 +54,41 @@ def _signs(model: ModelArrays, rows: slice, vectors: Array) -> Iterator[tuple[in
         third = i + 2
         if third < rows.stop and model.kind[third] == DOT:
             yield third, float(vectors[model.side[third, 0]] @ vectors[second])
+
+
+def tilts(model: ModelArrays, y: Array) -> Array:
+    """Largest sine of the angle by which the axis of each row leaves where it should be.
+
+    Args:
+        model: Flat arrays of the mechanism.
+        y: Coordinates over time, shape (instants, n).
+
+    Returns:
+        Of angles about an axis and of gears the tilt of the axis, of the springs of a bushing about
+        an axis their angle, of other rows zero; shape (rows and springs,).
+    """
+    out, springs = np.zeros(model.kind.size), constraints(model)
+    instants = np.unique(np.linspace(0, len(y) - 1, _LOOKS).astype(int))
+    for i, kind in enumerate(model.kind):
+        sides = model.side[i][model.side[i] >= 0]
+        if kind not in (ANGLE, GEAR) and (kind != DOT or i < springs):
+            continue
+        s = [_direction(model, int(e), y, instants) for e in sides]
+        if kind == DOT:
+            sines = [np.sum(s[0] * s[1], axis=1)]
+        else:
+            triples = zip(s[::3], s[1::3], s[2::3], strict=True)
+            sines = [np.sum(own * np.cross(a, b), axis=1) for own, a, b in triples]
+        out[i] = np.max(np.abs(sines))
+    return out
+
+
+def _direction(model: ModelArrays, e: int, y: Array, instants: NDArray[np.int64]) -> Array:
+    """A direction over time in the global axes, shape (instants, 3)."""
+    b = int(model.vector_body[e])
+    if b < 0:
+        return np.asarray(model.prescribed[instants, model.vector_slot[e], 0])
+    where, shapes = coordinates_of(model, b), model.shapes[e]
+    q = y[instants][:, where.elastic]
+    own = shapes[:, 0] + q @ shapes[:, 1 : q.shape[1] + 1].T
+    return np.einsum("tij,tj->ti", rotations_of(y[instants][:, where.rotation]), own)
