@@ -96,10 +96,12 @@ def test_start_below_the_bound_is_left_alone(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
-def test_a_solid_start_becomes_even_gray(comm: MPI.Intracomm) -> None:
+@pytest.mark.parametrize("value", [1.0, 0.5])
+def test_an_even_start_becomes_even_gray(comm: MPI.Intracomm, value: float) -> None:
+    """Of one half, too, about which f has round-off of both signs."""
     levelset = levelset_on(comm)
     evolution = ffr.Evolution(levelset, 0.5)
-    phi = evolution.start(levelset.even(1.0))
+    phi = evolution.start(levelset.even(value))
     assert np.ptp(phi) == 0.0
     assert filled(evolution, phi) == pytest.approx(0.5, rel=1e-5)
     design = levelset.density(evolution.variables(phi))[levelset.domain.design_cells]

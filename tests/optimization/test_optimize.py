@@ -9,6 +9,7 @@ import os
 import signal
 import warnings
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -595,9 +596,10 @@ def test_parts_that_do_not_fit_are_refused(comm: MPI.Intracomm) -> None:
         run((problem, levelset, start[:-1]))
     with pytest.raises(ValueError, match="with NaN or infinity"):
         run((problem, levelset, np.full(len(start), np.nan)))
+    placements = dict.fromkeys(("rod", "twin"), ffr.Placement())
     two = ffr.Problem(
         {**problem.bodies, "twin": problem.bodies["rod"]},
-        problem.mechanism,
+        replace(problem.mechanism, placements=placements),
         problem.integrator,
         problem.objective,
     )

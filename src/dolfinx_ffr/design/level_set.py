@@ -85,6 +85,8 @@ SAFETY = 1.3
 CONTRAST = 0.25
 #: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
 BAND = 3.0
+#: More than the round-off of f: where f is 1/2 but for that, as in an even gray, no boundary runs
+HALF = 1e-12
 
 
 class LevelSet(Design):
@@ -494,12 +496,12 @@ class LevelSet(Design):
                 f"level set: points in an array of shape {x.shape} must be finite coordinates of "
                 f"shape (n, {d})"
             )
-        sign = np.where(self.level(u)(x) >= 0.0, 1.0, -1.0)
+        sign = np.where(self.level(u)(x) >= -HALF, 1.0, -1.0)
         grid, matrix = self._drawn
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
         if d == 3:
             return sign * _distance_in_space(x, grid, values)
-        lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(0.5)
+        lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(0.5 - HALF)
         lines = [line for line in lines if len(line) > 1]
         if not lines or len(x) == 0:
             return sign * math.inf
@@ -571,7 +573,7 @@ def _distance_in_space(points: Array, grid: list[Array], values: Array) -> Array
         origin=[line[0] for line in grid],
         spacing=[line[1] - line[0] for line in grid],
     )
-    surface = image.contour([0.5], scalars=values.ravel(order="F"))
+    surface = image.contour([0.5 - HALF], scalars=values.ravel(order="F"))
     if not surface.n_cells or len(points) == 0:
         return np.full(len(points), math.inf)
     nearest = surface.find_closest_cell(points, return_closest_point=True)[1]
