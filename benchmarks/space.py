@@ -29,6 +29,8 @@ ONCE = 0
 DIRECT, ITERATIVE = "direct", "iterative"
 #: Least memory that is seen [MB]
 PAGE = 0.004
+#: Memories for which the largest body is told [GiB]
+GIB = 16, 24, 64
 #: Constraint modes of both rods: of the plane, of space
 CONSTRAINT = 3, 6
 
@@ -43,7 +45,7 @@ def space_jobs(*, quick: bool) -> list[Job]:
         sizes |= {(80, 16, 16): ONCE, (120, 24, 24): ONCE}
         seconds = {(20, 4, 4): 5.0, (40, 4, 4): 8.0, (40, 8, 8): 12.0, (80, 8, 8): 30.0}
         seconds |= {(80, 16, 16): 40.0, (120, 24, 24): 200.0}
-        iterative = [(40, 4, 4), (80, 8, 8), (80, 16, 16)]
+        iterative = [(40, 4, 4), (80, 8, 8), (80, 16, 16), (120, 24, 24)]
     steps = {
         "modes": [8] if quick else [8, 12, 16, 24],
         "steps": [300, 1500] if quick else [2000, 6000],
@@ -401,7 +403,28 @@ def _crossings(solvers: list[dict[str, Any]]) -> str:
             where = crossing(solvers, name)
             tail = f", extrapolated from the last two near {where:.1g}" if where < 1e9 else ""
             parts.append(f"in {what} nowhere{tail}")
-    return f"Of these meshes: {', '.join(parts)}."
+    return f"Of these meshes: {', '.join(parts)}. {_reach(solvers)}"
+
+
+def _reach(solvers: list[dict[str, Any]]) -> str:
+    """What memories hold, extrapolated from the last two meshes in logarithms, in words."""
+    if len(solvers) < 2:
+        return ""
+    dofs = np.log([row["dofs"] for row in solvers[-2:]])
+    parts = []
+    for name, what in (("memory_direct", "factors"), ("memory_iterative", "conjugate gradients")):
+        memory = np.log([row[name] for row in solvers[-2:]])
+        slope = (memory[1] - memory[0]) / (dofs[1] - dofs[0])
+        held = [
+            f"{float(f'{np.exp(dofs[1] + (np.log(1024.0 * gib) - memory[1]) / slope):.2g}'):,.0f}"
+            for gib in GIB
+        ]
+        parts.append(f"{what} (growth n^{slope:.2f}) {', '.join(held)}")
+    sizes = ", ".join(map(str, GIB))
+    return (
+        f"Extrapolated from the last two meshes, {sizes} GiB hold so many unknowns: by "
+        f"{'; by '.join(parts)}."
+    )
 
 
 def _steps_table(result: dict[str, Any]) -> Table:
