@@ -420,7 +420,7 @@ class _Cycle:
     def apply(self, _: PETSc.PC, right: PETSc.Vec, solution: PETSc.Vec) -> None:
         solution.setArray(self._cycle(right.getArray(readonly=True)[:, None])[:, 0])
 
-    def matApply(self, _: PETSc.PC, right: PETSc.Mat, solution: PETSc.Mat) -> None:  # noqa: N802
+    def matApply(self, _: PETSc.PC, right: PETSc.Mat, solution: PETSc.Mat) -> None:
         """The same for many vectors, by the name that PETSc looks for."""
         solution.getDenseArray()[:] = self._cycle(right.getDenseArray(readonly=True))
 
