@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -80,3 +82,19 @@ def test_long_interfaces_are_named(
     report = model_report(problem, problem.value(np.ones(domain.n_cells)))
     assert report.bodies["rocker"].long_interfaces == pytest.approx(named, rel=0.01)
     assert ("interface 'slot' spans 50 % of rocker" in str(report)) == bool(named)
+
+
+def test_stiff_damping_in_long_steps_is_told_from_missing_modes(comm: MPI.Intracomm) -> None:
+    """The steps leave psi in each mode that is added; half as long, a tenth of it."""
+    problem = reference_problem(comm, (20, 2), modes=4, steps=1000)
+    damping = {"rod": ffr.RayleighDamping(beta=1e-3)}
+    problem = ffr.Problem(
+        problem.flexible,
+        replace(problem.mechanism, damping=damping),
+        ffr.GeneralizedAlpha(2.0, 1000),
+        problem.objective,
+    )
+    evaluation = problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
+    with pytest.warns(ffr.TimeStepWarning, match="not modes are missing, but the steps are too"):
+        error = ffr.mode_error(problem, evaluation)["rod"]
+    assert error > 0.1

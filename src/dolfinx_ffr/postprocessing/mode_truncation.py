@@ -16,6 +16,7 @@ further normal modes nor another finite-element solution.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -24,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, SimulationError
+from ..dynamics import Integrator, SimulationError, TimeStepWarning
 from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import (
@@ -47,6 +48,7 @@ __all__ = [
     "psi_with",
     "relative_change",
     "select_modes",
+    "warn_of_stiff_damping",
     "with_all_residual_modes",
 ]
 
@@ -57,6 +59,8 @@ Bodies = dict[str, ReducedBody | VolumeIntegrals]
 #: How far above the squared frequency of a residual mode normal modes are counted, relative to it:
 #: the one that it stands for lies below it, by Rayleigh and Ritz, but for round-off
 ROOM = 1e-2
+#: Error by the modes left out from which on it is asked whether it is one of the steps
+DOUBTFUL = 1e-2
 
 
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
@@ -76,18 +80,21 @@ def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
         By name of the flexible bodies, the change of psi with what the other modes of this body
         would add, relative to psi; the same on every rank.
 
+    Warns:
+        TimeStepWarning: If shorter steps take half of an error or more away: of a body with much
+            damping proportional to stiffness it is one of the steps.
+
     Raises:
         ValueError: If nothing was simulated.
         SimulationError: If the motion with more modes cannot be computed.
     """
     whole = _checked(problem, evaluation, "mode_error", terms=1)
-    own = own_bodies(problem, evaluation)
-    return {
-        name: relative_change(
-            evaluation.psi, psi_with(problem, evaluation, {**own, name: whole[name]})
-        )
-        for name in problem.flexible
-    }
+    own, found = own_bodies(problem, evaluation), {}
+    for name in problem.flexible:
+        bodies = {**own, name: whole[name]}
+        found[name] = relative_change(evaluation.psi, psi_with(problem, evaluation, bodies))
+        warn_of_stiff_damping(problem, evaluation, bodies, found[name])
+    return found
 
 
 def propose_modes(
@@ -293,6 +300,39 @@ def psi_with(
     }
     integrals = {name: integrals_of(body) for name, body in bodies.items()}
     return problem.psi_with(evaluation, integrals, stresses, integrators)
+
+
+def warn_of_stiff_damping(
+    problem: Problem, evaluation: Evaluation, bodies: Bodies, error: float
+) -> None:
+    """Warn where an error by modes is one of the steps.
+
+    With damping proportional to stiffness modes of high frequency are damped within a step. Long
+    steps of generalised-alpha leave a share of psi in each of them then, however many there are.
+
+    Args:
+        problem: The scene.
+        evaluation: What its `value` returned.
+        bodies: With the modes left out.
+        error: The change of psi by them.
+    """
+    motions = problem.motions.items()
+    damped = any(d.beta > 0.0 for _, m in motions for d in m.mechanism.damping.values())
+    if not damped or error < DOUBTFUL:
+        return
+    finer = {name: motion.integrator.finer for name, motion in motions}
+    own = own_bodies(problem, evaluation)
+    less, more = (psi_with(problem, evaluation, some, finer) for some in (own, bodies))
+    shorter = relative_change(less, more)
+    if shorter < 0.5 * error:
+        warnings.warn(
+            f"the error of psi by modes, estimated at {error:.1e}, is {shorter:.1e} with shorter "
+            "steps: not modes are missing, but the steps are too long for damping that is "
+            "proportional to stiffness, which acts on high frequencies within a step; take "
+            "shorter steps, RadauIIA, or TimeInterval(end_time, tolerance)",
+            TimeStepWarning,
+            stacklevel=3,
+        )
 
 
 def integrals_of(body: ReducedBody | VolumeIntegrals) -> VolumeIntegrals:

@@ -29,7 +29,13 @@ from ..fem import Domain
 from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import MARKERS
-from .mode_truncation import own_bodies, psi_with, relative_change, with_all_residual_modes
+from .mode_truncation import (
+    own_bodies,
+    psi_with,
+    relative_change,
+    warn_of_stiff_damping,
+    with_all_residual_modes,
+)
 
 __all__ = ["BodyReport", "ModelReport", "model_report"]
 
@@ -112,6 +118,9 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         problem: The scene.
         evaluation: What its `value` returned, at any time.
 
+    Warns:
+        TimeStepWarning: If the error by modes is one of the steps, as of `mode_error`.
+
     Raises:
         ValueError: If nothing was simulated.
         SimulationError: If the motion with more modes cannot be computed, or neither one with steps
@@ -153,14 +162,16 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
     ):
         if not there:
             left_out.append(what)
-    exact = psi_with(problem, evaluation, with_all_residual_modes(problem, evaluation))
+    whole = with_all_residual_modes(problem, evaluation)
+    error = relative_change(psi, psi_with(problem, evaluation, whole))
+    warn_of_stiff_damping(problem, evaluation, whole, error)
     return ModelReport(
         bodies=bodies,
         coordinates=moved[0].model.size,
         rows=max(m.model.rows for m in moved),
         left_out=left_out,
         psi=psi,
-        modes_error=relative_change(psi, exact),
+        modes_error=error,
         step_error=_step_error(problem, evaluation),
     )
 
