@@ -88,7 +88,7 @@ class PeakStress(Objective):
     power: float = 8.0
     #: Exponent s of the density; zero relaxes nothing, else more than 1 / p.
     relaxation: float = 0.5
-    #: Whether modes that were left out follow the inertia forces statically; not in space.
+    #: Whether modes that were left out follow the inertia forces statically.
     correction: bool = True
     #: Factor of the mean.
     scale: float = 1.0
@@ -108,12 +108,6 @@ class PeakStress(Objective):
             )
 
     def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
-        field = densities.get(self.body) if isinstance(densities, Mapping) else None
-        if self.correction and field is not None and field.centroids.shape[1] == 3:
-            raise ValueError(
-                f"peak stress of body {self.body!r}: a body in space has no static correction of "
-                "the modes left out; take more modes, and correction=False"
-            )
         if self.body not in densities:
             raise ValueError(
                 f"peak stress of body {self.body!r}, but the bodies with a mesh and a density are "

@@ -6,6 +6,14 @@ acceleration of the body's points in its frame,
 
     b = A^T (a_R - g) + alpha J w + sum_j q''_j w_j - omega^2 w + 2 omega J sum_j q'_j w_j.
 
+In space, with B = [alpha] + [omega]^2,
+
+    b = A^T (a_R - g) + B w_0 + sum_j q''_j w_j + sum_j (alpha q_j + 2 omega q'_j) x w_j,
+
+where the centrifugal force is that of the undeformed body: its change by the elastic displacement,
+which is in proportion to it as small as this is to the body, would take six fields more for each
+shape function.
+
 Modes that were left out follow the inertia forces of b statically (the method of mode
 accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300).
 """
@@ -28,7 +36,8 @@ def stress_coordinates(
     """The coordinates z over time, shape (steps + 1, coordinates).
 
     These are the elastic coordinates and, with static correction, the factors of the fields e_x,
-    e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b.
+    e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b; in space those of
+    e_k, w_0^l e_k, the constraint modes and e_k x w_j, k first.
 
     Args:
         trajectory: The motion.
@@ -39,6 +48,8 @@ def stress_coordinates(
     q = trajectory.elastic(name)
     if not correction:
         return q
+    if trajectory.model.dimension == 3:
+        return _in_space(trajectory, name, n_constraint)
     where, k = trajectory.model.coordinates(name), n_constraint
     velocity, acceleration = trajectory.v, trajectory.w
     omega = velocity[:, where.rotation, None]
@@ -72,6 +83,9 @@ def stress_coordinates_pullback(
     out = TrajectoryBar.zeros(trajectory)
     out.y[:, where.elastic] = bar[:, :r]
     if bar.shape[1] == r:
+        return out
+    if trajectory.model.dimension == 3:
+        _add_in_space(out, trajectory, name, k, bar)
         return out
     along, across = _forces(trajectory, name)
     angle = trajectory.y[:, where.rotation]
@@ -107,3 +121,55 @@ def _forces(trajectory: Trajectory, name: str) -> tuple[Array, Array]:
     x, y = (trajectory.w[:, where.position] - gravity).T
     c, s = np.cos(angle), np.sin(angle)
     return c * x + s * y, c * y - s * x
+
+
+def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
+    """The coordinates of a body in space."""
+    where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
+    q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
+    omega, alpha = trajectory.v[:, where.rotation], trajectory.w[:, where.rotation]
+    B = np.cross(alpha[:, None], np.eye(3)).transpose(0, 2, 1)
+    B += omega[:, :, None] * omega[:, None] - np.sum(omega**2, 1)[:, None, None] * np.eye(3)
+    turned = alpha[:, :, None] * q[:, None] + 2.0 * omega[:, :, None] * rate[:, None]
+    return np.column_stack(
+        [
+            q,
+            _force_in_space(trajectory, name),
+            B.reshape(steps, 9),
+            trajectory.w[:, where.elastic][:, :k],
+            turned.reshape(steps, -1),
+        ]
+    )
+
+
+def _add_in_space(
+    out: TrajectoryBar, trajectory: Trajectory, name: str, k: int, bar: Array
+) -> None:
+    """Add the transpose of the derivative of `_in_space`, but that of the elastic coordinates."""
+    where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
+    q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
+    r = q.shape[1]
+    omega, alpha = trajectory.v[:, where.rotation], trajectory.w[:, where.rotation]
+    force_bar, carried = bar[:, r : r + 3], bar[:, r + 12 : r + 12 + k]
+    B_bar = bar[:, r + 3 : r + 12].reshape(steps, 3, 3)
+    turned_bar = bar[:, r + 12 + k :].reshape(steps, 3, r)
+    # dA = A [dth] turns what is seen in the body's axes by -dth
+    out.y[:, where.rotation] += np.cross(force_bar, _force_in_space(trajectory, name))
+    out.y[:, where.elastic] += np.einsum("tkj,tk->tj", turned_bar, alpha)
+    out.v[:, where.rotation] += np.einsum("tkl,tl->tk", B_bar + B_bar.transpose(0, 2, 1), omega)
+    out.v[:, where.rotation] -= 2.0 * np.trace(B_bar, axis1=1, axis2=2)[:, None] * omega
+    out.v[:, where.rotation] += 2.0 * np.einsum("tkj,tj->tk", turned_bar, rate)
+    out.v[:, where.elastic] += 2.0 * np.einsum("tkj,tk->tj", turned_bar, omega)
+    out.w[:, where.position] += np.einsum("tij,tj->ti", trajectory.rotation(name), force_bar)
+    out.w[:, where.rotation] += np.einsum("tkj,tj->tk", turned_bar, q)
+    for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+        out.w[:, where.rotation.start + axis] += B_bar[:, i, j] - B_bar[:, j, i]
+    out.w[:, where.elastic.start : where.elastic.start + k] += carried
+
+
+def _force_in_space(trajectory: Trajectory, name: str) -> Array:
+    """A^T (a_R - g) in the axes of the body's frame, shape (steps + 1, 3) [m/s^2]."""
+    where = trajectory.model.coordinates_in_space(name)
+    gravity = trajectory.model.arrays.gravity[: len(trajectory.t)]
+    own = trajectory.w[:, where.position] - gravity
+    return np.asarray(np.einsum("tij,ti->tj", trajectory.rotation(name), own))

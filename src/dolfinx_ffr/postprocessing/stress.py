@@ -21,10 +21,10 @@ With b the acceleration of the body's points in its frame,
 
 the displacement gets (K^-1 - sum_i phi_i phi_i^T / lambda_i) (-M b), interfaces held (the method of
 mode accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300). b is a combination of a few
-fields that do not depend on time, so this costs one more solution with several right-hand sides.
+fields that do not depend on time, so this costs one more solution with several right-hand sides, in
+space 12 and three for each shape function (`objective.stress_coordinates` has b there).
 The error falls from O(omega^2 / lambda) to its square, with lambda the first eigenvalue left out.
-Forces on points of the body other than interfaces are not corrected. Bodies in space have no such
-correction: take more modes there.
+Forces on points of the body other than interfaces are not corrected.
 
 **Densities between void and solid.** Given is x^s times the stress of the solid at the element's
 strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
@@ -82,7 +82,7 @@ class StressModes:
         body: FlexibleBody,
         reduced: ReducedBody,
         *,
-        correction: bool | None = None,
+        correction: bool = True,
         relaxation: float = 0.0,
         void: float = VOID,
     ) -> StressModes:
@@ -92,8 +92,7 @@ class StressModes:
             body: The body.
             reduced: Its shape functions, from `FlexibleBody.reduce` or an evaluation, at any time:
                 if the body has been worked at another design since, its matrices are made again.
-            correction: Whether to add the modes of the static correction; None does so in the
-                plane.
+            correction: Whether to add the modes of the static correction.
             relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
             void: Cells of less density have no stress.
 
@@ -102,8 +101,6 @@ class StressModes:
         """
         validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
         validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
-        if correction is None:
-            correction = body.domain.dimension == 2
         validation.flag("stress: correction", correction)
         validation.number("stress: relaxation", relaxation, least=0.0)
         validation.number("stress: void", void, least=0.0, most=1.0)
@@ -125,7 +122,7 @@ class StressModes:
         """The coordinates z over time, shape (steps + 1, coordinates).
 
         These are the elastic coordinates and, with static correction, the factors of the fields
-        e_x, e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b.
+        of b, see `objective.stress_coordinates`.
 
         Args:
             trajectory: The motion.
@@ -294,7 +291,7 @@ def worst_stress(
     evaluation: Evaluation,
     name: str,
     *,
-    correction: bool | None = None,
+    correction: bool = True,
     relaxation: float = 0.0,
     void: float = VOID,
 ) -> StressEnvelope:
@@ -307,8 +304,7 @@ def worst_stress(
         body: The body.
         evaluation: Result of `Problem.value` or `Problem.gradient`, at any time.
         name: Of the body in the mechanism.
-        correction: Whether modes that were left out follow the inertia forces statically; None:
-            in the plane.
+        correction: Whether modes that were left out follow the inertia forces statically.
         relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
         void: Cells of less density have no stress.
 

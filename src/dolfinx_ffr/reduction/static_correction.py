@@ -3,8 +3,9 @@
 
 The acceleration of the body's points in its frame is a combination of a few fields F that do not
 depend on time (`objective.stress_coordinates` has the factors): unit translations, the reference
-position w_0 and J w_0, the constraint modes, and J times all shape functions. Each makes the
-displacement
+position w_0 and J w_0, the constraint modes, and J times all shape functions. In space they are
+unit translations, the products w_0^l e_k, the constraint modes, and e_k x w_j of all shape
+functions, k first. Each makes the displacement
 
     C = (K^-1 - Phi Lambda^-1 Phi^T) L,     L = -M F,     Lambda = Phi^T K Phi,
 
@@ -46,21 +47,16 @@ class ShapesBar:
 def static_correction(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis
 ) -> Block:
-    """The displacements C, shape (dofs, 4 + k + r) of k constraint modes and r shape functions.
+    """The displacements C of k constraint modes and r shape functions.
 
     Args:
         reduction: Of the body.
         factored: The body at one density.
         basis: Its shape functions.
 
-    Raises:
-        ValueError: On every rank, for a body in space.
+    Returns:
+        Shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r).
     """
-    if reduction.elasticity.dimension == 3:
-        raise ValueError(
-            "the stress of a body in space has no static correction of the modes left out; take "
-            "more modes, and correction=False"
-        )
     fields = _inertia_fields(reduction, basis)
     static, modal = _static(reduction, factored, basis, _loads(reduction, factored, fields))
     return np.asarray(static - basis.shapes[:, basis.n_constraint :] @ modal)
@@ -75,7 +71,7 @@ def static_correction_pullback(
         reduction: As in the forward map.
         factored: As in the forward map.
         basis: As in the forward map.
-        bar: Derivative with respect to C, shape (dofs, 4 + k + r).
+        bar: Derivative with respect to C, shape of C.
     """
     elasticity, k, r = reduction.elasticity, basis.n_constraint, basis.shapes.shape[1]
     fields = _inertia_fields(reduction, basis)
@@ -86,8 +82,9 @@ def static_correction_pullback(
     adjoint, modal_bar = _static(reduction, factored, basis, inner)
     partners = adjoint - basis.shapes[:, k:] @ modal_bar  # of the loads
     fields_bar = -elasticity.apply(factored.matrices.mass, partners)
-    shapes = -rotated(fields_bar[:, 4 + k :])  # J^T = -J
-    shapes[:, :k] += fields_bar[:, 4 : 4 + k]
+    first = 4 if elasticity.dimension == 2 else 12
+    shapes = -_turned(reduction, fields_bar[:, first + k :], transposed=True)
+    shapes[:, :k] += fields_bar[:, first : first + k]
     shapes[:, k:] -= inner @ modal.T + loads @ modal_bar.T
     K = np.zeros((r, r))
     product = modal_bar @ modal.T
@@ -96,17 +93,29 @@ def static_correction_pullback(
 
 
 def _inertia_fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:
-    """The fields F, shape (dofs, 4 + k + r)."""
-    reference, shapes = reduction.reference[:, None], basis.shapes
+    """The fields F, shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r)."""
+    shapes = basis.shapes
     return np.hstack(
         [
             reduction.unit_translations,
-            reference,
-            rotated(reference),
+            reduction.unit_gradients,
             shapes[:, : basis.n_constraint],
-            rotated(shapes),
+            _turned(reduction, shapes),
         ]
     )
+
+
+def _turned(reduction: CraigBampton, block: Block, *, transposed: bool = False) -> Block:
+    """J times the fields of a block, in space e_k x them, k first; or less the transpose."""
+    if reduction.elasticity.dimension == 2:
+        return rotated(block)
+    axes, count = np.eye(3), block.shape[1] // 3 if transposed else block.shape[1]
+    parts = np.split(block, 3, axis=1) if transposed else [block] * 3
+    turned = [
+        np.cross(axis[None, :, None], part.reshape(-1, 3, count), axis=1).reshape(-1, count)
+        for axis, part in zip(axes, parts, strict=True)
+    ]
+    return np.asarray(sum(turned)) if transposed else np.hstack(turned)
 
 
 def _loads(reduction: CraigBampton, factored: FactoredBody, fields: Block) -> Block:
