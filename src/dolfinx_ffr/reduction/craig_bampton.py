@@ -399,7 +399,8 @@ class CraigBampton:
         # directions whose bound is a tenth of what is allowed are not followed
         allowed = self.tolerance * np.sqrt(np.max(shifts * known))
         floor = 0.1 * allowed / float(np.max(reach / shifts, initial=0.0))
-        space = KrylovSpace(factored, first, normal, answers=True, floor=floor)
+        without = normal, mass_normal
+        space = KrylovSpace(factored, first, without, answers=True, floor=floor)
         if space.invariant:  # nothing to solve for
             return first + outer @ shares, 0
         for iteration in range(MAX_ITERATIONS):

@@ -32,6 +32,9 @@ __all__ = ["KrylovSpace"]
 CLEAR = 1e-3
 #: Norm of a direction, relative to what it is the rest of, below which it is round-off
 NOTHING = 1e-13
+#: Part along the basis, relative to the smallest direction that is taken, up to which mass times
+#: the directions is right without another product
+AGAIN = 1e-12
 #: Looks at a block, each for directions that are smaller by `CLEAR`
 LOOKS = 6
 
@@ -42,7 +45,8 @@ class KrylovSpace:
     Args:
         factored: The body at one density.
         start: Fields that the space begins with, zero where the body is held, shape (dofs, b).
-        without: M-orthonormal fields to whose complement the space belongs, shape (dofs, k).
+        without: M-orthonormal fields to whose complement the space belongs, and M times them,
+            shape (dofs, k) each.
         answers: Whether K^-1 M times the basis is kept.
         floor: Norm by mass below which directions of the start are left out.
     """
@@ -51,13 +55,13 @@ class KrylovSpace:
         self,
         factored: FactoredBody,
         start: Block,
-        without: Block | None = None,
+        without: tuple[Block, Block] | None = None,
         *,
         answers: bool = False,
         floor: float = 0.0,
     ) -> None:
         self._factored = factored
-        self._without = None if without is None else np.asfortranarray(without)
+        self._without = None if without is None else tuple(map(np.asfortranarray, without))
         self._basis = np.empty((len(start), 0), order="F")
         self._answers: list[Block] | None = [] if answers else None
         self.size = 0  #: Number of fields of the basis
@@ -135,21 +139,25 @@ class KrylovSpace:
         elasticity, mass = self._factored.elasticity, self._factored.held_mass
         images, coefficients = [self._images[:, :0]], [np.zeros((0, rest.shape[1]))]
         for _ in range(LOOKS):
-            image = elasticity.apply(mass, rest)
             # round-off along what is there would grow
-            for fields in (self._basis[:, : self.size], self._without):
-                if fields is not None:
-                    _subtract(rest, fields, elasticity.inner(fields, image))
+            if self._without is not None:
+                fields, masses = self._without
+                _subtract(rest, fields, elasticity.inner(masses, rest))
             image = elasticity.apply(mass, rest)
-            gram = elasticity.inner(rest, image)
-            gram = 0.5 * (gram + gram.T)
-            # all ranks must take the same directions
-            shares, directions = elasticity.comm.bcast(np.linalg.eigh(gram))
-            largest = float(np.sqrt(max(shares[-1], 0.0))) if len(shares) else 0.0
+            basis = self._basis[:, : self.size]
+            along = elasticity.inner(basis, image)
+            _subtract(rest, basis, along)
+            gram, shares, directions = self._directions(rest, image)
+            clear = shares > max(CLEAR**2 * shares[-1], floor**2)
+            least = np.sqrt(np.min(shares[clear], initial=shares[-1]))
+            if np.max(np.abs(along), initial=0.0) > AGAIN * least:
+                image = elasticity.apply(mass, rest)
+                gram, shares, directions = self._directions(rest, image)
+                clear = shares > max(CLEAR**2 * shares[-1], floor**2)
+            largest = float(np.sqrt(shares[-1]))
             scale = max(scale, largest)
             if largest <= max(NOTHING * scale, floor):
                 break
-            clear = shares > max(CLEAR**2 * shares[-1], floor**2)
             factors = directions[:, clear] / np.sqrt(shares[clear])
             new = _product(rest, factors)
             images.append(_product(image, factors))
@@ -160,6 +168,15 @@ class KrylovSpace:
             _subtract(rest, new, coefficients[-1])
         self._images = np.hstack(images)
         return np.vstack(coefficients)
+
+    def _directions(self, rest: Block, image: Block) -> tuple[NDArray[np.float64], ...]:
+        """Products of fields by mass, their eigenvalues, not negative, and eigenvectors."""
+        elasticity = self._factored.elasticity
+        gram = elasticity.inner(rest, image)
+        gram = 0.5 * (gram + gram.T)
+        # all ranks must take the same directions
+        shares, directions = elasticity.comm.bcast(np.linalg.eigh(gram))
+        return gram, np.maximum(shares, 0.0), directions
 
     def _store(self, new: Block) -> None:
         size = self.size + new.shape[1]
