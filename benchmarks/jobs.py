@@ -141,7 +141,9 @@ def _environment() -> dict[str, str]:
     ).stdout.decode(errors="surrogateescape")
     variables = dict(entry.split("=", 1) for entry in output.split("\0") if "=" in entry)
     ours = ("OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PRTE_ML", "ORTE_", "PMI_")
-    return {name: value for name, value in variables.items() if not name.startswith(ours)}
+    kept = {name: value for name, value in variables.items() if not name.startswith(ours)}
+    # the code of this tree is measured, whatever is installed
+    return {**kept, "PYTHONPATH": str(HERE.parent / "src")}
 
 
 def _main(tasks: str, result: str) -> None:

@@ -34,6 +34,7 @@ from dolfinx_ffr.mechanism import (
     Mechanism,
     Moving,
     Placement,
+    PointMass,
     PointOnLine,
     PrescribedAngle,
     Revolute,
@@ -509,6 +510,26 @@ def test_a_motion_that_cannot_go_on(steps: int | None) -> None:
     bar = TrajectoryBar.zeros(trajectory)
     bar.y[:] = 1.0
     assert np.isfinite(adjoint(trajectory, bar)["rod"].mass)
+
+
+@pytest.mark.parametrize("steps", [41, 44])
+def test_a_sudden_force_on_a_stiff_body(steps: int) -> None:
+    """Accelerations at the start, of vibrations that no step resolves, are no guess of a step."""
+    rod = beam(elements=10, modes=16)
+    angle = Motion.smooth_step(10.0 * math.pi, 2.0)
+    mechanism = Mechanism(
+        placements={"rod": Placement((0.1, 0.0))},
+        joints=[
+            Revolute(("rod", "left"), Moving.circle((0.0, 0.0), 0.1, angle)),
+            PointOnLine(("rod", "right"), Ground()),
+        ],
+        point_masses=[PointMass(("rod", "right"), 0.1)],
+        forces=[Force(("rod", "right"), x=-60.0)],
+    )
+    problem = MechanicalProblem(mechanism, RadauIIA(2.0, steps=steps), IntegralCompliance())
+    fine = replace(problem, integrator=RadauIIA(2.0, steps=200))
+    psi = [each.value({"rod": rod}).psi for each in (problem, fine)]
+    assert psi[0] == pytest.approx(psi[1], rel=1e-3)
 
 
 def test_unsteady_drive_is_found() -> None:

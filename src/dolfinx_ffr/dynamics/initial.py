@@ -10,8 +10,8 @@ from ..mechanism import ElementKind, SpatialRowKind
 from . import spatial
 from .equilibrium import equilibrium_pullback, static_equilibrium
 from .kinematics import (
+    Kinematics,
     equations_pullback,
-    evaluate_equations,
     length_of,
     place_markers,
     settled,
@@ -130,6 +130,7 @@ class _Closure:
     def __init__(self, model: FlatModel) -> None:
         arrays = model.arrays
         self.model = model
+        self._kinematics = Kinematics(arrays)
         self.length = length_of(arrays)
         self.rigid = model.rigid
         # Angles count as the arc they sweep at the mechanism's size.
@@ -154,9 +155,9 @@ class _Closure:
     def constraints(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
         """Gaps of positions and velocities, and the constraint Jacobian."""
         zero = np.zeros(self.model.size), np.zeros(self.model.rows)
-        values, jacobian, *_ = evaluate_equations(self.model.arrays, 0, y, v, *zero)
+        values, jacobian, *_ = self._kinematics.evaluated(0, y, v, *zero)
         gaps = values[self.model.size :].reshape(2, -1)
-        return gaps[0], gaps[1], jacobian
+        return gaps[0], gaps[1], jacobian.copy()
 
     def residual(self, y: Array, shift: Array | None = None) -> tuple[Array, Array]:
         """Gaps and their Jacobian over the rigid coordinates, scaled to lengths.

@@ -137,6 +137,24 @@ class Kinematics:
         """
         self._kind.evaluate(self.table, self._model, self._work, instant, 1.0, extent)
 
+    def evaluated(
+        self, instant: int, y: Array, v: Array, w: Array, multipliers: Array
+    ) -> Evaluation:
+        """What :func:`evaluate_equations` gives, in arrays that the next evaluation overwrites.
+
+        Args:
+            instant: Number of the instant in the tables of the mechanism.
+            y: Coordinates, shape (n,).
+            v: Velocities, shape (n,).
+            w: Accelerations, shape (n,).
+            multipliers: Multipliers, shape (rows,).
+        """
+        self.set(y, v, w, multipliers)
+        self.evaluate(instant, CONSTRAINTS | FORCES | TANGENT)
+        eq = self.equations
+        residual = np.concatenate([eq.r + eq.C.T @ eq.lam, eq.value, eq.rate])
+        return Evaluation(residual, eq.C, eq.M, eq.Ky)
+
     def pullback(self, instant: int, extent: int) -> None:
         """Transpose the equations at the state, which must have been evaluated there.
 
@@ -211,12 +229,7 @@ def evaluate_equations(
         w: Accelerations, shape (n,).
         multipliers: Multipliers, shape (rows,).
     """
-    kinematics = Kinematics(model)
-    kinematics.set(y, v, w, multipliers)
-    kinematics.evaluate(instant, CONSTRAINTS | FORCES | TANGENT)
-    eq = kinematics.equations
-    residual = np.concatenate([eq.r + eq.C.T @ eq.lam, eq.value, eq.rate])
-    return Evaluation(residual, eq.C, eq.M, eq.Ky)
+    return Kinematics(model).evaluated(instant, y, v, w, multipliers)
 
 
 def place_markers(model: ModelArrays, instant: int, y: Array) -> Array:

@@ -146,7 +146,7 @@ def restored(
         integrator: The time integration that was used.
         numbers: `Trajectory.numbers` of the motion.
     """
-    model = assemble_model(mechanism, bodies, integrator.times)
+    model = assemble_model(mechanism, bodies, integrator.times, checked=True)
     if not np.array_equal(model.times, numbers["t"]):  # instants within steps, or chosen ones
         model = model.at(numbers["t"])
     return Trajectory(**numbers, model=model, integrator=integrator)

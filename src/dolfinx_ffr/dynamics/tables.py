@@ -34,11 +34,17 @@ class TimeTables:
     elements: Sequence[tuple[Any, str]]
 
     @cached_property
+    def _motions(self) -> list[tuple[Motion, str]]:
+        """Those of markers, with the users of these; the ground does not move."""
+        moving = [(m, where) for m, where in self.prescribed if isinstance(m, Moving)]
+        return [(motion, where) for marker, where in moving for motion in marker.motions]
+
+    @cached_property
     def jumps(self) -> Array:
         """Times after the start at which something prescribed is not smooth, in order [s]."""
         fields = (self.mechanism.gravity, self.mechanism.ground_acceleration)
         signals: list[object] = [signal for field in fields for signal in field]
-        signals += [motion for marker, _ in self.prescribed for motion in marker.motions]
+        signals += [motion for motion, _ in self._motions]
         signals += [row.motion for row, _ in self.rows]
         signals += [signal for element, _ in self.elements for signal in element.signals]
         known = [t for signal in signals if isinstance(signal, Motion) for t in signal.jumps]
@@ -55,7 +61,7 @@ class TimeTables:
         Raises:
             ValueError: If a derivative is wrong; the message names the marker or the joint.
         """
-        motions = [(m, where) for marker, where in self.prescribed for m in marker.motions]
+        motions = list(self._motions)
         motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
         for motion, where in motions:
             try:
