@@ -99,12 +99,13 @@ def test_the_field_is_a_mean_of_its_coefficients(knots: np.ndarray | None) -> No
 def test_default_knots_are_a_grid_of_the_size_of_the_elements() -> None:
     """Those that no element sees are left out."""
     levelset = ffr.LevelSet(rod(MPI.COMM_SELF))
-    assert levelset.spacing == pytest.approx(0.01)
-    assert levelset.size == len(levelset.knots) == 41 * 9
-    assert levelset.radius == pytest.approx(0.0275)
+    assert levelset.radius == pytest.approx(0.0225)
+    # nearly the radius over 2.75, so that they divide the sides
+    assert levelset.spacing == pytest.approx(0.4 / 49)
+    assert levelset.size == len(levelset.knots) == 50 * 11
     coarse = ffr.LevelSet(rod(MPI.COMM_SELF), minimum_member=2.0 * levelset.minimum_member)
-    assert coarse.radius == pytest.approx(0.055)
-    assert coarse.minimum_gap == levelset.minimum_gap == pytest.approx(0.00784, abs=1e-5)
+    assert coarse.radius == pytest.approx(0.045)
+    assert coarse.minimum_gap == levelset.minimum_gap == pytest.approx(0.00642, abs=1e-5)
 
 
 # ---------------------------------------------------------------------- density
@@ -122,7 +123,7 @@ def test_density_is_differentiated_exactly(
     weight = domain.cell_volumes * (np.sin(40.0 * c[:, 0] + 50.0 * c[:, 1]) + 0.3)
     for sharpness in (1.0, 8.0, 32.0):
         design = levelset.with_sharpness(sharpness)
-        direction = ways(levelset.knots) / sharpness
+        direction = 0.5 * ways(levelset.knots) / sharpness
 
         def value(v: np.ndarray, design: ffr.LevelSet = design) -> float:
             return domain.sum(weight * design.density(v))
@@ -193,7 +194,9 @@ def test_a_sharper_design_is_another_object() -> None:
     gray = [ffr.gray_fraction(levelset.domain, design.density(u)) for design in steps[:3]]
     assert gray[0] > gray[1] > gray[2]
     assert np.array_equal(levelset.density(u), before)
-    assert np.array_equal(before, steps[-1].density(u))
+    # near the end it is analysed a little within its boundary
+    assert np.array_equal(before, steps[-1].nominal.density(u))
+    assert np.all(steps[-1].density(u) <= before)
     with pytest.raises(ValueError, match="progress must lie between 0 and 1"):
         levelset.at(1.1)
 
@@ -284,8 +287,8 @@ def test_thin_members_and_narrow_gaps_are_penalised() -> None:
     ("options", "message"),
     [
         (
-            {"minimum_member": 0.007},
-            "of 0.007 m is below the 0.007845 m that elements of 0.01 m resolve",
+            {"minimum_member": 0.006},
+            "of 0.006 m is below the 0.006418 m that elements of 0.01 m resolve",
         ),
         ({"minimum_member": 0.05, "minimum_gap": 0.011}, "may differ by a factor of four"),
         ({"minimum_gap": -1.0}, "minimum_gap must be positive"),
@@ -350,7 +353,7 @@ def test_start_with_holes(comm: MPI.Intracomm) -> None:
 
 def test_a_start_begins_with_a_quarter_of_its_contrast() -> None:
     levelset = ffr.LevelSet(rod(MPI.COMM_SELF))
-    start = levelset.with_holes(4, 1, 0.012)
+    start = levelset.with_holes(4, 1, 0.014)
     assert start.min() < 0.31 and start.max() == 1.0
     np.testing.assert_allclose(levelset.begin(start) - 0.5, 0.25 * (start - 0.5))
     beyond = np.linspace(-1.0, 2.0, levelset.size)

@@ -130,6 +130,23 @@ def test_several_constraints(comm: MPI.Intracomm) -> None:
 
 @gray
 @pytest.mark.mpi
+def test_bounds_are_those_of_the_level_set_that_is_made(comm: MPI.Intracomm) -> None:
+    """Near the end a level set is analysed a little within its boundary; its bounds are not."""
+    problem = BoundedCopy(comm, lambda c: hills(c) + 0.25, upper=0.3)
+    design = ffr.LevelSet(problem.domain)
+    result = run(problem, design, iterations=60)
+    assert result.feasible
+    assert result.evaluation.volume["plate"] == pytest.approx(0.5, rel=2e-3)
+    assert -0.03 < result.evaluation.constraints["left half"].value <= 1e-8
+    np.testing.assert_array_equal(result.x, result.designs["plate"].density(result.coefficients))
+    seen = design.at(1.0).density(result.coefficients)
+    assert np.all(seen <= result.x)
+    domain = problem.domain
+    assert domain.sum((result.x - seen) * domain.cell_volumes) > 0.01 * domain.area
+
+
+@gray
+@pytest.mark.mpi
 def test_constraints_that_cannot_be_met_are_named(
     comm: MPI.Intracomm, shared_tmp_path: Path
 ) -> None:
@@ -212,12 +229,15 @@ def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm, kind: Any) -> None:
     np.testing.assert_array_equal(result.x, last.density(result.variables["rod"]))
     assert np.all(result.x[~design.domain.design_cells] == 1.0)
     value = problem.value(result.x).psi
-    best = np.nanmin(np.abs(history["psi"] / value - 1.0))
+    # what the run saw of it; a level set is analysed a little within its boundary
+    seen = problem.value(design.at(1.0).density(result.variables["rod"])).psi
+    best = np.nanmin(np.abs(history["psi"] / seen - 1.0))
     assert best < 1e-9
+    assert (seen == value) == (kind is ffr.DensityDesign)
     assert result.problem.value(result.x).psi == pytest.approx(result.psi, rel=1e-9)
     if kind is ffr.LevelSet:  # told by the law of cut elements, which is stiffer
         assert result.problem is not problem and 0.7 * value < result.psi < value
-        assert result.problem.flexible["rod"].interpolation == ffr.SIMP(exponent=1.5)
+        assert result.problem.flexible["rod"].interpolation == ffr.SIMP(exponent=1.35)
     else:
         assert result.problem is problem
 
@@ -354,7 +374,7 @@ def test_a_design_for_each_body(comm: MPI.Intracomm) -> None:
             result.densities[name], design.density(result.variables[name])
         )
     laws = {name: body.interpolation for name, body in result.problem.flexible.items()}
-    assert laws == {"coupler": ffr.SIMP(exponent=1.5), "rocker": ffr.SIMP()}
+    assert laws == {"coupler": ffr.SIMP(exponent=1.35), "rocker": ffr.SIMP()}
     with pytest.raises(ValueError, match="several bodies are designed"):
         _ = result.x
 
@@ -395,6 +415,7 @@ def test_interrupted_and_resumed_is_as_if_uninterrupted(
 
 
 @gray
+@pytest.mark.filterwarnings("ignore:.*violates 'volume.*after 8:dolfinx_ffr.DesignWarning")
 @pytest.mark.mpi
 def test_a_run_of_a_given_length_in_two_calls(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """8 iterations and then up to 16 are 16, whose sharpness the length alone decides."""

@@ -33,7 +33,7 @@ def scene(comm: MPI.Intracomm) -> tuple[ffr.Problem, ffr.LevelSet, np.ndarray]:
     """The slider-crank on a coarse mesh, with a start design."""
     problem = slider_crank(comm)
     levelset = ffr.LevelSet(problem.flexible["rod"].domain)
-    return problem, levelset, levelset.with_holes(6, 1, 0.01)
+    return problem, levelset, levelset.with_holes(6, 1, 0.011)
 
 
 def copy(comm: MPI.Intracomm) -> tuple[Copy, ffr.LevelSet, np.ndarray]:

@@ -38,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, ClassVar
 
 from mpi4py import MPI
@@ -46,8 +46,6 @@ from mpi4py import MPI
 import contourpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.optimize import brentq
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
@@ -57,23 +55,25 @@ from ..parallel import ROUND_OFF
 from .density_filter import HeavisideProjection
 from .mirrors import Mirror, MirrorPlane, image_cells, images
 from .parametrization import SHARP, Design, finite_vector, steepness
-from .rbf import Wendland
+from .rbf import Wendland, strip_middle, strip_width
 
 __all__ = ["LevelSet"]
 
 Array = NDArray[np.float64]
 
-#: Radius of the kernel in mean elements: the shortest one whose strips of one element keep their
-#: width on the mesh; longer ones round corners and cost 0.5 % to 2 % of psi
-RADIUS = 2.75
-#: f in the middle of the thinner of the thinnest member and the narrowest gap, see `_narrowest`
+#: Shortest radius of the kernel in mean elements: one of 2.75 costs 1 % of psi
+RADIUS = 2.25
+#: Of the kernel, in distances of knots
+REACH = 2.75
+#: f in the middle of the thinner of the thinnest member and the narrowest gap, see `strip_width`
 FLAT = 0.6
 #: c of the penalty: wide enough to see the flanks of a strip, whose middle alone is flat
 DECAY = 0.93
-#: Of the penalty beside log psi: half as much lets struts thin out, ten times as much costs 4 %
-WEIGHT = 400.0
+#: Of the penalty beside log psi: less than half as much lets struts thin out, four times as much
+#: costs 2 %
+WEIGHT = 100.0
 #: Factor by which it grows at last: a strut that is neither thick enough nor gone must decide
-LATE = 4.0
+LATE = 2.0
 #: Of a gap beside a member: less, as a gap too narrow costs less than a broken strut
 GAP = 0.2
 #: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
@@ -83,6 +83,9 @@ SAFETY = 1.3
 #: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
 #: SIMP is zero, and nothing would ever grow there
 CONTRAST = 0.25
+#: f at which the design is analysed near the end instead of 1/2, as if a little were worn off
+#: everywhere, so that no member hangs by what elements bridge; and the progress from which on
+ERODED = (0.54, 0.7)
 #: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
 BAND = 3.0
 #: More than the round-off of f: where f is 1/2 but for that, as in an even gray, no boundary runs
@@ -95,7 +98,7 @@ class LevelSet(Design):
     Args:
         domain: The body.
         minimum_member: Width that no member may fall below [m]. By default what the mesh resolves,
-            0.78 mean elements. It is asked for by a penalty and told of the finished part, see
+            0.64 mean elements. It is asked for by a penalty and told of the finished part, see
             `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
@@ -139,11 +142,11 @@ class LevelSet(Design):
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         larger = SAFETY * max(self.minimum_member, self.minimum_gap)
         #: Of the kernel [m]
-        self.radius = larger / _narrowest(FLAT, d)
+        self.radius = larger / strip_width(FLAT, d)
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
-        self._solid = _flat(SAFETY * self.minimum_member / self.radius, d)
-        self._void = 1.0 - _flat(SAFETY * self.minimum_gap / self.radius, d)
-        wanted = self.radius / RADIUS
+        self._solid = strip_middle(SAFETY * self.minimum_member / self.radius, d)
+        self._void = 1.0 - strip_middle(SAFETY * self.minimum_gap / self.radius, d)
+        wanted = self.radius / REACH
         if spacing is not None:
             wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
         low, high = domain.bounding_box
@@ -186,6 +189,8 @@ class LevelSet(Design):
         self._matrix = self._means(points.reshape(-1, d))
         #: Steepness beta of the projection
         self.sharpness = SHARP
+        #: f at which it steps from void to solid
+        self.threshold = 0.5
         #: Weight of the penalty of sizes below the minimum ones
         self.weight = WEIGHT * LATE
 
@@ -195,7 +200,7 @@ class LevelSet(Design):
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
         """Both minimum sizes, or refuse what the mesh cannot resolve."""
-        least = RADIUS * self.element * _narrowest(FLAT, self.domain.dimension) / SAFETY
+        least = RADIUS * self.element * strip_width(FLAT, self.domain.dimension) / SAFETY
         for name, value in (("minimum_member", member), ("minimum_gap", gap)):
             if value is not None:
                 validation.number(f"level set: {name}", value, above=0.0, unit="m")
@@ -294,11 +299,28 @@ class LevelSet(Design):
     @property
     def projection(self) -> HeavisideProjection:
         """From f to material."""
-        return HeavisideProjection(self.sharpness)
+        return HeavisideProjection(self.sharpness, self.threshold)
+
+    @property
+    def nominal(self) -> LevelSet:
+        """The level set whose material is where f > 1/2, as it is made."""
+        if self.threshold == 0.5:
+            return self
+        other = copy(self)
+        other.threshold = 0.5
+        return other
 
     def at(self, progress: float) -> LevelSet:
-        """The design as sharp as at a ``progress``, with its penalty."""
+        """The design as sharp as at a ``progress``, with its penalty, near the end eroded.
+
+        So the design that is made is optimised for a boundary a little within its own, and holds
+        where a member would otherwise be as thin as the mesh bridges (robust design; F. Wang,
+        B. S. Lazarov and O. Sigmund, doi:10.1007/s00158-010-0602-y).
+        """
         other = self.with_sharpness(steepness(progress))
+        threshold, since = ERODED
+        if progress >= since:
+            other.threshold = threshold
         begin, full, end = PENALTY
         ramp = min(max((progress - begin) / (full - begin), 0.0), 1.0)
         other.weight = WEIGHT * ramp * LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
@@ -532,36 +554,6 @@ def _check_knots(knots: ArrayLike, d: int) -> Array:
     if np.min(cKDTree(given).query(given, k=2)[0][:, 1]) == 0.0:
         raise ValueError("level set: two knots coincide; remove one of them")
     return np.ascontiguousarray(given)
-
-
-@cache
-def _strip(d: int) -> tuple[Array, Array]:
-    """Share of the kernel on one side of a line, in space a plane, over its distance in radii."""
-    r = np.linspace(-1.0, 1.0, 2001)
-    kernel = Wendland(1.0)
-    table = kernel(np.hypot(r[:, None], r[None, :]))
-    across = table.sum(axis=1) if d == 2 else table @ np.abs(r)
-    share = cumulative_trapezoid(across, r, initial=0.0)
-    return r, share / share[-1]
-
-
-def _narrowest(flat: float, d: int) -> float:
-    """Width of the strip in radii that f = 1/2 encloses, where f is ``flat`` in its middle.
-
-    In space it is a plate.
-    """
-    r, share = _strip(d)
-
-    def f(x: float, width: float) -> float:
-        return float(np.diff(np.interp([x - 0.5 * width, x + 0.5 * width], r, share))[0])
-
-    width = brentq(lambda w: f(0.0, w) - flat, 0.0, 2.0)
-    return 2.0 * float(brentq(lambda x: f(x, width) - 0.5, 0.0, 1.0))
-
-
-def _flat(width: float, d: int) -> float:
-    """F in the middle of the strip that f = 1/2 encloses with a ``width`` in radii."""
-    return float(brentq(lambda f: _narrowest(f, d) - width, 0.5001, 0.99))
 
 
 def _distance_in_space(points: Array, grid: list[Array], values: Array) -> Array:

@@ -78,6 +78,11 @@ class Design(ABC):
     def at(self, progress: float) -> Design:
         """The design as sharp as at a ``progress`` between 0, the start, and 1, the end."""
 
+    @property
+    def nominal(self) -> Design:
+        """The design as it is made, where another one is analysed in its place, see `LevelSet`."""
+        return self
+
     @abstractmethod
     def density(self, variables: Array) -> Array:
         """The density of this rank's cells, shape (cells,), at ``variables`` (size,)."""

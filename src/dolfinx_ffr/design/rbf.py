@@ -20,10 +20,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import brentq
 from scipy.special import xlogy
 
 from .. import validation
@@ -179,3 +182,44 @@ class ThinPlate(Kernel):
         """G at distances ``r`` [m]."""
         distance = np.asarray(r)
         return distance * xlogy(distance, distance)
+
+
+@cache
+def _strip(d: int) -> tuple[Array, Array]:
+    """Share of the kernel on one side of a line, in space a plane, over its distance in radii."""
+    r = np.linspace(-1.0, 1.0, 2001)
+    kernel = Wendland(1.0)
+    table = kernel(np.hypot(r[:, None], r[None, :]))
+    across = table.sum(axis=1) if d == 2 else table @ np.abs(r)
+    share = cumulative_trapezoid(across, r, initial=0.0)
+    return r, share / share[-1]
+
+
+def strip_width(middle: float, d: int) -> float:
+    """The width of a strip, in space a plate, of a normalised field of Wendland's functions.
+
+    Args:
+        middle: The field in the middle of the strip, whose coefficients are one within and zero
+            around it.
+        d: Dimension.
+
+    Returns:
+        The width that the value 1/2 encloses, in radii.
+    """
+    r, share = _strip(d)
+
+    def f(x: float, width: float) -> float:
+        return float(np.diff(np.interp([x - 0.5 * width, x + 0.5 * width], r, share))[0])
+
+    width = brentq(lambda w: f(0.0, w) - middle, 0.0, 2.0)
+    return 2.0 * float(brentq(lambda x: f(x, width) - 0.5, 0.0, 1.0))
+
+
+def strip_middle(width: float, d: int) -> float:
+    """The inverse of `strip_width`.
+
+    Args:
+        width: In radii.
+        d: Dimension.
+    """
+    return float(brentq(lambda middle: strip_width(middle, d) - width, 0.5001, 0.99))

@@ -288,7 +288,7 @@ def _check_law(floor: float, mass: MassLaw) -> None:
 #: mesh which fits the boundary, as measured by the last table of docs/benchmarks/designs.md. Linear
 #: elements add stiffness of their own, which makes up for a larger exponent.
 CUT = {
-    ("quadrilateral", 1): 1.5,
+    ("quadrilateral", 1): 1.35,
     ("triangle", 1): 1.5,
     ("quadrilateral", 2): 1.25,
     ("triangle", 2): 1.0,

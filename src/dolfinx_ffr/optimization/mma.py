@@ -112,7 +112,7 @@ class MMA(Optimizer):
                 point, now = run.iterate(point, now)
             chosen = run.chosen(point)
             return loop.result(
-                run.designs(point.progress),
+                run.designs(point.progress, nominal=True),
                 run.split(chosen),
                 run.evaluation(point, now, chosen),
                 reason,
@@ -126,6 +126,7 @@ class _Point:
 
     asymptotes: Asymptotes
     margins: Array  #: By how much constraints are tightened, shape (m,)
+    bounds: Array  #: The constraints of the design that is kept, shape (m,)
     iteration: int = 0
     progress: float = 0.0  #: Of the same
     rejected: int = 0  #: Steps taken back in a row
@@ -155,9 +156,10 @@ class _Run:
 
     # ------------------------------------------------------------------ variables
 
-    def designs(self, progress: float) -> dict[str, Design]:
-        """The designs as sharp as at a progress."""
-        return {name: design.at(progress) for name, design in self._designs.items()}
+    def designs(self, progress: float, *, nominal: bool = False) -> dict[str, Design]:
+        """The designs as sharp as at a progress, as they are analysed or as they are made."""
+        found = {name: design.at(progress) for name, design in self._designs.items()}
+        return {name: d.nominal for name, d in found.items()} if nominal else found
 
     def split(self, variables: Array) -> dict[str, Array]:
         """The variables of each body."""
@@ -169,23 +171,25 @@ class _Run:
         designs = self.designs(progress)
         return np.concatenate([shrunk(d, variables[n], self.volume[n]) for n, d in designs.items()])
 
-    def densities(self, variables: Array, progress: float) -> dict[str, Array]:
+    def densities(
+        self, variables: Array, progress: float, *, nominal: bool = False
+    ) -> dict[str, Array]:
         """The densities of this rank's cells."""
-        parts = self.split(variables)
-        return {n: design.density(parts[n]) for n, design in self.designs(progress).items()}
+        parts, designs = self.split(variables), self.designs(progress, nominal=nominal)
+        return {name: design.density(parts[name]) for name, design in designs.items()}
 
     # ------------------------------------------------------------------ iterations
 
     def begin(self, start: Mapping[str, Array]) -> tuple[_Point, Evaluation]:
         """The first point with its evaluation."""
         variables = self.shrunk({n: d.begin(start[n]) for n, d in self._designs.items()}, 0.0)
-        count = len(self._designs) + len(self.loop.problem.constraints)
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
-        point = _Point(state, np.zeros(count))
         densities = self.densities(variables, 0.0)
         now = self.loop.with_modes(self.loop.value(densities), densities, 0)
         now = self.loop.calibrated(now)
-        point = replace(point, merit=self.merit(variables, now, 0.0))
+        bounds = self.bounds(variables, self.made(variables, now, 0.0), 0.0)
+        merit = self.merit(variables, now, 0.0)
+        point = _Point(state, np.zeros(len(bounds)), bounds, merit=merit)
         now = self.differentiate(now, point)
         self.record(point, now, densities, accepted=True, step=0.0, multiplier=0.0)
         return point, now
@@ -193,11 +197,11 @@ class _Run:
     def iterate(self, point: _Point, now: Evaluation) -> tuple[_Point, Evaluation]:
         """The point after one step, and the evaluation of the design that is kept."""
         state = point.asymptotes
-        slope, values, slopes = self.functions(point, now)
+        slope, slopes = self.functions(point, now)
         peaks, peak_slopes = self.peaks(point, now)
         tried, multipliers = state.step(
             slope,
-            np.concatenate([peaks, values + point.margins]),
+            np.concatenate([peaks, point.bounds + point.margins]),
             np.vstack([peak_slopes, slopes]),
             bounded=len(peaks),
         )
@@ -216,10 +220,15 @@ class _Run:
             apart = True
         else:
             # psi may rise where that brings a violated constraint nearer
-            worst, then = float(np.max(values)), float(np.max(self.bounds(found)))
+            bounds = self.bounds(tried.x, found, progress)
+            worst, then = float(np.max(point.bounds)), float(np.max(bounds))
             pays = worst > VIOLATED and then < worst
             broken = then > max(worst, 0.0) + BROKEN
-            apart = broken or (found.psi > limit and not pays)
+            rises = found.psi > limit and not pays
+            if rises and not broken:  # what becoming sharper alone brings is no fault of the step
+                before = self.psi(state.x, progress)
+                rises = found.psi > before + APART * abs(before)
+            apart = broken or rises
         if found is None or apart:
             kept = replace(
                 point,
@@ -238,21 +247,22 @@ class _Run:
             )
             return kept, now
         found = self.loop.calibrated(self.loop.with_modes(found, densities, iteration))
+        bounds = self.bounds(tried.x, self.made(tried.x, found, progress), progress)
         moved = replace(
             point,
             asymptotes=replace(tried, move=min(RECOVER * tried.move, self.options.move)),
+            bounds=bounds,
             iteration=iteration,
             progress=progress,
             rejected=0,
             held=False,
             merit=self.merit(tried.x, found, progress),
         )
-        violation = self.bounds(found)
         if progress >= CRISP:
             # tightened by what is violated, relaxed slowly where nothing is
-            margins = np.where(violation > 0.0, point.margins + violation, 0.9 * point.margins)
+            margins = np.where(bounds > 0.0, point.margins + bounds, 0.9 * point.margins)
             moved = replace(moved, margins=margins)
-            if np.max(violation) <= FEASIBLE and moved.merit < point.best_merit:
+            if np.max(bounds) <= FEASIBLE and moved.merit < point.best_merit:
                 moved = replace(moved, best=tried.x, best_merit=moved.merit)
         if iteration < self.loop.iterations:
             found = self.differentiate(found, moved)
@@ -283,13 +293,32 @@ class _Run:
         psi = evaluation.psi
         return penalty + (math.log(psi) if psi > 0.0 else psi)
 
-    def bounds(self, evaluation: Evaluation) -> Array:
-        """G of all constraints: the volumes of the bodies, and those of the problem."""
-        volumes = [evaluation.volume[name] / self.volume[name] - 1.0 for name in self.sizes]
-        return np.array([*volumes, *(c.value for c in evaluation.constraints.values())])
+    def psi(self, variables: Array, progress: float) -> float:
+        """Psi as it is analysed at a progress; infinite where nothing can be simulated."""
+        try:
+            return self.loop.value(self.densities(variables, progress)).psi
+        except SimulationError:
+            return math.inf
 
-    def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array, Array]:
-        """The slope of the merit, and the constraints with their slopes.
+    def made(self, variables: Array, analysed: Evaluation, progress: float) -> Evaluation:
+        """The evaluation whose constraints are those of the designs as they are made."""
+        same = all(design.nominal is design for design in self.designs(progress).values())
+        if same or not analysed.constraints:
+            return analysed
+        try:
+            return self.loop.value(self.densities(variables, progress, nominal=True))
+        except SimulationError:  # what is analysed moves, and has a little less material
+            return analysed
+
+    def bounds(self, variables: Array, made: Evaluation, progress: float) -> Array:
+        """G of all constraints: the volumes of the bodies as made, and those of the problem."""
+        densities, domains = self.densities(variables, progress, nominal=True), self.loop.domains
+        filled = {n: d.sum(densities[n] * d.cell_volumes) / d.area for n, d in domains.items()}
+        volumes = [filled[name] / self.volume[name] - 1.0 for name in self.sizes]
+        return np.array([*volumes, *(c.value for c in made.constraints.values())])
+
+    def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
+        """The slope of the merit, and those of the constraints.
 
         Where the largest of several values is minimised, the slope is that of the penalty alone.
         """
@@ -304,14 +333,15 @@ class _Run:
                     for n, d in designs.items()
                 }
             )
-        rows.extend(constraint.gradient for constraint in evaluation.constraints.values())
-        slopes = self.pulled_back(point, rows)
+        slopes = self.pulled_back(point, rows, nominal=True)
+        others = [constraint.gradient for constraint in evaluation.constraints.values()]
+        slopes = np.vstack([slopes, *self.pulled_back(point, others)])
         slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
         if not self.loop.problem.combine.bounds:
             psi = evaluation.psi
             own = self.pulled_back(point, [evaluation.gradient])[0]
             slope = own / (psi if psi > 0.0 else 1.0) + slope
-        return slope, self.bounds(evaluation), slopes
+        return slope, slopes
 
     def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
         """The functions whose largest value is minimised, with their slopes; none but then.
@@ -333,9 +363,12 @@ class _Run:
         scale = float(np.max(np.abs(weighted))) or 1.0
         return weighted / scale, slopes * (weights / scale)[:, None]
 
-    def pulled_back(self, point: _Point, rows: Sequence[Mapping[str, Array] | None]) -> Array:
+    def pulled_back(
+        self, point: _Point, rows: Sequence[Mapping[str, Array] | None], *, nominal: bool = False
+    ) -> Array:
         """Derivatives with respect to the variables from those by densities, shape (rows, n)."""
-        parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        parts = self.split(point.asymptotes.x)
+        designs = self.designs(point.progress, nominal=nominal)
         found = []
         for row in rows:
             if row is None:
@@ -379,9 +412,11 @@ class _Run:
 
     def evaluation(self, point: _Point, now: Evaluation, chosen: Array) -> Evaluation:
         """That of the result."""
-        if chosen is point.asymptotes.x:
+        analysed = self.designs(point.progress).values()
+        if chosen is point.asymptotes.x and all(d.nominal is d for d in analysed):
             return now
-        return self.loop.calibrated(self.loop.value(self.densities(chosen, point.progress)))
+        densities = self.densities(chosen, point.progress, nominal=True)
+        return self.loop.calibrated(self.loop.value(densities))
 
     # ------------------------------------------------------------------ records
 
@@ -429,6 +464,7 @@ class _Run:
         def given(name: str) -> Array | None:
             return np.asarray(data[name]) if len(data[name]) else None
 
+        progress = float(data["progress"])
         state = Asymptotes(
             self.lower,
             self.upper,
@@ -438,18 +474,19 @@ class _Run:
             given("earlier"),
             given("reach"),
         )
+        now = self.loop.calibrated(self.loop.value(self.densities(state.x, progress)))
         point = _Point(
             state,
             np.asarray(data["margins"]),
+            self.bounds(state.x, self.made(state.x, now, progress), progress),
             best=given("best"),
             iteration=int(data["iteration"]),
-            progress=float(data["progress"]),
+            progress=progress,
             rejected=int(data["rejected"]),
             held=bool(data["held"]),
             merit=float(data["merit"]),
             best_merit=float(data["best_merit"]),
         )
-        now = self.loop.calibrated(self.loop.value(self.densities(state.x, point.progress)))
         self.loop.resumed(now)
         return point, self.differentiate(now, point)
 
