@@ -189,6 +189,17 @@ def test_several_motions(demo: Callable[..., Path]) -> None:
 
 
 @pytest.mark.mpi
+def test_six_motions_on_several_ranks() -> None:
+    """The demo's numbers are those of one rank."""
+    found = []
+    for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
+        problem = importlib.import_module("several_motions").six_motions(comm, (20, 4), 250)
+        found.append(problem.value(0.7 * np.ones(problem.flexible["rod"].domain.n_cells)).motions)
+    alone, shared = ([motion.psi for motion in motions.values()] for motions in found)
+    assert len(shared) == 6 and shared == pytest.approx(alone, rel=1e-9)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("scene", ["slider_crank", "four_bar"])
 def test_equivalent_static_loads(demo: Callable[..., Path], scene: str) -> None:
     """The static problem gives back psi under its own loads, which the demo asserts."""
