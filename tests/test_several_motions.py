@@ -105,6 +105,28 @@ def test_numbers_are_those_of_each_motion_alone(comm: MPI.Intracomm) -> None:
     assert np.linalg.norm(evaluation.gradient["rod"] - total) < 1e-8 * np.linalg.norm(total)
 
 
+def test_bodies_are_reduced_once_and_derivatives_go_back_together(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One reduction a design, one adjoint solution for all motions and one for each constraint."""
+    calls = {"reduce_checked": 0, "pullback": 0}
+    for name in calls:
+        method = getattr(ffr.FlexibleBody, name)
+
+        def counted(*given: Any, name: str = name, method: Any = method) -> Any:
+            calls[name] += 1
+            return method(*given)
+
+        monkeypatch.setattr(ffr.FlexibleBody, name, counted)
+    for combine in (ffr.WeightedSum(WEIGHTS), ffr.WorstCase(WEIGHTS)):
+        problem = three_motions(comm, combine, (10, 2), modes=2)
+        evaluation = problem.value(wavy(problem))
+        near = combine.near({name: motion.psi for name, motion in evaluation.motions.items()})
+        calls.update(dict.fromkeys(calls, 0))
+        problem.differentiate(problem.value(wavy(problem)))
+        assert calls == {"reduce_checked": 1, "pullback": max(1, len(near)) + 3}
+
+
 def test_one_motion_by_name_is_the_same_bit_for_bit(comm: MPI.Intracomm) -> None:
     plain = slider_crank(comm)
     motion = ffr.MechanicalProblem(plain.mechanism, plain.integrator, plain.objective)
