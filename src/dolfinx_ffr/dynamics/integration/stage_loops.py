@@ -11,11 +11,13 @@ from ..equations import (
     COMPOSE,
     CONSTRAINTS,
     ENTER,
+    FORCES,
     LEAVE,
     LOCALISE,
     METRIC,
     OTHER_FORCES,
     ROWS,
+    TANGENT,
     Equations,
     chart,
     evaluate,
@@ -54,6 +56,9 @@ STEADY, ASTRAY = 0.02, 0.3
 #: Ratio from which factors are made anew within a step.
 SLOW = 0.05
 
+#: Share of stiffness times squared step that counts beside inertia in a first guess.
+STIFF = 0.1
+
 #: Newton's method ends when the correction is round-off beside the largest acceleration, and
 #: beside positions and velocities as they show in accelerations.
 NEGLIGIBLE, ROUND_OFF = 1e-13, 4e-16
@@ -87,15 +92,22 @@ def predict(eq: Equations, stages: Stages, at: int, h: float, before: float) -> 
     """First guess of the unknowns of a step.
 
     The polynomial through the stages of the step before goes on, where there is one; `before` is
-    its length. Else accelerations and multipliers are those of the start.
+    its length. Else accelerations and multipliers are those of the start, but for vibrations that
+    the step does not resolve: their accelerations under a sudden force would take bodies out of all
+    shape, and Newton's method to another motion, or to none.
     """
     n, rows, w, lam = eq.r.size, eq.value.size, stages.w, stages.lam
+    if before <= 0.0:
+        load_stage(eq, stages, at - 1)
+        evaluate(eq, at - 1, 0.0, CONSTRAINTS | FORCES | TANGENT)
     for i in range(3):
         for c in range(rows):
             stages.eta[at + i, c] = 0.0
             lam[at + i, c] = 0.0 if before > 0.0 else lam[at - 1, c]
         for p in range(n):
-            w[at + i, p] = 0.0 if before > 0.0 else w[at - 1, p]
+            inertia = abs(eq.M[p, p])
+            resolved = inertia / (inertia + STIFF * h * h * abs(eq.Ky[p, p])) if inertia else 0.0
+            w[at + i, p] = 0.0 if before > 0.0 else resolved * w[at - 1, p]
         if before > 0.0:
             x = 1.0 + NODES[i] * h / before
             for j in range(3):
@@ -109,20 +121,6 @@ def predict(eq: Equations, stages: Stages, at: int, h: float, before: float) -> 
                 for c in range(rows):
                     old = stages.lam_before[j, c] if first else lam[at - 3 + j, c]
                     lam[at + i, c] += factor * old
-
-
-@kernel
-def coast(eq: Equations, stages: Stages, at: int) -> None:
-    """First guess of a step without accelerations, which leaves stiff vibrations where they are.
-
-    Those of a start under a sudden force, of vibrations that the step does not resolve, would take
-    bodies out of all shape within it.
-    """
-    for i in range(3):
-        for c in range(eq.value.size):
-            stages.eta[at + i, c] = stages.lam[at + i, c] = 0.0
-        for p in range(eq.r.size):
-            stages.w[at + i, p] = 0.0
 
 
 @kernel
@@ -257,9 +255,6 @@ def march(
             status = iterate(eq, stages, system, k, h, True)
         if status != CONVERGED and before > 0.0:
             predict(eq, stages, at, h, 0.0)
-            status = iterate(eq, stages, system, k, h, True)
-        if status != CONVERGED:
-            coast(eq, stages, at)
             status = iterate(eq, stages, system, k, h, True)
         stage_states(eq, stages, at, h)
         for i in range(3):
