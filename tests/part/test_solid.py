@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from mpi4py import MPI
@@ -75,6 +76,31 @@ def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
         assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(solid.volume, rel=1e-6)
     with pytest.raises(ValueError, match=r"the kind '\.step' .* is not known"):
         solid.write(shared_tmp_path / "solid.step")
+
+
+def plate(x: np.ndarray) -> np.ndarray:
+    """A plate of 62 mm between two blocks."""
+    return np.maximum(0.031 - np.abs(x[:, 2] + 0.01), np.abs(x[:, 0] - 0.4) - 0.25)
+
+
+def slot(x: np.ndarray) -> np.ndarray:
+    """Two prongs of 150 and 130 mm with 120 mm between them, which end freely."""
+    return np.maximum(np.abs(x[:, 1] - 0.01) - 0.06, 0.2 - x[:, 0])
+
+
+@pytest.mark.parametrize(("field", "member", "gap"), [(slot, 0.13, 0.12), (plate, 0.062, None)])
+def test_thinnest_member_and_narrowest_gap(
+    comm: MPI.Intracomm, field: Callable[[np.ndarray], np.ndarray], member: float, gap: float | None
+) -> None:
+    """Flat ones are exact, as the surface is."""
+    domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
+    solid = Solid(domain, field)
+    found = solid.thinnest_member, solid.narrowest_gap
+    for width, exact in zip(found, (member, gap), strict=True):
+        assert (width is None) == (exact is None)
+        if width is not None:
+            assert width.value == pytest.approx(exact, rel=1e-9)
+            assert np.linalg.norm(width.ends[1] - width.ends[0]) == pytest.approx(width.value)
 
 
 @pytest.mark.parametrize("finer", [0, 2])

@@ -16,6 +16,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,11 @@ from ..fem import Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinde
 from ..files import named_in_errors
 from ..parallel import on_rank_0
 from ..problem import Evaluation, Problem
+from .ball_widths import narrowest_gap_in_space, thinnest_member_in_space
 from .shape import Enclosed, PartWarning
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, pieces, volumes
 from .verify import Verification, verify
+from .widths import Width
 
 __all__ = ["Solid"]
 
@@ -40,6 +43,8 @@ Array = NDArray[np.float64]
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
 #: How fine the surface is, see `Tetrahedra.of`, by the body's cells
 _SURFACE = {"hexahedron": 1, "tetrahedron": 0}
+#: Spacing of the lattice on which members and gaps are looked for, by the size of the body's cells
+_LATTICE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +158,26 @@ class Solid(Enclosed):
         if density is None:
             raise ValueError("solid: without a material there is no mass; give material=...")
         return float(density) * self.volume
+
+    @cached_property
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member, by balls that do not fit; None if it is as thick as the solid.
+
+        It takes seconds, and is kept. What is thinner than a quarter of a cell is not seen.
+        """
+        return thinnest_member_in_space(self.points, self.triangles, self._lattice)
+
+    @cached_property
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole; None if there is none narrower than the solid."""
+        return narrowest_gap_in_space(self.points, self.triangles, self._lattice)
+
+    @property
+    def _lattice(self) -> float:
+        return _LATTICE * self.body.cell_size
+
+    def measures(self) -> dict[str, Width | int | None]:
+        return {"thinnest member": self.thinnest_member, "narrowest gap": self.narrowest_gap}
 
     def surface(self) -> Any:
         """The surface as a mesh of PyVista (`pyvista.PolyData`)."""

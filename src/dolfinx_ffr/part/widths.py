@@ -47,7 +47,8 @@ class Width:
     """The width of a member or a gap, and where it is."""
 
     value: float  #: [m]
-    ends: Array  #: (2, 2) ends of a diameter of the disc, the first one on the boundary [m]
+    #: (2, 2), in space (2, 3) ends of a diameter of the disc or ball, the first on the boundary [m]
+    ends: Array
 
 
 def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width | None:

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: MIT
+"""Thinnest member and narrowest gap of a solid, by balls that do not fit.
+
+`widths` says what a member is in the plane, and it is the same in space: a *neck*, where the
+centres of the balls of diameter d that fit hang together otherwise than the solid does, or a
+*finger*, which ends freely, farther than d from all balls that fit and still as wide as 0.7 d.
+Edges of more than 39 degrees are neither. The thinnest member is the smallest d at which there is
+one; the narrowest gap is the thinnest member of what is not material.
+
+The distance from the surface is sampled on a lattice, and how it hangs together is told by its
+pieces and its Euler number. Where the member is, the way across it is measured on the surface
+itself, which is more accurate than the lattice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from .widths import Width
+
+__all__ = ["narrowest_gap_in_space", "thinnest_member_in_space"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+#: Most points of a lattice
+MOST_POINTS = 200_000
+#: Least width that is looked for and accuracy of the search, in spacings
+LEAST, ACCURACY = 1.0, 0.25
+#: Ratio of the diameters among which the first one is looked for
+_RATIO = 1.2
+#: Width of a finger, in units of the ball's diameter
+_FULL = 0.7
+#: Spacings by which balls are smaller that show where a neck is
+_PASSING = 1.0
+#: Spacings by which the way across may differ from the ball's diameter
+_NEAR = 2.0
+
+
+def thinnest_member_in_space(
+    points: Array, triangles: NDArray[np.int64], size: float
+) -> Width | None:
+    """The thinnest member of what a closed surface encloses.
+
+    Args:
+        points: Vertices of the surface, shape (points, 3) [m].
+        triangles: Vertices of each triangle, shape (triangles, 3).
+        size: Spacing of the lattice [m]; a larger one where its points would be too many. Members
+            thinner than it are not seen.
+
+    Returns:
+        None, if no member is thinner than the solid's least extent.
+    """
+    return _Lattice(points, triangles, size, around=False).thinnest()
+
+
+def narrowest_gap_in_space(
+    points: Array, triangles: NDArray[np.int64], size: float
+) -> Width | None:
+    """The narrowest gap or hole: the thinnest member of what is not material.
+
+    Args:
+        points: As for `thinnest_member_in_space`.
+        triangles: As for `thinnest_member_in_space`.
+        size: As for `thinnest_member_in_space`.
+    """
+    return _Lattice(points, triangles, size, around=True).thinnest()
+
+
+class _Lattice:
+    """Distances from a surface on a lattice, on its inside or around it.
+
+    Args:
+        points: Vertices of the surface [m].
+        triangles: Vertices of each triangle.
+        size: Spacing [m].
+        around: Whether the outside counts, up to the least extent of the box around the surface.
+    """
+
+    def __init__(self, points: Array, triangles: Integers, size: float, *, around: bool) -> None:
+        self._corners = points[triangles]
+        low, high = points.min(axis=0), points.max(axis=0)
+        self.largest = float(np.min(high - low))  #: From which on members are of no interest [m]
+        room = 0.75 * self.largest if around else 0.0
+        low, high = low - room, high + room
+        self.h = max(size, float(np.prod(high - low) / MOST_POINTS) ** (1.0 / 3.0))
+        counts = np.ceil((high - low) / self.h).astype(int) + 1
+        first = 0.5 * (low + high) - 0.5 * self.h * (counts - 1)
+        axes = [
+            start + self.h * np.arange(count) for start, count in zip(first, counts, strict=True)
+        ]
+        self._places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        self.inside = self._enclosed(axes) != around
+        tree = cKDTree(self._samples(0.5 * self.h))
+        self.distance = np.zeros(self.inside.shape)
+        most = 0.5 * self.largest + self.h
+        found = tree.query(self._places[self.inside], distance_upper_bound=most)[0]
+        self.distance[self.inside] = np.minimum(found, most)
+
+    def _samples(self, spacing: float) -> Array:
+        """Points of all triangles, no farther apart than a spacing."""
+        corners, found = self._corners, []
+        while len(corners):
+            edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+            small = np.max(edges, axis=1) <= spacing
+            found.append(corners[small].mean(axis=1))
+            a, b, c = np.moveaxis(corners[~small], 1, 0)
+            ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            corners = np.concatenate([np.stack(part, axis=1) for part in parts])
+        return np.concatenate([*found, self._corners.reshape(-1, 3)])
+
+    def _enclosed(self, axes: list[Array]) -> Mask:
+        """Which points lie inside, by the crossings of lines along x with the surface."""
+        x, y, z = axes
+        # off the vertices, which often lie on planes of the lattice
+        shift = 1e-6 * self.h * np.array([0.71, 0.53])
+        crossings = np.zeros((len(x) + 1, len(y), len(z)), dtype=np.int32)
+        for a, b, c in self._corners:
+            flat = np.stack([a, b, c])[:, 1:] - shift
+            (y0, z0), (y1, z1) = flat.min(axis=0), flat.max(axis=0)
+            j = np.arange(*np.searchsorted(y, [y0, y1]))
+            k = np.arange(*np.searchsorted(z, [z0, z1]))
+            if not (len(j) and len(k)):
+                continue
+            (ay, az), (by, bz), (cy, cz) = flat
+            area = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
+            if area == 0.0:
+                continue
+            Y, Z = np.meshgrid(y[j], z[k], indexing="ij")
+            v = ((Y - ay) * (cz - az) - (Z - az) * (cy - ay)) / area
+            w = ((by - ay) * (Z - az) - (bz - az) * (Y - ay)) / area
+            hit = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
+            at = a[0] + v * (b[0] - a[0]) + w * (c[0] - a[0])
+            jj, kk = np.nonzero(hit)
+            np.add.at(crossings, (np.searchsorted(x, at[hit]), j[jj], k[kk]), 1)
+        return np.cumsum(crossings, axis=0)[:-1] % 2 == 1
+
+    def thinnest(self) -> Width | None:
+        """The thinnest member."""
+        whole = _connected(self.distance > 0.5 * LEAST * self.h)
+        # not more than the least extent, which edges and lattice would confound with a member
+        thick, most = LEAST * self.h, self.largest - (_NEAR + 1.0) * self.h
+        thin = _RATIO * thick
+        while self._member(thin, whole) is None:
+            if thin >= most:
+                return None
+            thick, thin = thin, min(_RATIO * thin, most)
+        while thin - thick > ACCURACY * self.h:
+            middle = 0.5 * (thick + thin)
+            if self._member(middle, whole) is None:
+                thick = middle
+            else:
+                thin = middle
+        member = self._member(thin, whole)
+        assert member is not None
+        ends = self._across(member)
+        across = float(np.linalg.norm(ends[1] - ends[0]))
+        near = abs(across - thin) < _NEAR * self.h
+        return Width(across if near else thin, ends)
+
+    def _member(self, d: float, whole: tuple[int, int]) -> Array | None:
+        """A point in the middle of a member thinner than a diameter, or None."""
+        fits = self.distance > 0.5 * d
+        if not np.any(fits):
+            return self._middle(self.inside)
+        if _connected(fits) != whole:
+            # centres of balls a little smaller get through where the distance is a ridge
+            passing = (self.distance > 0.5 * (d - _PASSING * self.h)) & ~fits
+            slope = np.linalg.norm(np.gradient(self.distance, self.h), axis=0)
+            at = np.argmin(np.where(passing, slope, np.inf))
+            return np.asarray(self._places.reshape(-1, 3)[at])
+        away = ndimage.distance_transform_edt(~fits) * self.h
+        far = self.inside & (away > 1.5 * d) & (self.distance >= 0.5 * _FULL * d)
+        return self._middle(far) if np.any(far) else None
+
+    def _middle(self, region: Mask) -> Array:
+        """The point of a region that is farthest from the surface."""
+        at = np.argmax(np.where(region, self.distance, -1.0))
+        return np.asarray(self._places.reshape(-1, 3)[at])
+
+    def _across(self, middle: Array) -> Array:
+        """Two points of the surface on both sides of a point, along the way to the nearest one."""
+        a, b, c = np.moveaxis(self._corners, 1, 0)
+        normals = np.cross(b - a, c - a)
+        tree = cKDTree(self._corners.mean(axis=1))
+        near = tree.query(middle, k=min(12, len(a)))[1]
+        near = np.atleast_1d(near)
+        unit = normals[near] / np.maximum(np.linalg.norm(normals[near], axis=1), 1e-300)[:, None]
+        best: Array | None = None
+        for direction in unit:
+            ends = np.stack(
+                [middle + side * self._hit(middle, side) for side in (direction, -direction)]
+            )
+            if np.all(np.isfinite(ends)) and (best is None or _length(ends) < _length(best)):
+                best = ends
+        return np.stack([middle, middle]) if best is None else best
+
+    def _hit(self, start: Array, direction: Array) -> float:
+        """How far it is to the surface along a direction [m]."""
+        a, b, c = np.moveaxis(self._corners, 1, 0)
+        one, two = b - a, c - a
+        p = np.cross(direction, two)
+        size = np.sum(one * p, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            v = np.sum((start - a) * p, axis=1) / size
+            q = np.cross(start - a, one)
+            w, t = q @ direction / size, np.sum(two * q, axis=1) / size
+            hit = (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (t > 0.0)
+        return float(np.min(t[hit], initial=np.inf))
+
+
+def _length(ends: Array) -> float:
+    return float(np.linalg.norm(ends[1] - ends[0]))
+
+
+def _connected(mask: Mask) -> tuple[int, int]:
+    """Number of pieces, and Euler number of the cubes, squares and edges between points."""
+    euler = 0
+    for i in range(8):
+        part = mask
+        steps = [(i >> axis) & 1 for axis in range(3)]
+        for axis, step in enumerate(steps):
+            if step:
+                low = [slice(None)] * 3
+                high = [slice(None)] * 3
+                low[axis], high[axis] = slice(None, -1), slice(1, None)
+                part = part[tuple(low)] & part[tuple(high)]
+        euler += (-1) ** sum(steps) * int(np.count_nonzero(part))
+    return int(ndimage.label(mask)[1]), euler
