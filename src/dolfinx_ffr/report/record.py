@@ -16,7 +16,7 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | ``stress`` | by body: ``value``, the largest von Mises stress of the motion [Pa], ``time`` [s], ``position`` [m], of several motions the ``motion`` |
 | ``scene`` | ``text`` of `model_report` and its ``modes_error``, ``step_error``, ``coordinates``, ``rows``, ``left_out``; ``bodies`` by name (kind, modes, frequencies [Hz], elements, order, material); ``joints`` (name, kind, between, of several motions the motion); of one motion ``loads`` in words; ``integrator`` and its ``duration`` [s], ``steps``, ``order`` |
 | ``parts`` | by body: ``area`` [m^2], ``thickness`` [m], ``mass`` [kg], ``center`` and ``bounds`` [m], ``thinnest_member`` and ``narrowest_gap`` (``value`` and both ``ends`` [m]), ``pieces``, ``holes``, ``loose`` (number of pieces left out), ``deviation`` of the curves [m] |
-| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``motions``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
+| ``verification`` | ``reported`` and ``part``: psi; ``difference``, ``change`` by the last mesh, ``tolerance``, ``converged``; ``meshes`` (``size`` [m], ``psi``); ``constraints`` by name, pairs; ``motions``, of several the pairs of psi by name; ``bodies`` by name: ``cells`` and what they are, ``elements``, ``modes``, of solids ``thinnest_member`` and ``narrowest_gap`` [m], and pairs reported, part of ``mass`` [kg], ``volume``, ``stress`` [Pa], ``frequencies`` [Hz] |
 | ``warnings`` | ``category`` and ``message`` of each, in their order |
 | ``versions`` | of the package and of what it is built on, by name; operating system and machine |
 | ``command``, ``date``, ``ranks``, ``seconds`` | how to repeat it, when it ended (ISO 8601), MPI ranks, time of the design loop [s] |
@@ -50,7 +50,7 @@ from ..mechanism import Gear, Mechanism, PrescribedAngle, marker_name
 from ..objective import Constraint, JointForce, Objective
 from ..optimization import Result
 from ..parallel import on_rank_0
-from ..part import Part, Verification, Width
+from ..part import Part, Solid, Verification, Width
 from ..postprocessing import ModelReport, model_report, worst_stress
 from ..problem import Evaluation, Problem
 
@@ -410,6 +410,14 @@ def _width(width: Width | None) -> dict[str, Any] | None:
     return None if width is None else {"value": width.value, "ends": width.ends}
 
 
+def _sizes(part: object) -> dict[str, float | None]:
+    """Of a solid; those of parts in the plane stand with the parts."""
+    if not isinstance(part, Solid):
+        return {}
+    widths = {"thinnest_member": part.thinnest_member, "narrowest_gap": part.narrowest_gap}
+    return {what: None if width is None else width.value for what, width in widths.items()}
+
+
 def _verification(found: Verification) -> dict[str, Any]:
     before, after = found.reported, found.fitted[-1]
     return {
@@ -427,6 +435,7 @@ def _verification(found: Verification) -> dict[str, Any]:
                 "cells": body.cells,
                 "elements": found.parts[name].elements,
                 "modes": found.modes[name],
+                **_sizes(found.parts[name]),
                 "mass": [before.bodies[name].mass, body.mass],
                 "volume": [before.bodies[name].volume, body.volume],
                 "stress": [before.bodies[name].stress, body.stress],

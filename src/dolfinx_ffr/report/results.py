@@ -260,6 +260,8 @@ def reported_and_part(run: Run) -> list[Table]:
 
         row("Mass", "kg", body["mass"])
         row("Share of the full body", "-", body["volume"])
+        row("Thinnest member", "m", (None, body.get("thinnest_member")))
+        row("Narrowest gap", "m", (None, body.get("narrowest_gap")))
         row("Largest stress", "Pa", body["stress"])
         pairs = zip(*body["frequencies"], strict=False)
         for number, pair in enumerate(pairs, 1):
