@@ -124,6 +124,7 @@ _FOLDERS = {
         "IntegralCompliance",
         "JointForce",
         "MarkerAcceleration",
+        "MarkerVelocity",
         "Mass",
         "Objective",
         "PathTracking",

@@ -41,6 +41,7 @@ from dolfinx_ffr.objective import (
     IntegralCompliance,
     JointForce,
     MarkerAcceleration,
+    MarkerVelocity,
     Objective,
     PathTracking,
 )
@@ -93,8 +94,10 @@ def loop() -> Case:
         gravity=(0.0, 0.0, -9.81),
     )
     path = PathTracking("two", "tip", (lambda t: 2.0 + t, 0.1, -0.3))
-    objective = IntegralCompliance() + 0.1 * JointForce("cross") + path
-    return Case(mechanism, objective + 1e-3 * MarkerAcceleration("two", "tip"))
+    objective = IntegralCompliance() + 0.1 * JointForce("cross") + path + MarkerVelocity(*ONE)
+    return Case(
+        mechanism, objective + 1e-3 * MarkerAcceleration("two", "tip") + MarkerVelocity(*ONE)
+    )
 
 
 def forced(make: Callable[[int, int], VolumeIntegrals] = cloud) -> Case:

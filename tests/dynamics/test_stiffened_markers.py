@@ -28,7 +28,12 @@ from dolfinx_ffr.mechanism.initial_conditions import Assembled, StaticEquilibriu
 from dolfinx_ffr.mechanism.joints import PointOnLine, PrescribedAngle, Revolute
 from dolfinx_ffr.mechanism.marker import Ground
 from dolfinx_ffr.mechanism.motion import Motion
-from dolfinx_ffr.objective import IntegralCompliance, MarkerAcceleration, PathTracking
+from dolfinx_ffr.objective import (
+    IntegralCompliance,
+    MarkerAcceleration,
+    MarkerVelocity,
+    PathTracking,
+)
 from dolfinx_ffr.verification import (
     assert_taylor_order,
     central_difference,
@@ -325,6 +330,7 @@ def derivative(
     scene = bent(name)
     flexible = [key for key, body in scene.bodies.items() if body.modes]
     objective = IntegralCompliance() + 1e-8 * MarkerAcceleration(flexible[0], "middle")
+    objective = objective + 1e-4 * MarkerVelocity(flexible[0], "middle")
     objective += 1e-3 * PathTracking(flexible[-1], "right", (0.1, 0.2))
     integrator: GeneralizedAlpha | RadauIIA = scene.integrator
     with warnings.catch_warnings():

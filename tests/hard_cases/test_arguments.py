@@ -347,11 +347,8 @@ class Scene:
             {"joint": TEXT, "power": (*NUMBER, 1.0), "moment": FLAG, "window": WINDOW},
         )
         marker = {"body": "rod", "marker": "left"}
-        yield (
-            ffr.MarkerAcceleration,
-            marker,
-            {"body": TEXT, "marker": TEXT, "window": WINDOW},
-        )
+        for objective in (ffr.MarkerAcceleration, ffr.MarkerVelocity):
+            yield (objective, marker, {"body": TEXT, "marker": TEXT, "window": WINDOW})
         yield (
             ffr.PathTracking,
             {**marker, "path": (0.0, np.sin)},

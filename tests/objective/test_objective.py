@@ -24,6 +24,7 @@ from dolfinx_ffr.objective import (
     IntegralCompliance,
     JointForce,
     MarkerAcceleration,
+    MarkerVelocity,
     Mass,
     Objective,
     PathTracking,
@@ -62,6 +63,7 @@ OBJECTIVES: dict[str, tuple[str, Objective]] = {
             weight=lambda t: 1.0 + t,
         ),
     ),
+    "velocity": ("four-bar", MarkerVelocity("coupler", "middle", (0.1, 0.3))),
     "acceleration": ("four-bar", MarkerAcceleration("coupler", "middle")),
     "acceleration of a rigid body": ("robot", MarkerAcceleration("rider", "pin")),
     "acceleration at the end": ("robot", MarkerAcceleration("arm", "right", (0.2, 0.3))),
@@ -250,6 +252,8 @@ def test_uniform_rotation() -> None:
     path = trajectory.marker_path("bar", "tip")
     np.testing.assert_allclose(tip.acceleration(trajectory, scene.bodies), -49.0 * path, atol=1e-9)
     assert tip.value(trajectory, scene.bodies) == pytest.approx(24.5**2 * 0.5, rel=1e-10)
+    speed = MarkerVelocity("bar", "tip").value(trajectory, scene.bodies)
+    assert speed == pytest.approx(3.5**2 * 0.5, rel=1e-10)
     # The bearing holds 2 kg at 0.25 m on their circle.
     for power in (1.5, 2.0, 40.0):
         force = JointForce("bearing", power=power).value(trajectory, scene.bodies)

@@ -20,7 +20,7 @@ from .base import (
 from .combination import Combination, PowerMean, WeightedSum, WorstCase
 from .compliance import IntegralCompliance, PeakCompliance
 from .joints import JointForce
-from .markers import MarkerAcceleration, PathTracking
+from .markers import MarkerAcceleration, MarkerVelocity, PathTracking
 from .properties import Frequency, Mass, Volume
 from .stress import PeakStress, von_mises_root
 from .stress_coordinates import stress_coordinates
@@ -34,6 +34,7 @@ __all__ = [
     "IntegralCompliance",
     "JointForce",
     "MarkerAcceleration",
+    "MarkerVelocity",
     "Mass",
     "Objective",
     "PathTracking",

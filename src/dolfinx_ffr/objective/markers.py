@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Objectives of the motion of a marker: distance from a path, acceleration.
+"""Objectives of the motion of a marker: distance from a path, velocity, acceleration.
 
 A marker P with the reference position X and the shape functions Phi is at r = R + A(theta) w with
 w = X + Phi q; J is the rotation by a quarter turn, omega and alpha are the angular velocity and
-acceleration. Its acceleration is
+acceleration. Its velocity and acceleration are
 
+    v = R' + A (omega J w + Phi q'),
     a = R'' + A b,     b = alpha J w + Phi q'' - omega^2 w + 2 omega J Phi q'.
 
 Of a marker with geometric stiffness T, w = X + Phi q - 1/2 q . T q; Phi - T q stands for Phi in b,
@@ -35,7 +36,7 @@ from ..mechanism import Motion, check_signal, evaluated
 from .base import Bodies, Objective, no_body
 from .time_average import check_window, time_weights
 
-__all__ = ["MarkerAcceleration", "PathTracking"]
+__all__ = ["MarkerAcceleration", "MarkerVelocity", "PathTracking"]
 
 Array = NDArray[np.float64]
 
@@ -211,6 +212,91 @@ class PathTracking(_MarkerObjective):
         if self.weight is None:
             return weights
         return weights * _tabulated("path tracking: the weight", self.weight, trajectory.t)
+
+
+@dataclass(frozen=True)
+class MarkerVelocity(_MarkerObjective):
+    """Integral over time of the squared velocity of a marker [m^2/s].
+
+        psi = int |v_P|^2 dt
+
+    over the instants of the trajectory: with a window at its end, how much of a motion from rest to
+    rest is left, or how fast a tool comes in.
+
+    Raises:
+        ValueError: If the window is not an interval; when the value is asked for, if a name does
+            not exist.
+    """
+
+    unit: ClassVar[str] = "m^2/s"
+    _what: ClassVar[str] = "marker velocity"
+
+    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    window: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and window."""
+        self._check_names()
+        check_window("marker velocity", self.window)
+
+    def velocity(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+        """Velocity of the marker in global axes, shape (steps + 1, 2 or 3) [m/s].
+
+        Args:
+            trajectory: Result of the simulation.
+            bodies: Volume integrals of the bodies, by name.
+
+        Raises:
+            ValueError: If a name does not exist; the message lists those that do.
+        """
+        marker = self._body_marker(bodies)
+        if trajectory.model.dimension == 3:
+            return self._in_space(trajectory, marker).velocity
+        where = trajectory.model.coordinates(self.body)
+        own, angle = self._relative(trajectory, marker)[1], trajectory.y[:, where.rotation]
+        return trajectory.v[:, where.position] + _turned(own, angle)
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        weights = time_weights(trajectory, self.window, "marker velocity")
+        return float(weights @ np.sum(self.velocity(trajectory, bodies) ** 2, axis=1))
+
+    def pullback(
+        self, trajectory: Trajectory, bodies: Bodies
+    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
+        marker = self._body_marker(bodies)
+        weights = time_weights(trajectory, self.window, "marker velocity")
+        v_bar = 2.0 * weights[:, None] * self.velocity(trajectory, bodies)
+        if trajectory.model.dimension == 3:
+            motion, none = self._in_space(trajectory, marker), np.zeros_like(v_bar)
+            return self._in_space_pullback(trajectory, bodies, motion, (none, v_bar, none))
+        where = trajectory.model.coordinates(self.body)
+        y, v = trajectory.y, trajectory.v
+        q, rate = y[:, where.elastic], v[:, where.elastic]
+        place, own = self._relative(trajectory, marker)
+        own_bar = _turned(v_bar, -y[:, where.rotation])
+        place_bar = -v[:, where.rotation, None] * _quarter(own_bar)  # J^T = -J
+        shapes = marker.shapes_at(q)
+        bar = TrajectoryBar.zeros(trajectory)
+        bar.v[:, where.position] = v_bar
+        bar.v[:, where.rotation] = np.sum(own_bar * _quarter(place), axis=1)
+        bar.v[:, where.elastic] = _through(own_bar, shapes)
+        bar.y[:, where.rotation] = np.sum(own_bar * _quarter(own), axis=1)
+        bar.y[:, where.elastic] = _through(place_bar, shapes)
+        if marker.stiffening is not None:
+            T = marker.stiffening
+            bar.y[:, where.elastic] -= np.einsum("td,djk,tk->tj", own_bar, T, rate)
+        bends_bar = 0.5 * _products(place_bar, q, q) + _products(own_bar, rate, q)
+        shapes_bar: Array = place_bar.T @ q
+        shapes_bar += own_bar.T @ rate
+        return bar, self._bars(bodies, shapes_bar, -bends_bar)
+
+    def _relative(self, trajectory: Trajectory, marker: BodyMarker) -> tuple[Array, Array]:
+        """The vectors w and omega J w + (Phi - T q) q', shape (steps + 1, 2) each."""
+        where = trajectory.model.coordinates(self.body)
+        q, rate = trajectory.y[:, where.elastic], trajectory.v[:, where.elastic]
+        place = marker.position + marker.shift(q)
+        drift = np.einsum("tdj,tj->td", marker.shapes_at(q), rate)
+        return place, trajectory.v[:, where.rotation, None] * _quarter(place) + drift
 
 
 @dataclass(frozen=True)
