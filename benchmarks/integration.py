@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 from mpi4py import MPI
@@ -139,11 +139,11 @@ def _run(
     """The seconds of value and of value and gradient, the motion and its numbers."""
     objective = ffr.IntegralCompliance()
     problem = ffr.MechanicalProblem(scene.mechanism, integrator, objective)
-    begin = perf_counter()
+    begin = process_time()
     evaluation = problem.value(scene.bodies)
-    value = perf_counter() - begin
+    value = process_time() - begin
     found = problem.differentiate(evaluation)
-    both = perf_counter() - begin
+    both = process_time() - begin
     trajectory = found.trajectory
     assert trajectory is not None and found.integrals_gradient is not None
     at = np.searchsorted(trajectory.t, trajectory.step_ends)
@@ -380,8 +380,8 @@ def report_integration(results: Results, directory: Path) -> list[Table]:
         "Slider-crank with a rod full of holes, given by its volume integrals. "
         + "; ".join(f"*{name}*: {text}" for name, text in SCENES.items())
         + ". Setting: number of steps of the generalised-alpha method, tolerance of Radau IIA. "
-        "Seconds: simulation and objective, and these with the gradient. Relative errors of psi; "
-        "of its gradient with respect to all volume integrals, each times its size; of the "
+        "Processor seconds: simulation and objective, and these with the gradient. Relative errors "
+        "of psi; of its gradient with respect to all volume integrals, each times its size; of the "
         "positions and of the joint forces, the largest of all ends of steps, relative to the way "
         "of the slider and to the largest force. Gap: largest distance of a pin from its place.",
         {
@@ -399,9 +399,9 @@ def report_integration(results: Results, directory: Path) -> list[Table]:
     summary = Table(
         "integration_summary",
         "What an accuracy of psi costs",
-        "Time of one simulation to each relative error of psi, interpolated between the runs; runs "
-        "that are as accurate only by chance, since finer ones are not, do not count; - where no "
-        "run is as accurate. Ratio: Radau IIA to 1e-8 over "
+        "Processor time of one simulation to each relative error of psi, interpolated between the "
+        "runs; runs that are as accurate only by chance, since finer ones are not, do not count; "
+        "- where no run is as accurate. Ratio: Radau IIA to 1e-8 over "
         "generalised alpha to 1e-4. Reference: how far psi is from that of the generalised-alpha "
         "runs extrapolated to the step zero.",
         {

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
+from time import process_time
 from typing import Any
 
 from mpi4py import MPI
@@ -73,14 +73,14 @@ def several(
     for repetition in range(repetitions + 1):
         for count, problem in problems.items():
             evaluation = problem.value(x)
-            spread, spread_cpu = _seconds(comm, partial(_spread, problem, evaluation))
-            gradient, _ = _seconds(comm, partial(problem.gradient, x))
+            spread = _seconds(comm, partial(_spread, problem, evaluation))
+            gradient = _seconds(comm, partial(problem.gradient, x))
             alone = [problem.alone(name) for name in problem.motions]
-            apart, _ = _seconds(comm, lambda alone=alone: [own.gradient(x) for own in alone])
+            apart = _seconds(comm, lambda alone=alone: [own.gradient(x) for own in alone])
             if repetition:  # the first one warms up
-                found = {"spread": spread, "spread_cpu": spread_cpu}
+                found = {"spread": spread}
                 if comm.size == 1:
-                    found["share"] = _seconds(comm, partial(_share, problem, evaluation))[1]
+                    found["share"] = _seconds(comm, partial(_share, problem, evaluation))
                 rows[count].append({**found, "gradient": gradient, "apart": apart})
         progress((repetition + 1) / (repetitions + 1))
     psi = {count: [m.psi for m in p.value(x).motions.values()] for count, p in problems.items()}
@@ -118,14 +118,12 @@ def _share(problem: ffr.Problem, evaluation: ffr.Evaluation) -> None:
     adjoints(problem.comm, responses, {(name, ""): bars[name, ""] for name in own})
 
 
-def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> tuple[float, float]:
-    """How long an action takes on the slowest rank, and the largest processor time of a rank."""
+def _seconds(comm: MPI.Comm, action: Callable[[], Any]) -> float:
+    """The largest processor time that an action takes on a rank, waiting for others included."""
     comm.Barrier()
-    start, cpu = perf_counter(), process_time()
+    begin = process_time()
     action()
-    spent = process_time() - cpu
-    comm.Barrier()
-    return perf_counter() - start, comm.allreduce(spent, MPI.MAX)
+    return float(comm.allreduce(process_time() - begin, MPI.MAX))
 
 
 def at_speed(mechanism: ffr.Mechanism, factor: float) -> ffr.Mechanism:
@@ -161,10 +159,8 @@ def rows_of_motions(results: list[tuple[Job, dict[str, Any]]]) -> list[dict[str,
                 "ranks": ranks,
                 **found,
                 "spread_ratio": one["spread"] / found["spread"],
-                "cpu_ratio": one["spread_cpu"] / found["spread_cpu"],
                 "share": one["share"],
-                "share_ratio": one["spread_cpu"]
-                / (one["share"] if ranks > 1 else one["spread_cpu"]),
+                "share_ratio": one["spread"] / (one["share"] if ranks > 1 else one["spread"]),
                 "gradient_ratio": one["gradient"] / found["gradient"],
                 "apart_ratio": found["apart"] / found["gradient"],
                 "difference": float(difference),
@@ -192,20 +188,18 @@ def report_motions(results: list[tuple[Job, dict[str, Any]]], directory: Path) -
         f"to more, {first['steps']} steps each. *Spread* is what the ranks share: simulations, "
         "objectives and adjoints of all motions, with what the ranks tell each other. *Apart* are "
         "as many problems of one motion, one after the other, each with its own reduction and "
-        "pullback. Times are the least of all repetitions, which are made in turn; processor times "
-        "are those of the rank with the larger one, waiting included. *Without waiting* is what "
-        "the busier of two ranks has to do, measured alone. *Faster* and *less* are beside 1 rank; "
-        "the difference is that of psi, the largest of all motions, from 1 rank.",
+        "pullback. Times are processor times of the rank with the larger one, waiting included, "
+        "the least of all repetitions, which are made in turn. *Without waiting* is what the "
+        "busier of two ranks has to do, measured alone. *Less* is beside 1 rank; the difference is "
+        "that of psi, the largest of all motions, from 1 rank.",
         {
             "motions": "motions",
             "ranks": "ranks",
             "spread": "spread [s]",
-            "spread_ratio": "faster by",
-            "spread_cpu": "its processor time [s]",
-            "cpu_ratio": "less by",
+            "spread_ratio": "less by",
             "share_ratio": "less by, without waiting",
             "gradient": "gradient [s]",
-            "gradient_ratio": "faster by",
+            "gradient_ratio": "less by",
             "apart": "apart [s]",
             "apart_ratio": "apart / gradient",
             "difference": "difference of psi",
@@ -233,12 +227,12 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             else:
                 for name, style, what in (
                     ("share_ratio", "o-", "simulations and adjoints, work of a rank"),
-                    ("cpu_ratio", "o:", "the same with waiting"),
-                    ("gradient_ratio", "o--", "the whole gradient, time"),
+                    ("spread_ratio", "o:", "the same with waiting"),
+                    ("gradient_ratio", "o--", "the whole gradient, with waiting"),
                 ):
                     ratios.plot(count, [row[name] for row in own], style, color=color, label=what)
-        times.set_title("Value and gradient [s]", loc="left")
-        ratios.set_title("2 ranks: faster than 1 rank by", loc="left")
+        times.set_title("Value and gradient, processor time of a rank [s]", loc="left")
+        ratios.set_title("2 ranks: less than 1 rank by", loc="left")
         ratios.axhline(1.0, color=GRAY, linewidth=0.8)
         for axes in (times, ratios):
             tidy(axes)
