@@ -202,7 +202,7 @@ class GeometricStiffening:
         bars = self._bars(bar)
         self._set_density(factored)
         displacements = self._displacements(factored, basis)
-        direct = np.zeros(elasticity.domain.n_cells)
+        direct = np.zeros(len(self._density.x.array))
         shapes_bar = np.zeros_like(shapes)
         forces = np.zeros_like(displacements)
         for b, displacement in enumerate(displacements.T):
@@ -210,19 +210,25 @@ class GeometricStiffening:
                 continue
             partner = shapes @ (0.5 * (bars[b] + bars[b].T))
             shapes_bar += 2.0 * elasticity.apply(self._assembled(displacement), partner)
+            vector: PETSc.Vec | None = None
             for phi, kappa in zip(shapes.T, partner.T, strict=True):
                 elasticity.set(self._fields[1], phi)
                 elasticity.set(self._fields[2], kappa)
-                direct += fem.assemble_vector(self._density_form).array[: len(direct)]
-                vector = fem.petsc.assemble_vector(self._load_form)
-                vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-                forces[:, b] += vector.array[: len(forces)]
-                vector.destroy()
+                # both add to what is there: new vectors would cost more than what is in them
+                fem.assemble_vector(direct, self._density_form)
+                if vector is None:
+                    vector = fem.petsc.assemble_vector(self._load_form)
+                else:
+                    fem.petsc.assemble_vector(vector, self._load_form)
+            assert vector is not None
+            vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+            forces[:, b] = vector.array[: len(forces)]
+            vector.destroy()
         loads = np.zeros_like(displacements)
         inertia = self._load_fields()
         loads[:, : inertia.shape[1]] = inertia
         return StiffeningPullback(
-            direct=direct,
+            direct=direct[: elasticity.domain.n_cells],
             loads=loads,
             displacements=displacements,
             adjoints=self._static(factored, basis, forces),
