@@ -269,7 +269,7 @@ class MultigridSolver(LinearSolver):
         level = self._levels[k]
         found, residual = level.smooth(None, block)
         coarse = _product(level.interpolation, residual, transposed=True)
-        correction = _product(level.interpolation, self._cycle_from(k - 1, coarse))
+        correction = level.interpolated(self._cycle_from(k - 1, coarse))
         found += correction
         residual -= _product(level.matrix, correction)
         return level.smooth(found, residual, last=True)[0]
@@ -375,6 +375,9 @@ class _Level:
         sum_: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     ) -> None:
         self.matrix, self.interpolation = matrix, interpolation
+        # PETSc 3.25 fails on blocks of which a rank has no rows
+        coarse = interpolation.getOwnershipRangesColumn()
+        self._by_vectors = bool(np.any(np.diff(coarse) == 0))
         diagonal = matrix.getDiagonal()
         self._scale = 1.0 / diagonal.getArray(readonly=True)[:, None]
         diagonal.destroy()
@@ -385,6 +388,20 @@ class _Level:
             largest = np.sqrt(sum_(np.einsum("ij,ij->j", fields, fields)))
             fields = fields / largest
         self._largest = MARGIN * float(np.max(largest))
+
+    def interpolated(self, block: Block) -> Block:
+        """A block of the coarser level on this one."""
+        if not self._by_vectors:
+            return _product(self.interpolation, block)
+        coarse, fine = self.interpolation.createVecs()
+        result = np.empty((self.interpolation.getLocalSize()[0], block.shape[1]), order="F")
+        for i in range(block.shape[1]):
+            coarse.setArray(block[:, i])
+            self.interpolation.mult(coarse, fine)
+            result[:, i] = fine.getArray(readonly=True)
+        coarse.destroy()
+        fine.destroy()
+        return result
 
     def smooth(
         self, found: Block | None, residual: Block, *, last: bool = False
