@@ -294,7 +294,7 @@ CUT = {
     ("triangle", 2): 1.0,
     # docs/benchmarks/solids.md: those of members two to three elements wide scatter about these;
     # linear tetrahedra are too stiff for any exponent
-    ("hexahedron", 1): 1.5,
+    ("hexahedron", 1): 1.25,
     ("tetrahedron", 1): 3.0,
     ("hexahedron", 2): 1.25,
     ("tetrahedron", 2): 1.25,
