@@ -41,3 +41,18 @@ def test_modes_that_are_never_enough_are_said() -> None:
     with pytest.warns(ffr.DesignWarning, match="normal modes of 'rod' leave out"):
         more, _, errors = with_enough_modes(problem, x, problem.value(x), 1e-12, {"rod": 1})
     assert more.flexible["rod"].modes == 16 and errors["rod"] > 1e-12
+
+
+def test_a_motion_that_fails_with_more_modes_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimate is missing, and that is said."""
+    problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=1, steps=100)
+    x = {"rod": np.ones(80)}
+    value = problem.value(x)
+
+    def fails(*_: object) -> None:
+        raise ffr.SimulationError("no motion", value.motion)
+
+    monkeypatch.setattr("dolfinx_ffr.optimization.enough_modes.mode_error", fails)
+    with pytest.warns(ffr.DesignWarning, match=r"cannot be estimated, as .* \(no motion"):
+        same, again, errors = with_enough_modes(problem, x, value, 2e-3, {"rod": 1})
+    assert same is problem and again is value and np.isnan(errors["rod"])

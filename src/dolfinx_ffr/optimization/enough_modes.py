@@ -8,12 +8,14 @@ add to psi changes along a run. It is estimated every few iterations and for the
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..dynamics import SimulationError
 from ..postprocessing import mode_error, propose_modes
 from ..problem import Evaluation, Problem
 from .result import DesignWarning, of_problem
@@ -48,13 +50,35 @@ def with_enough_modes(
         first: Normal modes with which the run began, by body.
 
     Returns:
-        The problem, the evaluation by it, and the estimated errors by body; the same on every rank.
+        The problem, the evaluation by it, and the estimated errors by body, NaN where the motion
+        with more modes cannot be computed; the same on every rank.
 
     Warns:
-        DesignWarning: If the errors stay larger with four times the modes.
+        DesignWarning: If the errors stay larger with four times the modes, or cannot be estimated.
     """
     if not evaluation.moves:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
+    try:
+        return _added(problem, densities, evaluation, tolerance, first)
+    except SimulationError as error:  # what was designed so far must not be lost for an estimate
+        warnings.warn(
+            "optimize: what the modes left out would add to psi cannot be estimated, as the motion "
+            f"with them cannot be computed ({error}): look for loose or nearly void pieces, or "
+            "take shorter steps",
+            DesignWarning,
+            stacklevel=4,
+        )
+        return problem, evaluation, dict.fromkeys(problem.flexible, math.nan)
+
+
+def _added(
+    problem: Problem,
+    densities: Mapping[str, Array],
+    evaluation: Evaluation,
+    tolerance: float,
+    first: Mapping[str, int],
+) -> tuple[Problem, Evaluation, dict[str, float]]:
+    """What `with_enough_modes` returns, or the error of a motion that cannot be computed."""
     errors = mode_error(problem, evaluation)
     while any(error > tolerance for error in errors.values()):
         wanted = propose_modes(problem, evaluation, tolerance=ROOM * tolerance)
@@ -72,7 +96,7 @@ def with_enough_modes(
                 f"{errors[short]:.2%} of psi, more than {tolerance:.2%}: begin with more, or look "
                 "for loose or nearly void pieces, whose own vibrations take the modes",
                 DesignWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
             break
         problem = problem.with_modes(more)

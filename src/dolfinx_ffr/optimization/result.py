@@ -74,7 +74,7 @@ class Result:
     #: how much relative to their bounds
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
-    #: was not asked for
+    #: was not asked for, NaN where it cannot be estimated
     mode_errors: dict[str, float] = field(default_factory=dict)
     _parts: dict[str, Part | Solid] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -96,7 +96,9 @@ class Result:
             "volume": self.evaluation.volume,
             "gray": float(self.history["gray"][-1]),
             "modes": {name: body.modes for name, body in self.problem.flexible.items()},
-            "mode_error": max(self.mode_errors.values(), default=None),
+            "mode_error": max(
+                (error for error in self.mode_errors.values() if not np.isnan(error)), default=None
+            ),
         }
 
     @property
