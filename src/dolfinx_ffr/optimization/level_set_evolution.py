@@ -42,9 +42,9 @@ APART = 1e3
 class LevelSetEvolution(Optimizer):
     """Explicit steps of one level set a body; takes a volume bound and no other constraint.
 
-    What is analysed is the design as it is made, and not, as by `MMA`, what lies a little within its
-    boundary: ask for members of 0.8 mean elements or more (`LevelSet(minimum_member=)`), or struts
-    may be thinner than elements resolve. `verify` warns where they are.
+    What is analysed is the design as it is made, and not, as by `MMA`, what lies a little within
+    its boundary: ask for members of 0.8 mean elements or more (`LevelSet(minimum_member=)`), or
+    struts may be thinner than elements resolve. `verify` warns where they are.
 
     Args:
         evolution: How the level set moves, of several bodies by name; by default an `Evolution`
