@@ -94,10 +94,9 @@ def loop() -> Case:
         gravity=(0.0, 0.0, -9.81),
     )
     path = PathTracking("two", "tip", (lambda t: 2.0 + t, 0.1, -0.3))
-    objective = IntegralCompliance() + 0.1 * JointForce("cross") + path + MarkerVelocity(*ONE)
-    return Case(
-        mechanism, objective + 1e-3 * MarkerAcceleration("two", "tip") + MarkerVelocity(*ONE)
-    )
+    objective = IntegralCompliance() + 0.1 * JointForce("cross") + path
+    objective += 1e-3 * MarkerAcceleration("two", "tip") + MarkerVelocity(*ONE)
+    return Case(mechanism, objective)
 
 
 def forced(make: Callable[[int, int], VolumeIntegrals] = cloud) -> Case:

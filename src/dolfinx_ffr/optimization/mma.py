@@ -7,6 +7,11 @@ where the g_k are the volume bound of each body and the constraints of the probl
 is that of the design (a `LevelSet` asks for a minimum size by it). One value and one gradient an
 iteration; along the run the design becomes crisp, see `Design.at`.
 
+Near the end a level set is analysed a little within its boundary: psi and the slopes of the
+problem's constraints are those of the design that is analysed, the values of all constraints those
+of the design that is made (`Design.nominal`), as are psi and densities of the result. Where the
+problem has constraints, that takes a second value an iteration.
+
 Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
 the way. Near the end the constraints that are violated are tightened by as much, so that the
 designs come to lie on the feasible side; the best feasible crisp design is the result. A design
@@ -306,9 +311,11 @@ class _Run:
         if same or not analysed.constraints:
             return analysed
         try:
-            return self.loop.value(self.densities(variables, progress, nominal=True))
+            found = self.loop.value(self.densities(variables, progress, nominal=True))
         except SimulationError:  # what is analysed moves, and has a little less material
             return analysed
+        # by its own largest stress; the scale of the next designs is that of the analysed one
+        return self.loop.problem.calibrated(found)[1]
 
     def bounds(self, variables: Array, made: Evaluation, progress: float) -> Array:
         """G of all constraints: the volumes of the bodies as made, and those of the problem."""

@@ -196,6 +196,8 @@ class MultigridSolver(LinearSolver):
         size = products(residual, direction)
         enough = self._tolerance**2 * size
         for iteration in range(MAX_ITERATIONS):
+            if not np.all(size >= -enough):  # NaN, or no positive definite preconditioner
+                return None, iteration
             keep = size > enough
             if not np.any(keep):
                 return solution, iteration
@@ -269,7 +271,7 @@ class MultigridSolver(LinearSolver):
         level = self._levels[k]
         found, residual = level.smooth(None, block)
         coarse = _product(level.interpolation, residual, transposed=True)
-        correction = level.interpolated(self._cycle_from(k - 1, coarse))
+        correction = _product(level.interpolation, self._cycle_from(k - 1, coarse))
         found += correction
         residual -= _product(level.matrix, correction)
         return level.smooth(found, residual, last=True)[0]
@@ -375,9 +377,6 @@ class _Level:
         sum_: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     ) -> None:
         self.matrix, self.interpolation = matrix, interpolation
-        # PETSc 3.25 fails on blocks of which a rank has no rows
-        coarse = interpolation.getOwnershipRangesColumn()
-        self._by_vectors = bool(np.any(np.diff(coarse) == 0))
         diagonal = matrix.getDiagonal()
         self._scale = 1.0 / diagonal.getArray(readonly=True)[:, None]
         diagonal.destroy()
@@ -388,20 +387,6 @@ class _Level:
             largest = np.sqrt(sum_(np.einsum("ij,ij->j", fields, fields)))
             fields = fields / largest
         self._largest = MARGIN * float(np.max(largest))
-
-    def interpolated(self, block: Block) -> Block:
-        """A block of the coarser level on this one."""
-        if not self._by_vectors:
-            return _product(self.interpolation, block)
-        coarse, fine = self.interpolation.createVecs()
-        result = np.empty((self.interpolation.getLocalSize()[0], block.shape[1]), order="F")
-        for i in range(block.shape[1]):
-            coarse.setArray(block[:, i])
-            self.interpolation.mult(coarse, fine)
-            result[:, i] = fine.getArray(readonly=True)
-        coarse.destroy()
-        fine.destroy()
-        return result
 
     def smooth(
         self, found: Block | None, residual: Block, *, last: bool = False
@@ -444,6 +429,9 @@ class _Cycle:
 
 def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Block:
     """A matrix times the part of a block on this rank."""
+    ranges = matrix.getOwnershipRanges() if transposed else matrix.getOwnershipRangesColumn()
+    if np.any(np.diff(ranges) == 0):  # PETSc 3.25 fails on blocks of which a rank has no rows
+        return _product_by_columns(matrix, block, transposed=transposed)
     rows = matrix.getLocalSize()[0 if transposed else 1]
     dense = PETSc.Mat().createDense(
         ((rows, PETSc.DETERMINE), (PETSc.DECIDE, block.shape[1])),
@@ -455,4 +443,19 @@ def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Bl
     result = np.array(product.getDenseArray(), order="F")
     product.destroy()
     dense.destroy()
+    return result
+
+
+def _product_by_columns(matrix: PETSc.Mat, block: Block, *, transposed: bool) -> Block:
+    """The same by one vector after the other."""
+    right, left = matrix.createVecs()
+    source, target = (left, right) if transposed else (right, left)
+    multiply = matrix.multTranspose if transposed else matrix.mult
+    result = np.empty((target.getLocalSize(), block.shape[1]), order="F")
+    for i in range(block.shape[1]):
+        source.setArray(block[:, i])
+        multiply(source, target)
+        result[:, i] = target.getArray(readonly=True)
+    left.destroy()
+    right.destroy()
     return result
