@@ -43,16 +43,27 @@ def test_modes_that_are_never_enough_are_said() -> None:
     assert more.flexible["rod"].modes == 16 and errors["rod"] > 1e-12
 
 
-def test_a_motion_that_fails_with_more_modes_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.filterwarnings("ignore:optimize. 29 normal modes of 'rod' leave out")
+def test_a_coarse_mesh_has_no_more_modes() -> None:
+    problem = slider_crank(MPI.COMM_SELF, (6, 2), modes=8, steps=100)
+    x = {"rod": np.ones(12)}
+    more, _, errors = with_enough_modes(problem, x, problem.value(x), 1e-16, {"rod": 8})
+    assert more.flexible["rod"].modes == 29 and errors["rod"] < 1e-10
+
+
+@pytest.mark.parametrize("kind", [ffr.SimulationError, RuntimeError])
+def test_a_failure_with_more_modes_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch, kind: type[RuntimeError]
+) -> None:
     """The estimate is missing, and that is said."""
     problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=1, steps=100)
     x = {"rod": np.ones(80)}
     value = problem.value(x)
 
     def fails(*_: object) -> None:
-        raise ffr.SimulationError("no motion", value.motion)
+        raise kind("failed", *([value.motion] if kind is ffr.SimulationError else []))
 
     monkeypatch.setattr("dolfinx_ffr.optimization.enough_modes.mode_error", fails)
-    with pytest.warns(ffr.DesignWarning, match=r"cannot be estimated, as .* \(no motion"):
+    with pytest.warns(ffr.DesignWarning, match=r"cannot be estimated, as .* \(failed"):
         same, again, errors = with_enough_modes(problem, x, value, 2e-3, {"rod": 1})
     assert same is problem and again is value and np.isnan(errors["rod"])

@@ -50,21 +50,23 @@ def with_enough_modes(
         first: Normal modes with which the run began, by body.
 
     Returns:
-        The problem, the evaluation by it, and the estimated errors by body, NaN where the motion
-        with more modes cannot be computed; the same on every rank.
+        The problem, the evaluation by it, and the estimated errors by body, NaN where more modes,
+        or the motion with them, cannot be computed; the same on every rank.
 
     Warns:
-        DesignWarning: If the errors stay larger with four times the modes, or cannot be estimated.
+        DesignWarning: If the errors stay larger with four times the modes, or with all that the
+            mesh has, or cannot be estimated.
     """
     if not evaluation.moves:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
     try:
         return _added(problem, densities, evaluation, tolerance, first)
-    except SimulationError as error:  # what was designed so far must not be lost for an estimate
+    except RuntimeError as error:  # what was designed so far must not be lost for an estimate
+        what = "the motion with them" if isinstance(error, SimulationError) else "they"
         warnings.warn(
-            "optimize: what the modes left out would add to psi cannot be estimated, as the motion "
-            f"with them cannot be computed ({error}): look for loose or nearly void pieces, or "
-            "take shorter steps",
+            f"optimize: what the modes left out would add to psi cannot be estimated, as {what} "
+            f"cannot be computed ({error}): look for loose or nearly void pieces, or take shorter "
+            "steps",
             DesignWarning,
             stacklevel=4,
         )
@@ -78,13 +80,17 @@ def _added(
     tolerance: float,
     first: Mapping[str, int],
 ) -> tuple[Problem, Evaluation, dict[str, float]]:
-    """What `with_enough_modes` returns, or the error of a motion that cannot be computed."""
+    """What `with_enough_modes` returns, or the error of what cannot be computed."""
     errors = mode_error(problem, evaluation)
     while any(error > tolerance for error in errors.values()):
         wanted = propose_modes(problem, evaluation, tolerance=ROOM * tolerance)
         present = {name: problem.flexible[name].modes for name in errors}
+        most = {
+            name: min(MOST * max(first[name], 4), problem.flexible[name].reduction.most_modes)
+            for name in errors
+        }
         more = {
-            name: min(max(wanted[name], present[name] + 2), MOST * max(first[name], 4))
+            name: min(max(wanted[name], present[name] + 2), most[name])
             for name, error in errors.items()
             if error > tolerance
         }

@@ -156,7 +156,7 @@ def propose_modes(
             at = basis.n_constraint + number - 1
             square = residual.K[at, at]
             found = body.count_below(reduced, (1.0 + ROOM) * square)
-            proposed[name] = max(found, kept + 1)
+            proposed[name] = min(max(found, kept + 1), body.reduction.most_modes)
     return proposed
 
 

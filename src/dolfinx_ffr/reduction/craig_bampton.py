@@ -128,7 +128,8 @@ class CraigBampton:
         self._spare: list[HeldMatrices] = kept_by(self, elasticity.comm)
         self._eigensolver = EigenSolver(elasticity, self.held, tolerance)
         free = self._eigensolver.freedoms
-        if not 0 <= self.modes < free:
+        self.most_modes = free - 1  #: Normal modes that the body can have at most
+        if not 0 <= self.modes <= self.most_modes:
             raise ValueError(
                 f"reduction: modes = {modes} must be between 0 and {free - 1}: the mesh has {free} "
                 "degrees of freedom inside the interfaces; take fewer modes or a finer mesh"
