@@ -43,7 +43,8 @@ Array = NDArray[np.float64]
 Row = dict[str, float]
 Callback = Callable[[int, Any, Evaluation], None]
 
-#: Columns of the history, one row an iteration; of several bodies the worst or the sum
+#: Columns of the history, one row an iteration; of several bodies the worst or the sum. They tell
+#: the design as it is analysed, a level set near the end of a run a little within its boundary.
 COLUMNS = [
     "iteration",  # number, 0 is the start
     "psi",  # objective of the design that is kept

@@ -9,7 +9,8 @@ one; the narrowest gap is the thinnest member of what is not material.
 
 The distance from the surface is sampled on a lattice, and how it hangs together is told by its
 pieces and its Euler number. Where the member is, the way across it is measured on the surface
-itself, which is more accurate than the lattice.
+itself, which is more accurate than the lattice; where no way is near to the ball's diameter, that
+stands, which is right to about a spacing.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ _RATIO = 1.2
 _FULL = 0.7
 #: Spacings by which balls are smaller that show where a neck is
 _PASSING = 1.0
-#: Spacings by which the way across may differ from the ball's diameter
-_NEAR = 2.0
+#: Spacings by which the way across may differ from the ball's diameter, and places that are tried
+_NEAR, _TRIED = 2.0, 64
 
 
 def thinnest_member_in_space(
@@ -156,32 +157,37 @@ class _Lattice:
                 thick = middle
             else:
                 thin = middle
-        member = self._member(thin, whole)
-        assert member is not None
-        ends = self._across(member)
-        across = float(np.linalg.norm(ends[1] - ends[0]))
-        near = abs(across - thin) < _NEAR * self.h
-        return Width(across if near else thin, ends)
+        places = self._member(thin, whole)
+        assert places is not None
+        for place in places:
+            ends = self._across(place)
+            if abs(_length(ends) - thin) < _NEAR * self.h:
+                return Width(_length(ends), ends)
+        return Width(thin, self._across(places[0]))
 
     def _member(self, d: float, whole: tuple[int, int]) -> Array | None:
-        """A point in the middle of a member thinner than a diameter, or None."""
+        """Points in the middle of a member thinner than a diameter, the likeliest first, or None.
+
+        Shape (points, 3).
+        """
         fits = self.distance > 0.5 * d
         if not np.any(fits):
             return self._middle(self.inside)
         if _connected(fits) != whole:
-            # centres of balls a little smaller get through where the distance is a ridge
+            # centres of balls a little smaller get through where the distance is a ridge, as it is
+            # along edges, too, where the way across is another
             passing = (self.distance > 0.5 * (d - _PASSING * self.h)) & ~fits
             slope = np.linalg.norm(np.gradient(self.distance, self.h), axis=0)
-            at = np.argmin(np.where(passing, slope, np.inf))
-            return np.asarray(self._places.reshape(-1, 3)[at])
+            ridge = np.argsort(np.where(passing, slope, np.inf), axis=None, kind="stable")
+            return np.asarray(self._places.reshape(-1, 3)[ridge[:_TRIED]])
         away = ndimage.distance_transform_edt(~fits) * self.h
         far = self.inside & (away > 1.5 * d) & (self.distance >= 0.5 * _FULL * d)
         return self._middle(far) if np.any(far) else None
 
     def _middle(self, region: Mask) -> Array:
-        """The point of a region that is farthest from the surface."""
+        """The point of a region that is farthest from the surface, shape (1, 3)."""
         at = np.argmax(np.where(region, self.distance, -1.0))
-        return np.asarray(self._places.reshape(-1, 3)[at])
+        return np.asarray(self._places.reshape(-1, 3)[at : at + 1])
 
     def _across(self, middle: Array) -> Array:
         """Two points of the surface on both sides of a point, along the way to the nearest one."""

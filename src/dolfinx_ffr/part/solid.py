@@ -163,7 +163,8 @@ class Solid(Enclosed):
     def thinnest_member(self) -> Width | None:
         """The thinnest member, by balls that do not fit; None if it is as thick as the solid.
 
-        It takes seconds, and is kept. What is thinner than a quarter of a cell is not seen.
+        It takes seconds, and is kept. What is thinner than the spacing of a lattice is not seen: a
+        quarter of a cell, or more where that would be too many points for a large body.
         """
         return thinnest_member_in_space(self.points, self.triangles, self._lattice)
 
