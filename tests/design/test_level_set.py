@@ -108,6 +108,13 @@ def test_default_knots_are_a_grid_of_the_size_of_the_elements() -> None:
     assert coarse.minimum_gap == levelset.minimum_gap == pytest.approx(0.00642, abs=1e-5)
 
 
+def test_a_size_that_is_not_asked_for_follows_the_other() -> None:
+    """A wide member alone is no error about gaps: one kernel holds both."""
+    domain = rod(MPI.COMM_SELF)
+    assert ffr.LevelSet(domain, minimum_member=0.03).minimum_gap == 0.0075
+    assert ffr.LevelSet(domain, minimum_gap=0.03).minimum_member == 0.0075
+
+
 # ---------------------------------------------------------------------- density
 
 

@@ -74,6 +74,8 @@ DECAY = 0.93
 WEIGHT = 100.0
 #: Factor by which it grows at last: a strut that is neither thick enough nor gone must decide
 LATE = 2.0
+#: Least share that one minimum size may be of the other
+SIZES = 0.25
 #: Of a gap beside a member: less, as a gap too narrow costs less than a broken strut
 GAP = 0.2
 #: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
@@ -98,9 +100,10 @@ class LevelSet(Design):
     Args:
         domain: The body.
         minimum_member: Width that no member may fall below [m]. By default what the mesh resolves,
-            0.64 mean elements. It is asked for by a penalty and told of the finished part, see
-            `Part.thinnest_member`.
-        minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`.
+            0.64 mean elements, and at least a quarter of `minimum_gap`. It is asked for by a
+            penalty and told of the finished part, see `Part.thinnest_member`.
+        minimum_gap: Width that no gap or hole may fall below [m]; by default what the mesh
+            resolves, and at least a quarter of `minimum_member`.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
         knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
@@ -204,13 +207,15 @@ class LevelSet(Design):
         for name, value in (("minimum_member", member), ("minimum_gap", gap)):
             if value is not None:
                 validation.number(f"level set: {name}", value, above=0.0, unit="m")
-        sizes = (least if member is None else member, least if gap is None else gap)
+        # one kernel holds both sizes: what is not asked for follows what is
+        smallest = max(least, SIZES * max(member or 0.0, gap or 0.0))
+        sizes = (smallest if member is None else member, smallest if gap is None else gap)
         if min(sizes) < least * (1.0 - 1e-9):
             raise ValueError(
                 f"level set: a minimum size of {min(sizes):.4g} m is below the {least:.4g} m that "
                 f"elements of {self.element:.4g} m resolve; take smaller elements, or leave it out"
             )
-        if min(sizes) < 0.25 * max(sizes):
+        if min(sizes) < SIZES * max(sizes):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
                 " may differ by a factor of four at most; raise the smaller one"
