@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -99,6 +100,32 @@ def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) 
     assert solid == pytest.approx(4 * 0.01 * 0.04, rel=1e-12)
     # sides of order 2 on the hole
     assert mesh.area == pytest.approx(part.area, rel=1e-5)
+
+
+@pytest.mark.mpi
+def test_volumes_of_a_part_are_shares_of_the_body(comm: MPI.Comm) -> None:
+    """Of a region by predicate or by a mask over the cells, as bounds on the design are."""
+    body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 8))
+    regions: dict[str, Any] = {
+        "left": lambda x: x[0] < 0.36,
+        "mask": body.centroids[:, 0] < 0.36,
+        "all": None,
+    }
+    bounds = [
+        ffr.Constraint(ffr.Volume("rod", region), upper=0.5 if name == "mask" else 0.7, name=name)
+        for name, region in regions.items()
+    ]
+    scene = slider_crank(comm, domain=body, modes=2)
+    problem = ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, ffr.Mass("rod"), bounds)
+    part = ffr.Part(body, strip, material=problem.flexible["rod"].material)
+    with pytest.warns(ffr.PartWarning, match="the part violates 'mask' by 11.1 %"):
+        found = part.verify(problem, problem.value(on_cells(body, strip)), most=2)
+    assert "constraint mask: 0.5556 -> 0.5556, 11.1 % beyond its bound" in found.summary()
+    (rod,) = found.fitted[-1].bodies.values()
+    assert rod.volume == pytest.approx(0.6, rel=1e-9)
+    assert found.fitted[-1].constraints == pytest.approx(
+        {"left": 5 / 9, "mask": 5 / 9, "all": 0.6}, rel=1e-9
+    )
 
 
 def test_what_cannot_be_verified(comm: MPI.Comm) -> None:

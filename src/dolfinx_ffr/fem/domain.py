@@ -128,6 +128,8 @@ class Domain:
         check_held(domain, [part.facets for part in self.interfaces.values()])
         #: Cells owned by this rank that stay solid, and that stay void, shape (cells,)
         self.solid_cells, self.void_cells = self._find_passive(solid, void)
+        #: The body as it was designed, where this is a mesh of the part that came of it
+        self.whole: Domain | None = None
         #: Cells owned by this rank that are designed, shape (cells,)
         self.design_cells = ~(self.solid_cells | self.void_cells)
 

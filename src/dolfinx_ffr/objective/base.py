@@ -44,6 +44,11 @@ class DensityField:
     centroids: Array
     #: Sum of an array over the cells of all ranks, the same on every rank; collective.
     sum: Callable[[Array], float]
+    #: What each rank has, of all ranks, the same on every rank; collective.
+    gathered: Callable[[Array], list[Array]] = lambda local: [local]
+    #: The body as it was designed, where this is a mesh of the part that came of it: shares of
+    #: volume are of its area.
+    whole: DensityField | None = None
 
 
 class StressField(Protocol):

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from .. import validation
 from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
@@ -73,7 +74,8 @@ class Volume(Objective):
     It is a function of the densities alone. :class:`Mass` is similar and needs no density.
 
     Several regions, each with a :class:`Constraint` of its own, bound where the material goes.
-    Cells that are not designed count: solid ones as filled, void ones as empty.
+    Cells that are not designed count: solid ones as filled, void ones as empty. Of a part that is
+    verified it is the share of the body, or of its region, that the part fills.
 
     Raises:
         TypeError: If the region is neither a function nor a mask.
@@ -127,7 +129,8 @@ class Volume(Objective):
     def _shares(self, density: DensityField) -> Array:
         """Share of each cell in the area of the region, shape (cells,)."""
         areas = np.where(self._chosen(density), density.areas, 0.0)
-        total = density.sum(areas)
+        whole = density.whole
+        total = whole.sum(whole.areas * self._chosen(whole)) if whole else density.sum(areas)
         if not total > 0.0:
             raise ValueError(
                 f"volume of body {self.body!r}: its region holds no cell; the centroids of cells, "
@@ -146,6 +149,10 @@ class Volume(Objective):
             points[: density.centroids.shape[1]] = density.centroids.T
             found = np.asarray(region(points))
         mask = np.asarray(found)
+        if density.whole and not callable(region):  # a cell of a part is where one of the body was
+            whole = density.whole
+            cells = cKDTree(np.concatenate(whole.gathered(whole.centroids)))
+            return np.concatenate(whole.gathered(mask))[cells.query(density.centroids)[1]]
         if mask.dtype != np.bool_ or mask.shape != (n,):
             raise ValueError(
                 f"volume of body {self.body!r}: the region must say True or False for each of the "

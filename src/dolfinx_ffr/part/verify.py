@@ -22,7 +22,8 @@ from .widths import Width
 
 __all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
-#: Share by which psi of the parts may exceed the reported one before that is said
+#: Share by which psi of the parts may exceed the reported one, and a constraint its bound, before
+#: that is said
 SOFTER = 0.02
 #: Frequencies that the summary shows
 _SHOWN = 3
@@ -49,6 +50,8 @@ class Figures:
     bodies: dict[str, BodyFigures]  #: Of the designed bodies
     #: Value of the objective of each motion by its name; empty where there is one
     motions: dict[str, float] = field(default_factory=dict)
+    #: By how much constraints exceed their bounds, relative to these; negative where they hold
+    excesses: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,11 @@ class Verification:
                 f"motion {name}: psi {before_of:.5e} -> {psi:.5e}, {psi / before_of:.4f} of that"
             )
         for name, value in last.constraints.items():
-            lines.append(f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}")
+            over = last.excesses[name]
+            lines.append(
+                f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}"
+                + (f", {100 * over:.1f} % beyond its bound" if over > 0.0 else "")
+            )
         return "\n".join(lines)
 
     def record(self) -> dict[str, Any]:
@@ -208,7 +215,8 @@ def verify(
         SimulationError: On every rank, if the motion of the parts cannot be computed.
 
     Warns:
-        PartWarning: If psi does not stand still, or is more than 2 % above the reported one.
+        PartWarning: If psi does not stand still, or is more than 2 % above the reported one, or a
+            constraint is more than 2 % beyond its bound.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
     validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
@@ -246,6 +254,8 @@ def verify(
     for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=silent):
         sizes = {name: of[mesh] for name, of in every.items()}
         domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
+        for name, domain in domains.items():
+            domain.whole = problem.flexible[name].domain
         again = _with_parts(problem, domains, wanted)
         densities = {
             name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
@@ -272,6 +282,17 @@ def verify(
             "bridge a member that is broken or thinner than they are, or are coarse themselves. "
             "Look at the picture of the part; design with a larger minimum_member, on smaller "
             "elements, or from another start",
+            PartWarning,
+            stacklevel=2,
+        )
+    said = ", ".join(
+        f"{name!r} by {100 * over:.1f} %"
+        for name, over in fitted[-1].excesses.items()
+        if not over <= SOFTER
+    )
+    if said:
+        warnings.warn(
+            f"verify: the part violates {said} of the bound; design with a bound that much tighter",
             PartWarning,
             stacklevel=2,
         )
@@ -318,4 +339,5 @@ def _figures(
             constraints,
             bodies,
             motions if len(motions) > 1 else {},
+            {name: float(value.value) for name, value in evaluation.constraints.items()},
         )

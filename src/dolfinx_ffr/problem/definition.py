@@ -22,6 +22,7 @@ from ..dynamics import (
     compile_kernels,
     required_memory,
 )
+from ..fem import Domain
 from ..mechanical_problem import MechanicalProblem
 from ..mechanism import Mechanism
 from ..objective import (
@@ -406,5 +407,12 @@ def _dimension(body: FlexibleBody | VolumeIntegrals) -> int:
 
 def _field(body: FlexibleBody, density: NDArray[np.float64]) -> DensityField:
     """A density as objectives see it."""
-    domain = body.domain
-    return DensityField(density, domain.cell_volumes, domain.centroids, domain.sum)
+
+    def on(domain: Domain, values: NDArray[np.float64], whole: DensityField | None) -> DensityField:
+        areas, gathered = domain.cell_volumes, domain.comm.allgather
+        return DensityField(values, areas, domain.centroids, domain.sum, gathered, whole)
+
+    whole = body.domain.whole
+    return on(
+        body.domain, density, None if whole is None else on(whole, np.ones(whole.n_cells), None)
+    )
