@@ -230,12 +230,14 @@ def _detail(
     corner, opposite = np.clip([middle - half, middle + half], low, high)
     size = opposite - corner
     overview.add_patch(Rectangle(corner, *size, fill=False, ec=DARK, lw=0.9, zorder=3.0))
+    # windows that share an upper left corner still have letters apart
+    first = letter == "A"
     overview.annotate(
         letter,
-        xy=(corner[0], opposite[1]),
-        xytext=(3, -3),
+        xy=((corner if first else opposite)[0], opposite[1]),
+        xytext=(3 if first else -3, -3),
         textcoords="offset points",
-        ha="left",
+        ha="left" if first else "right",
         va="top",
         fontweight="bold",
         bbox={"boxstyle": "square,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85},
