@@ -215,7 +215,28 @@ class PathTracking(_MarkerObjective):
 
 
 @dataclass(frozen=True)
-class MarkerVelocity(_MarkerObjective):
+class _SquareOverTime(_MarkerObjective):
+    """Integral over time of the square of a vector that belongs to a marker."""
+
+    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    window: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and window."""
+        self._check_names()
+        check_window(self._what, self.window)
+
+    def _vectors(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+        """The vector over time, shape (steps + 1, 2 or 3)."""
+        raise NotImplementedError
+
+    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
+        weights = time_weights(trajectory, self.window, self._what)
+        return float(weights @ np.sum(self._vectors(trajectory, bodies) ** 2, axis=1))
+
+
+@dataclass(frozen=True)
+class MarkerVelocity(_SquareOverTime):
     """Integral over time of the squared velocity of a marker [m^2/s].
 
         psi = int |v_P|^2 dt
@@ -230,14 +251,6 @@ class MarkerVelocity(_MarkerObjective):
 
     unit: ClassVar[str] = "m^2/s"
     _what: ClassVar[str] = "marker velocity"
-
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
-    window: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check names and window."""
-        self._check_names()
-        check_window("marker velocity", self.window)
 
     def velocity(self, trajectory: Trajectory, bodies: Bodies) -> Array:
         """Velocity of the marker in global axes, shape (steps + 1, 2 or 3) [m/s].
@@ -256,15 +269,14 @@ class MarkerVelocity(_MarkerObjective):
         own, angle = self._relative(trajectory, marker)[1], trajectory.y[:, where.rotation]
         return trajectory.v[:, where.position] + _turned(own, angle)
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        weights = time_weights(trajectory, self.window, "marker velocity")
-        return float(weights @ np.sum(self.velocity(trajectory, bodies) ** 2, axis=1))
+    def _vectors(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+        return self.velocity(trajectory, bodies)
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
         marker = self._body_marker(bodies)
-        weights = time_weights(trajectory, self.window, "marker velocity")
+        weights = time_weights(trajectory, self.window, self._what)
         v_bar = 2.0 * weights[:, None] * self.velocity(trajectory, bodies)
         if trajectory.model.dimension == 3:
             motion, none = self._in_space(trajectory, marker), np.zeros_like(v_bar)
@@ -300,7 +312,7 @@ class MarkerVelocity(_MarkerObjective):
 
 
 @dataclass(frozen=True)
-class MarkerAcceleration(_MarkerObjective):
+class MarkerAcceleration(_SquareOverTime):
     """Integral over time of the squared acceleration of a marker [m^2/s^3].
 
         psi = int |a_P|^2 dt
@@ -316,14 +328,6 @@ class MarkerAcceleration(_MarkerObjective):
 
     unit: ClassVar[str] = "m^2/s^3"
     _what: ClassVar[str] = "marker acceleration"
-
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
-    window: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check names and window."""
-        self._check_names()
-        check_window("marker acceleration", self.window)
 
     def acceleration(self, trajectory: Trajectory, bodies: Bodies) -> Array:
         """Acceleration of the marker in global axes, shape (steps + 1, 2 or 3) [m/s^2].
@@ -342,15 +346,14 @@ class MarkerAcceleration(_MarkerObjective):
         b, angle = self._relative(trajectory, marker)[-1], trajectory.y[:, where.rotation]
         return trajectory.w[:, where.position] + _turned(b, angle)
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        weights = time_weights(trajectory, self.window, "marker acceleration")
-        return float(weights @ np.sum(self.acceleration(trajectory, bodies) ** 2, axis=1))
+    def _vectors(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+        return self.acceleration(trajectory, bodies)
 
     def pullback(
         self, trajectory: Trajectory, bodies: Bodies
     ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
         marker = self._body_marker(bodies)
-        weights = time_weights(trajectory, self.window, "marker acceleration")
+        weights = time_weights(trajectory, self.window, self._what)
         if trajectory.model.dimension == 3:
             motion = self._in_space(trajectory, marker)
             second = 2.0 * weights[:, None] * motion.acceleration
