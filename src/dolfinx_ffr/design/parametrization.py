@@ -38,7 +38,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-#: Steepness of the projection of a finished design: a step within a fifth of an element
+#: Steepness of the projection of a finished design: a step within a fifth of an element with the
+#: shortest kernel, and in proportion to its radius
 SHARP = 32.0
 #: Progress between which the projection becomes steeper, by the same factor each iteration: time
 #: before it to find the topology, and after it to find the best crisp boundary
