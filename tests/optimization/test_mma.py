@@ -134,7 +134,7 @@ def test_bounds_are_those_of_the_level_set_that_is_made(comm: MPI.Intracomm) -> 
     """Near the end a level set is analysed a little within its boundary; its bounds are not."""
     problem = BoundedCopy(comm, lambda c: hills(c) + 0.25, upper=0.3)
     design = ffr.LevelSet(problem.domain)
-    result = run(problem, design, iterations=60)
+    result = run(problem, design, iterations=30)
     assert result.feasible
     assert result.evaluation.volume["plate"] == pytest.approx(0.5, rel=2e-3)
     assert -0.03 < result.evaluation.constraints["left half"].value <= 1e-8

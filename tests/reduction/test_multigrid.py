@@ -76,6 +76,30 @@ def test_no_convergence_is_told_with_the_remedy(
         iterative.reduce(holes(iterative.domain))
 
 
+@pytest.mark.parametrize("sign", [-1.0, np.nan])
+def test_a_preconditioner_that_is_not_positive_is_no_convergence(
+    comm: MPI.Intracomm, sign: float
+) -> None:
+    _, body = pair(comm, 2)
+    solver = multigrid.MultigridSolver(body.elasticity, body.reduction.held, 1e-8)
+    loads = np.ones((body.elasticity.n_dofs, 2))
+    found, iterations = solver._iterated(lambda block, _: block, lambda block: sign * block, loads)
+    assert found is None and iterations == 0
+    zero, _ = solver._iterated(lambda block, _: block, lambda block: block, 0.0 * loads)
+    assert zero is not None and not np.any(zero)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_products_by_columns(comm: MPI.Intracomm, transposed: bool) -> None:
+    """Of ranks without rows, for which releases of PETSc have no product with a block."""
+    _, body = pair(comm, 2)
+    matrix = body.factored(body.reduce(holes(body.domain))).held_mass
+    block = np.cos(np.arange(3.0 * body.elasticity.n_dofs)).reshape(-1, 3)
+    found = multigrid._product_by_columns(matrix, block, transposed=transposed)
+    exact = multigrid._product(matrix, block, transposed=transposed)
+    assert_allclose(found, exact, atol=1e-14 * np.abs(exact).max())
+
+
 def test_an_unknown_solver_is_refused(comm: MPI.Intracomm) -> None:
     direct, _ = pair(comm, 2)
     with pytest.raises(ValueError, match=r"body: solver must be 'direct' or 'iterative'"):
