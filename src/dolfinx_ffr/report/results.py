@@ -20,6 +20,8 @@ __all__ = [
     "status",
 ]
 
+#: Share by which a part may exceed a bound before the first sentence says so
+_BEYOND = 5e-3
 #: Why a run ended, in words
 _REASONS = {
     "converged": "the design no longer changes",
@@ -39,7 +41,13 @@ def status(run: Run) -> list[str]:
     record = run.record
     said = []
     if record.get("feasible") is True:
-        said.append("All constraints hold.")
+        beyond = {name: over for name, over in _beyond_by_part(run).items() if over > _BEYOND}
+        broken = ", ".join(f"{name} by {percent(over)} %" for name, over in beyond.items())
+        said.append(
+            f"All constraints hold for the densities, but the part exceeds {broken}."
+            if broken
+            else "All constraints hold."
+        )
     elif record.get("feasible") is False:
         broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
         said.append(f"Constraints are violated: {broken or 'see the table below'}.")
@@ -169,26 +177,44 @@ def constraints(run: Run) -> Table | None:
         run: The run.
     """
     rows = []
-    of_part = run.verification.get("constraints", {})
-    volumes = run.verification.get("bodies", {})
+    beyond = _beyond_by_part(run)
     for name, given in run.mapping("constraints").items():
         scale = Scale(str(given["unit"]), given["bound"])
-        part = of_part.get(name, [None, None])[1]
-        if name.startswith("volume of ") and name[10:] in volumes:
-            part = volumes[name[10:]]["volume"][1]
-        broken = given["violation"]
+        broken, over = given["violation"], beyond.get(name)
         rows.append(
             (
                 name,
                 scale.text(given["value"]),
-                scale.text(part),
+                scale.text(_of_part(run, name)),
                 f"{given['kind']} {scale.given(given['bound'])}",
                 scale.name or NOTHING,
                 "none" if not broken else f"{percent(broken)} %",
+                NOTHING if over is None else "none" if over <= 0.0 else f"{percent(over)} %",
             )
         )
-    head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation"]
+    head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation", "by the part"]
     return Table.of("Constraints", head, rows, [1, 2])
+
+
+def _of_part(run: Run, name: str) -> float | None:
+    """What the part has of a constraint; a bound on volumes stands with the bodies."""
+    volumes = run.verification.get("bodies", {})
+    if name.startswith("volume of ") and name[10:] in volumes:
+        found = volumes[name[10:]]["volume"]
+    else:
+        found = run.verification.get("constraints", {}).get(name, [None, None])
+    return None if found[1] is None else float(found[1])
+
+
+def _beyond_by_part(run: Run) -> dict[str, float]:
+    """By how much the part exceeds bounds, relative to these; negative where they hold."""
+    beyond = {}
+    for name, given in run.mapping("constraints").items():
+        part, bound = _of_part(run, name), given["bound"]
+        if part is not None and bound:
+            sign = -1.0 if given["kind"] == "at least" else 1.0
+            beyond[name] = sign * (part - bound) / abs(bound)
+    return beyond
 
 
 def motions(run: Run) -> Table | None:
