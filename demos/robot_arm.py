@@ -300,7 +300,10 @@ def main(arguments: list[str] | None = None) -> None:
     verified: dict[float, ffr.Verification] = {}
     for share in BOUNDS:
         bounded = arm(domains, steps=options.steps, mass=share * heavy)
-        designs = {name: ffr.LevelSet(domain) for name, domain in domains.items()}
+        designs = {
+            name: ffr.LevelSet(domain, minimum_member=0.95 * domain.cell_size)
+            for name, domain in domains.items()
+        }
         results[share] = ffr.optimize(
             bounded,
             designs,

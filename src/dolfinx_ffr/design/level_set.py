@@ -88,6 +88,8 @@ CONTRAST = 0.25
 #: f at which the design is analysed near the end instead of 1/2, as if a little were worn off
 #: everywhere, so that no member hangs by what elements bridge; and the progress from which on
 ERODED = (0.54, 0.7)
+#: Points at which the field is evaluated at a time: a pair with each knot in reach is stored
+AT_ONCE = 200_000
 #: Distance from its boundary over which a start goes from 1/2 to 0 or 1 [mean elements]
 BAND = 3.0
 #: More than the round-off of f: where f is 1/2 but for that, as in an even gray, no boundary runs
@@ -284,8 +286,11 @@ class LevelSet(Design):
 
         def at(points: ArrayLike) -> Array:
             x = np.asarray(points, dtype=np.float64).reshape(-1, self.domain.dimension)
-            total = sum(self._mean(image(x), u) for image in self._images)
-            return np.asarray(total / len(self._images)) - 0.5
+            found = []
+            for some in np.array_split(x, len(x) // AT_ONCE + 1):
+                total = sum(self._mean(image(some), u) for image in self._images)
+                found.append(np.asarray(total / len(self._images)) - 0.5)
+            return np.concatenate(found)
 
         return at
 
