@@ -32,6 +32,11 @@ Bodies = Mapping[str, VolumeIntegrals]
 Bars = tuple[TrajectoryBar | None, dict[str, VolumeIntegrals]]
 
 
+def _alone(local: Array) -> list[Array]:
+    """What the ranks have, of which there is one."""
+    return [local]
+
+
 @dataclass(frozen=True, eq=False)
 class DensityField:
     """The densities of a body's cells; each rank holds those of its own cells."""
@@ -45,7 +50,7 @@ class DensityField:
     #: Sum of an array over the cells of all ranks, the same on every rank; collective.
     sum: Callable[[Array], float]
     #: What each rank has, of all ranks, the same on every rank; collective.
-    gathered: Callable[[Array], list[Array]] = lambda local: [local]
+    gathered: Callable[[Array], list[Array]] = field(default_factory=lambda: _alone)
     #: The body as it was designed, where this is a mesh of the part that came of it: shares of
     #: volume are of its area.
     whole: DensityField | None = None
