@@ -285,17 +285,20 @@ def verify(
             PartWarning,
             stacklevel=2,
         )
-    said = ", ".join(
-        f"{name!r} by {100 * over:.1f} %"
-        for name, over in fitted[-1].excesses.items()
-        if not over <= SOFTER
-    )
-    if said:
-        warnings.warn(
-            f"verify: the part violates {said} of the bound; design with a bound that much tighter",
-            PartWarning,
-            stacklevel=2,
-        )
+    for name, over in fitted[-1].excesses.items():
+        if not over <= SOFTER:
+            before = reported.excesses[name]
+            remedy = (
+                "design with a bound that much tighter"
+                if before <= SOFTER
+                else f"the design exceeds it by {100 * before:.1f} % itself: more iterations, "
+                "another start or another bound"
+            )
+            warnings.warn(
+                f"verify: the part violates {name!r} by {100 * over:.1f} % of the bound; {remedy}",
+                PartWarning,
+                stacklevel=2,
+            )
     return found
 
 

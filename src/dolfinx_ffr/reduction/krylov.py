@@ -34,7 +34,7 @@ CLEAR = 1e-3
 NOTHING = 1e-13
 #: Part along the basis, relative to the smallest direction that is taken, up to which mass times
 #: the directions is right without another product
-AGAIN = 1e-13
+AGAIN = 1e-14
 #: Looks at a block, each for directions that are smaller by `CLEAR`
 LOOKS = 6
 
