@@ -50,6 +50,11 @@ class Job:
     ranks: int = 1  #: MPI ranks
 
     @property
+    def key(self) -> str:
+        """What it measures, for the record of measurements."""
+        return json.dumps([self.study, self.function, self.parameters, self.ranks])
+
+    @property
     def title(self) -> str:
         """What the progress bar says."""
         ranks = f", {self.ranks} ranks" if self.ranks > 1 else ""

@@ -2,7 +2,10 @@
 """Speed beside error: tables (CSV, Markdown) and pictures.
 
     make benchmark [ARGS="--quick"]
-    python benchmarks/run.py [--quick] [--only STUDY ...] [--output DIR]
+    python benchmarks/run.py [--quick] [--only STUDY ...] [--output DIR] [--resume]
+
+Each measurement is kept in DIR/measurements.json; ``--resume`` goes on from there after an
+interruption or a failure, with the same code.
 
 Everything in them is measured in this run. All of it takes about a quarter of an hour on two
 free cores, with ``--quick`` about two minutes, on small meshes and with few repetitions: a smoke
@@ -16,7 +19,9 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import json
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -61,13 +66,21 @@ def main(arguments: list[str] | None = None) -> None:
         study: getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
         for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only)
     }
-    jobs += [job for some in jobs_of.values() for job in some]
-    results = list(run_jobs(jobs, together=options.quick))
+    every = [job for some in jobs_of.values() for job in some]
+    record = directory / "measurements.json"
+    found: dict[str, Any] = json.loads(record.read_text()) if options.resume else {}
+    todo = jobs + [job for job in every if job.key not in found]
+    failed = []
+    for job, measured in run_jobs(todo, together=options.quick):
+        if measured is None:
+            failed.append(job.title)
+        else:
+            found[job.key] = measured
+            record.write_text(json.dumps(found))
 
-    failed = [job.title for job, measured in results if measured is None]
     for study in options.only:
         jobs = jobs_of[MEASURED_BY.get(study, study)]
-        own = [(job, found) for job, found in results if job in jobs and found is not None]
+        own = [(job, found[job.key]) for job in jobs if job.key in found]
         if len(own) < len(jobs):
             print(f"\n{study}: no report, because one of its measurements has failed")
             continue
@@ -77,7 +90,9 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{directory / study}.md, {study}.png")
     if failed:
         raise SystemExit(
-            "benchmarks: these have failed, their messages are above: " + ", ".join(failed)
+            "benchmarks: these have failed, their messages are above: "
+            + ", ".join(failed)
+            + "; with --resume they alone are measured again"
         )
 
 
@@ -89,7 +104,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--only", nargs="+", choices=STUDIES, help="these studies alone (default: all)"
     )
     parser.add_argument("--output", default="results/benchmarks", help="folder for the results")
+    parser.add_argument(
+        "--resume", action="store_true", help="take what is in the folder's measurements.json"
+    )
     options = parser.parse_args(arguments)
+    if options.resume and not (Path(options.output) / "measurements.json").exists():
+        parser.error(f"--resume: there is no measurements.json in {options.output}")
     absent = missing()
     if options.only is None:
         options.only = [study for study in STUDIES if study != PEERS or absent is None]
