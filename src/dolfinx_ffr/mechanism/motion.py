@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 
-__all__ = ["Motion", "Signal", "check_signal", "evaluated", "sample", "tabulated"]
+__all__ = [
+    "Motion",
+    "Signal",
+    "check_signal",
+    "evaluated",
+    "right_hand_side",
+    "sample",
+    "tabulated",
+]
 
 Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
@@ -291,3 +299,34 @@ def tabulated(motion: Motion, times: ArrayLike, user: str) -> Array:
         return motion.tabulate(times)
     except ValueError as error:
         raise ValueError(f"{user}: {error}") from error
+
+
+def right_hand_side(
+    motion: Motion | None, constant: float, times: Array, joint: str, *, positive: bool
+) -> Array:
+    """Right-hand side of a constraint, constant + motion(t), and its two derivatives.
+
+    Args:
+        motion: The motion, if there is one.
+        constant: Constant part [m or rad].
+        times: Times, shape (n,) [s].
+        joint: Name of the joint, for messages.
+        positive: Whether it is a length, which must not vanish.
+
+    Returns:
+        Array of shape (n, 3).
+
+    Raises:
+        ValueError: If a value is NaN or infinite, or a length is not positive.
+    """
+    table = np.zeros((times.size, 3))
+    if motion is not None:
+        table += tabulated(motion, times, f"joint {joint!r}").T
+    table[:, 0] += constant
+    if positive and not np.min(table[:, 0]) > 0.0:
+        k = int(np.argmax(~(table[:, 0] > 0.0)))
+        raise ValueError(
+            f"joint {joint!r}: the length must be positive at all times, but it is "
+            f"{table[k, 0]:.6g} m at t = {times[k]:.6g} s"
+        )
+    return table

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .initial_conditions import Placement
 from .marker import BodyPoint, Marker, Pair
-from .motion import Motion, tabulated
+from .motion import Motion, right_hand_side
 
 __all__ = ["Row", "RowKind", "Undeformed"]
 
@@ -72,17 +72,8 @@ class Row:
         Raises:
             ValueError: If a value is NaN or infinite, or a distance is not positive.
         """
-        table = np.zeros((instants.size, 3))
-        if self.motion is not None:
-            table += tabulated(self.motion, instants, f"joint {label!r}").T
-        table[:, 0] += self.constant
-        if self.kind == RowKind.DISTANCE and not np.min(table[:, 0]) > 0.0:
-            k = int(np.argmax(~(table[:, 0] > 0.0)))
-            raise ValueError(
-                f"joint {label!r}: the length must be positive at all times, but it is "
-                f"{table[k, 0]:.6g} m at t = {instants[k]:.6g} s"
-            )
-        return table
+        length = self.kind == RowKind.DISTANCE
+        return right_hand_side(self.motion, self.constant, instants, label, positive=length)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .initial_conditions import Placement
 from .marker import BodyPoint, Marker, Triple
-from .motion import Motion, Signal, sample, tabulated
+from .motion import Motion, Signal, right_hand_side, sample
 from .rotation import rotation_matrix
 
 __all__ = [
@@ -131,17 +131,8 @@ class SpatialRow:
         Raises:
             ValueError: If a value is NaN or infinite, or a distance is not positive.
         """
-        table = np.zeros((instants.size, 3))
-        if self.motion is not None:
-            table += tabulated(self.motion, instants, f"joint {label!r}").T
-        table[:, 0] += self.constant
-        if self.kind == SpatialRowKind.DISTANCE and not np.min(table[:, 0]) > 0.0:
-            k = int(np.argmax(~(table[:, 0] > 0.0)))
-            raise ValueError(
-                f"joint {label!r}: the length must be positive at all times, but it is "
-                f"{table[k, 0]:.6g} m at t = {instants[k]:.6g} s"
-            )
-        return table
+        length = self.kind == SpatialRowKind.DISTANCE
+        return right_hand_side(self.motion, self.constant, instants, label, positive=length)
 
 
 @dataclass(frozen=True)
