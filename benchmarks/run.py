@@ -7,9 +7,9 @@
 Each measurement is kept in DIR/measurements.json; ``--resume`` goes on from there after an
 interruption or a failure, with the same code.
 
-Everything in them is measured in this run. All of it takes about a quarter of an hour on two
-free cores, with ``--quick`` about two minutes, on small meshes and with few repetitions: a smoke
-test.
+Everything in them is measured in this run. All of it takes less than two hours on two free cores
+(designs and space half an hour each), with ``--quick`` about two minutes, on small meshes and with
+few repetitions: a smoke test.
 
 The study ``peers`` needs other packages, which `make benchmark-peers` installs; it is left out as
 long as they are not there.
