@@ -60,13 +60,11 @@ def main(arguments: list[str] | None = None) -> None:
     levelset = ffr.LevelSet(domain)
     low, high = domain.bounding_box
     height = high[1] - low[1]
-    # explicit steps do not see the design a little eroded, and must not have members so thin
-    thicker = ffr.LevelSet(domain, minimum_member=1.25 * levelset.minimum_member)
-    holes = thicker.with_holes(10, 3, 0.2 * height, margin=0.25 * height)
+    holes = levelset.with_holes(10, 3, 0.2 * height, margin=0.25 * height)
     ways = {
         "level set, moving asymptotes": (levelset, levelset.even(), ffr.MMA()),
         "densities, moving asymptotes": (densities, densities.even(VOLUME), ffr.MMA()),
-        "level set, explicit steps": (thicker, holes, ffr.LevelSetEvolution()),
+        "level set, explicit steps": (levelset, holes, ffr.LevelSetEvolution()),
     }
     results: dict[str, ffr.Result] = {}
     summary = {}

@@ -88,7 +88,10 @@ def test_the_volume_bound_is_kept(comm: MPI.Intracomm) -> None:
     result = run(copy(comm), iterations=20, optimizer=STEPS)
     assert np.all(result.history["volume"] <= 0.6 + 1e-12)
     assert np.all(result.history["multiplier"] >= 0.0)
-    assert result.history["volume"][-1] == pytest.approx(0.6, rel=1e-3)
+    # at last the history tells the design that is analysed, a little within the one that is made
+    assert result.history["volume"][-1] < 0.59
+    (made,) = result.evaluation.volume.values()
+    assert made == pytest.approx(0.6, rel=1e-3)
     assert result.history["multiplier"][1:].max() > 0.0
 
 
@@ -105,15 +108,19 @@ def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
     assert np.all(falls[same_stage & ~kept[1:]] == 0.0)
     assert history["psi"][-1] < 0.5 * history["psi"][0]
     assert np.unique(history["sharpness"]).tolist() == [11.0, 19.0, 32.0, 56.0]
-    # the result is what the last row says, told by the law of cut elements, and fits together
+    # the last row is the design a little within its boundary; the result is the one that is made,
+    # told by the law of cut elements, and fits together
     assert result.iterations == 12
-    value = parts[0].value(result.x).psi
-    assert value == pytest.approx(history["psi"][-1], rel=1e-9) and result.psi < value
     last = levelset.with_sharpness(history["sharpness"][-1])
+    analysed = last.eroded.density(result.coefficients)
+    value = parts[0].value(analysed)
+    assert value.psi == pytest.approx(history["psi"][-1], rel=1e-9)
+    assert value.volume["rod"] == pytest.approx(history["volume"][-1], rel=1e-12)
+    assert ffr.gray_fraction(levelset.domain, analysed) == history["gray"][-1]
     assert np.array_equal(result.x, last.density(result.coefficients))
     assert np.array_equal(result.x, result.designs["rod"].density(result.coefficients))
-    assert result.evaluation.volume["rod"] == pytest.approx(history["volume"][-1], rel=1e-12)
-    assert ffr.gray_fraction(levelset.domain, result.x) == history["gray"][-1]
+    assert result.psi < parts[0].value(result.x).psi
+    assert result.evaluation.volume["rod"] > value.volume["rod"]
 
 
 @pytest.mark.mpi

@@ -35,7 +35,6 @@ References:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
@@ -43,7 +42,6 @@ from typing import Any, ClassVar
 
 from mpi4py import MPI
 
-import contourpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix, diags
@@ -52,6 +50,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..fem import Domain
 from ..parallel import ROUND_OFF
+from .contour_distance import distance_from_contour
 from .density_filter import HeavisideProjection
 from .mirrors import Mirror, MirrorPlane, image_cells, images
 from .parametrization import SHARP, Design, finite_vector, steepness
@@ -314,23 +313,30 @@ class LevelSet(Design):
     @property
     def nominal(self) -> LevelSet:
         """The level set whose material is where f > 1/2, as it is made."""
-        if self.threshold == 0.5:
-            return self
-        other = copy(self)
-        other.threshold = 0.5
-        return other
+        return self._with_threshold(0.5)
 
-    def at(self, progress: float) -> LevelSet:
-        """The design as sharp as at a ``progress``, with its penalty, near the end eroded.
+    @property
+    def eroded(self) -> LevelSet:
+        """The level set whose material lies a little within its boundary, as it is analysed.
 
         So the design that is made is optimised for a boundary a little within its own, and holds
         where a member would otherwise be as thin as the mesh bridges (robust design; F. Wang,
         B. S. Lazarov and O. Sigmund, doi:10.1007/s00158-010-0602-y).
         """
+        return self._with_threshold(ERODED[0])
+
+    def _with_threshold(self, threshold: float) -> LevelSet:
+        if self.threshold == threshold:
+            return self
+        other = copy(self)
+        other.threshold = threshold
+        return other
+
+    def at(self, progress: float) -> LevelSet:
+        """The design as sharp as at a ``progress``, with its penalty, near the end `eroded`."""
         other = self.with_sharpness(steepness(progress))
-        threshold, since = ERODED
-        if progress >= since:
-            other.threshold = threshold
+        if progress >= ERODED[1]:
+            other = other.eroded
         begin, full, end = PENALTY
         ramp = min(max((progress - begin) / (full - begin), 0.0), 1.0)
         other.weight = WEIGHT * ramp * LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
@@ -531,15 +537,7 @@ class LevelSet(Design):
         sign = np.where(self.level(u)(x) >= -HALF, 1.0, -1.0)
         grid, matrix = self._drawn
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
-        if d == 3:
-            return sign * _distance_in_space(x, grid, values)
-        lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(0.5 - HALF)
-        lines = [line for line in lines if len(line) > 1]
-        if not lines or len(x) == 0:
-            return sign * math.inf
-        start = np.vstack([line[:-1] for line in lines])
-        end = np.vstack([line[1:] for line in lines])
-        return sign * _distance(x, start, end)
+        return sign * distance_from_contour(x, grid, values, 0.5 - HALF)
 
     def identity(self) -> dict[str, Any]:
         """What the level sets of a checkpoint and of the run that reads it have in common."""
@@ -564,37 +562,3 @@ def _check_knots(knots: ArrayLike, d: int) -> Array:
     if np.min(cKDTree(given).query(given, k=2)[0][:, 1]) == 0.0:
         raise ValueError("level set: two knots coincide; remove one of them")
     return np.ascontiguousarray(given)
-
-
-def _distance_in_space(points: Array, grid: list[Array], values: Array) -> Array:
-    """The distance of each point from the surface on which values on a grid are one half."""
-    import pyvista  # takes a while
-
-    image = pyvista.ImageData(
-        dimensions=values.shape,
-        origin=[line[0] for line in grid],
-        spacing=[line[1] - line[0] for line in grid],
-    )
-    surface = image.contour([0.5 - HALF], scalars=values.ravel(order="F"))
-    if not surface.n_cells or len(points) == 0:
-        return np.full(len(points), math.inf)
-    nearest = surface.find_closest_cell(points, return_closest_point=True)[1]
-    return np.linalg.norm(points - nearest, axis=1)
-
-
-def _distance(points: Array, start: Array, end: Array) -> Array:
-    """The distance of each point from the nearest of some line segments."""
-    middle, span = 0.5 * (start + end), end - start
-    # a segment's middle may be farther than its nearest point by half its length
-    half = 0.5 * np.linalg.norm(span, axis=1).max()
-    tree = cKDTree(middle)
-    nearest = tree.query(points)[0]
-    candidates = tree.query_ball_point(points, nearest + 2.0 * half)
-    counts = [len(c) for c in candidates]
-    segment = np.concatenate(candidates).astype(np.int64)
-    point = np.repeat(np.arange(len(points)), counts)
-    offset = points[point] - start[segment]
-    length2 = np.maximum(np.einsum("ij,ij->i", span, span)[segment], np.finfo(float).tiny)
-    t = np.clip(np.einsum("ij,ij->i", offset, span[segment]) / length2, 0.0, 1.0)
-    distance = np.linalg.norm(offset - t[:, None] * span[segment], axis=1)
-    return np.minimum.reduceat(distance, np.concatenate([[0], np.cumsum(counts)[:-1]]))

@@ -3,7 +3,9 @@
 
 Each iteration makes one explicit step of an `Evolution` and keeps it if psi falls; otherwise the
 next step is half as long. The projection from void to solid becomes sharper in stages: at first
-derivatives reach over an element, and the final design is crisp.
+derivatives reach over an element, and the final design is crisp. In the second half of the stages
+what is analysed lies a little within the boundary of the design that is made (`LevelSet.eroded`);
+bounds on volumes, psi and densities of the result are of the latter.
 """
 
 from __future__ import annotations
@@ -41,10 +43,6 @@ APART = 1e3
 @dataclass(frozen=True)
 class LevelSetEvolution(Optimizer):
     """Explicit steps of one level set a body; takes a volume bound and no other constraint.
-
-    What is analysed is the design as it is made, and not, as by `MMA`, what lies a little within
-    its boundary: ask for members of 0.8 mean elements or more (`LevelSet(minimum_member=)`), or
-    struts may be thinner than elements resolve. `verify` warns where they are.
 
     Args:
         evolution: How the level set moves, of several bodies by name; by default an `Evolution`
@@ -127,8 +125,9 @@ class LevelSetEvolution(Optimizer):
                     state, evaluation = narrowed
                 state, evaluation, accepted, multiplier = steps.iterate(state, evaluation)
                 steps.record(state, evaluation, accepted=accepted, multiplier=multiplier)
+            made = steps.made(state, evaluation)
         return loop.result(
-            steps.designs(state), steps.coefficients(state), evaluation, reason, steps.bounds
+            steps.designs(state), steps.coefficients(state), made, reason, steps.bounds
         )
 
 
@@ -189,6 +188,8 @@ class _Steps:
             {n: e.with_sharpness(sharpness) for n, e in evolutions.items()}
             for sharpness in options.sharpness
         ]
+        #: Stage from which on the designs are analysed eroded
+        self.eroded = (len(self.stages) + 1) // 2
 
     # ------------------------------------------------------------------ evaluations
 
@@ -198,13 +199,22 @@ class _Steps:
         return {name: e.variables(state.phi[name]) for name, e in evolutions.items()}
 
     def densities(self, state: _State) -> dict[str, Array]:
-        """The densities of this rank's cells."""
-        variables, evolutions = self.coefficients(state), self.stages[state.stage]
-        return {name: e.levelset.density(variables[name]) for name, e in evolutions.items()}
+        """The densities of this rank's cells, as they are analysed."""
+        variables, designs = self.coefficients(state), self.designs(state)
+        if state.stage >= self.eroded:
+            designs = {name: design.eroded for name, design in designs.items()}
+        return {name: design.density(variables[name]) for name, design in designs.items()}
 
     def designs(self, state: _State) -> dict[str, LevelSet]:
-        """The level sets, as sharp as in a state."""
+        """The level sets as they are made, as sharp as in a state."""
         return {name: e.levelset for name, e in self.stages[state.stage].items()}
+
+    def made(self, state: _State, evaluation: Evaluation) -> Evaluation:
+        """The evaluation of the designs as they are made."""
+        if state.stage < self.eroded:
+            return evaluation
+        variables, designs = self.coefficients(state), self.designs(state)
+        return self.loop.value({n: design.density(variables[n]) for n, design in designs.items()})
 
     def evaluate(self, state: _State) -> Evaluation:
         """The value of a state."""
