@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import pyvista
 from shared.meshes import write_pierced_block
 from spatial_slider_crank import ROD, SECTION, spatial_problem
 
@@ -111,6 +112,17 @@ def test_thinnest_member_and_narrowest_gap(
         if width is not None:
             assert width.value == pytest.approx(exact, rel=1e-9)
             assert np.linalg.norm(width.ends[1] - width.ends[0]) == pytest.approx(width.value)
+
+
+def test_gap_between_two_edges(comm: MPI.Intracomm) -> None:
+    """No way across leads straight from face to face: the ball is told, right to a spacing."""
+    blocks = [pyvista.Box((a, a + 1.0, a, a + 1.0, 0.0, 1.0)).triangulate() for a in (0.0, 1.4)]
+    points = np.concatenate([block.points for block in blocks])
+    faces = [block.faces.reshape(-1, 4)[:, 1:] for block in blocks]
+    triangles = np.concatenate([faces[0], faces[1] + len(blocks[0].points)])
+    found = ball_widths.narrowest_gap_in_space(points, triangles, 0.05)
+    assert found is not None
+    assert found.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 
 
 @pytest.mark.parametrize("finer", [0, 2])

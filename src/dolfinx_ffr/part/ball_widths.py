@@ -161,9 +161,10 @@ class _Lattice:
         assert places is not None
         for place in places:
             ends = self._across(place)
-            if abs(_length(ends) - thin) < _NEAR * self.h:
+            if ends is not None and abs(_length(ends) - thin) < _NEAR * self.h:
                 return Width(_length(ends), ends)
-        return Width(thin, self._across(places[0]))
+        # between edges no way leads straight from face to face
+        return Width(thin, np.stack([places[0], places[0]]))
 
     def _member(self, d: float, whole: tuple[int, int]) -> Array | None:
         """Points in the middle of a member thinner than a diameter, the likeliest first, or None.
@@ -189,8 +190,11 @@ class _Lattice:
         at = np.argmax(np.where(region, self.distance, -1.0))
         return np.asarray(self._places.reshape(-1, 3)[at : at + 1])
 
-    def _across(self, middle: Array) -> Array:
-        """Two points of the surface on both sides of a point, along the way to the nearest one."""
+    def _across(self, middle: Array) -> Array | None:
+        """Two points of the surface on both sides of a point, along the way to the nearest one.
+
+        None where the surface is on one side only.
+        """
         a, b, c = np.moveaxis(self._corners, 1, 0)
         normals = np.cross(b - a, c - a)
         tree = cKDTree(self._corners.mean(axis=1))
@@ -199,12 +203,10 @@ class _Lattice:
         unit = normals[near] / np.maximum(np.linalg.norm(normals[near], axis=1), 1e-300)[:, None]
         best: Array | None = None
         for direction in unit:
-            ends = np.stack(
-                [middle + side * self._hit(middle, side) for side in (direction, -direction)]
-            )
-            if np.all(np.isfinite(ends)) and (best is None or _length(ends) < _length(best)):
-                best = ends
-        return np.stack([middle, middle]) if best is None else best
+            there, back = self._hit(middle, direction), self._hit(middle, -direction)
+            if np.isfinite(there + back) and (best is None or there + back < _length(best)):
+                best = np.stack([middle + there * direction, middle - back * direction])
+        return best
 
     def _hit(self, start: Array, direction: Array) -> float:
         """How far it is to the surface along a direction [m]."""
