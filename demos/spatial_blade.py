@@ -128,7 +128,9 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Numbers and pictures
     solid = result.problem.value(ones).psi
     ffr.write_density(domain, result.x, output / "design.xdmf")
-    heading = f"{100 * result.psi / solid:.0f} % of the full blade's compliance"
+    heading = (
+        f"densities above one half: {100 * result.psi / solid:.0f} % of the full blade's compliance"
+    )
     plotting.plot_design(domain, {heading: result.x}, output / "design.png")
     plotting.plot_history(result.history, output / "history.png", psi_solid=solid, comm=comm)
     plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", color="energy")
