@@ -56,7 +56,7 @@ lint: setup ## check style, format and types
 	exit $$status
 
 docs: setup ## build the documentation as a site, build/docs/index.html (warnings are errors)
-	@cd "$(clone)" && $(env) $(python) -m sphinx -W --keep-going -q -c docs/site -d build/doctrees . build/docs
+	@cd "$(clone)" && $(env) $(python) -m sphinx -E -W --keep-going -q -c docs/site -d build/doctrees . build/docs
 	@echo "docs: $(clone)/build/docs/index.html"
 
 benchmark: setup ## measure speed and growth with the mesh; table and picture in results/ (ARGS="...")
