@@ -175,7 +175,7 @@ def test_density_design(demo: Callable[..., Path]) -> None:
 
 def test_several_motions(demo: Callable[..., Path]) -> None:
     """Eight designs in six motions, whose table is complete, and a report of all motions."""
-    small = ["--elements", "40", "8", "--iterations", "12", "--steps", "300"]
+    small = ["--elements", "40", "8", "--iterations", "6", "--steps", "300"]
     out = demo("several_motions", *small)
     numbers = summary(out)
     assert len(numbers["psi_by_design"]) == 8 and len(numbers["motions"]) == 6
