@@ -152,6 +152,23 @@ def test_a_short_step_descends(comm: MPI.Intracomm, sharpness: float) -> None:
 
 
 @pytest.mark.mpi
+def test_a_step_follows_the_design_that_is_analysed(comm: MPI.Intracomm) -> None:
+    """Against its derivatives, where they are not cut off; volumes are of the one that is made."""
+    levelset = levelset_on(comm)
+    plain = ffr.Evolution(levelset, 1.0, extension=lambda values: values).with_sharpness(32.0)
+    eroded = plain.with_sharpness(32.0, eroded=True)
+    gradient = loads(levelset.domain)
+    phi = plain.start(levelset.with_holes(6, 2, 0.012))
+    slope = levelset.with_sharpness(32.0).eroded.pullback(plain.variables(phi), gradient)
+    move = phi - eroded.step(phi, gradient, 0.01)[0]
+    free = np.abs(move) < 0.99 * np.abs(move).max()
+    free &= np.abs(slope) > 1e-3 * np.abs(slope).max()
+    assert np.count_nonzero(free) > 20
+    np.testing.assert_allclose(move[free] / slope[free], move[free][0] / slope[free][0], rtol=1e-6)
+    assert filled(eroded, phi) == filled(plain, phi)
+
+
+@pytest.mark.mpi
 def test_steps_are_bit_identical_on_all_ranks(comm: MPI.Intracomm) -> None:
     levelset = levelset_on(comm)
     evolution = ffr.Evolution(levelset, 0.6)

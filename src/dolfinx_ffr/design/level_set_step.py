@@ -92,16 +92,25 @@ class Evolution:
         validation.number("evolution: band", band, above=0.0)
         check_volume(domain, volume)
         self.levelset = levelset
+        #: The level set whose densities are analysed, and whose derivatives move the boundary
+        self.analysed = levelset
         self.band = band * levelset.spacing
         self.bisection = VolumeBisection(volume)
         self.extension = extension or VelocityExtension(levelset)
         self.distance = distance or self._signed_distance
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
 
-    def with_sharpness(self, sharpness: float) -> Evolution:
-        """The same steps of a level set whose projection has another ``sharpness``."""
+    def with_sharpness(self, sharpness: float, *, eroded: bool = False) -> Evolution:
+        """The same steps of a level set whose projection has another ``sharpness``.
+
+        Args:
+            sharpness: Steepness of the projection.
+            eroded: Whether what is analysed lies a little within the boundary, `LevelSet.eroded`;
+                the volume bound is always that of the boundary itself.
+        """
         other = copy(self)
         other.levelset = self.levelset.with_sharpness(sharpness)
+        other.analysed = other.levelset.eroded if eroded else other.levelset
         return other
 
     def variables(self, phi: Array) -> Array:
@@ -147,7 +156,8 @@ class Evolution:
 
         Args:
             phi: At the knots, shape (knots,) [m].
-            gradient: dpsi/dx of the cells owned by this rank, shape (cells,).
+            gradient: dpsi/dx of the cells owned by this rank, shape (cells,), at the densities of
+                the level set that is `analysed`.
             size: CFL number c: largest change of phi in spacings.
 
         Returns:
@@ -155,7 +165,7 @@ class Evolution:
             velocity.
         """
         variables = self.variables(phi)
-        psi_bar = self.extension(self.levelset.pullback(variables, gradient))
+        psi_bar = self.extension(self.analysed.pullback(variables, gradient))
         volume_bar = self.extension(self.levelset.pullback(variables, self._cell_share))
         near = np.abs(volume_bar) > 1e-3 * np.max(np.abs(volume_bar), initial=0.0)
         if not np.any(near):

@@ -185,11 +185,12 @@ class _Steps:
         self.bounds = {name: e.bisection.bound for name, e in evolutions.items()}
         #: Of each stage, by name of the body
         self.stages = [
-            {n: e.with_sharpness(sharpness) for n, e in evolutions.items()}
-            for sharpness in options.sharpness
+            {
+                name: e.with_sharpness(sharpness, eroded=2 * stage >= len(options.sharpness))
+                for name, e in evolutions.items()
+            }
+            for stage, sharpness in enumerate(options.sharpness)
         ]
-        #: Stage from which on the designs are analysed eroded
-        self.eroded = (len(self.stages) + 1) // 2
 
     # ------------------------------------------------------------------ evaluations
 
@@ -198,12 +199,13 @@ class _Steps:
         evolutions = self.stages[state.stage]
         return {name: e.variables(state.phi[name]) for name, e in evolutions.items()}
 
-    def densities(self, state: _State) -> dict[str, Array]:
-        """The densities of this rank's cells, as they are analysed."""
-        variables, designs = self.coefficients(state), self.designs(state)
-        if state.stage >= self.eroded:
-            designs = {name: design.eroded for name, design in designs.items()}
-        return {name: design.density(variables[name]) for name, design in designs.items()}
+    def densities(self, state: _State, *, made: bool = False) -> dict[str, Array]:
+        """The densities of this rank's cells, as they are analysed, or as they are ``made``."""
+        variables, evolutions = self.coefficients(state), self.stages[state.stage]
+        return {
+            name: (e.levelset if made else e.analysed).density(variables[name])
+            for name, e in evolutions.items()
+        }
 
     def designs(self, state: _State) -> dict[str, LevelSet]:
         """The level sets as they are made, as sharp as in a state."""
@@ -211,10 +213,10 @@ class _Steps:
 
     def made(self, state: _State, evaluation: Evaluation) -> Evaluation:
         """The evaluation of the designs as they are made."""
-        if state.stage < self.eroded:
+        evolutions = self.stages[state.stage].values()
+        if all(e.analysed is e.levelset for e in evolutions):
             return evaluation
-        variables, designs = self.coefficients(state), self.designs(state)
-        return self.loop.value({n: design.density(variables[n]) for n, design in designs.items()})
+        return self.loop.value(self.densities(state, made=True))
 
     def evaluate(self, state: _State) -> Evaluation:
         """The value of a state."""
