@@ -33,7 +33,8 @@ CLEAR = 1e-3
 #: Norm of a direction, relative to what it is the rest of, below which it is round-off
 NOTHING = 1e-13
 #: Part along the basis, relative to the smallest direction that is taken, up to which mass times
-#: the directions is right without another product
+#: the directions is right without another product: round-off of such a product. What is more grows
+#: from block to block where void makes directions small
 AGAIN = 1e-14
 #: Looks at a block, each for directions that are smaller by `CLEAR`
 LOOKS = 6
