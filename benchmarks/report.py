@@ -19,6 +19,8 @@ __all__ = ["Table", "duration", "facts", "write_page"]
 
 #: Mean number of busy processes in the last minute when this run began: those of others
 LOAD_BEFORE = os.getloadavg()[0]
+#: What else a reader of the pages must know of this run
+NOTES: list[str] = []
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def facts() -> str:
         f"the run and {os.getloadavg()[0]:.1f} at its end\n{busy}"
         f"- {_system()}, Python {platform.python_version()}, {versions}\n"
         f"- one BLAS thread; 1 MPI rank where nothing else is said; measured on "
-        f"{time.strftime('%Y-%m-%d')}\n"
+        f"{time.strftime('%Y-%m-%d')}\n" + "".join(f"- **{note}**\n" for note in NOTES)
     )
 
 

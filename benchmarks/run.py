@@ -25,8 +25,11 @@ from typing import Any
 
 from mpi4py import MPI
 
+import report
 from jobs import Job, run_jobs
 from peer_packages import missing
+
+from dolfinx_ffr.files import replace_file
 
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
 #: report_NAME. A study without jobs of its own reports on those of another.
@@ -69,6 +72,8 @@ def main(arguments: list[str] | None = None) -> None:
     every = [job for some in jobs_of.values() for job in some]
     record = directory / "measurements.json"
     found: dict[str, Any] = json.loads(record.read_text()) if options.resume else {}
+    if any(job.key in found for job in every):
+        report.NOTES.append("some of it, or all, was measured by an earlier run (--resume)")
     todo = jobs + [job for job in every if job.key not in found]
     failed = []
     for job, measured in run_jobs(todo, together=options.quick):
@@ -76,7 +81,7 @@ def main(arguments: list[str] | None = None) -> None:
             failed.append(job.title)
         else:
             found[job.key] = measured
-            record.write_text(json.dumps(found))
+            replace_file(record, json.dumps(found).encode())
 
     for study in options.only:
         jobs = jobs_of[MEASURED_BY.get(study, study)]
@@ -84,8 +89,8 @@ def main(arguments: list[str] | None = None) -> None:
         if len(own) < len(jobs):
             print(f"\n{study}: no report, because one of its measurements has failed")
             continue
-        report = getattr(importlib.import_module(study), f"report_{study}")
-        for table in report(own, directory):
+        write = getattr(importlib.import_module(study), f"report_{study}")
+        for table in write(own, directory):
             print(f"\n{table.markdown()}")
         print(f"{directory / study}.md, {study}.png")
     if failed:

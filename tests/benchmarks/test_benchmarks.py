@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -108,6 +109,19 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
         processes.command(*quick), env=processes.environment(), cwd=directory, check=True
     )
     return directory
+
+
+def test_a_run_goes_on_with_what_is_measured(output: Path, tmp_path: Path) -> None:
+    """The same tables from the record alone, and the page says so."""
+    shutil.copy(output / "measurements.json", tmp_path)
+    command = [str(BENCHMARKS / "run.py"), "--quick", "--only", "differences", "--resume"]
+    command += ["--output", str(tmp_path)]
+    subprocess.run(
+        processes.command(*command), env=processes.environment(), cwd=tmp_path, check=True
+    )
+    before, after = (folder / "differences.csv" for folder in (output, tmp_path))
+    assert after.read_text() == before.read_text()
+    assert "earlier run" in (tmp_path / "differences.md").read_text()
 
 
 @pytest.fixture(scope="module")
