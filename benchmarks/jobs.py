@@ -3,34 +3,31 @@
 
 A process of its own gives each measurement its own peak of memory and its own number of MPI ranks.
 
-Started as a program this module is that process:
-
-    python benchmarks/jobs.py TASKS RESULT
-
-takes a list of a STUDY, a FUNCTION and its PARAMETERS each (JSON), calls FUNCTION of the module
-STUDY with the communicator, a function that tells the progress and the PARAMETERS, and writes the
-list of what they return to the file RESULT (JSON).
+Started as a program with TASKS and RESULT this module is that process: it calls each FUNCTION of a
+STUDY in TASKS (JSON), and writes the list of what they return to the file RESULT (JSON).
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
 
 from tqdm import tqdm
-
-__all__ = ["Job", "Progress", "run_jobs"]
 
 HERE = Path(__file__).resolve().parent
 PROGRESS = "progress "
@@ -41,7 +38,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Job:
-    """One measurement."""
+    """One measurement; of ``repetitions`` the fastest counts where nothing else is said."""
 
     study: str  #: Module of this folder
     function: str  #: Its function ``(comm, progress, **parameters) -> dict``
@@ -62,24 +59,73 @@ class Job:
         return f"{self.study}: {' '.join([self.function, size]).strip()}{ranks}"
 
 
+#: What a study reports on: its jobs and what they returned
+Results = list[tuple[Job, dict[str, Any]]]
+
+
+def measure(
+    actions: Mapping[Any, Callable[[], Any]],
+    turns: int,
+    progress: Progress,
+    clock: Callable[[], Any] = perf_counter,
+    *,
+    untimed: int = 1,
+) -> tuple[dict[Any, list[Any]], dict[Any, Any]]:
+    """Sweep through actions in turn, so that a busy moment of the machine hits all alike.
+
+    The first turns are ``untimed``, where things are compiled; without ``turns`` the first counts.
+    Returned are the seconds of each turn by setting, and what the last calls have returned.
+    """
+    seconds: dict[Any, list[Any]] = {setting: [] for setting in actions}
+    found: dict[Any, Any] = {}
+    untimed = untimed if turns else 0
+    whole = untimed + max(turns, 1)
+    for turn in range(whole):
+        for place, (setting, action) in enumerate(actions.items()):
+            begin = clock()
+            found[setting] = action()
+            if turn >= untimed:
+                seconds[setting].append(clock() - begin)
+            progress((turn + (place + 1) / len(actions)) / whole)
+    return seconds, found
+
+
+def reset_peak_memory() -> float:
+    """Begin a new record of the peak memory of this process, and return it [MB]."""
+    with contextlib.suppress(OSError):  # then the record goes on, and small meshes show nothing
+        Path("/proc/self/clear_refs").write_text("5")
+    return peak_memory()
+
+
+def peak_memory() -> float:
+    """The peak of the resident memory of this process [MB].
+
+    That of `resource.getrusage` would include that of the process that started this one.
+    """
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    return float(found[1]) * 1024e-6 if found else float("nan")
+
+
+def beyond(tiny: Callable[[], Any], action: Callable[[], Any]) -> dict[str, float]:
+    """Peaks of memory [MB]: of a tiny action (*base*), and of another one beyond it."""
+    tiny()
+    base, _ = reset_peak_memory(), action()
+    return {"base": base, "beyond": peak_memory() - base}
+
+
 def run_jobs(
     jobs: Iterable[Job], *, together: bool = False
 ) -> Iterator[tuple[Job, dict[str, Any] | None]]:
-    """Run jobs one after the other; one that fails does not stop the others.
+    """Run jobs one after the other, and yield each with its result, None for one that failed.
 
-    Args:
-        jobs: What to run; their expected seconds weigh the progress bar.
-        together: Jobs on as many ranks that follow each other share a process, which saves its
-            start; what they say of memory is then rough.
-
-    Returns:
-        Iterator over each job with its result, None for those that failed: their messages are on
-        standard error.
+    A failure does not stop the others; its messages are on standard error. ``together``: jobs that
+    follow each other on as many ranks share a process; what they say of memory is then rough.
     """
     jobs = list(jobs)
     form = "{desc:32s} {percentage:3.0f}% |{bar}| {elapsed}, {remaining} left"
     with tqdm(total=sum(job.seconds for job in jobs), bar_format=form) as bar:
-        for batch in _batches(jobs, together):
+        batches = [list(some) for _, some in groupby(jobs, lambda job: job.ranks)]
+        for batch in batches if together else [[job] for job in jobs]:
             begin = bar.n
 
             def tell(
@@ -97,17 +143,6 @@ def run_jobs(
                     bar.write(f"benchmarks: again, in a process of its own: {job.title}")
                 results = [one for job in batch for one in _run([job], lambda number, part: None)]
             yield from zip(batch, results, strict=True)
-
-
-def _batches(jobs: list[Job], together: bool) -> list[list[Job]]:
-    """The jobs of each process."""
-    batches: list[list[Job]] = []
-    for job in jobs:
-        if together and batches and batches[-1][-1].ranks == job.ranks:
-            batches[-1].append(job)
-        else:
-            batches.append([job])
-    return batches
 
 
 def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str, Any] | None]:

@@ -17,12 +17,13 @@ joint at the pin keeps the y axis of the rod's left interface perpendicular to t
 crank: it ends at one more node, without mass, which moves with the interface and stays in the plane
 of the crank. These are three rows of constraints in the plane, six in space, as ours.
 
-What Exudyn offers for speed is used: its module without range checks, user functions compiled to
-expressions, dense matrices, a Jacobian that is kept as long as Newton's method converges, no files.
+Exudyn runs with its fastest settings: no range checks, compiled user functions, dense matrices, a
+Jacobian that is kept as long as Newton's method converges, no files.
 """
 
 from __future__ import annotations
 
+import pickle
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,25 +34,13 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from memory import peak_memory, reset_peak_memory
+from jobs import beyond
 from numpy.typing import NDArray
 from peer_packages import use_peers
 
-__all__ = [
-    "AddedNode",
-    "Crank",
-    "ExudynRod",
-    "Method",
-    "Simulation",
-    "crank_pin",
-    "load_rod",
-    "memory_of_exudyn",
-    "rod_for_exudyn",
-    "save_rod",
-    "simulate",
-]
-
 Array = NDArray[np.float64]
+#: Exudyn's arguments for a prescribed coordinate and its velocity
+OFFSETS = "offsetUserFunction", "offsetUserFunction_t"
 
 
 @dataclass(frozen=True)
@@ -80,14 +69,10 @@ def rod_for_exudyn(
     shapes: Array,
     added: Sequence[AddedNode],
 ) -> ExudynRod:
-    """A body with nodes at markers, in three dimensions.
+    """A body with nodes at markers behind those of the mesh, in three dimensions.
 
-    Args:
-        reference: Positions in the body's frame, d for each node, shape (d nodes,) [m].
-        mass: Of these displacements, shape (d nodes, d nodes) [kg].
-        stiffness: Likewise [N/m].
-        shapes: Shape functions, shape (d nodes, r).
-        added: At least one node that follows those of the mesh.
+    The ``reference`` positions [m] in the body's frame have the shape (d nodes,), the matrices are
+    those of these displacements, the ``shapes`` are (d nodes, r).
     """
     d, r = len(added[0].position), shapes.shape[1]
     n = len(reference) // d + len(added)
@@ -109,26 +94,14 @@ def rod_for_exudyn(
 
 
 def save_rod(path: Path, rod: ExudynRod) -> None:
-    """Write a rod to a NumPy file, for a process that knows nothing of meshes."""
-    parts: dict[str, Array] = {"positions": rod.positions, "modes": rod.modes}
-    for name, matrix in (("mass", rod.mass), ("stiffness", rod.stiffness)):
-        for part in ("data", "indices", "indptr"):
-            parts[f"{name}_{part}"] = getattr(matrix, part)
-    np.savez(path, **parts)
+    """Write a rod for a process that knows nothing of meshes."""
+    path.write_bytes(pickle.dumps(rod))
 
 
 def load_rod(path: Path) -> ExudynRod:
-    """Read what `save_rod` has written."""
-    with np.load(path) as file:
-        n = file["positions"].size
-        mass, stiffness = (
-            scipy.sparse.csr_matrix(
-                tuple(file[f"{name}_{part}"] for part in ("data", "indices", "indptr")),
-                shape=(n, n),
-            )
-            for name in ("mass", "stiffness")
-        )
-        return ExudynRod(file["positions"], mass, stiffness, file["modes"])
+    """Read what `save_rod` has written, in this run."""
+    rod: ExudynRod = pickle.loads(path.read_bytes())
+    return rod
 
 
 @dataclass(frozen=True)
@@ -180,13 +153,7 @@ def load_exudyn() -> ModuleType:
 
 
 def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
-    """Simulate the slider-crank.
-
-    Args:
-        rod: With the nodes that the crank's guides name.
-        crank: Its motion.
-        method: Time integration.
-    """
+    """Simulate the slider-crank; the rod has the nodes that the crank's guides name."""
     exudyn = load_exudyn()
     begin = process_time()
     rotations = "EulerParameters" if crank.held else "Rxyz"
@@ -205,10 +172,8 @@ def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
 def _reduced(rod: ExudynRod, rotations: str) -> Any:
     """The rod's reduction to the constants of the equations of motion.
 
-    Args:
-        rod: Of a three-dimensional code.
-        rotations: Kind of the reference node: ``"Rxyz"`` has no constraint of its own, but serves
-            rotations about z alone (others end at another motion); ``"EulerParameters"`` all.
+    A reference node ``"Rxyz"`` has no constraint of its own, but serves rotations about z alone
+    (others end at another motion); ``"EulerParameters"`` serves all.
     """
     from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 
@@ -231,36 +196,26 @@ def _model(
     rotation = np.array(crank.rotation)
     body = reduced.AddObjectFFRFreducedOrder(mbs, positionRef=place, rotationMatrixRef=rotation)
     ground = mbs.AddObject(items.ObjectGround())
-    fixed = mbs.AddMarker(
-        items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0)
-    )
+    origin = mbs.AddNode(items.NodePointGround())
+    fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=origin, coordinate=0))
     keep: list[Any] = []
 
-    def coordinate(axis: int) -> Any:
-        return mbs.AddMarker(
-            items.MarkerNodeCoordinate(nodeNumber=body["nRigidBody"], coordinate=axis)
-        )
+    def hold(axis: int, **offsets: Any) -> None:
+        """Keep a coordinate of the reference node at zero, or at an offset over time."""
+        node = body["nRigidBody"]
+        own = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=axis))
+        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[fixed, own], **offsets))
 
     for axis in crank.held:
-        mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=[fixed, coordinate(axis)]))
-    for axis, (position, velocity) in zip(crank.axes, crank_pin(exudyn, crank), strict=True):
-        functions = [
-            CreateSymbolicUserFunction(
-                mbs, function, name, itemTypeName="ObjectConnectorCoordinate"
-            )
-            for name, function in (
-                ("offsetUserFunction", position),
-                ("offsetUserFunction_t", velocity),
-            )
-        ]
-        keep += functions
-        mbs.AddObject(
-            items.ObjectConnectorCoordinate(
-                markerNumbers=[fixed, coordinate(axis)],
-                offsetUserFunction=functions[0],
-                offsetUserFunction_t=functions[1],
-            )
-        )
+        hold(axis)
+    for axis, pair in zip(crank.axes, crank_pin(exudyn, crank), strict=True):
+        kind = {"itemTypeName": "ObjectConnectorCoordinate"}
+        offsets = {
+            name: CreateSymbolicUserFunction(mbs, function, name, **kind)
+            for name, function in zip(OFFSETS, pair, strict=True)
+        }
+        keep += offsets.values()
+        hold(axis, **offsets)
     for node, axes in crank.guides:
         guided = mbs.AddMarker(
             items.MarkerSuperElementPosition(
@@ -274,14 +229,9 @@ def _model(
         mbs.AddObject(
             items.ObjectJointSpherical(markerNumbers=[line, guided], constrainedAxes=list(axes))
         )
-    sensor = mbs.AddSensor(
-        items.SensorNode(
-            nodeNumber=body["nGenericODE2"],
-            outputVariableType=exudyn.OutputVariableType.Coordinates,
-            storeInternal=True,
-            writeToFile=False,
-        )
-    )
+    output = {"outputVariableType": exudyn.OutputVariableType.Coordinates}
+    output |= {"storeInternal": True, "writeToFile": False}
+    sensor = mbs.AddSensor(items.SensorNode(nodeNumber=body["nGenericODE2"], **output))
     mbs.Assemble()
     return mbs, sensor, keep
 
@@ -293,25 +243,26 @@ def crank_pin(
     symbolic = exudyn.symbolic
     full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
 
-    def x(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+    # Exudyn turns each function into an expression by calling it with symbols
+    def angle(t):  # type: ignore[no-untyped-def]
         s = t / end
-        return radius * symbolic.cos(full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))) - radius
+        return full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
+
+    def speed(t):  # type: ignore[no-untyped-def]
+        s = t / end
+        return (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
+
+    def x(mbs, t, item, offset):  # type: ignore[no-untyped-def]
+        return radius * symbolic.cos(angle(t)) - radius
 
     def y(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        s = t / end
-        return radius * symbolic.sin(full * (s * s * s * (10.0 + s * (6.0 * s - 15.0))))
+        return radius * symbolic.sin(angle(t))
 
     def x_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        s = t / end
-        speed = (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
-        angle = full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
-        return -radius * (symbolic.sin(angle) * speed)
+        return -radius * (symbolic.sin(angle(t)) * speed(t))
 
     def y_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        s = t / end
-        speed = (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
-        angle = full * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
-        return radius * (symbolic.cos(angle) * speed)
+        return radius * (symbolic.cos(angle(t)) * speed(t))
 
     return [(x, x_t), (y, y_t)]
 
@@ -335,19 +286,11 @@ def _settings(exudyn: ModuleType, duration: float, method: Method) -> Any:
 def memory_of_exudyn(
     comm: Any, progress: Callable[[float], None], *, rod: str, crank: list[float], steps: int
 ) -> dict[str, float]:
-    """Measure the peak of memory of one simulation, in a process without DOLFINx.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        rod: File that `save_rod` has written.
-        crank: Radius, turns and duration.
-        steps: Of time.
-    """
+    """Measure the peak of memory of one simulation, in a process without DOLFINx."""
     if "dolfinx" in sys.modules:
         raise RuntimeError("the process has loaded DOLFINx")
     body = load_rod(Path(rod))
-    simulate(body, Crank(*crank), Method(2))
-    base = reset_peak_memory()
-    simulate(body, Crank(*crank), Method(steps))
-    return {"base": base, "beyond": peak_memory() - base}
+    return beyond(
+        lambda: simulate(body, Crank(*crank), Method(2)),
+        lambda: simulate(body, Crank(*crank), Method(steps)),
+    )

@@ -8,6 +8,7 @@ left to differ.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -16,31 +17,14 @@ from mpi4py import MPI
 
 import numpy as np
 import scipy.sparse
-from jobs import Progress
-from memory import peak_memory, reset_peak_memory
+from jobs import Progress, beyond, measure
 from numpy.typing import NDArray
-from peer_exudyn import (
-    AddedNode,
-    Crank,
-    ExudynRod,
-    Method,
-    Simulation,
-    rod_for_exudyn,
-    save_rod,
-    simulate,
-)
+from peer_exudyn import AddedNode, Crank, ExudynRod, Method, rod_for_exudyn, save_rod, simulate
 from peer_report import ALPHA, EXUDYN, INSTANTS, OURS, RADAU, TRAPEZOIDAL
-from scene import (
-    demo,
-    holes_design,
-    slider_crank,
-    slider_crank_numbers,
-    spatial_slider_crank,
-)
+from scene import demo, holes_design, slider_crank
+from scipy.integrate import trapezoid
 
 import dolfinx_ffr as ffr
-
-__all__ = ["exudyn_rod", "memory_of_motion", "seconds_of", "slider_crank_times"]
 
 Array = NDArray[np.float64]
 #: Length of the fork of the universal joint for Exudyn [m]: any does
@@ -48,17 +32,16 @@ FORK = 0.05
 
 
 def exudyn_rod(
-    body: ffr.FlexibleBody, reduced: ffr.ReducedBody, point_mass: float, *, fork: float = FORK
+    body: ffr.FlexibleBody,
+    reduced: ffr.reduction.ReducedBody,
+    point_mass: float,
+    *,
+    fork: float = FORK,
 ) -> ExudynRod:
-    """A reduced rod as Exudyn takes it, with a point mass at its interface ``"right"``.
+    """A reduced rod of one rank as Exudyn takes it, with a point mass [kg] at its right interface.
 
-    Args:
-        body: On one rank.
-        reduced: The body at one density.
-        point_mass: [kg].
-        fork: In space there is also a node without mass at this distance along the rod's y axis
-            from the center of its interface ``"left"``, with which it moves: the node before the
-            last [m].
+    In space there is also a node without mass at the distance ``fork`` [m] along the rod's y axis
+    from the center of its left interface, with which it moves: the node before the last.
     """
     markers, matrices = reduced.integrals.markers, body.factored(reduced).matrices
     mass, stiffness = (
@@ -75,20 +58,12 @@ def exudyn_rod(
 
 
 def scene_of(comm: MPI.Comm, elements: list[int]) -> tuple[ffr.Problem, Crank, float]:
-    """The slider-crank of the plane or of space, its crank for Exudyn, the slider's mass [kg].
-
-    Args:
-        comm: One rank.
-        elements: Of the rod, along as many axes as the scene has.
-    """
+    """The slider-crank of the plane or of space, its crank for Exudyn, the slider's mass [kg]."""
     if len(elements) == 2:
-        radius, turns, duration, slider = slider_crank_numbers()
-        return (
-            slider_crank(comm, (elements[0], elements[1]), steps=2000),
-            Crank(radius, turns, duration),
-            slider,
-        )
-    problem = spatial_slider_crank(comm, (elements[0], elements[1], elements[2]))
+        scene = demo("slider_crank")
+        crank = Crank(scene.CRANK, scene.TURNS, scene.DURATION)
+        return slider_crank(comm, elements, steps=2000), crank, scene.SLIDER
+    problem = slider_crank(comm, elements)
     reference, placement = demo("spatial_slider_crank"), problem.mechanism.placements["rod"]
     crank = Crank(
         reference.CRANK,
@@ -115,18 +90,7 @@ def slider_crank_times(
     repetitions: int,
     rod: str = "",
 ) -> dict[str, Any]:
-    """Measure the slider-crank by both codes, method by method and step by step.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across; three numbers for the slider-crank in space.
-        steps: Of the methods of second order.
-        stages: Steps of Radau IIA.
-        reference: Steps of Radau IIA that count as exact.
-        repetitions: Turns through all settings; the fastest of them counts, by CPU time.
-        rod: File for the rod, for other processes.
-    """
+    """Measure the slider-crank by both codes, method by method and step by step."""
     problem, crank, slider = scene_of(comm, elements)
     body = problem.flexible["rod"]
     x = holes_design(body.domain)
@@ -136,19 +100,19 @@ def slider_crank_times(
         save_rod(Path(rod), given)
     K, middle = reduced.integrals.K, _middle(given)
 
-    def ours(integrator: ffr.Integrator) -> tuple[float, float, Array]:
+    def ours(integrator: ffr.dynamics.Integrator) -> tuple[float, float, Array]:
         mechanical = ffr.MechanicalProblem(problem.mechanism, integrator, problem.objective)
         start = process_time()
         found = mechanical.value({"rod": reduced.integrals})
         seconds = process_time() - start
-        assert found.trajectory is not None
         q = found.trajectory.elastic("rod")
         q = q[:: found.trajectory.integrator.stages]  # the stages of Radau IIA left out
         return seconds, found.psi, q
 
     def exudyn(method: Method) -> tuple[float, float, Array]:
         found = simulate(given, crank, method)
-        return found.seconds, _integral(found, K), found.q
+        compliance = np.sum((found.q @ K) * found.q, axis=1)
+        return found.seconds, float(trapezoid(compliance, found.t)), found.q
 
     def at_instants(q: Array) -> Array:
         return q[:: (len(q) - 1) // INSTANTS]
@@ -174,32 +138,32 @@ def slider_crank_times(
     for _, _, n, run in runs:
         if n in (steps[0], stages[0]):
             run()  # whatever is loaded once
-    best: dict[int, float] = {}
     rows: list[dict[str, Any]] = []
-    finest: list[Array] = []  # of Exudyn's trapezoidal rule
+    last: dict[Any, Array] = {}  # deflections of each run
     for repetition in range(repetitions):
         for place, (code, method, n, run) in enumerate(runs):
-            seconds, found, q = run()
-            best[place] = min(seconds, best.get(place, np.inf))
+            seconds, found, last[code, method, n] = run()
             if repetition == 0:
-                errors = {"error_psi": abs(found / psi - 1.0), "error_deflection": error(q)}
-                rows.append({"code": code, "method": method, "steps": n, **errors})
-                if (code, method) == (EXUDYN, TRAPEZOIDAL) and n in steps[-2:]:
-                    finest.append(at_instants(q))
+                row = {"code": code, "method": method, "steps": n, "seconds": seconds}
+                row |= {"error_psi": abs(found / psi - 1.0)}
+                rows.append({**row, "error_deflection": error(last[code, method, n])})
+            rows[place]["seconds"] = min(seconds, rows[place]["seconds"])
             progress((repetition + (place + 1) / len(runs)) / (repetitions + 1))
-    for place, row in enumerate(rows):
-        row["seconds"] = best[place]
+    finest = [at_instants(last[EXUDYN, TRAPEZOIDAL, n]) for n in steps[-2:]]
     # of second order, with twice as many steps
     extrapolated = finest[1] + (finest[1] - finest[0]) / 3.0
 
-    value, gradient, reduction, setup, motion = ([] for _ in range(5))
-    for _ in range(repetitions):
-        value.append(seconds_of(lambda: problem.value(x)))
-        gradient.append(seconds_of(lambda: problem.gradient(x)))
-        reduction.append(seconds_of(lambda: body.reduce(x)))
-        simulation = simulate(given, crank, Method(problem.integrator.steps, 3))
-        setup.append(simulation.seconds_model)
-        motion.append(simulation.seconds)
+    method = Method(problem.integrator.steps, 3)
+    actions: dict[str, Any] = {
+        "value": partial(problem.value, x),
+        "gradient": partial(problem.gradient, x),
+        "reduction": partial(body.reduce, x),
+    }
+    times, _ = measure(actions, repetitions, lambda _: None, process_time, untimed=0)
+    value, gradient, reduction = (min(spent) for spent in times.values())
+    simulations = [simulate(given, crank, method) for _ in range(repetitions)]
+    setup = min(simulation.seconds_model for simulation in simulations)
+    motion = min(simulation.seconds for simulation in simulations)
     return {
         "rows": rows,
         "elements": body.domain.n_cells_global,
@@ -211,19 +175,13 @@ def slider_crank_times(
         "reference_error_deflection": error(q_half),
         "deflection": size,
         "agreement": float(np.max(np.abs(extrapolated - exact)) / np.max(np.abs(exact))),
-        "value": min(value),
-        "gradient": min(gradient),
+        "value": value,
+        "gradient": gradient,
         "steps": problem.integrator.steps,
-        "exudyn_value": min(reduction) + min(setup) + min(motion),
-        "reduction": min(reduction),
-        "exudyn_setup": min(setup),
+        "exudyn_value": reduction + setup + motion,
+        "reduction": reduction,
+        "exudyn_setup": setup,
     }
-
-
-def _integral(found: Simulation, K: Array) -> float:
-    """The integral compliance by the trapezoidal rule."""
-    compliance = np.sum((found.q @ K) * found.q, axis=1)
-    return float(np.sum(np.diff(found.t) * 0.5 * (compliance[1:] + compliance[:-1])))
 
 
 def _middle(rod: ExudynRod) -> Array:
@@ -236,28 +194,13 @@ def _middle(rod: ExudynRod) -> Array:
 def memory_of_motion(
     comm: MPI.Comm, progress: Progress, *, elements: list[int], steps: int
 ) -> dict[str, float]:
-    """Measure the peak of memory of one simulation of the reduced rod.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        steps: Of generalised-alpha.
-    """
-    problem = slider_crank(comm, (elements[0], elements[1]), steps=2)
+    """Measure the peak of memory of one simulation of the reduced rod."""
+    problem = slider_crank(comm, elements, steps=2)
     body = problem.flexible["rod"]
     integrals = {"rod": problem.value(holes_design(body.domain)).bodies["rod"].integrals}
-    duration_ = problem.integrator.end_time
-    base = reset_peak_memory()
-    mechanical = ffr.MechanicalProblem(
-        problem.mechanism, ffr.GeneralizedAlpha(duration_, steps), problem.objective
-    )
-    mechanical.value(integrals)
-    return {"base": base, "beyond": peak_memory() - base}
 
+    def run(steps: int) -> None:
+        method = ffr.GeneralizedAlpha(problem.integrator.end_time, steps)
+        ffr.MechanicalProblem(problem.mechanism, method, problem.objective).value(integrals)
 
-def seconds_of(action: Callable[[], Any]) -> float:
-    """The CPU time of an action [s]."""
-    start = process_time()
-    action()
-    return process_time() - start
+    return beyond(lambda: run(2), lambda: run(steps))

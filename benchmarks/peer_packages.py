@@ -17,8 +17,6 @@ from collections.abc import Iterable
 from importlib.metadata import distributions
 from pathlib import Path
 
-__all__ = ["FOLDER", "PEERS", "missing", "use_peers", "versions"]
-
 FOLDER = Path(__file__).resolve().parents[1] / "results" / "peers"
 #: Names on PyPI with the releases that were tried. Exudyn: flexible multibody dynamics. pyMOTO:
 #: topology optimisation; CVXOPT gives it the CHOLMOD factorisation, opt_einsum faster products.

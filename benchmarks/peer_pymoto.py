@@ -20,11 +20,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from memory import peak_memory, reset_peak_memory
+from jobs import beyond
 from numpy.typing import NDArray
 from peer_packages import use_peers
-
-__all__ = ["FLOOR", "SOLVERS", "Plate", "PymotoPlate", "memory_of_pymoto", "random_density"]
 
 Array = NDArray[np.float64]
 
@@ -56,19 +54,13 @@ def random_density(elements: tuple[int, int]) -> Array:
 
 
 class PymotoPlate:
-    """Compliance and gradient by pyMOTO.
+    """Compliance and gradient by pyMOTO with one of the `SOLVERS`.
 
-    Args:
-        plate: What is loaded.
-        solver: One of `SOLVERS`.
-        kernel: Filter, a matrix whose rows sum to one; None filters nothing.
+    The filter's ``kernel`` is a matrix whose rows sum to one; None filters nothing.
     """
 
     def __init__(
-        self,
-        plate: Plate,
-        solver: str = "CHOLMOD",
-        kernel: scipy.sparse.spmatrix | None = None,
+        self, plate: Plate, solver: str = "CHOLMOD", kernel: scipy.sparse.spmatrix | None = None
     ) -> None:
         use_peers()
         import pymoto as pym
@@ -106,11 +98,7 @@ class PymotoPlate:
             self.filled = pym.EinSum("i->")(density)
 
     def gradient(self, x: Array) -> tuple[float, Array]:
-        """Compliance and gradient.
-
-        Args:
-            x: Density of each element, row after row, shape (elements,).
-        """
+        """Compliance and gradient at the density of each element, row after row, (elements,)."""
         with _quiet():
             self.network.reset()
             self.variables.state = np.array(x)
@@ -122,12 +110,8 @@ class PymotoPlate:
     def design(self, start: Array, volume: float) -> Iterator[tuple[Array, float]]:
         """Minimise the compliance by pyMOTO's method of moving asymptotes with its defaults.
 
-        Args:
-            start: Variables, shape (elements,).
-            volume: Upper bound of the filled share.
-
-        Returns:
-            Iterator over the variables that are evaluated and their compliance; it has no end.
+        Yields the variables (elements,) that are evaluated and their compliance, without an end;
+        ``volume`` is the upper bound of the filled share.
         """
         pym = self._pym
         x = np.array(start)
@@ -167,18 +151,11 @@ def _filter(pym: Any, kernel: scipy.sparse.spmatrix) -> Any:
 def memory_of_pymoto(
     comm: Any, progress: Callable[[float], None], *, elements: list[int], solver: str
 ) -> dict[str, float]:
-    """Measure the peak of memory of one value and gradient, in a process without DOLFINx.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        solver: One of `SOLVERS`.
-    """
+    """Measure the peak of memory of one value and gradient, in a process without DOLFINx."""
     if "dolfinx" in sys.modules:
         raise RuntimeError("the process has loaded DOLFINx")
-    PymotoPlate(Plate((6, 2)), solver).gradient(random_density((6, 2)))
-    base = reset_peak_memory()
-    plate = PymotoPlate(Plate((elements[0], elements[1])), solver)
-    plate.gradient(random_density((elements[0], elements[1])))
-    return {"base": base, "beyond": peak_memory() - base}
+
+    def run(nx: int, ny: int) -> None:
+        PymotoPlate(Plate((nx, ny)), solver).gradient(random_density((nx, ny)))
+
+    return beyond(lambda: run(6, 2), lambda: run(*elements))

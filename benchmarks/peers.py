@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: MIT
 """This package beside others from PyPI: Exudyn for the motion, pyMOTO for the static limit.
 
-Each pair computes the same model: the same reduced rod in the same floating frame, the same plate
-of the same elements with the same law of the density. What is left to differ is the time
-integration and the solver, so that time can be read beside error. Measured side by side in one
-process, in turns; memory in processes of their own.
+Each pair computes the same model, so that only time integration and solvers are left to differ, and
+time can be read beside error. The codes take turns; memory is measured in processes of their own.
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ import atexit
 import tempfile
 from collections.abc import Iterator
 from copy import copy
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -20,31 +19,14 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress
-from memory import peak_memory, reset_peak_memory
+from jobs import Job, Progress, beyond, measure
 from numpy.typing import NDArray
-from peer_motion import exudyn_rod, seconds_of
 from peer_pymoto import FLOOR, SOLVERS, Plate, PymotoPlate, random_density
-from peer_report import (
-    OURS,
-    PYMOTO,
-    RADIUS,
-    report_peers,
-)
-from scene import slider_crank_numbers
+from peer_report import OURS, PYMOTO, RADIUS
+from peer_report import report_peers as report_peers
+from scene import demo
 
 import dolfinx_ffr as ffr
-
-__all__ = [
-    "exudyn_rod",
-    "memory_of_plate",
-    "peers_jobs",
-    "plate_designs",
-    "plate_problem",
-    "plate_times",
-    "report_peers",
-    "row_after_row",
-]
 
 Array = NDArray[np.float64]
 #: Share of the plate that its design may fill.
@@ -52,11 +34,7 @@ VOLUME = 0.5
 
 
 def peers_jobs(*, quick: bool) -> list[Job]:
-    """The measurements.
-
-    Args:
-        quick: Small meshes and few repetitions.
-    """
+    """The measurements."""
     folder = tempfile.TemporaryDirectory(prefix="dolfinx_ffr-peers.")
     atexit.register(folder.cleanup)
     rod = str(Path(folder.name) / "rod.npz")
@@ -65,68 +43,31 @@ def peers_jobs(*, quick: bool) -> list[Job]:
     stages = [50, 100] if quick else [50, 100, 200, 400, 800, 1600]
     plates = [[24, 8], [48, 16]] if quick else [[60, 20], [120, 40], [240, 80], [480, 160]]
     designed, iterations = ([24, 8], 10) if quick else ([180, 60], 60)
-    return [
-        Job(
-            "peer_motion",
-            "slider_crank_times",
-            6.0 if quick else 50.0,
-            {
-                "elements": elements,
-                "steps": steps,
-                "stages": stages,
-                "reference": 1600 if quick else 16000,
-                "repetitions": 1 if quick else 5,
-                "rod": rod,
-            },
-        ),
-        Job(
-            "peer_motion",
-            "slider_crank_times",
-            10.0 if quick else 150.0,
-            {
-                "elements": [20, 2, 2] if quick else [80, 8, 8],
-                "steps": steps,
-                "stages": stages[1:],
-                "reference": 400 if quick else 6400,
-                "repetitions": 1 if quick else 5,
-            },
-        ),
+    repetitions = 1 if quick else 5
+    plane = {
+        **{"elements": elements, "steps": steps, "stages": stages, "repetitions": repetitions},
+        **{"reference": 1600 if quick else 16000, "rod": rod},
+    }
+    space = {**plane, "elements": [20, 2, 2] if quick else [80, 8, 8], "stages": stages[1:]}
+    space |= {"reference": 400 if quick else 6400, "rod": ""}
+    scene = demo("slider_crank")
+    crank = {"rod": rod, "crank": [scene.CRANK, scene.TURNS, scene.DURATION], "steps": steps[-1]}
+    design = {"elements": designed, "iterations": iterations}
+    jobs = [
+        Job("peer_motion", "slider_crank_times", 6.0 if quick else 50.0, plane),
+        Job("peer_motion", "slider_crank_times", 10.0 if quick else 150.0, space),
         Job("peer_motion", "memory_of_motion", 3.0, {"elements": elements, "steps": steps[-1]}),
-        Job(
-            "peer_exudyn",
-            "memory_of_exudyn",
-            2.0,
-            {"rod": rod, "crank": list(slider_crank_numbers()[:3]), "steps": steps[-1]},
-        ),
-        *(
-            Job(
-                "peers",
-                "plate_times",
-                2.0 if quick else 3.0 + np.prod(size) / 4000.0,
-                {"elements": size, "repetitions": 2 if quick else 5},
-            )
-            for size in plates
-        ),
-        Job("peers", "memory_of_plate", 3.0, {"elements": plates[-1]}),
-        *(
-            Job(
-                "peer_pymoto",
-                "memory_of_pymoto",
-                2.0,
-                {"elements": plates[-1], "solver": solver},
-            )
-            for solver in (SOLVERS[-1:] if quick else SOLVERS)
-        ),
-        Job(
-            "peers",
-            "plate_designs",
-            4.0 if quick else 25.0,
-            {"elements": designed, "iterations": iterations},
-        ),
+        Job("peer_exudyn", "memory_of_exudyn", 2.0, crank),
     ]
-
-
-# ---------------------------------------------------------------------- the static limit
+    for size in plates:
+        seconds = 2.0 if quick else 3.0 + size[0] * size[1] / 4000.0
+        own = {"elements": size, "repetitions": 2 if quick else 5}
+        jobs.append(Job("peers", "plate_times", seconds, own))
+    jobs.append(Job("peers", "memory_of_plate", 3.0, {"elements": plates[-1]}))
+    for solver in SOLVERS[-1:] if quick else SOLVERS:
+        own = {"elements": plates[-1], "solver": solver}
+        jobs.append(Job("peer_pymoto", "memory_of_pymoto", 2.0, own))
+    return [*jobs, Job("peers", "plate_designs", 4.0 if quick else 25.0, design)]
 
 
 def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
@@ -135,10 +76,6 @@ def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
     The left interface is welded to the ground, the right one slides; the motion starts in the
     static equilibrium, and stays there. With constraint modes alone its displacement is exactly
     that of the finite elements, because nothing but the interfaces is loaded.
-
-    Args:
-        comm: One rank.
-        plate: What is loaded.
     """
     nx, ny = plate.elements
     length = nx * plate.element
@@ -146,13 +83,8 @@ def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
     material = ffr.PlaneStress(
         young=plate.young, poisson=plate.poisson, density=7850.0, thickness=plate.thickness
     )
-    body = ffr.FlexibleBody(
-        domain,
-        material,
-        frame=ffr.TangentFrame("left"),
-        modes=0,
-        interpolation=ffr.SIMP(floor=FLOOR),
-    )
+    simp, frame = ffr.SIMP(floor=FLOOR), ffr.TangentFrame("left")
+    body = ffr.FlexibleBody(domain, material, frame=frame, modes=0, interpolation=simp)
     mechanism = ffr.Mechanism(
         placements={"plate": ffr.Placement()},
         joints=[
@@ -176,36 +108,24 @@ def row_after_row(plate: Plate, centroids: Array) -> NDArray[np.int64]:
 def plate_times(
     comm: MPI.Comm, progress: Progress, *, elements: list[int], repetitions: int
 ) -> dict[str, Any]:
-    """Measure compliance and gradient at a density by both codes, in turns.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        repetitions: The fastest of them counts.
-    """
+    """Measure compliance and gradient at a density by both codes, in turns."""
     plate = Plate((elements[0], elements[1]))
     problem = plate_problem(comm, plate)
     place = row_after_row(plate, problem.flexible["plate"].domain.centroids)
     x = random_density(plate.elements)
     evaluation = problem.gradient(x[place])
-    assert evaluation.gradient is not None
     exact = np.empty_like(x)
     exact[place] = evaluation.gradient["plate"]
     theirs = {solver: PymotoPlate(plate, solver) for solver in SOLVERS}
     differences = {}
     for solver, peer in theirs.items():
         c, g = peer.gradient(x)
-        differences[solver] = (
-            abs(c / evaluation.psi - 1.0),
-            float(np.linalg.norm(g - exact) / np.linalg.norm(exact)),
-        )
-    times: dict[str, float] = dict.fromkeys((OURS, *SOLVERS), np.inf)
-    for repetition in range(repetitions):
-        times[OURS] = min(times[OURS], seconds_of(lambda: problem.gradient(x[place])))
-        for solver, peer in theirs.items():
-            times[solver] = min(times[solver], seconds_of(lambda peer=peer: peer.gradient(x)))
-        progress((repetition + 1) / repetitions)
+        away = float(np.linalg.norm(g - exact) / np.linalg.norm(exact))
+        differences[solver] = (abs(c / evaluation.psi - 1.0), away)
+    actions: dict[str, Any] = {OURS: partial(problem.gradient, x[place])}
+    actions |= {solver: partial(peer.gradient, x) for solver, peer in theirs.items()}
+    seconds, _ = measure(actions, repetitions, progress, process_time, untimed=0)
+    times = {name: min(spent) for name, spent in seconds.items()}
     return {
         "seconds": times,
         "differences": differences,
@@ -215,27 +135,16 @@ def plate_times(
 
 
 def memory_of_plate(comm: MPI.Comm, progress: Progress, *, elements: list[int]) -> dict[str, float]:
-    """Measure the peak of memory of one compliance and its gradient.
+    """Measure the peak of memory of one compliance and its gradient."""
 
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-    """
-    small = Plate((6, 2))
-    plate_problem(comm, small).gradient(random_density(small.elements))
-    base = reset_peak_memory()
-    plate = Plate((elements[0], elements[1]))
-    plate_problem(comm, plate).gradient(random_density(plate.elements))
-    return {"base": base, "beyond": peak_memory() - base}
+    def run(nx: int, ny: int) -> None:
+        plate_problem(comm, Plate((nx, ny))).gradient(random_density((nx, ny)))
+
+    return beyond(lambda: run(6, 2), lambda: run(*elements))
 
 
 class _Race:
-    """Lets pyMOTO do an iteration after each of ours, and keeps the time of each apart.
-
-    Args:
-        peer: pyMOTO's iterations.
-    """
+    """Lets pyMOTO do an iteration after each of ours, and keeps the time of each apart."""
 
     def __init__(self, peer: Iterator[tuple[Array, float]]) -> None:
         self._peer = peer
@@ -245,7 +154,6 @@ class _Race:
         self._mark = process_time()
 
     def __call__(self, iteration: int, x: Any, evaluation: ffr.Evaluation) -> None:
-        """Note our iteration, and do one of pyMOTO's."""
         self._note(self.ours, evaluation.psi)
         self.variables, compliance = next(self._peer)
         self._note(self.theirs, compliance)
@@ -262,21 +170,14 @@ class _Flat(ffr.DensityDesign):
 
     def at(self, progress: float) -> _Flat:
         other = copy(self)
-        other.projection = ffr.HeavisideProjection(1e-3)
+        other.projection = ffr.design.HeavisideProjection(1e-3)
         return other
 
 
 def plate_designs(
     comm: MPI.Comm, progress: Progress, *, elements: list[int], iterations: int
 ) -> dict[str, Any]:
-    """Design the plate by both codes: the same filter, each with its own moving asymptotes.
-
-    Args:
-        comm: One rank.
-        progress: Told the part that is done.
-        elements: Along and across.
-        iterations: Of each.
-    """
+    """Design the plate by both codes: the same filter, each with its own moving asymptotes."""
     plate = Plate((elements[0], elements[1]))
     problem = plate_problem(comm, plate)
     domain = problem.flexible["plate"].domain

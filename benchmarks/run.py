@@ -4,15 +4,10 @@
     make benchmark [ARGS="--quick"]
     python benchmarks/run.py [--quick] [--only STUDY ...] [--output DIR] [--resume]
 
-Each measurement is kept in DIR/measurements.json; ``--resume`` goes on from there after an
-interruption or a failure, with the same code.
-
-Everything in them is measured in this run. All of it takes less than two hours on two free cores
-(designs and space half an hour each), with ``--quick`` about two minutes, on small meshes and with
-few repetitions: a smoke test.
-
-The study ``peers`` needs other packages, which `make benchmark-peers` installs; it is left out as
-long as they are not there.
+Everything is measured in this run: about an hour and a half on two free cores, with ``--quick``
+(small meshes, few repetitions: a smoke test) about a minute. DIR/measurements.json keeps each
+measurement; ``--resume`` goes on from there after an interruption or a failure, with the same code.
+The study ``peers`` needs other packages, which `make benchmark-peers` installs.
 """
 
 from __future__ import annotations
@@ -32,24 +27,9 @@ from peer_packages import missing
 from dolfinx_ffr.files import replace_file
 
 #: In the order in which they run: each is a module of this folder with the functions NAME_jobs and
-#: report_NAME. A study without jobs of its own reports on those of another.
-STUDIES = (
-    "growth",
-    "accuracy",
-    "modes",
-    "mesh",
-    "model",
-    "differences",
-    "gradient",
-    "designs",
-    "solids",
-    "peers",
-    "integration",
-    "motions",
-    "static_loads",
-    "warm_starts",
-    "space",
-)
+#: report_NAME. A study without jobs of its own stands in the module whose jobs it reports on.
+STUDIES = ["growth", "accuracy", "modes", "mesh", "differences", "gradient", "designs"]
+STUDIES += ["peers", "integration", "time_steps", "space"]
 MEASURED_BY = {"differences": "growth"}
 #: It needs packages that are not part of the environment, and is left out where they are not there.
 PEERS = "peers"
@@ -63,8 +43,6 @@ def main(arguments: list[str] | None = None) -> None:
     directory = Path(options.output).resolve()
     directory.mkdir(parents=True, exist_ok=True)
 
-    # whatever is compiled is compiled before the first measurement
-    jobs = [Job("scene", "warm_up", 5.0)]
     jobs_of = {
         study: getattr(importlib.import_module(study), f"{study}_jobs")(quick=options.quick)
         for study in dict.fromkeys(MEASURED_BY.get(name, name) for name in options.only)
@@ -74,7 +52,9 @@ def main(arguments: list[str] | None = None) -> None:
     found: dict[str, Any] = json.loads(record.read_text()) if options.resume else {}
     if any(job.key in found for job in every):
         report.NOTES.append("some of it, or all, was measured by an earlier run (--resume)")
-    todo = jobs + [job for job in every if job.key not in found]
+    todo = [job for job in every if job.key not in found]
+    if todo:  # whatever is compiled is compiled before the first measurement
+        todo.insert(0, Job("scene", "warm_up", 5.0))
     failed = []
     for job, measured in run_jobs(todo, together=options.quick):
         if measured is None:
@@ -89,7 +69,8 @@ def main(arguments: list[str] | None = None) -> None:
         if len(own) < len(jobs):
             print(f"\n{study}: no report, because one of its measurements has failed")
             continue
-        write = getattr(importlib.import_module(study), f"report_{study}")
+        module = importlib.import_module(MEASURED_BY.get(study, study))
+        write = getattr(module, f"report_{study}")
         for table in write(own, directory):
             print(f"\n{table.markdown()}")
         print(f"{directory / study}.md, {study}.png")
@@ -105,13 +86,11 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The options of the command line."""
     parser = argparse.ArgumentParser(description="Measure speed beside error.")
     parser.add_argument("--quick", action="store_true", help="small meshes, few repetitions")
-    parser.add_argument(
-        "--only", nargs="+", choices=STUDIES, help="these studies alone (default: all)"
-    )
+    only = {"nargs": "+", "choices": STUDIES, "help": "these studies alone (default: all)"}
+    parser.add_argument("--only", **only)
     parser.add_argument("--output", default="results/benchmarks", help="folder for the results")
-    parser.add_argument(
-        "--resume", action="store_true", help="take what is in the folder's measurements.json"
-    )
+    text = "take what is in the folder's measurements.json"
+    parser.add_argument("--resume", action="store_true", help=text)
     options = parser.parse_args(arguments)
     if options.resume and not (Path(options.output) / "measurements.json").exists():
         parser.error(f"--resume: there is no measurements.json in {options.output}")

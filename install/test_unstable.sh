@@ -18,7 +18,7 @@ serial=(
     tests/fem/test_domain.py # gmsh among others
     tests/reduction/test_integrals.py
     tests/fem/test_space.py
-    tests/reduction/test_space.py
+    tests/reduction/test_pullback.py
     tests/part/test_solid.py
     tests/plotting/test_space.py
     tests/plotting/test_plotting.py::test_dark_share_of_a_design_is_its_volume

@@ -4,8 +4,7 @@
 Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
-  case of each, and of whole programs and loops only those about ranks: the others have run on two,
-  and what they are made of has tests of its own;
+  case of each, and of whole programs and loops only those about ranks;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -44,7 +43,7 @@ GRACE = 60.0
 
 #: Folders of tests of what is made of parts that other folders test: whole design loops, programs,
 #: pictures. With more than two ranks, those that say so in their names run there.
-COMPOSED = ("demos", "gradients", "hard_cases", "optimization", "plotting", "postprocessing")
+COMPOSED = ("demos", "hard_cases", "optimization", "paper", "plotting", "postprocessing")
 RANKS = re.compile(r"_ranks?(_|\b)")
 
 #: Communicator of the agreement, so that it never meets a collective call of the test itself.
@@ -99,13 +98,9 @@ def _agree(failed: bool, reason: str, config: pytest.Config, nodeid: str) -> lis
     limit = time.monotonic() + (GRACE if failed else HANGING)
     while not request.Test():
         if time.monotonic() > limit:
-            state = "has failed" if failed else "is done"
-            print(
-                f"\n{nodeid}: {state} on rank {AGREEMENT.rank}, while another rank hangs; "
-                f"all ranks are stopped.\n{reason}",
-                file=config.stash[STDERR],
-                flush=True,
-            )
+            said = f"{'has failed' if failed else 'is done'} on rank {AGREEMENT.rank}"
+            said += f", while another rank hangs; all ranks are stopped.\n{reason}"
+            print(f"\n{nodeid}: {said}", file=config.stash[STDERR], flush=True)
             AGREEMENT.Abort(1)
         time.sleep(1e-4)
     said = AGREEMENT.allgather(reason if failed else "")

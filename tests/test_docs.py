@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from shared import TOP
 
@@ -16,26 +19,22 @@ PAGE = TOP / "docs" / "scenes.md"
 #: Pages whose programs stand alone
 PARTS = TOP / "docs" / "from_field_to_part.md"
 #: A page whose programs go on from the slider-crank and from each other
-MOTIONS = TOP / "docs" / "several_motions.md"
+MOTIONS = TOP / "docs" / "several_load_cases.md"
 #: Numbers that say how long a program takes, and those of a test
 SHORTER = [
     (r"elements=\(\d+, \d+\)", "elements=(20, 4)"),
     (r"iterations=\d+", "iterations=2"),
     (r"GeneralizedAlpha\(([\d.]+), \d+\)", r"GeneralizedAlpha(\1, 120)"),
     (r"steps=\d+", "steps=120"),
-    (
-        r'plotting\.animate_motion\((.*?), "motion.gif"',
-        r'plotting.animate_motion(\1, "motion.gif", frames=3',
-    ),
+    (r'(animate_motion\(.*?), "motion.gif"', r'\1, "motion.gif", frames=3'),
 ]
 
 
 def programs(page: Path) -> list[tuple[str, str]]:
     """The heading and the text of each program of a page."""
     heading, found = "", []
-    for match in re.finditer(
-        r"^##+ ([^\n]+)$|^```python\n(.*?)^```", page.read_text(), re.M | re.S
-    ):
+    pattern = re.compile(r"^##+ ([^\n]+)$|^```python\n(.*?)^```", re.M | re.S)
+    for match in pattern.finditer(page.read_text()):
         if match.group(1):
             heading = match.group(1)
         else:
@@ -50,6 +49,13 @@ def shorter(program: str) -> str:
     return program
 
 
+def run(program: str, name: str) -> dict[str, Any]:
+    """The names that a program of the documentation, which is ours, defines."""
+    names: dict[str, Any] = {}
+    exec(compile(program, name, "exec"), names)
+    return names
+
+
 def beginning(program: str) -> str:
     """What must stand before some lines that are no program: a scene of the page."""
     if "import dolfinx_ffr" in program:
@@ -62,44 +68,71 @@ def beginning(program: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("heading", "program"), programs(PAGE), ids=[heading for heading, _ in programs(PAGE)]
-)
+@pytest.mark.parametrize("given", programs(PAGE), ids=lambda given: given[0])
 @pytest.mark.filterwarnings("ignore")
-def test_program_of_a_scene(
-    heading: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It runs, and its numbers are finite; lines that are no program go on from a scene."""
+def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They run, and their numbers are finite; lines that are no program go on from a scene."""
     from shared.meshes import write_rod
 
     monkeypatch.chdir(tmp_path)
+    heading, program = given
     if ".msh" in program:
         write_rod(tmp_path / "rod.msh")
     before = beginning(program)
     if before:
         program = program.replace("volume=", "iterations=2, volume=")
-    names: dict[str, object] = {}
-    # the documentation is ours
-    exec(compile(before + shorter(program), f"{PAGE.name}, {heading}", "exec"), names)
+    names = run(before + shorter(program), f"{PAGE.name}, {heading}")
     for name in ("result", "evaluation"):
         if name in names:
-            assert 0.0 < names[name].psi < float("inf")  # type: ignore[attr-defined]
+            assert 0.0 < names[name].psi < float("inf")
+
+
+def test_integrals_from_another_program() -> None:
+    """They give the energy of each motion of rigid body and basis that the full matrices do."""
+    heading = "From another finite-element program"
+    names = run(dict(programs(PAGE))[heading], heading)
+    body, X, Phi, M = (names[name] for name in ("body", "X", "Phi", "M"))
+    rigid = np.zeros((*X.shape, 6))
+    rigid[:, :, :3] = np.eye(3)
+    rigid[:, :, 3:] = -np.cross(X[:, None], np.eye(3)).transpose(0, 2, 1)  # e_k x X in columns
+    fields = np.column_stack([rigid.reshape(-1, 6), Phi])
+    np.testing.assert_allclose(body.mass_matrix(), fields.T @ (M @ fields), atol=1e-14)
+    assert body.mass == pytest.approx(7850.0 * 0.4 * 0.02 * 0.01)
+    # the body's frequencies are those of the program's matrices
+    squares = np.diag(Phi.T @ (names["K"] @ Phi)) / np.diag(Phi.T @ (M @ Phi))
+    np.testing.assert_allclose(np.diag(body.K) / np.diag(body.G)[1:], squares, rtol=1e-12)
+
+
+def test_the_joint_of_the_guide_is_the_class() -> None:
+    shown = dict(programs(TOP / "CONTRIBUTING.md"))["Add a joint"]
+    assert shown == inspect.getsource(ffr.LinearDrive)
+
+
+def test_columns_and_sign_of_multipliers() -> None:
+    """Derivatives with respect to a force of a joint are minus those to its multipliers."""
+    body = ffr.VolumeIntegrals.rigid(2.0, inertia=0.1, markers={"pin": (0.3, 0.0)})
+    hinge = ffr.Revolute(("body", "pin"), ffr.Ground(), name="hinge")
+    mechanism = ffr.Mechanism({"body": ffr.Placement((-0.3, 0.0))}, [hinge], gravity=(0.0, -9.81))
+    motion = ffr.simulate(mechanism, {"body": body}, ffr.GeneralizedAlpha(0.1, 10))
+    columns = motion.model.joints["hinge"]
+    np.testing.assert_array_equal(motion.multipliers[:, columns], -motion.joint_force("hinge"))
+    bar = ffr.JointForce("hinge").derivatives(ffr.Response(motion, motion.model.bodies)).trajectory
+    force = motion.joint_force("hinge")
+    along = np.sum(bar.multipliers[:, columns] * -force)
+    # psi is a mean of the size of the force: its derivative along the force is psi
+    psi = ffr.JointForce("hinge").evaluate(ffr.Response(motion, motion.model.bodies))
+    assert along == pytest.approx(psi)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("heading", "program"), programs(PARTS), ids=[heading for heading, _ in programs(PARTS)]
-)
+@pytest.mark.parametrize("given", programs(PARTS), ids=lambda given: given[0])
 @pytest.mark.filterwarnings("ignore")
-def test_program_of_a_part(
-    heading: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It runs; a full rod stands for the design, which so few iterations leave in pieces."""
+def test_parts(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full rod stands for the design, which so few iterations leave in pieces."""
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
     full = "part = ffr.Part(rod, lambda x: 1.0 + x[:, 0], material=steel)"
-    program = re.sub(r"part = ffr\.Part\.of\(.*\)", full, program)
-    exec(compile(shorter(program), f"{PARTS.name}, {heading}", "exec"), names)
+    program = re.sub(r"part = ffr\.Part\.of\(.*\)", full, given[1])
+    names = run(shorter(program), f"{PARTS.name}, {given[0]}")
     files = {path.suffix for path in tmp_path.rglob("*.*")}
     if "solid" in names:
         assert isinstance(names["solid"], ffr.Solid)
@@ -112,18 +145,17 @@ def test_program_of_a_part(
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_programs_of_several_motions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_of_several_load_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run one after the other, and what they ask for is there."""
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
     scene = shorter(dict(programs(PAGE))["Slider-crank"])
     lines = "x = 0.7 * np.ones(rod.n_cells)\n"
     text = "\n".join(program for _, program in programs(MOTIONS))
-    exec(compile(scene + lines + shorter(text), MOTIONS.name, "exec"), names)
+    names = run(scene + lines + shorter(text), MOTIONS.name)
     evaluation = names["apart"]
     assert isinstance(evaluation, ffr.Evaluation)
-    assert list(evaluation.motions) == ["slow", "fast"]
-    assert all(motion.gradient for motion in evaluation.motions.values())
+    assert list(evaluation.load_cases) == ["slow", "fast"]
+    assert all(motion.gradient for motion in evaluation.load_cases.values())
     assert (tmp_path / "results" / "fast.png").exists()
 
 

@@ -40,7 +40,7 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_and_paths_lead_somewhere(page: Path) -> None:
     faults = []
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
         if re.match(r"(https?|mailto):", target):
@@ -51,14 +51,10 @@ def test_links_lead_somewhere(page: Path) -> None:
             faults.append(f"{target}: no such file")
         elif anchor and anchor not in anchors(path):
             faults.append(f"{target}: no such heading")
+    for path in re.findall(r"`((?:\w+/)+[\w.]*)`", prose(page)):
+        if path.split("/")[0] in FOLDERS and not (TOP / path).exists():
+            faults.append(f"{path}: no such path")
     assert not faults
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))
-def test_paths_in_the_text_exist(page: Path) -> None:
-    paths = re.findall(r"`((?:\w+/)+[\w.]*)`", prose(page))
-    wanted = {path for path in paths if path.split("/")[0] in FOLDERS}
-    assert not [path for path in wanted if not (TOP / path).exists()]
 
 
 def test_make_targets_in_the_text_exist() -> None:
@@ -77,9 +73,8 @@ def test_selection_for_unstable_exists() -> None:
     selected = re.findall(r"(tests/[\w/]+\.py)(?:::(\w+))?", script)
     assert len(selected) > 5
     for path, function in selected:
-        assert not function or f"\ndef {function}(" in (TOP / path).read_text(), (
-            f"{path}::{function}"
-        )
+        text = (TOP / path).read_text()
+        assert not function or f"\ndef {function}(" in text, f"{path}::{function}"
 
 
 def test_one_version_everywhere() -> None:

@@ -4,30 +4,37 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
+import pydoc
 import re
+import tomllib
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from shared import TOP
 
 import dolfinx_ffr
 
+#: Names that are reached through their folders
+BY_FOLDER = dolfinx_ffr._BY_FOLDER
 SOURCES = sorted(Path(dolfinx_ffr.__file__).parent.rglob("*.py"))
 
 
 def public_objects() -> list[tuple[str, Any]]:
     """Name and object of each public function, class and method of the package."""
     found = []
-    for name in dolfinx_ffr.__all__:
-        thing = getattr(dolfinx_ffr, name)
-        if not (inspect.isclass(thing) or inspect.isroutine(thing)):
-            continue
-        found.append((name, thing))
-        if not inspect.isclass(thing):
-            continue
-        for key, member in vars(thing).items():
+    inside = [f"{folder}.{name}" for folder, names in BY_FOLDER.items() for name in names]
+    for name in [*dolfinx_ffr.__all__, *inside]:
+        thing = attrgetter(name)(dolfinx_ffr)
+        if inspect.isclass(thing) or inspect.isroutine(thing):
+            found.append((name, thing))
+        for key, member in vars(thing).items() if inspect.isclass(thing) else ():
             function = member.__func__ if isinstance(member, staticmethod | classmethod) else member
             if isinstance(function, property):
                 if not function.fget.__doc__ and inspect.getdoc(function):
@@ -40,18 +47,17 @@ def public_objects() -> list[tuple[str, Any]]:
     return found
 
 
+def entries(docstring: str, sections: str = "Args|Attributes") -> list[tuple[str, str]]:
+    """Names and description of each entry in some sections of a Google docstring."""
+    found: list[tuple[str, str]] = []
+    for section in re.findall(rf"^(?:{sections}):\n((?: +.*\n|\n)+)", docstring + "\n", re.M):
+        entry = r"^ {4}([\w*, ]+)(?: \([^)]*\))?:\s+(.*(?:\n {8}.*)*)"
+        found += re.findall(entry, section, re.M)
+    return found
+
+
 def documented_parameters(docstring: str) -> list[str]:
-    """The names in the sections `Args` and `Attributes` of a Google docstring."""
-    names: list[str] = []
-    for section in re.findall(
-        r"^(?:Args|Attributes):\n((?:[ \t]+.*\n|\n)+)", docstring + "\n", re.M
-    ):
-        depth = len(section) - len(section.lstrip(" "))
-        for line in section.splitlines():
-            entry = re.match(rf" {{{depth}}}((?:\*{{0,2}}\w+(?:, )?)+)(?: \([^)]*\))?:", line)
-            if entry:
-                names += [name.lstrip("*") for name in entry.group(1).split(", ")]
-    return names
+    return [name.lstrip("*") for names, _ in entries(docstring) for name in names.split(", ")]
 
 
 def field_comments(thing: type) -> set[str]:
@@ -70,17 +76,18 @@ def test_exported_names_exist() -> None:
     missing = [name for name in dolfinx_ffr.__all__ if not hasattr(dolfinx_ffr, name)]
     assert not missing
     assert set(dolfinx_ffr.__all__) <= set(dir(dolfinx_ffr))
+    assert len(dolfinx_ffr.__all__) <= 120, "names of specialists are reached by their folders"
 
 
-def test_unknown_name_is_refused() -> None:
+def test_names_of_specialists_are_reached_by_their_folders() -> None:
+    """Without an import of the folder, and where they are asked for at the top, that says so."""
+    for folder, names in BY_FOLDER.items():
+        for name in names:
+            assert getattr(getattr(dolfinx_ffr, folder), name)
+            with pytest.raises(AttributeError, match=rf"it is dolfinx_ffr\.{folder}\.{name}$"):
+                getattr(dolfinx_ffr, name)
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = dolfinx_ffr.no_such_name
-
-
-def test_renamed_names_work_and_say_the_new_one() -> None:
-    for old, new in dolfinx_ffr._RENAMED.items():
-        with pytest.warns(DeprecationWarning, match=f"{old} is now called {new}"):
-            assert getattr(dolfinx_ffr, old) is getattr(dolfinx_ffr, new)
 
 
 def faults_of_docstring(thing: Callable[..., Any]) -> str:
@@ -136,17 +143,65 @@ def faults_of_dialect(path: Path) -> list[str]:
             faults.append(f"{where}: say what it is, not that it is returned")
         if first[0].islower() and not SYMBOLS.match(first):
             faults.append(f"{where}: {first!r} begins with a small letter")
-        for section in re.findall(
-            r"^(?:Args|Attributes|Raises|Warns):\n((?:[ ]+.*\n|\n)+)", docstring + "\n", re.M
-        ):
-            entries = re.findall(r"^ {4}[\w*, ]+: (.*(?:\n {8}.*)*)", section, re.M)
-            for entry in entries:
-                if entry[0].islower() and not SYMBOLS.match(entry):
-                    faults.append(f"{where}: {entry!r} begins with a small letter")
-                if not entry.rstrip().endswith((".", ":")):
-                    faults.append(f"{where}: {entry!r} does not end with a period")
+        for _, entry in entries(docstring, "Args|Attributes|Raises|Warns"):
+            if entry[0].islower() and not SYMBOLS.match(entry):
+                faults.append(f"{where}: {entry!r} begins with a small letter")
+            if not entry.rstrip().endswith((".", ":")):
+                faults.append(f"{where}: {entry!r} does not end with a period")
     return faults
 
 
 def test_docstrings_speak_one_dialect() -> None:
     assert not [fault for path in SOURCES for fault in faults_of_dialect(path)]
+
+
+@pytest.mark.parametrize(
+    ("python", "versions", "refused"),
+    [
+        ("3.11", "numpy 1.24.2, scipy 1.10.1, numba 0.56.4, matplotlib 3.6.3", "1.26.4"),
+        ("3.13", "numpy 2.2.4, scipy 1.15.3, numba 0.61.2, matplotlib 3.10.1", "2.3.0"),
+        ("3.14", "numpy 2.4.4, scipy 1.17.1, numba 0.65.0, matplotlib 3.10.7", None),
+    ],
+    ids=["Debian 12", "Debian 13", "Debian unstable"],
+)
+def test_pip_keeps_the_packages_of_debian(python: str, versions: str, refused: str | None) -> None:
+    """And puts no NumPy in the place of Debian's that its Numba does not work with."""
+    project = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
+    wanted = [Requirement(text) for text in project["dependencies"]]
+    wanted = [r for r in wanted if not r.marker or r.marker.evaluate({"python_version": python})]
+    for name, version in (entry.split() for entry in versions.split(", ")):
+        own = [requirement.specifier for requirement in wanted if requirement.name == name]
+        assert own and all(version in specifier for specifier in own), name
+    numpy = [requirement.specifier for requirement in wanted if requirement.name == "numpy"]
+    assert refused is None or not all(refused in specifier for specifier in numpy)
+
+
+def public_dataclasses() -> list[type]:
+    """All dataclasses at the doors of the package and of its folders."""
+    found: dict[type, None] = {}
+    for folder in sorted(dolfinx_ffr._ROOMS):
+        module = importlib.import_module(f"dolfinx_ffr.{folder}")
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if isinstance(thing, type) and is_dataclass(thing):
+                found[thing] = None
+    for name in dolfinx_ffr.__all__:
+        getattr(dolfinx_ffr, name)
+    return list(found)
+
+
+def test_help_shows_the_comments_of_fields() -> None:
+    classes = public_dataclasses()
+    assert {dolfinx_ffr.Placement, dolfinx_ffr.dynamics.Trajectory} <= {*classes}
+    for thing in classes:
+        text = " ".join(pydoc.render_doc(thing, renderer=pydoc.plaintext).replace("|", " ").split())
+        for base in thing.__mro__:
+            if not is_dataclass(base) or not (lines := inspect.getsource(base).splitlines()):
+                continue
+            for field in field_comments(base) & {field.name for field in fields(thing)}:
+                place = next(k for k, line in enumerate(lines) if line.startswith(f"    {field}:"))
+                comment = lines[place].partition("#:")[2] or lines[place - 1].partition("#:")[2]
+                comment = comment.replace("|", " ")
+                overridden = vars(thing).get("__annotations__", {}).get(field) and base is not thing
+                assert overridden or " ".join(comment.split()) in text, f"{thing.__name__}.{field}"
+                assert f" {field}: " in text, f"{thing.__name__}.{field}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from shared.problems import Copy, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
-from dolfinx_ffr.parallel import announce, check_alike, on_every_rank, on_rank_0, same
+from dolfinx_ffr.parallel import check_alike, on_every_rank, on_rank_0, same
 
 
 class Unportable(Exception):
@@ -26,9 +26,6 @@ class Unportable(Exception):
     def __init__(self, message: str, function: Callable[[], int]) -> None:
         super().__init__(message)
         self.function = function
-
-
-# ---------------------------------------------------------------------- errors
 
 
 @pytest.mark.mpi
@@ -90,20 +87,6 @@ def test_a_rank_that_is_still_inside_learns_of_it(comm: MPI.Intracomm) -> None:
     assert domain.sum(ones) == domain.n_cells_global
 
 
-@pytest.mark.mpi
-def test_a_call_that_not_all_ranks_make_is_named(comm: MPI.Intracomm) -> None:
-    if comm.size == 1:
-        announce(comm, "alone")
-        return
-    message = "writing or reading a file was called on rank 0 of"
-    with pytest.raises(RuntimeError, match=message), on_every_rank(comm, "test"):
-        if comm.rank == 0:
-            on_rank_0(comm, lambda: None)
-
-
-# ---------------------------------------------------------------------- arguments
-
-
 @dataclass(frozen=True)
 class Law:
     """A number for all ranks, and numbers of this rank's cells."""
@@ -117,18 +100,8 @@ def test_arguments_that_differ_are_named(comm: MPI.Intracomm) -> None:
     last = comm.rank == comm.size - 1
     own = np.arange(3.0 + comm.rank)
     next_one = np.nextafter(0.3, 1.0) if last else 0.3
-    check_alike(
-        comm,
-        "test",
-        {
-            "law": Law(next_one, own),
-            "function": lambda t: t,
-            "text": "a",
-            "start": next_one * np.arange(5.0),
-            "nothing": None,
-            "nan": np.nan,
-        },
-    )
+    alike = {"law": Law(next_one, own), "function": lambda t: t, "start": next_one * np.arange(5.0)}
+    check_alike(comm, "test", {**alike, "text": "a", "nothing": None, "nan": np.nan})
     if comm.size == 1:
         return
     differing: dict[str, tuple[Any, Any, str]] = {
@@ -181,9 +154,6 @@ def test_an_error_of_the_simulation_can_be_sent() -> None:
     assert isinstance(found, ffr.SimulationError) and str(found) == "too soft"
 
 
-# ---------------------------------------------------------------------- code of users
-
-
 class Faulty(ffr.Objective):
     """The filled area, which fails or differs on the last rank."""
 
@@ -194,70 +164,58 @@ class Faulty(ffr.Objective):
 
     def evaluate(self, response: ffr.Response) -> float:
         if self.last and self.fault == "value":
-            raise ZeroDivisionError("an objective of one's own")
+            raise ZeroDivisionError("of one's own")
         density = response.densities["rod"]
         area = density.sum(density.areas * density.values)
         return area * (1.1 if self.last and self.fault == "differs" else 1.0)
 
     def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
         if self.last and self.fault == "derivatives":
-            raise ZeroDivisionError("an objective of one's own")
+            raise ZeroDivisionError("of one's own")
         return ffr.Derivatives(densities={"rod": response.densities["rod"].areas})
 
 
+class Broken(ffr.PlaneStress):
+    """A law of the material that fails on the last rank."""
+
+    def on(self, domain: Any) -> Any:
+        if domain.comm.rank == domain.comm.size - 1:
+            raise ZeroDivisionError("of one's own")
+        return super().on(domain)
+
+
 @pytest.mark.mpi
-def test_objectives_that_fail_on_one_rank(comm: MPI.Intracomm) -> None:
+def test_what_is_ones_own_and_fails_on_one_rank(comm: MPI.Intracomm) -> None:
+    """Objectives, motions and laws; and the ranks still meet afterwards."""
     base = slider_crank(comm, (10, 2), modes=1, steps=20)
-    parts = (base.bodies, base.mechanism, base.integrator)
-    x = np.full(base.flexible["rod"].domain.n_cells, 0.5)
-    for fault in ("value", "derivatives"):
-        problem = ffr.Problem(*parts, Faulty(comm, fault))
-        for _ in range(2):  # and the ranks still meet afterwards
-            with pytest.raises(ZeroDivisionError, match="one's own"):
-                problem.gradient(x)
+    domain = base.flexible["rod"].domain
+    x, parts = np.full(domain.n_cells, 0.5), (base.bodies, base.mechanism, base.integrator)
+
+    def gravity(t: np.ndarray) -> np.ndarray:
+        if comm.rank == comm.size - 1:
+            raise ZeroDivisionError("of one's own")
+        return 0.0 * t
+
+    mechanism = replace(base.mechanism, gravity=(0.0, gravity))  # type: ignore[arg-type]
+    short, frame = ffr.GeneralizedAlpha(0.01, 5), ffr.TangentFrame("left")
+    broken = Broken(1e9, 0.3, 1e3, 0.01)
+    calls: list[Callable[[], object]] = [
+        lambda: ffr.Problem(*parts, Faulty(comm, "value")).gradient(x),
+        lambda: ffr.Problem(*parts, Faulty(comm, "derivatives")).gradient(x),
+        lambda: ffr.Problem(base.bodies, mechanism, short, base.objective).value(x),
+        lambda: ffr.FlexibleBody(domain, broken, frame=frame, modes=1),
+    ]
+    for call in 2 * calls:
+        with pytest.raises(ZeroDivisionError, match="one's own"):
+            call()
     if comm.size > 1:
         with pytest.raises(ValueError, match="the objective differs between the ranks"):
             ffr.Problem(*parts, Faulty(comm, "differs")).value(x)
 
 
 @pytest.mark.mpi
-def test_motions_and_laws_that_fail_on_one_rank(comm: MPI.Intracomm) -> None:
-    last = comm.rank == comm.size - 1
-    base = slider_crank(comm, (10, 2), modes=1, steps=20)
-    x = np.full(base.flexible["rod"].domain.n_cells, 0.5)
-
-    def gravity(t: np.ndarray) -> np.ndarray:
-        if last:
-            raise ZeroDivisionError("gravity")
-        return 0.0 * t
-
-    short = ffr.GeneralizedAlpha(0.01, 5)
-    mechanism = ffr.Mechanism(
-        placements=base.mechanism.placements,
-        joints=base.mechanism.joints,
-        gravity=(0.0, gravity),  # type: ignore[arg-type]
-    )
-    with pytest.raises(ZeroDivisionError, match="gravity"):
-        ffr.Problem(base.bodies, mechanism, short, base.objective).value(x)
-
-    class Broken(ffr.PlaneStress):
-        def on(self, domain: Any) -> Any:
-            if last:
-                raise ZeroDivisionError("a law of the material")
-            return super().on(domain)
-
-    rod = base.flexible["rod"]
-    with pytest.raises(ZeroDivisionError, match="a law of the material"):
-        ffr.FlexibleBody(
-            rod.domain, Broken(1e9, 0.3, 1e3, 0.01), frame=ffr.TangentFrame("left"), modes=1
-        )
-
-
-@pytest.mark.mpi
 @pytest.mark.parametrize("optimizer", [ffr.LevelSetEvolution(), ffr.MMA()], ids=["steps", "MMA"])
-def test_callbacks_that_fail_on_one_rank(
-    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
-) -> None:
+def test_callbacks_on_one_rank(comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any) -> None:
     """Raised there, in a call that takes all ranks, or by calling a plot on one rank alone."""
     problem = Copy(comm, lambda c: np.ones(len(c)))
     levelset = ffr.LevelSet(problem.domain)
@@ -271,61 +229,65 @@ def test_callbacks_that_fail_on_one_rank(
 
         return callback
 
-    def run(**options: Any) -> ffr.Result:
-        return ffr.optimize(
-            problem,
-            levelset,
-            start,
-            **{"progress": False, "iterations": 1, "optimizer": optimizer, **options},
-        )
-
-    for on in (0, -1):
-        with pytest.raises(ZeroDivisionError, match="a callback"):
-            run(callback=fails(on))
-    if comm.size == 1:
-        return
-
     def plots_alone(iteration: int, x: np.ndarray, evaluation: Any) -> None:
         if comm.rank == 0:
             plotting.plot_design(problem.domain, x, shared_tmp_path / "design.png")
 
-    with pytest.raises(RuntimeError, match="drawing of a body was called on rank 0"):
-        run(callback=plots_alone)
-    for name, values in {
-        "iterations": (1, 2),
-        "volume": (0.5, 0.6),
-        "resume": (True, False),
-        "optimizer": (optimizer, ffr.MMA(tolerance=0.5)),
-    }.items():
-        with pytest.raises(ValueError, match=f"optimize: {name} differs between the ranks"):
-            run(**{name: values[comm.rank > 0]})
-    start = start * (1.0 + comm.rank)
-    with pytest.raises(ValueError, match="the start of 'plate' differs between the ranks"):
-        run()
+    options = {"progress": False, "iterations": 1, "optimizer": optimizer}
+    for on in (0, -1):
+        with pytest.raises(ZeroDivisionError, match="a callback"):
+            ffr.optimize(problem, levelset, start, **options, callback=fails(on))
+    if comm.size > 1:
+        with pytest.raises(RuntimeError, match="drawing of a body was called on rank 0"):
+            ffr.optimize(problem, levelset, start, **options, callback=plots_alone)
 
 
 @pytest.mark.mpi
-def test_methods_and_designs_that_differ_between_the_ranks(comm: MPI.Intracomm) -> None:
+def test_what_differs_between_the_ranks_is_named(comm: MPI.Intracomm) -> None:
+    """A wrong number or a hang, if nobody looked."""
     if comm.size == 1:
         return
-    problem = Copy(comm, lambda c: np.ones(len(c)))
-    one = comm.rank > 0
+    one = int(comm.rank > 0)
+    copy = Copy(comm, lambda c: np.ones(len(c)))
+    levelset, other = ffr.LevelSet(copy.domain), ffr.LevelSet(copy.domain)
+    other.radius *= 1.0 + 0.1 * one
+    problem = slider_crank(comm, (10, 2), modes=1, steps=20)
+    parts, psi = (problem.bodies, problem.mechanism), problem.objective
 
-    def run(gradient: Any = None, levelset: Any = None, **options: Any) -> None:
-        design = levelset or ffr.DensityDesign(problem.domain, **options)
-        ffr.optimize(problem, design, gradient=gradient, iterations=0, progress=False)
+    def run(design: Any = levelset, **options: Any) -> None:
+        ffr.optimize(copy, design, **{"progress": False, "iterations": 0, **options})
 
-    with pytest.raises(ValueError, match=r"gradient differs .*ElementByElement\(.*batch=128"):
-        run(ffr.ElementByElement(batch=128 + one, progress=one))
-    levelset = ffr.LevelSet(problem.domain)
-    levelset.radius *= 1.0 + 0.1 * one
-    for name, different in {
-        "eta of plate": {"eta": 0.5 + 0.1 * one},
-        "radius of plate": {"radius": 0.02 + 0.01 * one},
-        "radius of plate ": {"levelset": levelset},
-    }.items():
-        with pytest.raises(ValueError, match=f"optimize: {name.strip()} differs between the ranks"):
-            run(**different)  # type: ignore[arg-type]
+    def gray(**options: float) -> ffr.DensityDesign:
+        return ffr.DensityDesign(copy.domain, **options)
+
+    def steps(of_others: int) -> ffr.GeneralizedAlpha:
+        return ffr.GeneralizedAlpha(2.0, of_others if one else 20)
+
+    by_element = ffr.paper.ElementByElement(batch=128 + one, progress=bool(one))
+    methods = [(ffr.LevelSetEvolution(), ffr.MMA(tolerance=0.5)), (ffr.MMA(), ffr.MMA(move=0.2))]
+    start, integrator = levelset.even() * (1.0 + comm.rank), r"problem: (the )?integrator differs"
+    designs: list[tuple[dict[str, Any], str]] = [
+        ({"iterations": 1 + one}, "optimize: iterations differs"),
+        ({"volume": 0.5 + 0.1 * one}, "optimize: volume differs"),
+        ({"resume": bool(one)}, "optimize: resume differs"),
+        *(({"optimizer": pair[one]}, "optimize: optimizer differs") for pair in methods),
+        ({"start": start}, "the start of 'plate' differs"),
+        ({"gradient": by_element}, r"gradient differs .*ElementByElement\(.*batch=128"),
+        ({"design": gray(eta=0.5 + 0.1 * one)}, "optimize: eta of plate differs"),
+        ({"design": gray(radius=0.02 + 0.01 * one)}, "optimize: radius of plate differs"),
+        ({"design": other}, "optimize: radius of plate differs between the ranks"),
+    ]
+    for options, message in designs:
+        with pytest.raises(ValueError, match=message):
+            run(**options)
+    for number in (21, 10**9):
+        with pytest.raises(ValueError, match=f"{integrator} .*steps=20"):
+            ffr.Problem(*parts, steps(number), psi)
+    with pytest.raises(ValueError, match="body: modes differs between the ranks: 1 on rank 0"):
+        problem.flexible["rod"].with_modes(1 + comm.rank)
+    problem.integrator = ffr.GeneralizedAlpha(0.01, 5 + one)
+    with pytest.raises(ValueError, match=integrator):
+        problem.value(np.ones(problem.flexible["rod"].domain.n_cells))
 
 
 @pytest.mark.mpi
@@ -338,13 +300,12 @@ def test_files_and_reports_of_one_rank_alone(comm: MPI.Intracomm, shared_tmp_pat
     domain, path = rod.domain, shared_tmp_path / "file"
     x = np.ones(domain.n_cells)
     evaluation = problem.value(x)
+    reduced = evaluation.bodies["rod"]
     calls: dict[str, Callable[[], Any]] = {
         "write_fields": lambda: ffr.write_fields(domain, {"x": x}, path.with_suffix(".xdmf")),
         "plot_stress": lambda: plotting.plot_stress(domain, x, path.with_suffix(".png")),
         "worst_stress": lambda: ffr.worst_stress(rod, evaluation, "rod"),
-        "the stress of a body": lambda: ffr.von_mises(
-            rod, evaluation.bodies["rod"], np.zeros(rod.n_elastic)
-        ),
+        "the stress of a body": lambda: ffr.von_mises(rod, reduced, np.zeros(rod.n_elastic)),
         "model_report": lambda: ffr.model_report(problem, evaluation),
     }
     for name, call in calls.items():
@@ -353,37 +314,11 @@ def test_files_and_reports_of_one_rank_alone(comm: MPI.Intracomm, shared_tmp_pat
             if comm.rank == 0:
                 call()
     # what is wrong on one rank alone is said on all
+    short = np.ones(len(x) - (comm.rank == comm.size - 1), dtype=bool)
+    with pytest.raises(ValueError, match=r"plot_gradient_elements: selections: 'design' must"):
+        plotting.plot_gradient_elements(domain, {"design": (x, short)}, path.with_suffix(".png"))
     fields = {"x": x[comm.rank :]} if comm.rank == 1 else {"x": x}
     with pytest.raises(ValueError, match="'x' must have one value for each cell"):
         ffr.write_fields(domain, fields, path.with_suffix(".xdmf"))
     with pytest.raises(ValueError, match="write_fields: fields differs between the ranks"):
         ffr.write_fields(domain, {f"x{comm.rank}": x}, path.with_suffix(".xdmf"))
-
-
-@pytest.mark.mpi
-def test_plots_that_fail_on_one_rank(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    domain = ffr.Domain.rectangle(comm, 1.0, 0.1, elements=(10, 2), solid_columns=0)
-    x = np.ones(domain.n_cells)
-    short = np.ones(domain.n_cells - (comm.rank == comm.size - 1), dtype=bool)
-    path = shared_tmp_path / "selected.png"
-    with pytest.raises(ValueError, match=r"plot_gradient_elements: selections: 'design' must"):
-        plotting.plot_gradient_elements(domain, {"design": (x, short)}, path)
-
-
-@pytest.mark.mpi
-def test_problems_that_differ_between_the_ranks(comm: MPI.Intracomm) -> None:
-    """The number of time steps and of modes: a wrong number and a hang, if nobody looked."""
-    if comm.size == 1:
-        return
-    base = slider_crank(comm, (10, 2), modes=1, steps=20)
-    integrator = ffr.GeneralizedAlpha(2.0, 20 + comm.rank)
-    with pytest.raises(ValueError, match=r"problem: (the )?integrator differs .*steps=20"):
-        ffr.Problem(base.bodies, base.mechanism, integrator, base.objective)
-    integrator = ffr.GeneralizedAlpha(2.0, 10**9 if comm.rank else 20)
-    with pytest.raises(ValueError, match=r"problem: (the )?integrator differs .*steps=20"):
-        ffr.Problem(base.bodies, base.mechanism, integrator, base.objective)
-    with pytest.raises(ValueError, match="body: modes differs between the ranks: 1 on rank 0"):
-        base.flexible["rod"].with_modes(1 + comm.rank)
-    base.integrator = ffr.GeneralizedAlpha(0.01, 5 + comm.rank)
-    with pytest.raises(ValueError, match=r"problem: (the )?integrator differs"):
-        base.value(np.ones(base.flexible["rod"].domain.n_cells))

@@ -6,22 +6,25 @@ from __future__ import annotations
 import ast
 import importlib.util
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
+from shared import processes
 
 #: Source folder of the package, found without importing it.
 ROOT = Path(importlib.util.find_spec("dolfinx_ffr").origin).parent  # type: ignore[union-attr, arg-type]
 SOURCES = sorted(ROOT.rglob("*.py"))
 #: Folders, and modules beside them, from top to bottom: each may import those that stand below it.
 FLOORS = (
+    "__init__",
     "__main__",
     "program",
     "report",
+    "paper",
     "optimization",
+    "boundary",
     "plotting",
-    "gradients",
     "part",
     "postprocessing",
     "problem",
@@ -36,14 +39,19 @@ FLOORS = (
     "mechanism",
     "parallel",
     "verification",
+    "limits",
     "validation",
     "caches",
     "files",
+    "surroundings",
+    "documentation",
 )
 #: What knows nothing of finite elements and of other ranks.
 MECHANICAL = ("body", "dynamics", "mechanical_problem", "mechanism", "objective")
+#: Folders whose modules still have lists of names of their own
+WITH_LISTS: tuple[str, ...] = ()
 FINITE_ELEMENTS = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
-MAX_LINES = 600
+MAX_LINES = 620
 VERSION_QUESTION = re.compile(
     r"__version__|hasattr\((dolfinx|fem|mesh|io|la|plot)\b|packaging\.version|except TypeError"
 )
@@ -67,7 +75,7 @@ def name(path: Path) -> str:
 
 def test_floors_name_every_folder() -> None:
     here = {path.relative_to(ROOT).with_suffix("").parts[0] for path in SOURCES}
-    assert here - {"__init__"} == set(FLOORS)
+    assert here == set(FLOORS)
 
 
 def test_no_import_runs_upwards() -> None:
@@ -91,12 +99,55 @@ def test_other_folders_are_entered_by_their_door() -> None:
     assert not past_the_door
 
 
-def test_time_integration_knows_no_kind_of_kinematics_but_by_its_door() -> None:
-    """So any kind, in the folders `planar` and `spatial`, is integrated by the same methods."""
+def exported(path: Path) -> set[str] | None:
+    """The names in `__all__` of a file, None where it has none."""
+    found: set[str] | None = None
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            found = set(ast.literal_eval(node.value))
+        if isinstance(node, ast.AugAssign) and getattr(node.target, "id", "") == "__all__":
+            assert found is not None and isinstance(node.value, ast.Attribute)
+            module = node.value.value.id  # type: ignore[attr-defined]
+            found |= exported(path.with_name(f"{module}.py")) or set()
+    return found
+
+
+def test_names_from_other_folders_are_on_offer_there() -> None:
+    """Each stands in `__all__` of the folder's __init__, so none is private."""
+    offered = {path.parent.name: exported(path) for path in ROOT.glob("*/__init__.py")}
+    offered |= {path.stem: exported(path) for path in ROOT.glob("[!_]*.py")}
+    private = []
+    for path in SOURCES:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not (isinstance(node, ast.ImportFrom) and node.level and node.module):
+                continue
+            folder, *rest = [*parts[: len(parts) - node.level], *node.module.split(".")]
+            if folder == parts[0] or rest:
+                continue
+            names = {alias.name for alias in node.names} - {"_compat"}
+            private += [f"{name(path)}: {n}" for n in names - (offered[folder] or set())]
+    assert not private
+
+
+def test_a_folder_says_once_what_it_offers() -> None:
+    """Its __init__ is the table of contents; the modules within have no list of their own."""
+    twice = [
+        name(path)
+        for path in SOURCES
+        if len(path.relative_to(ROOT).parts) > 1
+        and path.relative_to(ROOT).parts[0] not in WITH_LISTS
+        and (path.name == "__init__.py") == (exported(path) is None)
+    ]
+    assert not twice
+
+
+def test_time_integration_knows_kinematics_by_their_door_alone() -> None:
+    """So bodies in the plane and in space are integrated by the same methods."""
     past_the_door = []
     for path in sorted((ROOT / "dynamics" / "integration").glob("*.py")):
         for folder, rest in imports(path):
-            if folder == "dynamics" and rest.startswith(("planar", "spatial")):
+            if folder == "dynamics" and rest.startswith("kinematics."):
                 past_the_door.append(f"{name(path)} imports {rest}")
     assert not past_the_door
 
@@ -119,26 +170,21 @@ def test_folders_are_free_of_circles() -> None:
     assert not left
 
 
-def test_mechanical_half_needs_no_finite_elements() -> None:
+@pytest.mark.parametrize(
+    ("modules", "others"),
+    [
+        ([f"dolfinx_ffr.{name}" for name in MECHANICAL], FINITE_ELEMENTS),
+        (["dolfinx_ffr"], {"dolfinx", "numba", "pyvista"}),
+    ],
+    ids=["mechanical half", "package"],
+)
+def test_what_is_imported_with_it(modules: list[str], others: set[str]) -> None:
+    """No finite elements with the mechanical half, and nothing heavy with the package itself."""
     program = (
-        "import importlib, sys\n"
-        f"for name in {MECHANICAL!r}:\n"
-        "    importlib.import_module('dolfinx_ffr.' + name)\n"
-        f"print(*sorted({FINITE_ELEMENTS!r} & set(sys.modules)))\n"
+        f"import importlib, sys\nfor name in {modules!r}:\n    importlib.import_module(name)\n"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.split() == []
-
-
-def test_package_itself_imports_nothing_heavy() -> None:
-    heavy = {"dolfinx", "numba", "pyvista"}
-    program = f"import sys, dolfinx_ffr; print(*sorted({heavy!r} & set(sys.modules)))"
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
+    program += f"print(*sorted({others!r} & set(sys.modules)))\n"
+    run = processes.run("-c", program)
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == []
 
@@ -161,3 +207,45 @@ def test_only_compat_asks_which_release_is_installed() -> None:
     assert not asking
     compat = (ROOT / "fem" / "_compat.py").read_text()
     assert not re.search(r"__version__|packaging", compat)
+
+
+#: Lines of Python by folder, and questions whether a mechanism is in the plane or in space outside
+#: the two files of its bodies: what is there today, rounded up. These bounds may only be lowered.
+MOST_LINES = {"src": 41_600, "tests": 23_600, "benchmarks": 4_000, "demos": 1_800}
+MOST_SWITCHES = 10
+SWITCH = re.compile(
+    r"dimension (==|!=|<|>) ?[23]|\bd (==|!=|<|>) [23]\b|is_spatial\(|isinstance\(.*(Space|Plane)"
+)
+
+
+def test_the_tree_does_not_grow() -> None:
+    top = ROOT.parent.parent
+    found = {
+        folder: sum(path.read_text().count("\n") for path in (top / folder).rglob("*.py"))
+        for folder in MOST_LINES
+        if (top / folder).is_dir()
+    }
+    assert not {n: lines for n, lines in found.items() if lines > MOST_LINES[n]}
+
+
+def test_plane_and_space_are_told_apart_in_few_places() -> None:
+    switches = [
+        f"{name(path)}: {line.strip()}"
+        for path in SOURCES
+        if name(path).startswith(("dynamics/", "mechanism/"))
+        and path.name not in {"bodies_plane.py", "bodies_space.py"}
+        for line in path.read_text().splitlines()
+        if SWITCH.search(line) and "def " not in line
+    ]
+    assert len(switches) <= MOST_SWITCHES, "\n".join(switches)
+
+
+def test_a_joint_states_its_rows_once() -> None:
+    """In vectors, for the plane and for space: no second method, and no second class."""
+    for module, method in (("joints", "rows"), ("forces", "element")):
+        tree = ast.parse((ROOT / "mechanism" / f"{module}.py").read_text())
+        for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
+            own = [node.name for node in kind.body if isinstance(node, ast.FunctionDef)]
+            alike = [n for n in own if re.search(rf"(^|_){method}($|_)", n)]
+            assert alike in ([], [method]), f"{kind.name}: {alike}"
+            assert not re.search(r"Spatial|InSpace|Planar(?!$)|InPlane", kind.name), kind.name

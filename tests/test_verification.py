@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dolfinx_ffr.verification import (
+    TaylorResult,
     assert_taylor_order,
     central_difference,
     convergence_order,
@@ -25,17 +26,20 @@ def gradient(x: np.ndarray) -> np.ndarray:
     return np.cos(x) * x**2 + 2.0 * np.sin(x) * x
 
 
+def taylor(error: float = 0.0, **steps: tuple[float, ...]) -> TaylorResult:
+    """Taylor's test of the function with a gradient that is off by an error."""
+    return taylor_test(function, lambda d: float(np.sum((gradient(X) + error) * d)), X, D, **steps)
+
+
 def test_right_gradient_has_order_two() -> None:
-    result = taylor_test(function, lambda d: float(np.sum(gradient(X) * d)), X, D)
-    assert result.order == pytest.approx(2.0, abs=0.05)
-    assert_taylor_order(result)
+    assert taylor().order == pytest.approx(2.0, abs=0.05)
+    assert_taylor_order(taylor())
 
 
 @pytest.mark.parametrize("error", [1.0, 1e-3])
 def test_wrong_gradient_is_found(error: float) -> None:
-    result = taylor_test(function, lambda d: float(np.sum((gradient(X) + error) * d)), X, D)
     with pytest.raises(AssertionError, match="Taylor order"):
-        assert_taylor_order(result)
+        assert_taylor_order(taylor(error))
 
 
 def test_linear_function_passes_and_wrong_slope_does_not() -> None:
@@ -46,20 +50,15 @@ def test_linear_function_passes_and_wrong_slope_does_not() -> None:
 
 
 def test_remainders_in_the_noise_are_not_taken_for_an_answer() -> None:
-    steps = (1e-8, 1e-9, 1e-10)
-    result = taylor_test(function, lambda d: float(np.sum(gradient(X) * d)), X, D, steps=steps)
     with pytest.raises(AssertionError, match="stand clear of round-off"):
-        assert_taylor_order(result)
+        assert_taylor_order(taylor(steps=(1e-8, 1e-9, 1e-10)))
 
 
-def test_central_difference() -> None:
+def test_central_difference_and_convergence_order() -> None:
     exact = float(np.sum(gradient(X) * D))
     assert central_difference(function, X, D, 1e-3) == pytest.approx(exact, rel=1e-10)
     errors = [abs(central_difference(function, X, D, h, order=2) - exact) for h in (0.1, 0.05)]
     assert convergence_order([0.1, 0.05], errors) == pytest.approx(2.0, abs=0.05)
-
-
-def test_convergence_order_of_a_power() -> None:
     h = np.array([0.4, 0.2, 0.1])
     assert convergence_order(h, 7.0 * h**3) == pytest.approx(3.0, abs=1e-12)
 
@@ -68,10 +67,7 @@ def test_convergence_order_of_a_power() -> None:
     ("call", "message"),
     [
         (lambda: taylor_test(function, lambda d: 0.0, X, D[0]), "direction has shape"),
-        (
-            lambda: taylor_test(function, lambda d: 0.0, X, D, steps=(1e-3, 1e-2)),
-            "the largest first",
-        ),
+        (lambda: taylor(steps=(1e-3, 1e-2)), "the largest first"),
         (lambda: taylor_test(lambda x: np.nan, lambda d: 0.0, X, D), "NaN or infinite"),
         (lambda: central_difference(function, X, D, 1e-3, order=3), "order 2 or 4, not 3"),
         (lambda: convergence_order([1.0], [1.0]), "at least two"),

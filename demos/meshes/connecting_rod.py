@@ -285,25 +285,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--output", default="rod.msh", help="file to write (default rod.msh)")
     for name in ("length", "fillet"):
         parser.add_argument(f"--{name}", type=float, default=getattr(rod, name), help="[m]")
+    pair = {"nargs": 2, "type": float, "metavar": ("LEFT", "RIGHT"), "help": "[m]"}
     for name in ("bores", "eyes", "rings", "shank"):
-        parser.add_argument(
-            f"--{name}",
-            nargs=2,
-            type=float,
-            default=getattr(rod, name),
-            metavar=("LEFT", "RIGHT"),
-            help="[m]",
-        )
+        parser.add_argument(f"--{name}", default=getattr(rod, name), **pair)
     given = parser.parse_args(arguments)
     shape = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(given).items()
         if hasattr(rod, name)
     }
-    path = ConnectingRod(**shape).write(
-        given.output, given.size, order=given.order, near_bores=given.near_bores
-    )
-    print(f"wrote {path}")
+    sizes = {"order": given.order, "near_bores": given.near_bores}
+    print(f"wrote {ConnectingRod(**shape).write(given.output, given.size, **sizes)}")
 
 
 if __name__ == "__main__":

@@ -54,8 +54,9 @@ CONTENTS = """
 :hidden:
 :caption: Guide
 
+docs/glossary
 docs/scenes
-docs/several_motions
+docs/several_load_cases
 docs/from_field_to_part
 docs/speed_and_accuracy
 docs/approximate_gradient
@@ -90,13 +91,13 @@ CONTRIBUTING
 
 def public_names() -> dict[str, list[str]]:
     """The public names by folder, or module beside the folders."""
-    names = {
-        folder: [f"dolfinx_ffr.{name}" for name in found]
-        for folder, found in dolfinx_ffr._FOLDERS.items()
-    }
-    for folder in ("plotting", "verification"):
-        module = importlib.import_module(f"dolfinx_ffr.{folder}")
-        names[folder] = [f"dolfinx_ffr.{folder}.{name}" for name in module.__all__]
+    names: dict[str, list[str]] = {}
+    for folder in sorted(dolfinx_ffr._ROOMS):
+        inside = dolfinx_ffr._BY_FOLDER.get(folder, [])
+        if folder in ("plotting", "verification"):
+            inside = importlib.import_module(f"dolfinx_ffr.{folder}").__all__
+        names[folder] = [f"dolfinx_ffr.{name}" for name in dolfinx_ffr._FOLDERS.get(folder, [])]
+        names[folder] += [f"dolfinx_ffr.{folder}.{name}" for name in inside]
     return names
 
 
@@ -155,6 +156,8 @@ def keep_formulas(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]
 ) -> None:
     """Set formulas as they are typed: indented paragraphs, and bars outside of backticks."""
+    if what == "class" and "Attributes:" in lines:  # Sphinx reads the comments of fields itself
+        del lines[lines.index("Attributes:") :]
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]  # an empty comment, or the text before a colon is taken for a type
     typed: list[str] = []

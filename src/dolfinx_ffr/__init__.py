@@ -7,230 +7,112 @@ DOLFINx is installed.
 
 from __future__ import annotations
 
-import contextlib
-import sys
-import warnings
 from importlib import import_module
 from typing import Any
 
+from .surroundings import needing_fenics, prepare
+
 __version__ = "0.1.0"
 
+
+def _lists(table: dict[str, str]) -> dict[str, list[str]]:
+    """The words of each text."""
+    return {folder: names.split() for folder, names in table.items()}
+
+
 #: Where each public name lives: a folder, or a module beside the folders.
-_FOLDERS = {
-    "body": ["BodyMarker", "ParametricBody", "VolumeIntegrals"],
-    "design": [
-        "DensityDesign",
-        "DensityFilter",
-        "Design",
-        "Evolution",
-        "ExponentialSpline",
-        "Gaussian",
-        "HeavisideProjection",
-        "LevelSet",
-        "Mirror",
-        "MirrorPlane",
-        "Multiquadric",
-        "ThinPlate",
-        "VelocityExtension",
-        "VolumeBisection",
-        "Wendland",
-        "density_field",
-        "mirror_lines",
-        "mirror_planes",
-    ],
-    "dynamics": [
-        "GeneralizedAlpha",
-        "LargeDeformationWarning",
-        "RadauIIA",
-        "SimulationError",
-        "SofteningWarning",
-        "TimeInterval",
-        "TiltedAxisWarning",
-        "TimeStepWarning",
-        "Trajectory",
-        "simulate",
-    ],
-    "fem": [
-        "Domain",
-        "ElasticMaterial",
-        "Elasticity",
-        "Interface",
-        "Isotropic",
-        "LinearMass",
-        "PlaneStrain",
-        "PlaneStress",
-        "RAMP",
-        "SIMP",
-        "SuppressedVoidMass",
-    ],
-    "gradients": [
-        "ApproximateGradient",
-        "ElementByElement",
-        "ElementGradient",
-        "ExactAdjoint",
-        "GradientElements",
-        "GradientErrors",
-        "GradientMethod",
-        "GradientReport",
-        "IllConditionedWarning",
-        "IntegralDerivatives",
-        "ModeDerivative",
-        "ScatteredInterpolation",
-        "Solver",
-        "best_length",
-        "elementwise_gradient",
-        "gradient_errors",
-        "integral_derivatives",
-        "mode_derivatives",
-    ],
-    "io": ["CheckpointError", "read_history", "write_density", "write_fields", "write_summary"],
-    "mechanical_problem": ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem"],
-    "mechanism": [
-        "Assembled",
-        "Bushing",
-        "Cylindrical",
-        "Distance",
-        "Force",
-        "Gear",
-        "Ground",
-        "LinearDrive",
-        "Mechanism",
-        "Motion",
-        "Moving",
-        "Placement",
-        "Planar",
-        "PointMass",
-        "PointOnLine",
-        "PointOnPlane",
-        "PrescribedAngle",
-        "PrescribedPosition",
-        "RayleighDamping",
-        "Revolute",
-        "Spherical",
-        "SpringDamper",
-        "StaticEquilibrium",
-        "Torque",
-        "TorsionalSpringDamper",
-        "Translational",
-        "Universal",
-        "Weld",
-    ],
-    "objective": [
-        "Combination",
-        "Constraint",
-        "DensityField",
-        "Derivatives",
-        "Frequency",
-        "IntegralCompliance",
-        "JointForce",
-        "MarkerAcceleration",
-        "MarkerVelocity",
-        "Mass",
-        "Objective",
-        "PathTracking",
-        "PeakCompliance",
-        "PeakStress",
-        "PowerMean",
-        "Response",
-        "StressField",
-        "Sum",
-        "Volume",
-        "WeightedSum",
-        "WorstCase",
-    ],
-    "optimization": [
-        "DesignLoop",
-        "DesignWarning",
-        "LevelSetEvolution",
-        "MMA",
-        "Optimizer",
-        "Result",
-        "gray_fraction",
-        "optimize",
-    ],
-    "part": [
-        "Part",
-        "PartWarning",
-        "Solid",
-        "Verification",
-        "verify",
-    ],
-    "postprocessing": [
-        "BodyReport",
-        "LocalModes",
-        "LocalModesWarning",
-        "ModeSelection",
-        "ModelReport",
-        "StressEnvelope",
-        "StressModes",
-        "local_modes",
-        "mode_error",
-        "model_report",
-        "modes_below",
-        "propose_modes",
-        "select_modes",
-        "von_mises",
-        "worst_stress",
-    ],
-    "problem": ["Evaluation", "MotionEvaluation", "Problem"],
-    "reduction": [
-        "ChordFrame",
-        "CraigBampton",
-        "FlexibleBody",
-        "ReducedBody",
-        "RoundOffWarning",
-        "TangentFrame",
-    ],
-    "report": ["recorded_warnings", "run_record", "write_report"],
-}
+_FOLDERS = _lists(
+    {
+        "body": "BodyMarker ParametricBody VolumeIntegrals",
+        "boundary": "Boundary",
+        "design": (
+            "DensityDesign ExponentialSpline Gaussian LevelSet Mirror Multiquadric "
+            "ThinPlate Variables Wendland density_field mirror_lines mirror_planes"
+        ),
+        "dynamics": (
+            "GeneralizedAlpha LargeDeformationWarning RadauIIA SimulationError SofteningWarning "
+            "TiltedAxisWarning TimeInterval TimeStepWarning simulate"
+        ),
+        "fem": "Domain Isotropic LinearMass PlaneStrain PlaneStress RAMP SIMP SuppressedVoidMass",
+        "io": "CheckpointError read_history write_density write_fields write_summary",
+        "mechanical_problem": "MechanicalProblem",
+        "mechanism": (
+            "Assembled Bushing Cylindrical Distance Force Gear Ground LinearDrive Mechanism Motion "
+            "Moving Placement PlacementWarning Planar PointMass PointOnLine PointOnPlane "
+            "PrescribedAngle PrescribedPosition RayleighDamping Revolute Spherical SpringDamper "
+            "StaticEquilibrium Torque TorsionalSpringDamper Translational Universal Weld"
+        ),
+        "objective": (
+            "Combination Constraint Derivatives Frequency IntegralCompliance Inventory JointForce "
+            "MarkerAcceleration MarkerVelocity Mass Objective PathTracking PeakCompliance "
+            "PeakStress PowerMean Response Sum Volume WeightedSum WorstCase"
+        ),
+        "optimization": (
+            "DesignWarning ExactAdjoint LevelSetEvolution MMA Result gray_fraction move_boundary "
+            "optimize"
+        ),
+        "part": "Part PartWarning Solid Verification verify",
+        "postprocessing": (
+            "LocalModesWarning local_modes mode_error model_report modes_below propose_modes "
+            "select_modes von_mises worst_stress"
+        ),
+        "problem": "Evaluation Problem",
+        "reduction": "ChordFrame FlexibleBody RoundOffWarning TangentFrame",
+        "report": "recorded_warnings run_record write_report",
+    }
+)
+
+#: Names for specialists, by the folder through which they are reached: `dynamics.Trajectory`.
+_BY_FOLDER = _lists(
+    {
+        "design": (
+            "DensityFilter Design Evolution HeavisideProjection VelocityExtension VolumeBisection"
+        ),
+        "dynamics": "Trajectory",
+        "fem": "ElasticMaterial Elasticity Interface",
+        "mechanical_problem": "ConstraintValue MechanicalEvaluation",
+        "objective": "DensityField StressField",
+        "optimization": (
+            "BoundaryResult DesignLoop GradientErrors GradientMethod GradientReport Optimizer"
+        ),
+        "part": "Enclosed LoosePiece Width",
+        "paper": (
+            "ApproximateGradient ElementByElement ElementGradient GradientElements "
+            "IllConditionedWarning IntegralDerivatives ModeDerivative ScatteredInterpolation "
+            "Solver best_length elementwise_gradient gradient_errors integral_derivatives "
+            "mode_derivatives"
+        ),
+        "postprocessing": (
+            "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes"
+        ),
+        "problem": "LoadCaseEvaluation",
+        "reduction": "CraigBampton ReducedBody",
+    }
+)
 
 __all__ = sorted(name for names in _FOLDERS.values() for name in names)
 
+#: Folders that are used by their names.
+_ROOMS = frozenset({*_FOLDERS, *_BY_FOLDER, "plotting", "verification"})
+
 _HOME = {name: folder for folder, names in _FOLDERS.items() for name in names}
 
-
-#: Names of the release before, each with the one that took its place.
-_RENAMED: dict[str, str] = {
-    "ShapeDerivative": "ModeDerivative",
-    "shape_derivatives": "mode_derivatives",
-}
-
-
-def _load_dolfinx_with_readable_arguments() -> None:
-    """Load DOLFINx, which cannot be imported where an argument of the program is not UTF-8."""
-    given = sys.argv
-    readable = [text.encode(errors="replace").decode() for text in given]
-    if readable == given or "dolfinx" in sys.modules:
-        return
-    sys.argv = readable
-    try:
-        with contextlib.suppress(ImportError):
-            import_module("dolfinx")
-    finally:
-        sys.argv = given
-
-
-_load_dolfinx_with_readable_arguments()
+prepare()
 
 
 def __getattr__(name: str) -> Any:
-    """Load the module of a public name."""
-    if name in _RENAMED:
-        new = _RENAMED[name]
-        warnings.warn(
-            f"dolfinx_ffr.{name} is now called {new}; the old name goes with the next release",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        return __getattr__(new)
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
-    # The import has made a module of the same name an attribute; the function takes its place.
-    globals()[name] = value
-    return value
+    """Load the module of a public name, or a folder."""
+    if name not in _HOME and name not in _ROOMS:
+        places = [folder for folder, names in _BY_FOLDER.items() if name in names]
+        hint = f"; it is {__name__}.{places[0]}.{name}" if places else ""
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
+    with needing_fenics(f"{__name__}.{name}"):
+        module = import_module(f".{_HOME.get(name, name)}", __name__)
+    if name in _HOME:
+        # A module of the same name may have become an attribute; the function takes its place.
+        globals()[name] = getattr(module, name)
+    return globals()[name]
 
 
 def __dir__() -> list[str]:
-    """List the public names."""
-    return [*__all__, "__version__"]
+    return [*__all__, *sorted(_ROOMS), "__version__"]

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 
@@ -15,13 +16,13 @@ from .program import run
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command.
-
-    Args:
-        arguments: Arguments; those of the process if left out.
-    """
-    parser = argparse.ArgumentParser("python -m dolfinx_ffr")
-    commands = parser.add_subparsers(dest="command", required=True)
+    """Run a command with ``arguments``, by default those of the process."""
+    parser = argparse.ArgumentParser(
+        "python -m dolfinx_ffr",
+        description="Commands beside the package; designs are made by programs (make demo).",
+        epilog="python -m dolfinx_ffr COMMAND --help tells what a command takes.",
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     compilation = commands.add_parser(
         "compile",
         help="compile the time integration before its first use, once on a machine",
@@ -37,6 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     report.add_argument("--output", help="file to write (default: report.html in the folder)")
     report.add_argument("--title", default="", help="heading (default: the recorded one)")
     given = parser.parse_args(arguments)
+    if given.command is None:
+        parser.print_help(sys.stderr)
+        parser.exit(2, "\npython -m dolfinx_ffr: error: say which command\n")
     if given.command == "compile":
         compile_beforehand(everything=given.all)
     else:
@@ -44,12 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def compile_beforehand(*, everything: bool) -> None:
-    """Compile the time integration, with a bar of progress.
-
-    Args:
-        everything: Whether to compile all integrators, and for mechanisms in space as well, or only
-            what the demos take.
-    """
+    """Compile what demos need, or ``everything``: all integrators, in the plane and in space."""
     from tqdm import tqdm
 
     from .dynamics import INTEGRATORS, GeneralizedAlpha, compile_side_by_side, compiled_functions
@@ -67,13 +66,7 @@ def compile_beforehand(*, everything: bool) -> None:
 
 
 def make_report(folder: str, output: str | None, title: str) -> None:
-    """Write the report of a run and say where it is.
-
-    Args:
-        folder: Of the run.
-        output: The file, None for that in the folder.
-        title: Heading, "" for the recorded one.
-    """
+    """Write the report of a run and print where it is."""
     from mpi4py import MPI
 
     from .report import write_report

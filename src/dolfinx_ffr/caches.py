@@ -12,13 +12,7 @@ __all__ = ["spare_directory"]
 
 
 def spare_directory() -> Path | None:
-    """A directory among the temporary files that stays from run to run, this user's alone.
-
-    Compiled code is loaded from there, so nobody else may own it or write to it.
-
-    Returns:
-        None if there is no such directory and none can be made.
-    """
+    """A directory of this user alone among the temporary files, None if there can be none."""
     path = Path(tempfile.gettempdir()) / f"dolfinx_ffr-{os.getuid()}"
     try:
         path.mkdir(mode=0o700, exist_ok=True)

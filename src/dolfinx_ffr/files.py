@@ -1,54 +1,136 @@
 # SPDX-License-Identifier: MIT
-"""Writing of files: in one stroke, and with the file's name in errors."""
+"""Files: written in one stroke, named in errors, by names that are safe; and who may write."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["named_in_errors", "replace_file"]
+__all__ = [
+    "check_room",
+    "file_names",
+    "locked",
+    "named_in_errors",
+    "replace_file",
+    "unlocked",
+    "whole_file",
+]
+
+#: Files that runs and reports leave in a folder beside the folders of bodies
+_TAKEN = ("checkpoint", "history.csv", "report.html", "summary.json")
+#: Characters of a name that a file name keeps at most; file systems take 255 bytes
+_LONGEST = 60
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file beside its place and move it there: a reader finds the old one or the new one.
+def file_names(names: Iterable[str]) -> dict[str, str]:
+    """A safe file or folder name for each of several names, different from each other.
 
-    Args:
-        path: The file, in a directory that is there.
-        content: What it holds.
-
-    Raises:
-        OSError: With the name of the file, if it cannot be written; an older one stays.
+    Letters, digits, hyphens and underscores stay, anything else becomes an underscore, so that no
+    name leads out of its folder. Where two would become the same, also where small and
+    large letters are not told apart, the later one gets a number; a name that is safe stays.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with open(beside, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    except OSError as error:  # a full disk names no file, other errors name the one beside
-        if error.errno is None:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        beside.unlink(missing_ok=True)
+    given = list(dict.fromkeys(names))
+    safe = {name: re.sub(r"^-|[^\w-]", "_", name)[:_LONGEST] or "_" for name in given}
+    found, used = {}, {name.casefold() for name in _TAKEN}
+    for name in sorted(given, key=lambda name: safe[name] != name):
+        own, number = safe[name], 1
+        while own.casefold() in used:
+            number += 1
+            own = f"{safe[name]}-{number}"
+        used.add(own.casefold())
+        found[name] = own
+    return {name: found[name] for name in given}
 
 
 @contextmanager
-def named_in_errors(path: Path) -> Iterator[None]:
-    """Context in which errors of writing name the file, as that of a full disk does not.
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path beside a file to write to, from which it is moved to its place in one stroke.
 
-    Args:
-        path: The file.
-
-    Raises:
-        OSError: With the name of the file.
+    A reader finds the old file or the new one, and none that is cut. Errors name the file.
     """
+    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    with named_in_errors(path, beside):
+        try:
+            try:
+                yield beside
+            except Exception:
+                if beside.exists():
+                    _check_end(beside)  # a full disk is why libraries fail with their own errors
+                raise
+            _check_end(beside)
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def named_in_errors(path: Path, beside: Path) -> Iterator[None]:
+    """Context in which errors of writing to ``beside`` name the file ``path``."""
     try:
         yield
     except OSError as error:
-        if error.filename is not None or error.errno is None:
+        if error.errno is None or error.filename not in (None, str(beside), os.fspath(path)):
             raise
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+
+
+def check_room(path: Path, size: int) -> None:
+    """Refuse to begin with a new file that may take ``size`` bytes, if there is less room."""
+    try:
+        with open(path, "wb") as file:
+            if hasattr(os, "posix_fallocate"):  # not on every system
+                os.posix_fallocate(file.fileno(), 0, size)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _check_end(file: Path) -> None:
+    """Refuse a file that ends where there is no more room: writers in C++ do not say so.
+
+    They remove it, or leave a part of it.
+    """
+    if not file.exists():
+        raise OSError(errno.EIO, "nothing was written", str(file))
+    with open(file, "ab") as end:
+        length = end.tell()
+        end.write(b" ")
+        end.flush()
+        os.ftruncate(end.fileno(), length)
+        os.fsync(end.fileno())
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file in one stroke, see `whole_file`."""
+    with whole_file(path) as beside:
+        beside.write_bytes(content)
+
+
+def locked(path: Path) -> int:
+    """Lock a file for this process, and make it if need be; the result is for `unlocked`.
+
+    The lock ends with the process, however that ends. Where another process or call holds it, a
+    BlockingIOError is raised; an OSError without a file name means a file system without locks.
+    """
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # its holder may have removed it meanwhile: a lock on a file without a name is useless
+            if path.exists() and os.path.samestat(os.stat(path), os.fstat(file)):
+                return file
+        except OSError:
+            os.close(file)
+            raise
+        os.close(file)
+
+
+def unlocked(path: Path, file: int) -> None:
+    """Give up a lock that `locked` returned, and remove its file."""
+    path.unlink(missing_ok=True)
+    fcntl.flock(file, fcntl.LOCK_UN)  # also for processes that were forked meanwhile
+    os.close(file)

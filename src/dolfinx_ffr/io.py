@@ -12,6 +12,9 @@ import csv
 import hashlib
 import io
 import json
+import math
+import os
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,13 +27,15 @@ from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
 from . import validation
+from .documentation import explain_fields
 from .fem import Domain
-from .files import replace_file
+from .files import check_room, named_in_errors, replace_file, whole_file
 from .parallel import check_alike, on_every_rank, on_rank_0
 
 __all__ = [
     "CheckpointError",
     "load_checkpoint",
+    "plain",
     "read_history",
     "save_checkpoint",
     "write_density",
@@ -56,11 +61,12 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
     Args:
         comm: All its ranks call; rank 0 writes.
         path: The file.
-        summary: What rank 0 holds is written.
+        summary: Numbers and texts of rank 0 by name; NaN and infinity are written as null.
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind, or rank 0 holds something else
             than numbers and texts.
+        ValueError: On every rank, if the summary holds itself.
         OSError: On every rank, if the file cannot be written.
     """
     validation.instance("write_summary: comm", comm, MPI.Comm, "an MPI communicator")
@@ -69,14 +75,30 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
     def write() -> None:
         needed = "a mapping from names to numbers and texts"
         given = validation.instance("write_summary: summary", summary, Mapping, needed)
-        _replace(file, (json.dumps(dict(given), indent=2, default=_plain) + "\n").encode())
+        try:
+            text = json.dumps(plain(given), indent=2)
+        except (RecursionError, ValueError) as error:
+            raise ValueError(
+                "write_summary: the summary holds itself, or is nested too deeply for a file: "
+                f"{error}; leave out what refers back"
+            ) from None
+        _replace(file, f"{text}\n".encode())
 
     on_rank_0(comm, write)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A value as JSON holds it: NaN and infinity, for which JSON has no word, become None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
     if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, str | int | float):
+        return value
     raise TypeError(f"a summary cannot hold a {type(value).__name__}")
 
 
@@ -86,17 +108,7 @@ def write_history(
     columns: Sequence[str],
     rows: Sequence[Mapping[str, float]],
 ) -> None:
-    """Write a CSV file with one row an iteration.
-
-    Args:
-        comm: All its ranks call; rank 0 writes.
-        path: The file.
-        columns: Their names.
-        rows: Each with a value for each column.
-
-    Raises:
-        OSError: On every rank, if the file cannot be written.
-    """
+    """Write a CSV file with one row an iteration, from rank 0."""
     validation.instance("write_history: comm", comm, MPI.Comm, "an MPI communicator")
     file = validation.path("write_history: path", path)
     names = validation.names("write_history: columns", columns)
@@ -116,13 +128,7 @@ def write_history(
 
 
 def read_history(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """The columns of a history file.
-
-    Args:
-        path: A file of `write_history`.
-
-    Returns:
-        Arrays of shape (iterations,) by column.
+    """The columns of the history file at a ``path``, arrays of shape (iterations,) by name.
 
     Raises:
         TypeError: If it is no path.
@@ -131,21 +137,11 @@ def read_history(path: str | Path) -> dict[str, NDArray[np.float64]]:
     with open(validation.path("read_history: path", path), newline="") as file:
         reader = csv.DictReader(file)
         rows = list(reader)
-        names = list(reader.fieldnames or [])
-    return {name: np.array([float(row[name]) for row in rows]) for name in names}
+    return {n: np.array([float(row[n]) for row in rows]) for n in reader.fieldnames or ()}
 
 
 def save_checkpoint(comm: MPI.Comm, path: str | Path, state: Mapping[str, Any]) -> None:
-    """Write arrays and numbers with a checksum.
-
-    Args:
-        comm: All its ranks call; rank 0 writes what it holds.
-        path: The file.
-        state: Arrays, numbers and texts by name.
-
-    Raises:
-        OSError: On every rank, if the file cannot be written; an older checkpoint stays as it was.
-    """
+    """Write arrays, numbers and texts that rank 0 holds by name, with a checksum."""
     validation.instance("save_checkpoint: comm", comm, MPI.Comm, "an MPI communicator")
     file = validation.path("save_checkpoint: path", path)
     arrays = {
@@ -166,16 +162,7 @@ def save_checkpoint(comm: MPI.Comm, path: str | Path, state: Mapping[str, Any]) 
 
 
 def load_checkpoint(comm: MPI.Comm, path: str | Path) -> dict[str, NDArray[Any]]:
-    """What `save_checkpoint` wrote, on every rank.
-
-    Args:
-        comm: All its ranks call; rank 0 reads.
-        path: The file.
-
-    Raises:
-        FileNotFoundError: On every rank, if there is no such file.
-        CheckpointError: On every rank, if the file is damaged.
-    """
+    """The arrays that `save_checkpoint` wrote, on every rank."""
     validation.instance("load_checkpoint: comm", comm, MPI.Comm, "an MPI communicator")
     file = validation.path("load_checkpoint: path", path)
 
@@ -193,15 +180,10 @@ def load_checkpoint(comm: MPI.Comm, path: str | Path) -> dict[str, NDArray[Any]]
 
 
 def write_density(domain: Domain, x: NDArray[np.float64], path: str | Path) -> None:
-    """Write mesh and density as XDMF, which ParaView opens.
-
-    Args:
-        domain: The body.
-        x: Density of this rank's cells, shape (cells,).
-        path: File that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
+    """Write mesh and density ``x`` (cells,) of a ``domain`` to a ``path``, see `write_fields`.
 
     Raises:
-        OSError: On every rank, if the folder cannot be made.
+        OSError: On every rank, with the name of the file that cannot be written.
     """
     validation.instance("write_density: domain", domain, Domain, "a Domain")
     write_fields(domain, {"density": domain.check_density(x)}, path)
@@ -217,7 +199,7 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
 
     Raises:
         ValueError: On every rank, if a field does not have one value a cell.
-        OSError: On every rank, if the folder cannot be made.
+        OSError: On every rank, with the name of the file that cannot be written.
     """
     validation.instance("write_fields: domain", domain, Domain, "a Domain")
     place = validation.path("write_fields: path", path)
@@ -241,8 +223,33 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
         function.x.array[: domain.n_cells] = values
         function.x.scatter_forward()
         functions.append(function)
-    on_rank_0(domain.comm, lambda: place.parent.mkdir(parents=True, exist_ok=True))
-    with XDMFFile(domain.comm, str(place), "w") as file:
-        file.write_mesh(domain.mesh)
-        for function in functions:
-            file.write_function(function)
+    mesh, cells = domain.mesh, domain.n_cells_global
+    numbers = 3 * mesh.geometry.index_map().size_global + (len(given) + 30) * cells
+    # the two files name each other: they get their names in a folder beside, and are moved together
+    folder = place.with_name(f".{place.stem}.{os.getpid()}")
+
+    def make() -> Path:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with named_in_errors(place, folder):  # HDF5 takes the process with it on a full disk
+            check_room(folder, 100_000 + 8 * numbers)
+        folder.mkdir()
+        return folder
+
+    def move() -> None:
+        for file in sorted(folder.iterdir()):
+            with whole_file(place.with_name(file.name)) as beside:
+                file.replace(beside)
+
+    folder = on_rank_0(domain.comm, make)
+    try:
+        with XDMFFile(domain.comm, str(folder / place.name), "w") as file:
+            file.write_mesh(mesh)
+            for function in functions:
+                file.write_function(function)
+        on_rank_0(domain.comm, move)
+    finally:
+        if domain.comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+explain_fields(globals())

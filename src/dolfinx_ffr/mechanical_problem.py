@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""From the volume integrals of the bodies to numbers of the motion, and back; no mesh is needed.
+"""From the volume integrals of the bodies to psi and constraints, and back; no mesh is needed.
 
     volume integrals -> trajectory -> psi and constraints
       integrals_bar  <- discrete adjoint <-
 
 Several numbers share one simulation; each has an adjoint pass of its own. A number that does not
-depend on the motion, such as a mass, causes neither.
+depend on the trajectory, such as a mass, causes neither.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -19,38 +20,44 @@ from numpy.typing import NDArray
 
 from . import validation
 from .body import VolumeIntegrals
+from .documentation import explain_fields
 from .dynamics import (
+    REFERENCE,
+    Certificate,
     Integrator,
+    Judge,
+    Run,
+    StepChoice,
     TimeInterval,
+    TimeStepWarning,
     Trajectory,
-    TrajectoryBar,
     adjoint,
-    coarser_run,
+    certified,
     integrate,
-    run_to_tolerance,
+    load_cells,
+    refined,
+    relative_change,
     simulate,
 )
 from .mechanism import Mechanism
 from .objective import (
     Constraint,
-    DensityField,
     Derivatives,
+    Inventory,
     Objective,
     Response,
-    StressField,
     check_objective,
+    derivatives_of,
+    value_of,
 )
 
-__all__ = [
-    "ConstraintValue",
-    "MechanicalEvaluation",
-    "MechanicalProblem",
-    "parts_of_gradient",
-    "through_motion",
-]
+__all__ = ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem", "moves"]
 
 Bodies = Mapping[str, VolumeIntegrals]
 Array = NDArray[np.float64]
+
+#: Relative error to which numbers are certified for an estimate of the error by the steps, at least
+FINEST = 1e-8
 
 
 @dataclass(frozen=True)
@@ -59,53 +66,43 @@ class ConstraintValue:
 
     #: g, the distance from the bound relative to the bound; at most zero where the bound holds.
     value: float
-    #: The objective that is bounded, in its own unit.
-    psi: float
-    #: Derivative of g with respect to the integrals, by name of the body; None where only values
-    #: were asked for.
-    integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
+    psi: float  #: The objective that is bounded, in its own unit
+    #: Derivatives of g as a function of the bodies, the trajectory eliminated; None where only
+    #: values were asked for. The large one by the stress is left out where ``gradient`` is known.
+    derivatives: Derivatives | None = field(default=None, repr=False)
     #: Derivative of g with respect to the densities of this rank's cells, shape (cells,), by name
     #: of the body; None where only values were asked for, or where no body has a density.
     gradient: dict[str, Array] | None = field(default=None, repr=False)
-    #: The part of it at fixed integrals, likewise; a body that does not matter may be missing.
-    density_gradient: dict[str, Array] | None = field(default=None, repr=False)
-    #: Derivative of g with respect to the stress of bodies for unit coordinates, likewise, shape
-    #: (cells, points, 3, coordinates).
-    stress_gradient: dict[str, Array] | None = field(default=None, repr=False)
+    #: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`
+    nodes: dict[str, Array] | None = field(default=None, repr=False)
+
+    @property
+    def integrals_gradient(self) -> dict[str, VolumeIntegrals] | None:
+        """Derivative of g with respect to the integrals, by name of the body, or None."""
+        return None if self.derivatives is None else dict(self.derivatives.integrals)
 
 
 @dataclass(frozen=True)
 class MechanicalEvaluation:
     """Objective and constraints of a mechanism, and their derivatives."""
 
-    #: Value of the objective, in its unit.
-    psi: float
-    #: Derivative of psi with respect to the integrals, by name of the body, markers included; None
-    #: where only values were asked for.
-    integrals_gradient: dict[str, VolumeIntegrals] | None = field(repr=False)
-    #: Constraints by name.
-    constraints: dict[str, ConstraintValue]
-    #: The motion; None if neither objective nor constraints depend on it.
-    trajectory: Trajectory | None = field(repr=False)
-    #: The integrals at which this was computed.
-    bodies: dict[str, VolumeIntegrals] = field(repr=False)
-    #: Time spent by name of the part [s].
-    seconds: dict[str, float]
-    #: Densities of the bodies that have one, by name.
-    densities: Mapping[str, DensityField] = field(default_factory=dict, repr=False)
-    #: Derivative of psi with respect to the densities at fixed integrals, shape (cells,) for the
-    #: cells of this rank, by name of the body; a body that does not matter may be missing. None
-    #: where only values were asked for.
-    density_gradient: dict[str, Array] | None = field(default=None, repr=False)
-    #: Stress of the bodies that have a mesh, by name.
-    stresses: Mapping[str, StressField] = field(default_factory=dict, repr=False)
-    #: Derivative of psi with respect to it, shape (cells, points, 3, coordinates), likewise.
-    stress_gradient: dict[str, Array] | None = field(default=None, repr=False)
+    psi: float  #: Value of the objective, in its unit
+    constraints: dict[str, ConstraintValue]  #: Constraints by name
+    response: Response = field(repr=False)  #: Trajectory and bodies
+    seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
+    #: Derivatives of psi as a function of the bodies, the trajectory eliminated; None where only
+    #: values were asked for.
+    derivatives: Derivatives | None = field(default=None, repr=False)
 
     @property
-    def response(self) -> Response:
-        """What the objectives are functions of."""
-        return Response(self.trajectory, self.bodies, self.densities, self.stresses)
+    def trajectory(self) -> Trajectory | None:
+        """The trajectory; None if neither objective nor constraints depend on it."""
+        return self.response.simulated
+
+    @property
+    def integrals_gradient(self) -> dict[str, VolumeIntegrals] | None:
+        """Derivative of psi with respect to the integrals by name of the body, markers included."""
+        return None if self.derivatives is None else dict(self.derivatives.integrals)
 
 
 @dataclass(frozen=True)
@@ -125,18 +122,14 @@ class MechanicalProblem:
         ValueError: If two constraints have the same name.
     """
 
-    #: Joints, motions, point masses, gravity.
-    mechanism: Mechanism
+    mechanism: Mechanism  #: Joints, motions, point masses, gravity
     #: Time interval and steps; of a :class:`TimeInterval` they are chosen for the bodies at each
     #: call, or once by :meth:`settled`.
     integrator: Integrator
-    #: What is minimised.
-    objective: Objective
-    #: Bounds on further objectives.
-    constraints: Sequence[Constraint] = ()
+    objective: Objective  #: What is minimised
+    constraints: Sequence[Constraint] = ()  #: Bounds on further objectives
 
     def __post_init__(self) -> None:
-        """Check kinds and names."""
         validation.instance("problem: the mechanism", self.mechanism, Mechanism, "a Mechanism")
         needed = "GeneralizedAlpha(...), RadauIIA(...) or TimeInterval(...)"
         validation.instance("problem: the integrator", self.integrator, Integrator, needed)
@@ -152,108 +145,43 @@ class MechanicalProblem:
 
     @property
     def needs_trajectory(self) -> bool:
-        """Whether the objective or a constraint depends on the motion."""
+        """Whether the objective or a constraint depends on the trajectory."""
         objectives = [self.objective, *(c.objective for c in self.constraints)]
         return any(objective.needs_trajectory for objective in objectives)
 
-    def value(
-        self,
-        bodies: Bodies,
-        densities: Mapping[str, DensityField] | None = None,
-        stresses: Mapping[str, StressField] | None = None,
-    ) -> MechanicalEvaluation:
-        """Objective and constraints; nothing is simulated if none depends on the motion.
+    @property
+    def objectives(self) -> dict[str, Objective]:
+        """All objectives: the bounded ones by constraint label, the minimised one under ''."""
+        return {**{c.label: c.objective for c in self.constraints}, "": self.objective}
+
+    def validate(self, inventory: Inventory) -> None:
+        """Refuse, by a ValueError, an ``inventory`` that lacks what an objective names."""
+        own = replace(inventory, joints=list(self.mechanism.joint_names))
+        for objective in self.objectives.values():
+            objective.validate(own)
+
+    def value(self, bodies: Bodies | Response) -> MechanicalEvaluation:
+        """Objective and constraints; nothing is simulated if none depends on the trajectory.
 
         Args:
-            bodies: Volume integrals of all bodies, by name.
-            densities: Densities of the bodies that have one, for objectives that depend on them.
-            stresses: Stress of the bodies that have a mesh, likewise.
+            bodies: Volume integrals of all bodies, by name; or a `Response` without a trajectory,
+                for objectives that depend on densities or stress.
 
         Raises:
             ValueError: If a name does not exist, integrals are not valid, or a body that must
                 deform is rigid.
-            SimulationError: If the motion cannot be computed.
+            SimulationError: If the trajectory cannot be computed.
         """
-        start = perf_counter()
-        self.validate_names({name: integrals.markers for name, integrals in bodies.items()})
-        self.validate_modes({name: integrals.modes for name, integrals in bodies.items()})
-        trajectory = self.settled(bodies, densities, stresses).motion(bodies)
-        found = self.evaluated(Response(trajectory, dict(bodies), densities or {}, stresses or {}))
+        start, given = perf_counter(), _response(bodies)
+        self.validate(given.inventory)
+        trajectory = self.settled(given).trajectory(given.bodies)
+        found = self.evaluated(replace(given, simulated=trajectory))
         return replace(found, seconds={"simulation": perf_counter() - start})
 
-    def validate_names(self, markers: Mapping[str, Collection[str]]) -> None:
-        """Refuse objectives and constraints of bodies, markers and joints that do not exist.
+    def trajectory(self, bodies: Bodies) -> Trajectory | None:
+        """The trajectory of ``bodies``, by name; None if nothing depends on it.
 
-        Args:
-            markers: Names of the markers by name of the body, of all bodies.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
-        for objective in self.objectives.values():
-            objective.validate_names(markers, list(self.mechanism.joint_names))
-
-    def validate_modes(self, modes: Mapping[str, int]) -> None:
-        """Refuse objectives and constraints of bodies with too few elastic coordinates.
-
-        Args:
-            modes: Their number by name of the body, of all bodies; 0 of rigid ones.
-
-        Raises:
-            ValueError: If a body that must deform is rigid, or has too few coordinates.
-        """
-        for objective in self.objectives.values():
-            objective.validate_modes(modes)
-
-    def settled(
-        self,
-        bodies: Bodies,
-        densities: Mapping[str, DensityField] | None = None,
-        stresses: Mapping[str, StressField] | None = None,
-    ) -> MechanicalProblem:
-        """The same problem with the method and the steps that a :class:`TimeInterval` takes.
-
-        Args:
-            bodies: Volume integrals of all bodies, by name.
-            densities: As for :meth:`value`.
-            stresses: As for :meth:`value`.
-
-        Returns:
-            The problem itself where it has an integrator, or needs none.
-
-        Raises:
-            ValueError: If a name does not exist or integrals are not valid.
-            SimulationError: If the motion cannot be computed, or the tolerance is not reached.
-        """
-        if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
-            return self
-        chosen = self.integrator.chosen(*self._judged(bodies, densities, stresses))
-        return replace(self, integrator=chosen)
-
-    def _judged(
-        self,
-        bodies: Bodies,
-        densities: Mapping[str, DensityField] | None,
-        stresses: Mapping[str, StressField] | None,
-    ) -> tuple[Callable[[Integrator], Trajectory], Callable[[Trajectory, Trajectory], float]]:
-        """What simulates with a method, and the change of the objectives between two motions."""
-
-        def change(*motions: Trajectory) -> float:
-            return self._change(
-                *(Response(motion, bodies, densities or {}, stresses or {}) for motion in motions)
-            )
-
-        return lambda method: integrate(self.mechanism, bodies, method), change
-
-    def motion(self, bodies: Bodies) -> Trajectory | None:
-        """The motion; None if neither objective nor constraints depend on it.
-
-        Args:
-            bodies: Volume integrals of all bodies, by name.
-
-        Raises:
-            ValueError: As :meth:`value` does.
-            SimulationError: As :meth:`value` does.
+        It raises what :meth:`value` raises.
         """
         if self.needs_trajectory:
             return simulate(self.mechanism, bodies, self.integrator)
@@ -262,37 +190,44 @@ class MechanicalProblem:
         return None
 
     def evaluated(self, response: Response) -> MechanicalEvaluation:
-        """Objective and constraints of a motion that is known.
-
-        Args:
-            response: What they are functions of.
-
-        Raises:
-            ValueError: If a name does not exist.
-        """
+        """Objective and constraints of a ``response`` whose trajectory is known."""
         constraints = {}
         for constraint in self.constraints:
-            psi = constraint.objective.evaluate(response)
+            psi = value_of(constraint.objective, response, f"constraint {constraint.label!r}: ")
             constraints[constraint.label] = ConstraintValue(constraint.scaled(psi), psi)
-        return MechanicalEvaluation(
-            psi=self.objective.evaluate(response),
-            integrals_gradient=None,
-            constraints=constraints,
-            trajectory=response.trajectory,
-            bodies=dict(response.bodies),
-            seconds={},
-            densities=response.densities,
-            stresses=response.stresses,
-        )
+        return MechanicalEvaluation(value_of(self.objective, response), constraints, response)
+
+    def gradient(self, bodies: Bodies | Response) -> MechanicalEvaluation:
+        """Objective and constraints with exact derivatives; ``bodies`` as for :meth:`value`."""
+        return self.differentiate(self.value(bodies))
+
+    def differentiate(self, evaluation: MechanicalEvaluation) -> MechanicalEvaluation:
+        """An ``evaluation`` with the exact derivatives added.
+
+        So a design whose value is rejected need not be differentiated.
+        """
+        start, response = perf_counter(), evaluation.response
+        found = {}
+        for label, objective in self.objectives.items():
+            where = f"constraint {label!r}: " if label else ""
+            direct = derivatives_of(objective, response, where)
+            through = {name: body.zeros_like() for name, body in response.bodies.items()}
+            if moves(direct, response):
+                through = adjoint(response.trajectory, direct.trajectory)  # type: ignore[arg-type]
+            found[label] = direct.without_trajectory(through)
+        constraints = {
+            c.label: replace(
+                evaluation.constraints[c.label], derivatives=found[c.label].scaled(c.slope)
+            )
+            for c in self.constraints
+        }
+        seconds = {**evaluation.seconds, "adjoint": perf_counter() - start}
+        return replace(evaluation, constraints=constraints, derivatives=found[""], seconds=seconds)
 
     def calibrated(self, response: Response) -> MechanicalProblem:
-        """The problem with objectives corrected at a design, see `Objective.calibrated`.
+        """The problem with objectives corrected at a ``response``, see `Objective.calibrated`.
 
-        Args:
-            response: Of the design.
-
-        Returns:
-            The problem itself where none is to be corrected.
+        It is the problem itself where none is to be corrected.
         """
         objective = self.objective.calibrated(response)
         constraints = [constraint.calibrated(response) for constraint in self.constraints]
@@ -301,176 +236,105 @@ class MechanicalProblem:
             return self
         return replace(self, objective=objective, constraints=constraints)
 
-    def time_error(self, evaluation: MechanicalEvaluation) -> float:
-        """An estimate of the relative error that the time steps make in psi.
+    def settled(self, bodies: Bodies | Response) -> MechanicalProblem:
+        """The same problem with the method and the steps that a :class:`TimeInterval` takes.
 
-        It is the change with steps twice as long, the largest of the objective and of those that
-        are bounded. The error itself is smaller: by 3 times with :class:`GeneralizedAlpha`, by up
-        to 31 with :class:`RadauIIA`, where the steps resolve what matters to the objective.
+        For ``bodies`` as for :meth:`value`, which raises the same errors; the problem itself where
+        it has an integrator, or needs none. A tolerance out of reach is a `TimeStepWarning`.
+        """
+        if not isinstance(self.integrator, TimeInterval) or not self.needs_trajectory:
+            return self
+        return self.stepping(self.choice(bodies, self.integrator))
+
+    def stepping(self, choice: StepChoice) -> MechanicalProblem:
+        """The same problem with method and steps of a ``choice``; warns if they do not suffice."""
+        if not choice.met:
+            warnings.warn(choice.doubt, TimeStepWarning, stacklevel=3)
+        return replace(self, integrator=choice.integrator)
+
+    def choice(self, bodies: Bodies | Response, interval: TimeInterval) -> StepChoice:
+        """Method and steps that an accuracy takes, and how far they can be trusted.
 
         Args:
-            evaluation: What :meth:`value` returned.
-
-        Raises:
-            SimulationError: If the steps are too long for that.
+            bodies: As for :meth:`value`; of a `Response` with a trajectory, its method is kept
+                where it suffices.
+            interval: The time interval and the accuracy.
         """
-        fine, bodies = evaluation.trajectory, evaluation.bodies
-        if fine is None:
-            return 0.0
+        given = _response(bodies)
+        cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
+        judged, present = self._judged(given), given.simulated
+        return interval.chosen(*judged, cells, damped=damped, present=present)
 
-        def run(integrator: Integrator) -> Trajectory:
-            return integrate(self.mechanism, bodies, integrator)
-
-        coarse = coarser_run(fine.integrator, fine, run)
-        return self._change(evaluation.response, replace(evaluation.response, trajectory=coarse))
-
-    def with_tolerance(
-        self,
-        bodies: Bodies,
-        tolerance: float,
-        densities: Mapping[str, DensityField] | None = None,
-        stresses: Mapping[str, StressField] | None = None,
-    ) -> MechanicalProblem:
+    def with_tolerance(self, bodies: Bodies | Response, tolerance: float) -> MechanicalProblem:
         """The same problem with steps for an accuracy of psi.
 
-        Fixed steps are halved and the tolerance of adaptive ones falls until :meth:`time_error`
-        meets the tolerance and, with :class:`RadauIIA`, no single step adds a larger error. Choose
-        once, and keep the steps while designing.
+        Fixed steps are halved, and the tolerance of adaptive ones falls, until objective and
+        bounded objectives are as near as that to certified values (see :class:`TimeInterval`).
+        Choose once, and keep the steps while designing.
 
         Args:
-            bodies: Volume integrals of all bodies, by name.
-            tolerance: Largest relative error of the objective and of those that are bounded.
-            densities: As for :meth:`value`.
-            stresses: As for :meth:`value`.
+            bodies: As for :meth:`value`.
+            tolerance: Largest relative error of the objective and of bounded ones.
 
-        Raises:
-            ValueError: If a name does not exist or a number is not valid.
-            SimulationError: If the motion cannot be computed, or the tolerance is not reached; the
-                message says what was.
+        Warns:
+            TimeStepWarning: If the tolerance is not reached; it says what was.
         """
         if not self.needs_trajectory:
             return self
-        if isinstance(self.integrator, TimeInterval):
-            interval = TimeInterval(self.integrator.end_time, tolerance)
-            return replace(self, integrator=interval).settled(bodies, densities, stresses)
-        judged = self._judged(bodies, densities, stresses)
-        integrator, _ = run_to_tolerance(self.integrator, tolerance, *judged, "the objective")
-        return replace(self, integrator=integrator)
+        interval, given = TimeInterval(self.integrator.end_time, tolerance), _response(bodies)
+        if isinstance(self.integrator, TimeInterval) or self.integrator.chosen_for is not None:
+            return self.stepping(self.choice(given, interval))
+        exact = self._certified(given, interval.end_time, REFERENCE * tolerance)
+        return self.stepping(refined(self.integrator, *self._judged(given), exact, tolerance))
 
-    def _change(self, fine: Response, coarse: Response) -> float:
-        """The largest relative change of the objective and of those that are bounded."""
-        changes = [0.0]
-        for objective in (self.objective, *(c.objective for c in self.constraints)):
-            if objective.needs_trajectory:
-                here, there = (objective.evaluate(response) for response in (fine, coarse))
-                changes.append(abs(here - there) / (abs(here) or 1.0))
-        return max(changes)
+    def time_error(self, response: Response) -> float:
+        """An estimate of the largest relative error by time steps, of psi and bounded objectives.
 
-    def gradient(self, bodies: Bodies) -> MechanicalEvaluation:
-        """Objective and constraints with their exact derivatives.
-
-        Args:
-            bodies: Volume integrals of all bodies, by name.
+        They are computed once more, by two methods that treat vibrations in opposite ways, with
+        shorter and shorter steps until both agree five times as well. So vibrations that the steps
+        have lost are found, too, at the price of some simulations. The ``response`` is that of an
+        evaluation.
 
         Raises:
-            ValueError: As :meth:`value` does.
-            SimulationError: As :meth:`value` does.
+            SimulationError: If no trajectory with other steps is found.
         """
-        return self.differentiate(self.value(bodies))
+        fine = response.simulated
+        if fine is None:
+            return 0.0
+        found = self._judged(response)[1](fine)
+        exact = self._certified(response, float(fine.t[-1]), FINEST, near=found)
+        return relative_change(exact.values, found) + exact.error
 
-    def differentiate(self, evaluation: MechanicalEvaluation) -> MechanicalEvaluation:
-        """An evaluation with the exact derivatives added.
+    def _judged(self, given: Response) -> tuple[Run, Judge]:
+        """Functions from a method to the trajectory, and from there to the objectives."""
+        wanted = [objective for objective in self.objectives.values() if objective.needs_trajectory]
 
-        So a design whose value is rejected need not be differentiated.
+        def judge(trajectory: Trajectory) -> Array:
+            response = replace(given, simulated=trajectory)
+            return np.array([value_of(objective, response) for objective in wanted])
 
-        Args:
-            evaluation: What :meth:`value` returned.
-        """
-        start = perf_counter()
-        parts = {}
-        for label, objective in self.objectives.items():
-            direct, motion = parts_of_gradient(objective, evaluation.response)
-            parts[label] = replace(direct, trajectory=None), motion  # that is large, and done with
-        found = self.differentiated(evaluation, parts)
-        return replace(found, seconds={**evaluation.seconds, "adjoint": perf_counter() - start})
+        return lambda method: integrate(self.mechanism, given.bodies, method), judge
 
-    @property
-    def objectives(self) -> dict[str, Objective]:
-        """Those of the constraints by their labels, and the one that is minimised as ""."""
-        return {**{c.label: c.objective for c in self.constraints}, "": self.objective}
-
-    def differentiated(
-        self,
-        evaluation: MechanicalEvaluation,
-        parts: Mapping[str, tuple[Derivatives, Mapping[str, VolumeIntegrals]]],
-    ) -> MechanicalEvaluation:
-        """An evaluation with derivatives that are known.
-
-        Args:
-            evaluation: What :meth:`value` returned.
-            parts: Of `objectives`, both parts of `parts_of_gradient`; that of the objective which
-                is minimised may be missing.
-        """
-        constraints = {}
-        for constraint in self.constraints:
-            direct, motion = parts[constraint.label]
-            bars, slope = _with_direct(motion, direct), constraint.slope
-            constraints[constraint.label] = replace(
-                evaluation.constraints[constraint.label],
-                integrals_gradient={name: bar.scaled(slope) for name, bar in bars.items()},
-                density_gradient={name: slope * bar for name, bar in direct.densities.items()},
-                stress_gradient={name: slope * bar for name, bar in direct.stresses.items()},
-            )
-        found = replace(evaluation, constraints=constraints)
-        if "" not in parts:
-            return found
-        direct, motion = parts[""]
-        return replace(
-            found,
-            integrals_gradient=_with_direct(motion, direct),
-            density_gradient=dict(direct.densities),
-            stress_gradient=dict(direct.stresses),
-        )
+    def _certified(
+        self, given: Response, end_time: float, tolerance: float, near: Array | None = None
+    ) -> Certificate:
+        """The objectives that need the trajectory, certified near the values ``near``."""
+        cells, damped = load_cells(self.mechanism, given.bodies, end_time)
+        return certified(*self._judged(given), cells, tolerance, damped=damped, near=near)
 
 
-def _with_direct(
-    motion: Mapping[str, VolumeIntegrals], direct: Derivatives
-) -> dict[str, VolumeIntegrals]:
-    """Derivatives with respect to all integrals, through the motion and at fixed motion."""
-    own = direct.integrals
-    return {name: own[name] + bar if name in own else bar for name, bar in motion.items()}
+def _response(bodies: Bodies | Response) -> Response:
+    """A response without a trajectory of bodies alone, or the given one."""
+    return bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
 
 
-def parts_of_gradient(
-    objective: Objective, response: Response
-) -> tuple[Derivatives, dict[str, VolumeIntegrals]]:
-    """The derivatives of an objective, in two parts.
-
-    Args:
-        objective: The objective.
-        response: Motion, integrals and densities.
-
-    Returns:
-        The partial derivatives, and by name of the body those with respect to the integrals
-        through the motion (all bodies).
-    """
-    direct = objective.derivatives(response)
-    return direct, through_motion(direct.trajectory, response)
-
-
-def through_motion(bar: TrajectoryBar | None, response: Response) -> dict[str, VolumeIntegrals]:
-    """The derivatives of a number with respect to the integrals through the motion, by body.
-
-    Args:
-        bar: Its derivatives with respect to the motion; None where it does not matter.
-        response: Motion and integrals.
-    """
-    trajectory = response.trajectory
-    if trajectory is not None and bar is not None and _matters(bar):
-        return adjoint(trajectory, bar)
-    return {name: integrals.zeros_like() for name, integrals in response.bodies.items()}
-
-
-def _matters(bar: TrajectoryBar) -> bool:
-    """Whether an entry is not zero; NaN counts, so that it is reported."""
+def moves(direct: Derivatives, response: Response) -> bool:
+    """Whether the derivatives ``direct`` by the trajectory of a ``response`` do not vanish."""
+    bar = direct.trajectory
+    if response.simulated is None or bar is None:
+        return False
+    # NaN counts, so that it is reported
     return any(np.any(part) for part in (bar.y, bar.v, bar.w, bar.multipliers))
+
+
+explain_fields(globals())

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""What all ranks of a communicator must have in common: the way they take, and what they are given.
+"""Agreement of the ranks of a communicator: on the calls that they make, errors and arguments.
 
 Code of users (callbacks, objectives, motions, laws of the material) runs on every rank, and may
-fail on one of them alone. The others would then wait for it for ever, in the next call that takes
-all ranks. So what such code is called from is a section (`on_every_rank`): at its end the ranks
-tell each other how it went, and an error of one is raised on all. Whatever takes all ranks within a
-section announces itself beforehand (`announce`), and learns there that a rank has already left.
+fail on one of them alone. The others would then wait for it for ever in the next collective call.
+So such code is called within a section (`on_every_rank`): at its end the ranks tell each other how
+it went, and an error of one is raised on all. A collective call within a section announces itself
+beforehand (`announce`), and learns there that a rank has already left.
 """
 
 from __future__ import annotations
@@ -22,20 +22,31 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["ROUND_OFF", "announce", "check_alike", "gathered", "on_every_rank", "on_rank_0", "same"]
+from .limits import available_memory
+
+__all__ = [
+    "ROUND_OFF",
+    "agreed_memory",
+    "announce",
+    "check_alike",
+    "gathered",
+    "on_every_rank",
+    "on_rank_0",
+    "same",
+]
 
 #: More than the relative difference of two sums over the cells that are distributed differently: n
 #: positive terms in two orders differ by less than n times 2.3e-16, and bodies have less than 4e6
 #: cells
 ROUND_OFF = 1e-9
-#: A number in a text, whatever its last digits
+#: A number in a text
 _NUMBER = re.compile(r"(\d+\.?\d*(?:e[-+]?\d+)?)")
 #: Characters of a long text that a message shows about the first difference
 _SHOWN = 60
 
 
 class _UnmatchedCall(RuntimeError):
-    """A call that takes all ranks, and that not all of them make."""
+    """A collective call that not all ranks make."""
 
 
 # ---------------------------------------------------------------------- errors
@@ -48,30 +59,12 @@ def _common_communicator(comm: MPI.Comm) -> MPI.Comm:
 
 
 def announce(comm: MPI.Comm, call: str) -> None:
-    """Go on with a call that takes all ranks, if all make it.
-
-    Args:
-        comm: Its ranks.
-        call: Its name, alike on every rank.
-
-    Raises:
-        RuntimeError: On the ranks that make the call, if others make another one, or have left
-            their section (`on_every_rank`), for example by an error.
-    """
+    """Go on with a collective call if all ranks make it, else raise on those that do."""
     gathered(comm, call, None)
 
 
 def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
-    """The values of all ranks, alike on every one of them, if all make a call.
-
-    Args:
-        comm: Its ranks.
-        call: Its name, alike on every rank.
-        value: This rank's.
-
-    Raises:
-        RuntimeError: As `announce` does.
-    """
+    """The values of all ranks on every rank, if all make the same collective call."""
     if comm.size == 1:
         return [value]
     said = _common_communicator(comm).allgather((call, value))
@@ -89,15 +82,8 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
 def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
     """A section at whose end an error that was raised on any rank is raised on all.
 
-    Args:
-        comm: All its ranks enter.
-        what: Its name.
-
-    Raises:
-        RuntimeError: As `announce` does.
-        BaseException: On every rank, that of the lowest rank that fails, also where it leaves by
-            `sys.exit` or is interrupted; where all fail by the same kind of error, each raises its
-            own.
+    It is the error of the lowest rank that fails, also by `sys.exit` or an interrupt; where all
+    fail by the same kind of error, each raises its own.
     """
     if comm.size == 1:
         yield
@@ -137,7 +123,7 @@ def _kind(error: BaseException) -> str:
 
 
 def _portable(error: BaseException | None) -> BaseException | None:
-    """An error that can be sent: itself, or its message where it holds what cannot."""
+    """The error, or its message alone where it cannot be pickled."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:  # whatever pickle meets within it
@@ -146,11 +132,7 @@ def _portable(error: BaseException | None) -> BaseException | None:
 
 
 def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
-    """What ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises.
-
-    Raises:
-        Exception: On every rank, whatever ``action`` raises on rank 0.
-    """
+    """What ``action`` returns on rank 0, on every rank of ``comm``; or raise what it raises."""
     found = None
     with on_every_rank(comm, "writing or reading a file"):
         if comm.rank == 0:
@@ -158,27 +140,24 @@ def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
     return comm.bcast(found, root=0)
 
 
+def agreed_memory(comm: MPI.Comm, most: int | None = None) -> int:
+    """Least memory that a rank may take, where at most ``most`` on a machine take any [bytes]."""
+    neighbours = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    sharing = neighbours.size if most is None else min(neighbours.size, most)
+    neighbours.Free()
+    return int(comm.allreduce(available_memory(sharing), MPI.MIN))
+
+
 # ---------------------------------------------------------------------- arguments
 
 
 def check_alike(
-    comm: MPI.Comm,
-    where: str,
-    arguments: Mapping[str, Any],
-    tolerance: float = ROUND_OFF,
+    comm: MPI.Comm, where: str, arguments: Mapping[str, Any], tolerance: float = ROUND_OFF
 ) -> None:
-    """Refuse arguments that differ between the ranks by more than round-off.
+    """Refuse arguments, by name, that differ between the ranks by more than round-off.
 
-    Args:
-        comm: All its ranks call.
-        where: Who asks.
-        arguments: By name. Arrays are compared by their size, their norm and another sum; of other
-            objects the numbers and texts count that they hold as mappings, sequences and
-            dataclasses.
-        tolerance: Largest difference of numbers, relative to them, and of arrays to their norm.
-
-    Raises:
-        ValueError: On every rank; the message names the first that differs, with its values.
+    Arrays are compared by size, norm and another sum, relative to the norm; other objects by the
+    numbers and texts that they hold as mappings, sequences and dataclasses.
     """
     if comm.size == 1:
         return
@@ -198,11 +177,7 @@ def check_alike(
 def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool:
     """Whether two arrays or texts are the same but for the round-off of the numbers in them.
 
-    Args:
-        one: Numbers of any shape, or a text.
-        other: Likewise.
-        tolerance: Largest difference of two numbers, relative to the largest of their array. Whole
-            numbers are the same only where they are equal.
+    The tolerance is relative to the largest number of an array. Whole numbers must be equal.
     """
     a, b = np.asarray(one), np.asarray(other)
     if a.shape != b.shape:
@@ -232,15 +207,17 @@ class _Digest:
 
     @staticmethod
     def of(value: Any) -> _Digest:
-        """What is compared of a value."""
-        if isinstance(value, float) or (
-            isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
-        ):
+        """The digest of a value."""
+        numeric = isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
+        if numeric or isinstance(value, float):
             x = np.asarray(value, dtype=np.float64).ravel()
             weighted = float(x @ np.cos(np.arange(x.size)))
             count = "a number" if x.size == 1 else f"{x.size} numbers"
             return _Digest(count, float(np.sqrt(x @ x)), weighted)
-        return _Digest(_text(value))
+        try:
+            return _Digest(_text(value))
+        except RecursionError:
+            return _Digest(f"a {type(value).__qualname__} that holds itself")
 
     def fits(self, other: _Digest, tolerance: float) -> bool:
         """Whether two values are the same but for round-off, relative to their norm."""
@@ -251,12 +228,11 @@ class _Digest:
         )
 
     def beside(self, other: _Digest) -> tuple[str, str]:
-        """How two values that differ are shown."""
+        """The two values, which differ, as a message shows them."""
         pairs = zip(self.text, other.text, strict=False)
         first = next((i for i, (a, b) in enumerate(pairs) if a != b), 0)
         cut = slice(max(0, first - _SHOWN), first + _SHOWN)
-        here, there = (digest._shown(cut) for digest in (self, other))
-        return here, there
+        return self._shown(cut), other._shown(cut)
 
     def _shown(self, cut: slice) -> str:
         if self.text == "a number":
@@ -264,12 +240,12 @@ class _Digest:
         return f"{self.text} of norm {self.norm:.10g}" if self.norm else self.text[cut]
 
 
-#: Of what one rank gives and another does not
+#: Digest of an argument that a rank does not give
 _NOTHING = _Digest("nothing")
 
 
 def _text(value: Any) -> str:
-    """Numbers and texts in an object, and the kinds of what else it consists of."""
+    """Numbers and texts in an object, and the kinds of its other parts."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{k!r}: {_text(v)}" for k, v in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The last line of a program that was given something wrong."""
+"""The end of a program that was given wrong input: one line."""
 
 from __future__ import annotations
 
@@ -12,14 +12,11 @@ __all__ = ["run"]
 
 
 def run(main: Callable[[], object]) -> None:
-    """Run a program, and end it by one line where it fails for what it was given.
+    """Run a program, and end it by one line where it fails because of what it was given.
 
-    What this package or the program itself refuses, files that cannot be read or written and memory
-    that is not there say in their message what is wrong and what to do; where in the sources they
-    were raised is shown by ``python -X dev``. Other errors keep their traceback.
-
-    Args:
-        main: The program.
+    Errors that a `raise` statement of this package or of the program raises, files that cannot be
+    read or written and missing memory say in their message what is wrong and what to do; ``python
+    -X dev`` shows where they were raised. Other errors keep their traceback.
     """
     try:
         main()
@@ -35,11 +32,13 @@ def _end(error: Exception) -> None:
     """End the program by one line, or raise the error where developers ask for that."""
     if sys.flags.dev_mode:
         raise error
-    sys.exit(f"{Path(sys.argv[0]).name}: {error}")
+    path = Path(sys.argv[0])
+    name = f"python -m {path.parent.name}" if path.name == "__main__.py" else path.name
+    sys.exit(f"{name}: {error}")
 
 
 def _refused(error: Exception) -> bool:
-    """Whether a statement of this package or the program has raised an error, and no slip."""
+    """Whether a `raise` statement of this package or of the program has raised an error."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     path = Path(last.filename).resolve()
     own = path == Path(sys.argv[0]).resolve() or path.is_relative_to(Path(__file__).parent)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What arguments must be: one check and one wording for each kind, for all folders.
+"""Checks of arguments: one check and one wording for each kind, for all folders.
 
 Each check gives back the argument in the form in which it is used, or refuses it by name: with a
 TypeError where a thing of another kind is needed, with a ValueError where it is out of its range.
@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from difflib import get_close_matches
+from inspect import Parameter, signature
 from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,6 +24,7 @@ __all__ = [
     "by_name",
     "choice",
     "described",
+    "direction",
     "flag",
     "function",
     "implementation",
@@ -30,25 +33,29 @@ __all__ = [
     "instances_by_name",
     "integer",
     "is_number",
+    "keywords",
     "listed",
     "name",
     "names",
+    "nearest_rotation",
     "number",
     "numbers",
     "path",
     "plane_vector",
     "real_array",
+    "rotation",
 ]
 
 T = TypeVar("T")
 
+#: Lengths of directions below this count as zero, and beyond one over it as too long.
+_SHORTEST = 1e-12
+#: Deviation of a matrix from one of a rotation, of six digits, and of all of them.
+_ROUNDED, _EXACT = 1e-5, 1e-14
+
 
 def described(value: Any) -> str:
-    """A few words that show what was given.
-
-    Args:
-        value: Anything.
-    """
+    """A few words that show a value and its type."""
     text = reprlib.repr(value)
     kind = type(value).__name__
     return text if isinstance(value, type) or kind in text else f"{text} ({kind})"
@@ -59,11 +66,7 @@ def _refused(what: str, needed: str, value: Any) -> TypeError:
 
 
 def is_number(value: Any) -> bool:
-    """Whether something is a real number; True and False, texts and arrays are none.
-
-    Args:
-        value: Anything.
-    """
+    """Whether something is a real number; True and False, texts and arrays are none."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
@@ -79,24 +82,11 @@ def number(
     most: float = math.inf,
     unit: str = "",
 ) -> float:
-    """A finite real number in its range.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        above: Largest number that is too small.
-        least: Smallest number that is allowed.
-        below: Smallest number that is too large.
-        most: Largest number that is allowed.
-        unit: Its unit, for the message.
-
-    Raises:
-        TypeError: If it is no real number; True and False, texts and arrays are none.
-        ValueError: If it is NaN, infinite or out of its range.
-    """
+    """A finite real number in its range: above, at least, below, at most."""
     found = _as_float(what, value)
     if not (math.isfinite(found) and above < found < below and least <= found <= most):
-        needed = _range(above, least, below, most)
+        endless = found == math.inf and min(below, most) == math.inf
+        needed = "be finite" if endless else _range(above, least, below, most)
         raise ValueError(f"{what} must {needed}, but it is {value} {unit}".rstrip())
     return found
 
@@ -111,7 +101,7 @@ def _as_float(what: str, value: Any) -> float:
 
 
 def _range(above: float, least: float, below: float, most: float) -> str:
-    """What a number in a range must do, as a message goes on after "must"."""
+    """The words after "must" in a message about a number out of its range."""
     low, high = max(above, least), min(below, most)
     if high == math.inf:
         if low == -math.inf:
@@ -127,18 +117,7 @@ def _range(above: float, least: float, below: float, most: float) -> str:
 
 
 def integer(what: str, value: Any, *, least: float = 0, most: float = math.inf) -> int:
-    """A whole number in its range; 2.0 is one.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        least: Smallest number that is allowed.
-        most: Largest number that is allowed.
-
-    Raises:
-        TypeError: If it is no real number.
-        ValueError: If it is not whole, or out of its range.
-    """
+    """A whole number in its range; 2.0 is one."""
     found = _as_float(what, value)
     if not (found.is_integer() and least <= found <= most):
         kind = {
@@ -154,60 +133,27 @@ def integer(what: str, value: Any, *, least: float = 0, most: float = math.inf) 
 
 
 def flag(what: str, value: Any) -> bool:
-    """True or False.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-
-    Raises:
-        TypeError: If it is something else.
-    """
+    """True or False."""
     if not isinstance(value, bool | np.bool_):
         raise _refused(what, "True or False", value)
     return bool(value)
 
 
 def function(what: str, value: Any, of: str) -> None:
-    """Refuse what cannot be called.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        of: What it must be a function of, for the message.
-
-    Raises:
-        TypeError: If it cannot be called.
-    """
+    """Refuse what cannot be called, as a function ``of`` something."""
     if not callable(value):
         raise _refused(what, f"a function of {of}", value)
 
 
 def name(what: str, value: Any) -> str:
-    """A text.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-
-    Raises:
-        TypeError: If it is something else.
-    """
+    """A text."""
     if not isinstance(value, str):
         raise _refused(what, "a text", value)
     return value
 
 
 def names(what: str, value: Any) -> list[str]:
-    """A list of texts.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-
-    Raises:
-        TypeError: If it is something else; a text alone is no list of texts.
-    """
+    """A list of texts; a text alone is none."""
     if isinstance(value, str):
         raise TypeError(f"{what} must be a list of texts, as [{value!r}], but it is {value!r}")
     found = instances(what, value, str, "texts")
@@ -215,33 +161,27 @@ def names(what: str, value: Any) -> list[str]:
     return sorted(found) if isinstance(value, set | frozenset) else found
 
 
+def keywords(what: str, given: Iterable[str], *takers: Callable[..., Any]) -> None:
+    """Refuse options that none of the functions takes by name, with the name that is meant."""
+    named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    every = [p for taker in takers for p in signature(taker).parameters.values()]
+    known = [p.name for p in every if p.kind in named]
+    for option in given:
+        if option not in known:
+            near = get_close_matches(option, known, 1)
+            said = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+            raise TypeError(f"{what} has no option {option!r}; {said}")
+
+
 def path(what: str, value: Any) -> Path:
-    """The path of a file or folder.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-
-    Raises:
-        TypeError: If it is neither a text nor a path.
-    """
+    """The path of a file or folder."""
     if not isinstance(value, str | os.PathLike):
         raise _refused(what, "a path", value)
     return Path(value)
 
 
 def choice(what: str, value: Any, options: Iterable[str]) -> str:
-    """One of several words.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        options: The words.
-
-    Raises:
-        TypeError: If it is no text.
-        ValueError: If it is another text.
-    """
+    """One of several words."""
     words = list(options)
     if name(what, value) not in words:
         one = " or ".join(map(repr, words)) if len(words) < 3 else f"one of {words}"
@@ -256,17 +196,9 @@ def real_array(
     *,
     expected: str = "",
 ) -> NDArray[np.float64]:
-    """An array of finite real numbers.
+    """An array of finite real numbers of a shape, in which None stands for any length.
 
-    Args:
-        what: Name of the argument, for the message.
-        value: Numbers, or nested lists of them; True and False count as 1 and 0.
-        shape: The shape that it must have; None stands for any length, or for any shape.
-        expected: What the message says of the shape instead of the shape.
-
-    Raises:
-        TypeError: If it holds something else than real numbers.
-        ValueError: If it has another shape, or holds NaN or infinity.
+    The message says what is ``expected`` instead of the shape.
     """
     array = numbers(what, value)
     if shape is not None and not (
@@ -282,16 +214,7 @@ def real_array(
 
 
 def numbers(what: str, value: Any) -> NDArray[np.float64]:
-    """An array of real numbers, of any shape, NaN and infinity included.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: Numbers, or nested lists of them; True and False count as 1 and 0.
-
-    Raises:
-        TypeError: If it holds something else: texts, complex numbers, None.
-        ValueError: If its rows have different lengths.
-    """
+    """An array of real numbers, of any shape, NaN and infinity included."""
     try:
         given = np.asarray(value)
     except ValueError as error:
@@ -303,50 +226,52 @@ def numbers(what: str, value: Any) -> NDArray[np.float64]:
     return np.asarray(given, dtype=np.float64)
 
 
+def direction(what: str, value: Any, dimension: int, *, expected: str = "") -> tuple[float, ...]:
+    """The components of a vector of any length from which a unit vector can be made."""
+    found = real_array(what, value, (dimension,), expected=expected)
+    length = math.hypot(*found)
+    if not length > _SHORTEST:
+        raise ValueError(f"{what} has no length; give a direction, of any length")
+    if length > 1.0 / _SHORTEST:
+        raise ValueError(f"{what} is too long, {length:.3g}; give a direction, as a unit vector")
+    return tuple(found.tolist())
+
+
+def rotation(what: str, value: Any) -> NDArray[np.float64]:
+    """The matrix of a rotation, shape (3, 3); of a rounded one that of the nearest rotation."""
+    given = nearest_rotation(real_array(what, value, (3, 3)))
+    if np.max(np.abs(given.T @ given - np.eye(3))) > _ROUNDED or np.linalg.det(given) < 0.0:
+        raise ValueError(
+            f"{what} must be the matrix of a rotation, whose columns are perpendicular unit "
+            f"vectors in a right-handed order, but it is {given.tolist()}"
+        )
+    return given
+
+
+def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation nearest to a matrix that is one but for rounding; any other as it is."""
+    defect = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
+    if not _EXACT < defect < _ROUNDED:
+        return matrix
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
 def plane_vector(what: str, value: Any) -> tuple[float, float]:
-    """Two finite numbers.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-
-    Raises:
-        TypeError: If it holds something else than real numbers.
-        ValueError: If there are not two, or one is NaN or infinite.
-    """
+    """Two finite numbers."""
     x, y = real_array(what, value, (2,), expected="two components")
     return float(x), float(y)
 
 
 def instance(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> T:
-    """An object of a class.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        kind: The class, or several.
-        needed: What the message says must be given.
-
-    Raises:
-        TypeError: If it is of another class.
-    """
+    """An object of a class, or of one of several."""
     if not isinstance(value, kind):
         raise _refused(what, needed, value)
     return value
 
 
 def instances(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> list[T]:
-    """A list of objects of a class, from a list, an array, a set, values of a mapping and the like.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        kind: The class, or several.
-        needed: What the message says must be given, in the plural.
-
-    Raises:
-        TypeError: If it is no list, or an entry is of another class.
-    """
+    """A list of objects of a class."""
     entries = listed(what, value, f"a list of {needed}")
     for position, entry in enumerate(entries):
         if not isinstance(entry, kind):
@@ -357,16 +282,7 @@ def instances(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed
 
 
 def listed(what: str, value: Any, needed: str) -> list[Any]:
-    """The entries of a list, an array, a set, values of a mapping and the like.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        needed: What the message says must be given.
-
-    Raises:
-        TypeError: If it is a text or a mapping, or has no entries.
-    """
+    """The entries of a list, an array, a set, values of a mapping and the like."""
     no_list = isinstance(value, str | bytes | Mapping | type) or not isinstance(value, Collection)
     if no_list or (isinstance(value, np.ndarray) and value.ndim == 0):
         raise _refused(what, needed, value)
@@ -374,16 +290,7 @@ def listed(what: str, value: Any, needed: str) -> list[Any]:
 
 
 def by_name(what: str, value: Mapping[str, T], needed: str) -> dict[str, T]:
-    """A mapping from names to anything.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        needed: What the message says must be given for each name.
-
-    Raises:
-        TypeError: If it is no mapping, or a key is no text.
-    """
+    """A mapping from names to anything."""
     if not isinstance(value, Mapping):
         raise _refused(what, f"a mapping from names to {needed}", value)
     for key in value:
@@ -394,17 +301,7 @@ def by_name(what: str, value: Mapping[str, T], needed: str) -> dict[str, T]:
 def instances_by_name(
     what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str
 ) -> dict[str, T]:
-    """A mapping from names to objects of a class.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        kind: The class, or several.
-        needed: What the message says must be given for each name.
-
-    Raises:
-        TypeError: If it is no mapping, a key is no text, or a value is of another class.
-    """
+    """A mapping from names to objects of a class."""
     found = by_name(what, value, needed)
     for key, entry in found.items():
         instance(f"{what}: that of {key!r}", entry, kind, needed)
@@ -412,17 +309,7 @@ def instances_by_name(
 
 
 def implementation(what: str, value: Any, members: Sequence[str], needed: str) -> Any:
-    """An object, of whatever class, that has all members of a protocol.
-
-    Args:
-        what: Name of the argument, for the message.
-        value: The argument.
-        members: Names of the members.
-        needed: What the message says must be given.
-
-    Raises:
-        TypeError: If a member is missing, or if the class is given instead of an object.
-    """
+    """An object, of whatever class, that has all members of a protocol."""
     missing = [member for member in members if not hasattr(value, member)]
     if isinstance(value, type) or missing:
         lacks = "" if isinstance(value, type) else f", which has no {missing[0]!r}"

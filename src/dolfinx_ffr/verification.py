@@ -5,13 +5,11 @@ For a function with derivative g, the remainder
 
     R(s) = f(x + s d) - f(x) - s g.d
 
-falls like s^2 as the step s is halved; with a wrong derivative it falls like s. The observed order
-of the remainder is therefore the most direct test of a pullback that there is, and it needs no
-tolerance.
+falls like s^2 as the step s is halved; with a wrong derivative it falls like s. So the observed
+order is a direct test of a pullback, and needs no tolerance.
 
-Under MPI the values must be global: ``function`` has to return the same number on every rank, and
-``gradient_dot`` the inner product already summed over the ranks. All ranks then call the tests with
-their own part of ``x`` and ``direction`` and reach the same verdict.
+Under MPI ``function`` returns the same number on every rank, and ``gradient_dot`` the inner product
+summed over the ranks; all ranks call the tests with their own part of ``x`` and ``direction``.
 
 Example:
     >>> import numpy as np
@@ -27,6 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from .documentation import explain_fields
 
 __all__ = [
     "DEFAULT_STEPS",
@@ -47,25 +47,16 @@ DEFAULT_STEPS: tuple[float, ...] = tuple(1e-2 / 2.0**k for k in range(5))
 class TaylorResult:
     """Outcome of a Taylor test."""
 
-    #: Steps s, shape (n,).
-    steps: Array
-    #: |f(x + s d) - f(x) - s g.d| at each step, shape (n,).
-    remainders: Array
-    #: |f(x + s d) - f(x)| at each step, shape (n,).
-    differences: Array
-    #: Observed order of the remainder between consecutive steps, shape (n - 1,).
-    orders: Array
-    #: Order of the remainder by a least-squares fit through all steps above round-off.
-    order: float
-    #: Number of steps whose remainder stands clear of round-off.
-    usable: int
-    #: Value at x.
-    value: float
-    #: Directional derivative g.d.
-    slope: float
+    steps: Array  #: Steps s, shape (n,)
+    remainders: Array  #: |f(x + s d) - f(x) - s g.d| at each step, shape (n,)
+    differences: Array  #: |f(x + s d) - f(x)| at each step, shape (n,)
+    orders: Array  #: Observed order of the remainder between consecutive steps, shape (n - 1,)
+    order: float  #: Order of the remainder by a least-squares fit through all steps above round-off
+    usable: int  #: Number of steps whose remainder stands clear of round-off
+    value: float  #: Value at x
+    slope: float  #: Directional derivative g.d
 
     def __str__(self) -> str:
-        """Table of steps, differences, remainders and orders."""
         lines = ["      step     difference      remainder   order"]
         for k, step in enumerate(self.steps):
             order = f"{self.orders[k - 1]:7.3f}" if k else "      -"
@@ -96,9 +87,9 @@ def taylor_test(
             largest value are left out of the fit.
 
     Returns:
-        Steps, remainders and orders; about 2 for a right derivative, about 1 for a wrong one, and
-        infinite where the remainder vanishes to round-off at all steps (a linear function); NaN
-        where too few remainders stand clear of round-off to tell.
+        The order is about 2 for a right derivative, about 1 for a wrong one, infinite where the
+        remainder vanishes to round-off at all steps (a linear function), and NaN where too few
+        remainders stand clear of round-off to tell.
 
     Raises:
         ValueError: If the steps are not positive and decreasing, the shapes differ, or a value is
@@ -141,8 +132,7 @@ def assert_taylor_order(result: TaylorResult, minimum: float = 1.9, points: int 
         points: Least number of steps that stand clear of round-off.
 
     Raises:
-        AssertionError: With the table of remainders, if an order is too small or if too few
-            remainders stand clear of round-off to tell.
+        AssertionError: With the table of remainders, if orders are too small or steps too few.
     """
     if np.isinf(result.order):
         return
@@ -164,17 +154,10 @@ def central_difference(
     *,
     order: int = 4,
 ) -> float:
-    """Directional derivative by central differences of second or fourth order.
+    """Derivative of ``function`` at ``x`` along ``direction`` by central differences.
 
-    Args:
-        function: The number f(x); the same on all ranks.
-        x: Point, any shape.
-        direction: Direction, shape of ``x``.
-        step: Step along the direction.
-        order: 2 or 4.
-
-    Raises:
-        ValueError: If the order is neither 2 nor 4.
+    The ``step`` is along the direction, of the shape of ``x``; the ``order`` is 2 or 4, or a
+    ValueError is raised.
     """
     if order not in (2, 4):
         raise ValueError(f"central differences of order 2 or 4, not {order}")
@@ -188,11 +171,9 @@ def central_difference(
 
 
 def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
-    """Order p of errors ~ C h^p by a least-squares fit of log(error) against log(h).
+    """Order p of ``errors``, C times ``h`` to the power p, by least squares of the logarithms.
 
-    Args:
-        h: Mesh sizes or time steps, shape (n,), n >= 2.
-        errors: Positive errors, shape (n,).
+    Both have the shape (n,).
 
     Raises:
         ValueError: If there are fewer than two points or an entry is not positive.
@@ -203,3 +184,6 @@ def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
     if not (np.all(x > 0.0) and np.all(y > 0.0)):
         raise ValueError("sizes and errors must be positive")
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+explain_fields(globals())

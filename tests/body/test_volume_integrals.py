@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Volume integrals of a body: structure, point masses, refused data."""
+"""Volume integrals in the plane and in space: structure, point masses, files, refused data."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from shared.beams import beam
-from shared.scenes import random_direction
+from shared.derivatives import random_direction
+from shared.spatial_bodies import cloud, cloud_of_mass
 
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
-from dolfinx_ffr.verification import assert_taylor_order, taylor_test
+from dolfinx_ffr.body.moments import axial, cross_matrix, theta
 
 EPS = np.finfo(float).eps
 
@@ -26,68 +28,114 @@ def test_rigid_body_about_its_centre_of_mass() -> None:
     body.validate("rigid")
 
 
-def test_beam_has_mass_and_inertia_of_a_rod() -> None:
-    rod = beam(length=0.4, height=0.04, width=0.01, density=7850.0, modes=5)
+@pytest.mark.parametrize("frame", ["chord", "tangent", "free"])
+def test_beam_has_mass_and_inertia_of_a_rod(frame: str) -> None:
+    """Its mass matrix is positive; free modes neither move the centre nor turn."""
+    rod = beam(length=0.4, height=0.04, width=0.01, density=7850.0, modes=4, frame=frame)
     mass = 7850.0 * 0.4 * 0.04 * 0.01
     assert rod.mass == pytest.approx(mass, rel=1e-13)
     np.testing.assert_allclose(rod.S[0], 0.0, atol=1e-15)
     assert rod.G[0, 0] == pytest.approx(mass * 0.4**2 / 12.0, rel=1e-13)
-
-
-@pytest.mark.parametrize("frame", ["chord", "tangent", "free"])
-def test_mass_matrix_is_the_kinetic_energy_of_the_points(frame: str) -> None:
-    # The quadratic form is that of a sum over points, hence positive for all velocities.
-    rod = beam(modes=4, frame=frame)
     matrix = rod.mass_matrix()
     np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12, atol=1e-14)
     assert np.linalg.eigvalsh(matrix)[0] > 0.0
     rod.validate("rod")
+    if frame == "free":
+        np.testing.assert_allclose(rod.S[1:], 0.0, atol=1e-10)
+        np.testing.assert_allclose(rod.N[0, 1:], 0.0, atol=1e-10)
 
 
-def test_free_modes_neither_move_the_centre_nor_turn() -> None:
-    rod = beam(modes=4, frame="free")
-    np.testing.assert_allclose(rod.S[1:], 0.0, atol=1e-10)
-    np.testing.assert_allclose(rod.N[0, 1:], 0.0, atol=1e-10)
+def test_integrals_are_those_of_the_points() -> None:
+    _, masses, fields = cloud_of_mass(modes=2)
+    body = cloud(modes=2)
+    X, Y = fields[0], fields[1]
+    assert body.mass == pytest.approx(masses.sum())
+    np.testing.assert_allclose(body.S, np.einsum("p,apk->ak", masses, fields))
+    np.testing.assert_allclose(body.G[0, 1], masses @ np.sum(X * Y, axis=1))
+    np.testing.assert_allclose(body.N[0, 1], masses @ np.cross(X, Y), atol=1e-16)
+    inertia = sum(m * cross_matrix(x).T @ cross_matrix(x) for m, x in zip(masses, X, strict=True))
+    assert body.P is not None
+    np.testing.assert_allclose(theta(body.P[0, 0]), inertia)
+    np.testing.assert_allclose(axial(body.P[1, 0]), masses @ np.cross(X, Y), atol=1e-16)
+    # kinetic energy of any motion of the undeformed body
+    v, omega, rate = np.array([0.3, -1.0, 0.7]), np.array([2.0, 0.1, -0.4]), np.array([0.2, -0.5])
+    speed = v + np.cross(omega, X) + np.einsum("a,apk->pk", rate, fields[1:])
+    state = np.concatenate([v, omega, rate])
+    energy = 0.5 * masses @ np.sum(speed**2, axis=1)
+    assert 0.5 * state @ body.mass_matrix() @ state == pytest.approx(energy, rel=1e-13)
 
 
-def test_point_mass_equals_a_point_in_the_integrals() -> None:
-    rod = beam(modes=3, elements=4)
-    heavier = rod.with_point_mass("right", 0.7)
-    W = rod.markers["right"].basis
+def test_rigid_body_of_its_tensor() -> None:
+    J = np.diag([2.0, 3.0, 4.0]) + 0.1 * np.ones((3, 3))
+    center = np.array([0.1, -0.2, 0.3])
+    body = VolumeIntegrals.rigid(2.0, center, J, {"tip": (1.0, 0.0, 0.0)})
+    assert body.dimension == 3
+    assert body.markers["tip"].rotation.shape == (3, 0)
+    matrix, arm = body.mass_matrix(), cross_matrix(center)
+    np.testing.assert_allclose(matrix[3:, 3:], J + 2.0 * arm.T @ arm, atol=1e-15)
+    np.testing.assert_allclose(matrix[3:, :3], 2.0 * arm)
+
+
+def small(space: bool) -> VolumeIntegrals:
+    return cloud(modes=2) if space else beam(modes=3, elements=4)
+
+
+def change(space: bool, seed: int) -> VolumeIntegrals:
+    """A random change of the body, at whose markers only the shape functions change.
+
+    The stiffness stays: it would outweigh the rest in inner products.
+    """
+    if not space:
+        return random_direction({"rod": small(space)}, seed, "mSGNWP")["rod"]
+    found = cloud(modes=2, seed=1 + seed)
+    still = {name: replace(m, position=np.zeros(3)) for name, m in found.markers.items()}
+    return replace(found, K=0.0 * found.K, markers=still)
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_point_mass_equals_a_point_in_the_integrals(space: bool) -> None:
+    body, marker = small(space), "tip" if space else "right"
+    heavier, W = body.with_point_mass(marker, 0.7), body.markers[marker].basis
+    assert heavier.mass == pytest.approx(body.mass + 0.7, rel=2 * EPS)
+    np.testing.assert_allclose(heavier.S, body.S + 0.7 * W.T, rtol=1e-14)
+    np.testing.assert_allclose(heavier.G, body.G + 0.7 * W.T @ W, rtol=1e-14)
+    if heavier.P is not None and body.P is not None:
+        more = 0.7 * np.einsum("ka,lb->abkl", W, W)
+        np.testing.assert_allclose(heavier.P - body.P, more, atol=1e-16)
+        return
     turned = np.array([-W[1], W[0]])
-    assert heavier.mass == pytest.approx(rod.mass + 0.7, rel=2 * EPS)
-    np.testing.assert_allclose(heavier.S, rod.S + 0.7 * W.T, rtol=1e-14)
-    np.testing.assert_allclose(heavier.G, rod.G + 0.7 * W.T @ W, rtol=1e-14)
-    np.testing.assert_allclose(heavier.N, rod.N + 0.7 * turned.T @ W, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(heavier.N, body.N + 0.7 * turned.T @ W, rtol=0, atol=1e-14)
     np.testing.assert_allclose(heavier.N, -heavier.N.T, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("space", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_point_mass_pullback(seed: int) -> None:
-    rod = beam(modes=3, elements=4)
-    weights = random_direction({"rod": rod}, 10 + seed)["rod"]
-    direction = random_direction({"rod": rod}, seed)["rod"]
-    bar = rod.point_mass_pullback(weights, "middle", 0.7)
-
-    def function(step: np.ndarray) -> float:
-        body = rod + direction.scaled(float(step))
-        moved = body.with_point_mass("middle", 0.7)
-        return weights.dot(moved)
-
-    assert_taylor_order(taylor_test(function, lambda d: float(d) * bar.dot(direction), 0.0, 1.0))
-    np.testing.assert_array_equal(bar.G, bar.G.T)
-    np.testing.assert_array_equal(bar.N, -bar.N.T)
+def test_point_mass_pullback(seed: int, space: bool) -> None:
+    """What a point adds is quadratic in the shape functions: differences are exact."""
+    body, marker = small(space), "tip" if space else "middle"
+    direction, weights = change(space, seed), change(space, 10 + seed)
+    bar = body.point_mass_pullback(weights, marker, 0.7)
+    ahead, behind = (
+        weights.dot((body + direction.scaled(h)).with_point_mass(marker, 0.7)) for h in (0.5, -0.5)
+    )
+    assert bar.dot(direction) == pytest.approx(ahead - behind, rel=1e-9)
+    if not space:
+        np.testing.assert_array_equal(bar.G, bar.G.T)
+        np.testing.assert_array_equal(bar.N, -bar.N.T)
 
 
-def test_sum_scale_and_inner_product() -> None:
-    a = beam(modes=2, elements=4)
-    b = random_direction({"rod": a}, 1)["rod"]
+@pytest.mark.parametrize("space", [False, True])
+def test_sum_scale_and_inner_product(space: bool) -> None:
+    a, b = small(space), change(space, 1)
     total = a + b.scaled(-2.0)
     assert total.mass == pytest.approx(a.mass - 2.0 * b.mass)
     np.testing.assert_allclose(total.G, a.G - 2.0 * b.G)
     assert total.dot(b) == pytest.approx(a.dot(b) - 2.0 * b.dot(b), rel=1e-12)
     assert a.zeros_like().dot(a) == 0.0
-    with pytest.raises(ValueError, match=r"different markers: \['left', 'middle', 'right'\]"):
+    assert a.leading(1).modes == 1
+    second = "P" if space else "G"
+    np.testing.assert_array_equal(getattr(a.leading(1), second), getattr(a, second)[:2, :2])
+    with pytest.raises(ValueError, match=r"different markers: \['.*'\]"):
         _ = a + replace(b, markers={})
 
 
@@ -148,33 +196,17 @@ def second_moments(body: VolumeIntegrals) -> np.ndarray:
     return P
 
 
-def test_second_moments_of_points() -> None:
-    """P of a cloud of points gives the G and N of the same cloud."""
-    rng = np.random.default_rng(1)
-    W, rho = rng.normal(size=(20, 2, 4)), rng.uniform(0.5, 1.0, 20)
-    turned = np.stack([-W[:, 1], W[:, 0]], axis=1)
-    body = VolumeIntegrals.from_arrays(
-        rho.sum(),
-        np.einsum("p,pia->ai", rho, W),
-        P=np.einsum("p,pia,pjb->abij", rho, W, W),
-        K=np.eye(3),
-    )
-    np.testing.assert_allclose(body.G, np.einsum("p,pia,pib->ab", rho, W, W), atol=1e-13)
-    np.testing.assert_allclose(body.N, np.einsum("p,pia,pib->ab", rho, turned, W), atol=1e-13)
-
-
 def assert_same(a: VolumeIntegrals, b: VolumeIntegrals) -> None:
     """Equal to the last bit."""
-    assert a.mass == b.mass
-    for key in "SGNK":
-        np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
-    assert a.stiffening.keys() == b.stiffening.keys()
+    assert list(a.markers) == list(b.markers) and a.stiffening.keys() == b.stiffening.keys()
+    pairs = [(a, b, key) for key in ("mass", *"SGNKP")]
+    for name, marker in a.markers.items():
+        keys = ("position", "displacement", "rotation")
+        pairs += [(marker, b.markers[name], key) for key in keys]
+    for one, other, key in pairs:
+        np.testing.assert_array_equal(getattr(one, key), getattr(other, key))
     for load, array in a.stiffening.items():
         np.testing.assert_array_equal(array, b.stiffening[load])
-    assert list(a.markers) == list(b.markers)
-    for name, marker in a.markers.items():
-        for key in ("position", "displacement", "rotation"):
-            np.testing.assert_array_equal(getattr(marker, key), getattr(b.markers[name], key))
 
 
 @pytest.mark.parametrize(
@@ -187,8 +219,9 @@ def assert_same(a: VolumeIntegrals, b: VolumeIntegrals) -> None:
             beam(modes=2, elements=4),
             stiffening={"omega2": np.eye(2), "acceleration": np.ones((2, 2, 2)) / 3.0},
         ),
+        cloud(modes=2),
     ],
-    ids=["elastic", "no markers", "rigid", "stiffening"],
+    ids=["elastic", "no markers", "rigid", "stiffening", "in space"],
 )
 def test_file_keeps_every_bit(body: VolumeIntegrals, tmp_path: Path) -> None:
     body.save(tmp_path / "body.npz")
@@ -251,35 +284,78 @@ def test_file_refused(change: dict[str, object], message: str, tmp_path: Path) -
 
 
 def test_damaged_file(tmp_path: Path) -> None:
-    path = tmp_path / "rod.npz"
+    path, table = tmp_path / "rod.npz", tmp_path / "table.npy"
     beam(modes=3, elements=4).save(path)
+    np.save(table, np.zeros(3))
     content = path.read_bytes()
     middle = len(content) // 2
-    wrong = bytes([content[middle] ^ 1])
-    for damaged in (
-        content[:middle],
-        content[:middle] + wrong + content[middle + 1 :],
-        b"",
-        b"a table of numbers",
-    ):
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    for damaged in (content[:middle], flipped, b"", b"a table of numbers", table.read_bytes()):
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"rod.npz is damaged or no .npz file"):
             VolumeIntegrals.load(path)
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
-    with pytest.raises(ValueError, match=r"rod.npz is damaged or no .npz file"):
-        VolumeIntegrals.load(path)
     with pytest.raises(FileNotFoundError):
         VolumeIntegrals.load(tmp_path / "none.npz")
 
 
 def test_arrays_refused() -> None:
-    rod = beam(modes=2, elements=4)
-    P = second_moments(rod)
-    P[0, 1, 0, 0] += 1.0
-    with pytest.raises(ValueError, match="'rod': integral P must satisfy P_ab = P_ba"):
-        VolumeIntegrals.from_arrays(rod.mass, rod.S, P=P, K=rod.K, name="rod")
-    with pytest.raises(ValueError, match="give a BodyMarker with its shape functions"):
-        VolumeIntegrals.from_arrays(rod.mass, rod.S, G=rod.G, N=rod.N, K=rod.K, markers={"a": [0]})
-    disc = VolumeIntegrals.from_arrays(1, [[0, 0]], G=[[1]], N=[[0]], markers={"a": [1, 2]})
-    np.testing.assert_array_equal(disc.markers["a"].position, [1.0, 2.0])
+    given, rod, disc = (
+        VolumeIntegrals.from_arrays,
+        beam(modes=2, elements=4),
+        {"G": [[1]], "N": [[0]]},
+    )
+    flat, body = second_moments(rod), cloud(modes=2)
+    flat[0, 1, 0, 0] += 1.0
+    assert body.P is not None
+    negative, uneven = body.P.copy(), body.P.copy()
+    negative[0, 0] = np.diag([1.0, 1.0, -0.2]) * np.trace(negative[0, 0])
+    uneven[0, 1, 0, 2] += 1.0
+    views, unit = {"G": body.G, "N": body.N[..., 2]}, 0.1 * np.eye(3)[None, None]
+    refused: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
+        (
+            (rod.mass, rod.S),
+            {"P": flat, "K": rod.K, "name": "rod"},
+            "'rod': .* P must satisfy P_ab",
+        ),
+        (
+            (rod.mass, rod.S),
+            {"G": rod.G, "N": rod.N, "K": rod.K, "markers": {"a": [0]}},
+            "give a BodyMarker with its shape functions",
+        ),
+        (
+            (body.mass, body.S),
+            {"P": negative, "K": body.K},
+            "no distribution of mass has these m, S and P",
+        ),
+        ((body.mass, body.S), {"P": uneven, "K": body.K}, "P_ab = P_ba"),
+        ((body.mass, body.S), {**views, "K": body.K}, "in space give P"),
+        (
+            (1.0, np.zeros((1, 3))),
+            {"P": unit, "markers": {"tip": (1.0, 0.0)}},
+            r"position must have shape \(3,\)",
+        ),
+    ]
+    for arguments, options, message in refused:
+        with pytest.raises(ValueError, match=message):
+            given(*arguments, **options)
+    found = given(1, [[0, 0]], **disc, markers={"a": [1, 2]})
+    np.testing.assert_array_equal(found.markers["a"].position, [1.0, 2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        body.G[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("inertia", "message"),
+    [
+        ((1.0, 2.0, 3.5), "none may exceed the sum of the two others"),
+        ((1.0, 2.0, -3.0), "positive diagonal"),
+        (np.diag([1.0, 1.0, 1.0]) + np.eye(3, k=1), "must be symmetric"),
+        ((1.0, 2.0), r"must have shape \(3, 3\), or \(3,\) for its diagonal"),
+        ((0.0, 1.0, 1.0), "positive diagonal"),
+    ],
+)
+def test_impossible_inertia_is_refused(inertia: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        VolumeIntegrals.rigid(1.0, inertia=inertia)
+    with pytest.raises(ValueError, match="3 components"):
+        VolumeIntegrals.rigid(1.0, (0.0, 0.0), (1.0, 1.0, 1.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mirror lines: the images they generate, those that a body has, those that a gradient confirms."""
+"""Mirror lines and planes: the images they generate, those of a body, of a gradient."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from meshes.connecting_rod import ConnectingRod
+from numpy.testing import assert_allclose
 from shared.meshes import annulus, plate, prongs
 from shared.problems import slider_crank
 
@@ -18,12 +19,12 @@ from dolfinx_ffr.design.mirrors import images
 
 
 def line(degrees: float, point: tuple[float, float] = (0.3, -0.1)) -> ffr.Mirror:
-    return ffr.Mirror(point, (math.cos(math.radians(degrees)), math.sin(math.radians(degrees))))
+    return ffr.Mirror(point, (-math.sin(math.radians(degrees)), math.cos(math.radians(degrees))))
 
 
 def angles(mirrors: list[ffr.Mirror]) -> list[float]:
     """Of the lines [degrees]."""
-    return [round(math.degrees(math.atan2(*m.direction[::-1])) % 180.0, 3) for m in mirrors]
+    return [round(math.degrees(math.atan2(-m.normal[0], m.normal[1])) % 180.0, 3) for m in mirrors]
 
 
 @pytest.mark.parametrize(
@@ -49,12 +50,6 @@ def test_lines_without_an_end_of_images_are_refused() -> None:
     for mirrors in ([line(0), line(0, (0.3, 0.2))], [line(0), line(math.sqrt(2.0))]):
         with pytest.raises(ValueError, match="must meet in one point at angles that divide"):
             images(mirrors)
-    for direction, why in (
-        ((0.0, 0.0), "must have .* a direction"),
-        ((1.0, math.nan), "holds NaN"),
-    ):
-        with pytest.raises(ValueError, match=why):
-            ffr.Mirror((0.0, 0.0), direction)
 
 
 @pytest.mark.mpi
@@ -70,11 +65,7 @@ def test_lines_of_bodies(comm: MPI.Intracomm) -> None:
     assert angles(ffr.mirror_lines(plate(comm, 8, hole=2))) == [0.0, 45.0, 90.0, 135.0]
     assert len(ffr.mirror_lines(annulus(comm, 24, 3))) == 12
     assert angles(ffr.mirror_lines(prongs(comm))) == [0.0, 90.0]
-
-
-@pytest.mark.mpi
-def test_solid_regions_count(comm: MPI.Intracomm) -> None:
-    """A body that is solid at one end only has one line less."""
+    # one that is solid at one end only has one line less
     domain = ffr.Domain.rectangle(comm, 0.4, 0.08, elements=(20, 4), solid=lambda x: x[0] < 0.11)
     assert angles(ffr.mirror_lines(domain)) == [0.0]
 
@@ -99,6 +90,59 @@ def test_a_graded_mesh_without_the_symmetry_of_its_body(comm: MPI.Intracomm) -> 
     domain = ConnectingRod().domain(comm, 0.005)
     assert angles(ffr.mirror_lines(domain)) == [0.0]
     x, y = 10.0 * domain.centroids.T
-    for odd, found in ((0.0, [0.0]), (0.1, [])):
-        density = np.cos(x) + np.cos(3.0 * y) + odd * np.sin(5.0 * y)
-        assert angles(ffr.mirror_lines(domain, domain.cell_volumes * density)) == found
+    density = np.cos(x) + np.cos(3.0 * y)
+    assert angles(ffr.mirror_lines(domain, domain.cell_volumes * density)) == [0.0]
+    odd = density + 0.1 * np.sin(5.0 * y)
+    with pytest.warns(
+        UserWarning, match=r"none of the body.*the gradient differs.*% of it have no image"
+    ):
+        assert angles(ffr.mirror_lines(domain, domain.cell_volumes * odd)) == []
+
+
+def rod(comm: MPI.Intracomm, width: float = 0.3, cell: str = "", **options: object) -> ffr.Domain:
+    """A short rod of cubes, or of squares or triangles."""
+    if cell:
+        kind = "triangle" if cell == "triangle" else "quadrilateral"
+        return ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(16, 4), cell=kind)
+    options |= {"elements": (16, 4, round(width / 0.05)), "solid_layers": 1}
+    return ffr.Domain.box(comm, 0.8, 0.2, width, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("body", "number"), [((0.3, ""), 3), ((0.2, ""), 5), ((0.0, "triangle"), 2), ((0.0, "quad"), 2)]
+)
+def test_a_mirrored_level_set_is_symmetric_exactly(
+    comm: MPI.Intracomm, body: tuple[float, str], number: int
+) -> None:
+    """Whatever the coefficients and the mesh: a triangle's mirror image is none of the mesh.
+
+    A square rod has the diagonals as planes, too.
+    """
+    width, cell = body
+    domain = rod(comm, width, cell)
+    find = ffr.mirror_planes if width else ffr.mirror_lines
+    found = find(domain)
+    assert len(found) == number
+    weight = domain.cell_volumes * (1.0 + domain.centroids[:, 1])
+    assert len(find(domain, weight)) < number
+    levelset = ffr.LevelSet(domain, mirrors=found[:2])
+    u = np.random.default_rng(0).uniform(0.0, 1.0, levelset.size)
+    at, d = levelset.level(u), domain.dimension
+    points = np.random.default_rng(1).uniform(-0.1, 0.1, (200, d)) + 0.4 * np.eye(d)[0]
+    for mirror in found[:2]:
+        assert_allclose(at(points), at(mirror.reflection(points)), atol=1e-13)
+    assert np.ptp(at(points)) > 0.1
+    assert levelset.identity()["mirrors"].count("Mirror") == 2
+
+
+@pytest.mark.mpi
+def test_a_body_without_mirror_planes(comm: MPI.Intracomm) -> None:
+    """The warning has the reason for each plane that was looked for."""
+    domain = rod(comm, void=lambda x: (np.abs(x[0] - 0.5) < 0.11) & (x[1] > -1e-9) & (x[2] > -1e-9))
+    with pytest.warns(
+        UserWarning, match="mirror planes: none.*are designed and their image is not"
+    ):
+        assert ffr.mirror_planes(domain) == []
+    with pytest.raises(ValueError, match="the body has 3 dimensions; take mirror_planes"):
+        ffr.mirror_lines(domain)

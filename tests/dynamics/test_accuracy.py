@@ -5,33 +5,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from shared.motions import pendulum
 from shared.scenes import SCENES, Scene, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.body.volume_integrals import VolumeIntegrals
 from dolfinx_ffr.dynamics import GeneralizedAlpha, RadauIIA, SimulationError, Trajectory, simulate
 from dolfinx_ffr.mechanical_problem import MechanicalProblem
-from dolfinx_ffr.mechanism import Ground, Mechanism, Placement, Revolute
+from dolfinx_ffr.mechanism import Ground, Placement, Revolute
 from dolfinx_ffr.mechanism.motion import Motion
 from dolfinx_ffr.objective import Constraint, IntegralCompliance, Mass, PathTracking
 
 Array = NDArray[np.float64]
-
-
-def pendulum() -> Scene:
-    body = VolumeIntegrals.rigid(1.0, (0.0, 0.0), 1.0 / 12.0, {"pin": (-0.5, 0.0)})
-    mechanism = Mechanism(
-        {"rod": Placement((0.5, 0.0))},
-        [Revolute(("rod", "pin"), Ground(), name="pin")],
-        gravity=(0.0, -9.81),
-    )
-    return Scene(mechanism, {"rod": body}, GeneralizedAlpha(2.0, 50))
 
 
 def make(name: str) -> Scene:
@@ -62,45 +53,44 @@ def true_error(scene: Scene, trajectory: Trajectory, steps: int = 1200) -> float
     return float(np.max(error) / np.max(way(exact, exact.y[at] - exact.y[0])))
 
 
+def by_radau(name: str, tolerance: float) -> tuple[str, Any, float]:
+    return name, {"end_time": make(name).integrator.end_time}, tolerance
+
+
+def by_alpha(name: str) -> tuple[str, Any, float]:
+    return name, {"integrator": replace(make(name).integrator, steps=25)}, 1e-4
+
+
+UNEVEN = RadauIIA(0.3, steps=[0.0, 0.02, 0.08, 0.2, 0.3])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "tolerance"),
+    ("name", "given", "tolerance"),
     [
-        *((name, t) for name in ("pendulum", "slider-crank", "four-bar") for t in (1e-3, 1e-7)),
-        ("robot", 1e-4),
-        ("loader", 1e-5),
+        *(
+            by_radau(name, t)
+            for name in ("pendulum", "slider-crank", "four-bar")
+            for t in (1e-3, 1e-7)
+        ),
+        by_radau("robot", 1e-4),
+        by_radau("loader", 1e-5),
+        *(by_alpha(name) for name in ("pendulum", "slider-crank", "four-bar", "robot")),
+        ("four-bar", {"integrator": UNEVEN}, 1e-4),
     ],
 )
-def test_radau_reaches_what_was_asked_for(name: str, tolerance: float) -> None:
+def test_what_was_asked_for_is_reached(name: str, given: Any, tolerance: float) -> None:
+    """By Radau's method; by generalised-alpha and fixed steps, more of which are taken."""
     scene = make(name)
-    end_time = scene.integrator.end_time
-    trajectory = simulate(scene.mechanism, scene.bodies, end_time=end_time, tolerance=tolerance)
+    trajectory = simulate(scene.mechanism, scene.bodies, **given, tolerance=tolerance)
     assert 0.0 < trajectory.error <= tolerance
-    assert trajectory.t[-1] == end_time
+    assert trajectory.t[-1] == scene.integrator.end_time
     error = true_error(scene, trajectory)
-    assert trajectory.error / 40.0 < error < 1.5 * trajectory.error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["pendulum", "slider-crank", "four-bar", "robot"])
-def test_generalised_alpha_takes_more_steps_until_it_holds(name: str) -> None:
-    scene = make(name)
-    tolerance = 1e-4
-    coarse = replace(scene.integrator, steps=25)
-    trajectory = simulate(scene.mechanism, scene.bodies, coarse, tolerance=tolerance)
-    assert 0.0 < trajectory.error <= tolerance
-    error = true_error(scene, trajectory)
-    assert trajectory.error / 40.0 < error < 1.5 * trajectory.error
-
-
-@pytest.mark.slow
-def test_fixed_steps_of_radau_are_halved() -> None:
-    scene = make("four-bar")
-    method = RadauIIA(0.3, steps=[0.0, 0.02, 0.08, 0.2, 0.3])
-    trajectory = simulate(scene.mechanism, scene.bodies, method, tolerance=1e-4)
-    assert trajectory.error <= 1e-4
-    assert set(method.times) <= set(trajectory.step_ends)
-    assert true_error(scene, trajectory) < 1.5 * trajectory.error
+    assert error < 1.5 * trajectory.error
+    if given.get("integrator") is UNEVEN:  # they are halved
+        assert set(UNEVEN.times) <= set(trajectory.step_ends)
+    else:
+        assert trajectory.error / 40.0 < error
 
 
 def test_finer_and_coarser() -> None:
@@ -110,9 +100,6 @@ def test_finer_and_coarser() -> None:
     np.testing.assert_allclose(uneven.finer.times, [0.0, 0.1, 0.2, 0.6, 1.0])
     assert RadauIIA(1.0, tolerance=1e-3).finer.tolerance == pytest.approx(1e-4)
     assert RadauIIA(1.0, tolerance=1e-13).finer.tolerance == 1e-13
-
-
-# --- Objectives ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -132,7 +119,7 @@ def test_accuracy_of_objectives(name: str, radau: bool) -> None:
     )
     chosen = problem.with_tolerance(scene.bodies, tolerance)
     evaluation = chosen.value(scene.bodies)
-    estimate = chosen.time_error(evaluation)
+    estimate = chosen.time_error(evaluation.response)
     assert estimate <= tolerance
     far = replace(chosen, integrator=RadauIIA(end_time, steps=1000)).value(scene.bodies)
     for here, there in (
@@ -161,10 +148,7 @@ def test_problem_without_motion_is_as_accurate_as_can_be() -> None:
     scene = pendulum()
     problem = MechanicalProblem(scene.mechanism, scene.integrator, Mass("rod"))
     assert problem.with_tolerance(scene.bodies, 1e-8) is problem
-    assert problem.time_error(problem.value(scene.bodies)) == 0.0
-
-
-# --- Refused -------------------------------------------------------------------------------------
+    assert problem.time_error(problem.value(scene.bodies).response) == 0.0
 
 
 def test_out_of_reach() -> None:
@@ -197,7 +181,6 @@ def test_steps_too_long_to_begin_with() -> None:
     assert trajectory.error <= 1e-3
     stuck = replace(
         pendulum().mechanism,
-        placements={"rod": Placement((0.5, 0.0))},
         joints=[Revolute(("rod", "pin"), Ground()), Revolute(("rod", "pin"), Ground((1.0, 0.0)))],
     )
     with pytest.raises(ValueError):
@@ -210,9 +193,6 @@ def test_steps_too_long_to_begin_with() -> None:
         ({}, "either an integrator, or end_time"),
         ({"integrator": GeneralizedAlpha(1.0, 10), "end_time": 1.0}, "either an integrator"),
         ({"end_time": 1.0}, "end_time needs a tolerance"),
-        ({"end_time": -1.0, "tolerance": 1e-3}, "end_time must be positive"),
-        ({"end_time": 1.0, "tolerance": 0.0}, "tolerance must lie between 1e-12 and 0.1"),
-        ({"end_time": 1.0, "tolerance": math.nan}, "tolerance must lie between"),
     ],
 )
 def test_refused(changes: dict, message: str) -> None:
@@ -225,5 +205,6 @@ def test_a_mechanism_at_rest() -> None:
     scene = pendulum()
     hanging = replace(scene.mechanism, placements={"rod": Placement((0.0, -0.5), -0.5 * math.pi)})
     trajectory = simulate(hanging, scene.bodies, end_time=1.0, tolerance=1e-6)
-    assert trajectory.error < 1e-6
+    assert trajectory.error < 1e-6 and trajectory.step_ends.size < 60
+    assert np.max(np.abs(trajectory.y - trajectory.y[0])) < 1e-14
     assert Motion.constant(1.0).jumps == ()

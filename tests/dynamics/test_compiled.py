@@ -3,15 +3,20 @@
 
 from __future__ import annotations
 
-import subprocess
+import ast
+import importlib
+import shutil
 import sys
 import time
 from collections.abc import Callable
+from enum import EnumMeta
 from pathlib import Path
+from types import FunctionType
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from shared import processes
 
 from dolfinx_ffr.dynamics import INTEGRATORS, compilation, compile_kernels, compiled_functions
 from dolfinx_ffr.dynamics.compilation import Compiled, Matrix, Table, Vector
@@ -41,31 +46,26 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> Slow:
     return function
 
 
-def test_a_long_compilation_is_announced_once(slow: Slow, monkeypatch: pytest.MonkeyPatch) -> None:
-    lines: list[str] = []
-    monkeypatch.setattr(compiled, "_PATIENCE", 0.0)
-    assert compile_kernels(lines.append) > 0.0
-    assert len(lines) == 1
-    assert "compiling the time integration" in lines[0]
-    assert compile_kernels(lines.append) == 0.0
-    assert len(lines) == 1
-
-
-def test_by_default_the_line_goes_to_the_standard_error(
-    slow: Slow, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("patience", "count"), [(0.0, 1), (60.0, 0)])
+def test_a_long_compilation_is_announced_once(
+    slow: Slow,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    patience: float,
+    count: int,
 ) -> None:
-    monkeypatch.setattr(compiled, "_PATIENCE", 0.0)
+    """To what is given, by default the standard error; what compiles quickly is silent."""
+    monkeypatch.setattr(compiled, "_PATIENCE", patience)
+    lines: list[str] = []
+    assert compile_kernels(lines.append) > 0.0
+    assert ["compiling the time integration" in line for line in lines] == [True] * count
+    assert compile_kernels(lines.append) == 0.0
+    assert len(lines) == count
+    slow.done = False
     compile_kernels()
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.count("\n") == 1
-
-
-def test_what_compiles_quickly_is_silent(slow: Slow, monkeypatch: pytest.MonkeyPatch) -> None:
-    lines: list[str] = []
-    monkeypatch.setattr(compiled, "_PATIENCE", 60.0)
-    compile_kernels(lines.append)
-    assert lines == []
+    assert captured.err.count("\n") == count
 
 
 def test_everything_is_compiled_by_one_call() -> None:
@@ -75,34 +75,62 @@ def test_everything_is_compiled_by_one_call() -> None:
     assert all(function.ready for function in functions)
 
 
-def test_an_argument_of_the_release_before_warns() -> None:
-    with pytest.warns(DeprecationWarning, match="stiffened_markers has no effect"):
-        compile_kernels(stiffened_markers=True)
-
-
 def test_a_change_of_any_source_renews_what_depends_on_it(tmp_path: Path) -> None:
     # Numba itself looks at the file of the outermost function only.
-    here = Path(compilation.__file__).parent
-    for folder in ("planar", "integration"):
-        (tmp_path / folder).mkdir()
-        for file in here.glob(f"{folder}/*.py"):
-            (tmp_path / folder / file.name).write_bytes(file.read_bytes())
-    for file in (*here.glob("*.py"),):
-        (tmp_path / file.name).write_bytes(file.read_bytes())
-    shared = ("compilation.py", "equations.py")
-    for changed in (*tmp_path.glob("planar/*.py"), *tmp_path.glob("integration/*.py")):
-        own, other = ("planar", "integration")
-        if changed.parent.name == other:
-            own, other = other, own
-        before = {folder: compilation.digest(tmp_path, folder) for folder in (own, other)}
+    package = Path(compilation.__file__).parents[1]
+    for part in ("dynamics", "mechanism"):
+        shutil.copytree(package / part, tmp_path / part, ignore=shutil.ignore_patterns("__pyc*"))
+    here, folders = tmp_path / "dynamics", ("kinematics", "integration")
+
+    def renewed(changed: Path) -> set[str]:
+        before = {folder: compilation.digest(here, folder) for folder in folders}
         changed.write_text(changed.read_text() + "# changed\n")
-        after = {folder: compilation.digest(tmp_path, folder) for folder in (own, other)}
-        assert after[own] != before[own]
-        assert after[other] == before[other]
+        return {folder for folder in folders if compilation.digest(here, folder) != before[folder]}
+
+    for folder in folders:
+        for changed in here.glob(f"{folder}/*.py"):
+            assert renewed(changed) == {folder}
+    shared = ("compilation.py", "equations.py", "../mechanism/rows.py")
     for name in shared:
-        before = {f: compilation.digest(tmp_path, f) for f in ("planar", "integration")}
-        (tmp_path / name).write_text((tmp_path / name).read_text() + "# changed\n")
-        assert all(compilation.digest(tmp_path, f) != old for f, old in before.items())
+        assert renewed(here / name) == set(folders), name
+    assert renewed(here / "../mechanism/joints.py") == set()
+
+
+def _kernels(function: Compiled) -> dict[str, FunctionType]:
+    """All functions that become part of a compiled one, by module and name."""
+    waiting, found = [function.function], {}
+    while waiting:
+        body = waiting.pop()
+        found[f"{body.__module__}.{body.__qualname__}"] = body
+        for used in (body.__globals__.get(name) for name in body.__code__.co_names):
+            kernel = getattr(used, "py_func", None)
+            if kernel and f"{kernel.__module__}.{kernel.__qualname__}" not in found:
+                waiting.append(kernel)
+    return found
+
+
+def test_all_that_compiled_functions_hold_is_among_their_sources() -> None:
+    """Kernels, numbers imported from elsewhere, and the enumerations that number kinds."""
+    here = Path(compilation.__file__).parent
+    for function in compiled_functions(INTEGRATORS, space=True):
+        folder = function.function.__module__.split(".")[-2]
+        known = {str(file.resolve()) for file in compilation.sources(here, folder)}
+        for name, kernel in _kernels(function).items():
+            module = sys.modules[kernel.__module__]
+            assert str(module.__file__) in known, name
+            frozen = [thing for thing in vars(module).values() if isinstance(thing, EnumMeta)]
+            for node in ast.walk(ast.parse(Path(str(module.__file__)).read_text())):
+                if not isinstance(node, ast.ImportFrom):
+                    continue
+                origin = importlib.import_module(
+                    "." * node.level + (node.module or ""), module.__package__
+                )
+                for alias in node.names:
+                    thing = getattr(origin, alias.name, None)
+                    if isinstance(thing, int | float) and alias.name in kernel.__code__.co_names:
+                        assert str(origin.__file__) in known, f"{alias.name} of {origin.__name__}"
+            for kind in frozen:
+                assert str(sys.modules[kind.__module__].__file__) in known, kind.__name__
 
 
 def test_every_compiled_function_has_a_table_of_its_own_folder() -> None:
@@ -110,21 +138,6 @@ def test_every_compiled_function_has_a_table_of_its_own_folder() -> None:
     for function in compiled_functions(INTEGRATORS):
         folders = {kind.__module__.rpartition(".")[0] for kind in function.arguments}
         assert function.function.__module__.rpartition(".")[0] in folders, function.name
-
-
-def test_kernels_call_kernels_of_their_own_folder_only() -> None:
-    for function in compiled_functions(INTEGRATORS):
-        waiting, seen = [sys.modules[function.function.__module__]], set()
-        while waiting:
-            module = waiting.pop()
-            seen.add(module.__name__)
-            for thing in vars(module).values():
-                kernel = getattr(thing, "py_func", None)
-                if kernel is not None and kernel.__module__ not in seen:
-                    waiting.append(sys.modules[kernel.__module__])
-        folder = function.function.__module__.rsplit(".", 1)[0]
-        strangers = {name for name in seen if name.rsplit(".", 1)[0] != folder}
-        assert strangers <= {"dolfinx_ffr.dynamics.equations"}, function.name
 
 
 def test_without_a_place_for_the_cache_functions_are_compiled_all_the_same() -> None:
@@ -166,12 +179,7 @@ def test_tables_refuse_other_arrays(line: np.ndarray) -> None:
 
 @pytest.mark.slow
 def test_command_compiles_everything() -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "dolfinx_ffr", "compile", "--all"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    run = processes.run("-m", "dolfinx_ffr", "compile", "--all")
     assert run.returncode == 0, run.stderr
     assert "100%" in run.stderr
     assert "compiled" in run.stdout

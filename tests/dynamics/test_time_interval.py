@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -14,93 +14,140 @@ import pytest
 from shared.problems import crank_motion, slider_crank
 from shared.scenes import slider_crank as rod_on_a_crank
 
-from dolfinx_ffr import (
-    GeneralizedAlpha,
-    IntegralCompliance,
-    JointForce,
-    Mass,
-    MechanicalProblem,
-    Problem,
-    RadauIIA,
-    SimulationError,
-    TimeInterval,
-    simulate,
-)
+import dolfinx_ffr as ffr
+from dolfinx_ffr.dynamics import recorded, refined, restored_method
+from dolfinx_ffr.dynamics.integration.certificate import Certificate
+from dolfinx_ffr.dynamics.integration.witness import TrapezoidalWitness
+from dolfinx_ffr.dynamics.load_steps import LoadSteps
+
+#: Cells of a motion of two seconds in which nothing changes fast
+CELLS = LoadSteps(np.linspace(0.0, 2.0, 51), np.zeros(0), np.zeros(0), np.zeros(50, bool), True)
 
 
-@dataclass
-class Motion:
-    """Stands for a motion whose objective has an error of the method's order."""
-
-    psi: float
-    step_ends: np.ndarray
-
-
-def model(radau: float, alpha: float, failing: int = 0) -> tuple[Any, Any]:
-    """What simulates, and compares: relative errors by steps over a number of them.
+def model(
+    radau: float, alpha: float, failing: int = 0, *, rings: float = 0.0, until: float = 1e9
+) -> tuple[Any, Any]:
+    """What simulates, and judges: numbers with errors by steps over a number of them.
 
     Args:
         radau: Steps of Radau IIA at which the error would be one.
         alpha: Those of generalised alpha.
         failing: With fewer steps there is no motion.
+        rings: What vibrations add to a number that is one without them.
+        until: Steps of a method with damping from which on it does not lose them.
     """
 
     def run(method: Any) -> Any:
-        steps = method.times.size - 1
+        witness = isinstance(method, TrapezoidalWitness)
+        steps = 50 * method.each if witness else method.times.size - 1
         if steps < failing:
-            raise SimulationError(f"no motion with {steps} steps", None)  # type: ignore[arg-type]
-        needed = radau if isinstance(method, RadauIIA) else alpha
-        return Motion(1.0 + (needed / steps) ** method.order, method.times)
+            raise ffr.SimulationError(f"no motion with {steps} steps", None)  # type: ignore[arg-type]
+        needed = radau if isinstance(method, ffr.RadauIIA) else alpha
+        keeps = method.amplification(1.0) == 1.0 or steps > until
+        return np.array([1.0 + (needed / steps) ** method.order + (rings if keeps else 0.0)])
 
-    return run, lambda fine, coarse: abs(fine.psi - coarse.psi)
+    return run, lambda motion: motion
+
+
+def chosen(interval: ffr.TimeInterval, *args: Any, damped: bool = True, **options: Any) -> Any:
+    return interval.chosen(*model(*args, **options), CELLS, damped=damped)
 
 
 def test_cheaper_method_with_enough_steps_is_chosen() -> None:
-    interval = TimeInterval(2.0, tolerance=1e-4)
+    interval = ffr.TimeInterval(2.0, tolerance=1e-4)
     # (20 / 200)^5 = 1e-5 and (20 / 100)^5 = 3e-4
-    radau = interval.chosen(*model(radau=20.0, alpha=100.0))
-    assert radau == RadauIIA(2.0, steps=200, judged=True)
+    found = chosen(interval, 20.0, 100.0)
+    assert found.integrator == ffr.RadauIIA(2.0, steps=200) and found.met and not found.rings
+    assert found.integrator.chosen_for == 1e-4
     # 250 steps for the error of (2 / 250)^2 cost less than those 200
-    assert interval.chosen(*model(20.0, 2.0)) == GeneralizedAlpha(2.0, 250, judged=True)
+    assert chosen(interval, 20.0, 2.0).integrator == ffr.GeneralizedAlpha(2.0, 250)
     # coarse steps need not lead to a motion
-    assert interval.chosen(*model(20.0, 100.0, failing=150)) == radau
-    # Radau IIA has no fifth order in what is rough: then the other method goes on alone
-    rough = interval.chosen(*model(1e9, 20.0, failing=0))
-    assert rough == GeneralizedAlpha(2.0, 2000, judged=True)
+    assert chosen(interval, 20.0, 100.0, failing=150).integrator == ffr.RadauIIA(2.0, steps=200)
+
+
+def test_vibrations_that_radau_loses() -> None:
+    """Any number of its steps that lose them agree; those of a method that keeps them do not."""
+    interval = ffr.TimeInterval(2.0, tolerance=1e-4)
+    found = chosen(interval, 1.0, 0.1, damped=False, rings=0.5)
+    assert found.integrator == ffr.GeneralizedAlpha(2.0, 250, 1.0)
+    assert found.rings and found.met and found.error < 1e-4
+    # where the machine damps them, neither method is believed before both agree
+    found = chosen(interval, 1.0, 0.1, rings=0.5, until=900)
+    assert found.rings and found.met
+    assert found.integrator == ffr.GeneralizedAlpha(2.0, 1000)
+    # and where they never do, that is told
+    found = chosen(interval, 1.0, 0.1, rings=0.5)
+    assert not found.met and found.error == pytest.approx(0.5 / 1.0, rel=0.5)
+    assert "vibrations contribute" in found.doubt and "StaticEquilibrium" in found.doubt
 
 
 def test_tolerance_out_of_reach() -> None:
-    interval = TimeInterval(2.0, tolerance=1e-4)
-    with pytest.raises(SimulationError, match=r"tolerance of 1\.0e-04 is out of reach"):
-        interval.chosen(*model(1e9, 1e9))
-    with pytest.raises(SimulationError, match="no motion with 64000 steps"):
-        interval.chosen(*model(20.0, 100.0, failing=10**9))
+    interval = ffr.TimeInterval(2.0, tolerance=1e-4)
+    found = chosen(interval, 1e9, 1e9)
+    assert not found.met and found.error > 1e-4
+    assert "estimated error is" in found.doubt
+    with pytest.raises(ffr.SimulationError, match="no motion with"):
+        chosen(interval, 20.0, 100.0, failing=10**9)
     with pytest.raises(ValueError, match="tolerance"):
-        TimeInterval(2.0, tolerance=-1.0)
+        ffr.TimeInterval(2.0, tolerance=-1.0)
 
 
-@pytest.mark.parametrize("objective", [IntegralCompliance(), JointForce("crank pin")])
+@pytest.mark.parametrize(
+    ("kind", "most"), [(ffr.GeneralizedAlpha, 393_216), (ffr.RadauIIA, 65_536)]
+)
+def test_more_steps_than_are_ever_divided_are_refused(kind: Any, most: int) -> None:
+    """With the number that is the most, and what helps."""
+    exact = Certificate(np.ones(1), 0.0, False, ())
+    found = refined(kind(2.0, steps=most), *model(20.0, 100.0), exact, 1e-4)
+    assert found.integrator.steps == most and found.met
+    with pytest.raises(ValueError, match=f"{most + 2:,} steps.* more than the {most:,} .*fewer"):
+        refined(kind(2.0, steps=most + 2), *model(20.0, 100.0), exact, 1e-4)
+
+
+def test_steps_that_do_are_kept() -> None:
+    """Where they are looked at again; else they are chosen anew."""
+    interval, (run, judge) = ffr.TimeInterval(2.0, tolerance=1e-4), model(20.0, 100.0)
+
+    @dataclass
+    class Present:
+        integrator: Any
+
+    for steps, kept in ((400, True), (50, False)):
+        method = ffr.RadauIIA(2.0, steps=steps)
+
+        def judged(motion: Any, method: Any = method) -> Any:
+            return judge(run(method) if isinstance(motion, Present) else motion)
+
+        again = interval.chosen(run, judged, CELLS, damped=True, present=Present(method))
+        assert (again.integrator == method) is kept
+
+
+def test_methods_travel_as_text() -> None:
+    for method in (
+        ffr.RadauIIA(2.0, steps=[0.0, 0.1, 2.0], chosen_for=1e-3),
+        ffr.GeneralizedAlpha(2.0, 7, 1.0),
+    ):
+        again = restored_method(recorded(method))
+        assert again == method and again.chosen_for == method.chosen_for
+
+
+@pytest.mark.parametrize("objective", [ffr.IntegralCompliance(), ffr.JointForce("crank pin")])
 def test_error_is_below_the_tolerance(objective: Any) -> None:
     """Beside a motion with far more steps, and without a warning of steps that are too long."""
     scene = rod_on_a_crank()
-    problem = MechanicalProblem(scene.mechanism, TimeInterval(0.4, 1e-3), objective)
+    problem = ffr.MechanicalProblem(scene.mechanism, ffr.TimeInterval(0.4, 1e-3), objective)
     settled = problem.settled(scene.bodies)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = problem.gradient(scene.bodies)
     assert found.trajectory is not None and found.trajectory.integrator == settled.integrator
-    exact = MechanicalProblem(scene.mechanism, RadauIIA(0.4, steps=3200), objective)
+    exact = ffr.MechanicalProblem(scene.mechanism, ffr.RadauIIA(0.4, steps=3200), objective)
     assert found.psi == pytest.approx(exact.value(scene.bodies).psi, rel=1e-3)
     assert found.psi == settled.value(scene.bodies).psi
     assert settled.settled(scene.bodies) is settled
-    finer = problem.with_tolerance(scene.bodies, 1e-5).integrator
-    assert (
-        finer
-        == MechanicalProblem(scene.mechanism, TimeInterval(0.4, 1e-5), objective)
-        .settled(scene.bodies)
-        .integrator
-    )
-    motion = simulate(scene.mechanism, scene.bodies, TimeInterval(0.4, 1e-3))
+    finer = replace(problem, integrator=ffr.TimeInterval(0.4, 1e-5)).settled(scene.bodies)
+    assert problem.with_tolerance(scene.bodies, 1e-5).integrator == finer.integrator
+    motion = ffr.simulate(scene.mechanism, scene.bodies, ffr.TimeInterval(0.4, 1e-3))
     assert motion.error <= 1e-3
 
 
@@ -109,23 +156,24 @@ def test_problem_chooses_once(comm: MPI.Intracomm) -> None:
     """With half of the material, alike on every rank, for all designs and problems made of it."""
     given = slider_crank(comm)
     body = given.flexible["rod"]
-    interval = TimeInterval(0.4, 1e-3)
-    problem = Problem({"rod": body}, crank_motion(0.4), interval, IntegralCompliance())
+    interval = ffr.TimeInterval(0.4, 1e-3)
+    problem = ffr.Problem({"rod": body}, crank_motion(0.4), interval, ffr.IntegralCompliance())
     chosen = problem.integrator
     assert comm.allgather(chosen) == [chosen] * comm.size
-    assert not isinstance(chosen, TimeInterval)
+    assert not isinstance(chosen, ffr.TimeInterval)
     assert problem.with_modes({"rod": 2}).integrator is chosen
     evaluation = problem.gradient(np.full(body.domain.n_cells, 0.8))
-    assert evaluation.motion.integrator == chosen
+    assert evaluation.trajectory.integrator == chosen
     # what does not depend on the motion needs no steps
-    assert Problem({"rod": body}, crank_motion(0.4), interval, Mass("rod")).integrator is interval
+    still = ffr.Problem({"rod": body}, crank_motion(0.4), interval, ffr.Mass("rod"))
+    assert still.integrator is interval
 
 
 def test_motion_between_its_instants() -> None:
     """By cubic splines: beside a motion with more steps, and exact at the instants."""
     scene = rod_on_a_crank()
     few, many = (
-        simulate(scene.mechanism, scene.bodies, RadauIIA(0.4, steps=n)) for n in (100, 800)
+        ffr.simulate(scene.mechanism, scene.bodies, ffr.RadauIIA(0.4, steps=n)) for n in (100, 800)
     )
     np.testing.assert_allclose(few.at(few.t).y, few.y, rtol=1e-14)
     between = few.at(many.t)

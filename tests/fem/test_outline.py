@@ -13,6 +13,7 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
+from ezdxf.xclip import XClip
 
 from dolfinx_ffr import Domain
 
@@ -23,29 +24,31 @@ def left(x: np.ndarray) -> np.ndarray:
     return x[0] < 1e-9
 
 
-def drawn(path: Path, draw: Callable[[Any], object], unit: int = 4) -> Path:
-    """A DXF file with what ``draw`` adds to its modelspace."""
+Draw = Callable[[Any, Any], object]
+
+
+def drawn(path: Path, draw: Draw, unit: int = 4) -> Path:
+    """A DXF file with what ``draw`` adds to a drawing and its modelspace."""
     drawing = ezdxf.new("R2010")
     drawing.header["$INSUNITS"] = unit
     drawing.layers.add("pin")
-    draw(drawing)
+    draw(drawing, drawing.modelspace())
     drawing.saveas(path)
     return path
 
 
-def rectangle(drawing: Any) -> None:
+def rectangle(drawing: Any, space: Any) -> None:
     """A closed polyline of 100 x 20 with a round right end of radius 10."""
     points = [(0, -10, 0), (100, -10, 1), (100, 10, 0), (0, 10, 0)]
-    drawing.modelspace().add_lwpolyline(points, format="xyb", close=True)
+    space.add_lwpolyline(points, format="xyb", close=True)
 
 
 @pytest.mark.mpi
 def test_dxf_with_all_kinds_of_curves(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Polylines with arcs, a circle on a layer, a block, an ellipse, a closed spline; no notes."""
 
-    def draw(drawing: Any) -> None:
-        rectangle(drawing)
-        space = drawing.modelspace()
+    def draw(drawing: Any, space: Any) -> None:
+        rectangle(drawing, space)
         space.add_circle((100, 0), 4, dxfattribs={"layer": "pin"})
         block = drawing.blocks.new("slot")
         block.add_ellipse((0, 0), major_axis=(6, 0), ratio=0.5)
@@ -113,44 +116,125 @@ def test_polygons(comm: MPI.Comm) -> None:
     assert body.interfaces["a"].extent == pytest.approx(9.0)
 
 
-def open_corner(drawing: Any) -> None:
-    drawing.modelspace().add_lwpolyline([(0, 0), (100, 0), (100, 20), (0, 20), (0, 0.5)])
+def in_itself(drawing: Any, space: Any) -> None:
+    for name, inner in (("A", "b"), ("b", "a")):
+        drawing.blocks.new(name).add_blockref(inner, (1, 0))
+    space.add_blockref("a", (0, 0))
 
 
-def crossing(drawing: Any) -> None:
-    drawing.modelspace().add_lwpolyline([(0, 0), (100, 20), (100, 0), (0, 20)], close=True)
+def clipped(drawing: Any, space: Any) -> None:
+    drawing.blocks.new("hole").add_circle((0, 0), 4)
+    XClip(space.add_blockref("hole", (0, 0))).set_block_clipping_path([(0, 0), (9, 9)])
 
 
-def with_axis(drawing: Any) -> None:
-    rectangle(drawing)
-    drawing.modelspace().add_line((0, -10), (100, 10))
+def on_hidden_layer(drawing: Any, space: Any) -> None:
+    drawing.layers.get("pin").off()
+    space.add_circle((0, 0), 4, dxfattribs={"layer": "pin"})
 
 
-def overlapping(drawing: Any) -> None:
-    rectangle(drawing)
-    drawing.modelspace().add_circle((50, 10), 5)
+def beside(add: Callable[[Any], object]) -> Draw:
+    """The rectangle and something else."""
+    return lambda drawing, space: (rectangle(drawing, space), add(space))
 
 
-def with_face(drawing: Any) -> None:
-    rectangle(drawing)
-    drawing.modelspace().add_3dface([(0, 0, 0), (1, 0, 0), (1, 1, 0)])
+CORNERS = [(0, 0), (100, 0), (100, 20), (0, 20), (0, 0.5)]
 
 
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (open_corner, r"the outline is open: 2 curves end .* 0\.5 mm from the nearest other end"),
-        (crossing, r"the outline crosses itself at \(50, 10\) mm"),
-        (with_axis, r"3 curves meet at"),
-        (overlapping, r"two closed curves of the outline cross or touch at \((45|55), 10\) mm"),
-        (with_face, r"holds a 3DFACE, which is no curve in the plane"),
-        (lambda drawing: None, "it holds no curves"),
+        (
+            lambda drawing, space: space.add_lwpolyline(CORNERS),
+            r"the outline is open: 2 curves end .* 0\.5 mm from the nearest other end",
+        ),
+        (
+            lambda drawing, space: space.add_lwpolyline(np.array(CORNERS)[[0, 2, 1, 3, 0]]),
+            r"the outline crosses itself at \(50, 10\) mm",
+        ),
+        (beside(lambda space: space.add_line((0, -10), (100, 10))), r"3 curves meet at"),
+        (
+            beside(lambda space: space.add_circle((50, 10), 5)),
+            r"two closed curves of the outline cross or touch at \((45|55), 10\) mm",
+        ),
+        (
+            beside(lambda space: space.add_3dface([(0, 0, 0), (1, 0, 0), (1, 1, 0)])),
+            r"holds a 3DFACE, which is no curve in the plane",
+        ),
+        (lambda drawing, space: None, "it holds no curves"),
+        (in_itself, "the block 'a' holds itself|the block 'A' holds itself"),
+        (clipped, "an insert of the block 'hole' is clipped"),
+        (
+            lambda drawing, space: space.add_blockref("bracket", (0, 0)),
+            "the block 'bracket' is not in the file; bind",
+        ),
+        (on_hidden_layer, "no curves that are drawn; hidden ones, and those on layers"),
+        (
+            lambda drawing, space: space.add_circle((0, 0), 4, dxfattribs={"extrusion": (0, 1, 0)}),
+            "holds a CIRCLE, which is no curve in the plane",
+        ),
     ],
 )
-def test_faulty_drawings(comm: MPI.Comm, tmp_path: Path, draw: Any, message: str) -> None:
+def test_faulty_drawings(comm: MPI.Comm, tmp_path: Path, draw: Draw, message: str) -> None:
     path = drawn(tmp_path / "rod.dxf", draw)
     with pytest.raises(ValueError, match=message):
         Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01)
+
+
+def test_an_entity_of_an_unknown_kind(comm: MPI.Comm, tmp_path: Path) -> None:
+    path = drawn(tmp_path / "rod.dxf", rectangle)
+    path.write_text(path.read_text().replace("\nLWPOLYLINE\n", "\nLW^OLYLINE\n"))
+    with pytest.raises(ValueError, match=r"a LW\^OLYLINE cannot be placed"):
+        Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<g id="a"><use href="#a"/></g>', "<use> of '#a' refers to itself; delete it"),
+        (
+            '<defs><g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g></defs>'
+            '<use href="#a"/>',
+            "<use> of '#a' refers to itself",
+        ),
+        ('<use href="#none"/>', "<use> refers to '#none', which is not in the file; embed it"),
+        ('<use href="other.svg#a"/>', r"<use> refers to 'other\.svg#a', which is not"),
+        ("</svg><svg>", "no SVG file that can be read"),
+        ("<g>" * 5000 + '<circle r="1"/>' + "</g>" * 5000, "nested too deeply to be read"),
+        (
+            '<clipPath id="c"><rect width="9" height="9"/></clipPath>'
+            '<g style="clip-path:url(#c)"><circle r="1"/></g>',
+            "'a shape' is seen through a clip-path",
+        ),
+        ('<circle r="1" display="none"/>', "it holds no curves that are drawn; hidden ones"),
+        ('<svg viewBox="0 0 0 9"><circle r="1"/></svg>', "viewBox='0 0 0 9' is no view"),
+        ('<rect width="50%" height="5"/>', "width='50%' of a page of unknown size"),
+        ('<path d="M 0 0 L 1 q 4"/>', "no SVG file that can be read"),
+        ("<html><circle r='1'/></html>", "no SVG file that can be read: it begins with <html>"),
+    ],
+)
+def test_faulty_svg(comm: MPI.Comm, tmp_path: Path, body: str, message: str) -> None:
+    path = tmp_path / "page.svg"
+    page = SVG.format(head='width="100%"', body=body)
+    path.write_text(body if body.startswith("<html>") else page)
+    with pytest.raises(ValueError, match=message):
+        Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01, unit="mm")
+
+
+@pytest.mark.parametrize("outline", [[], shapely.Polygon(), [np.zeros((0, 2))], [np.ones((3, 2))]])
+def test_empty_outlines(comm: MPI.Comm, outline: Any) -> None:
+    with pytest.raises(ValueError, match="outline: it is empty; give rings of at least three"):
+        Domain.from_outline(comm, outline, interfaces={"a": left}, size=0.01)
+
+
+def test_triangles_larger_than_the_outline(comm: MPI.Comm) -> None:
+    """A size in a wrong unit is refused, one that is too coarse to compute with is told."""
+    bar = shapely.box(0.0, 0.0, 0.1, 0.02)
+    with pytest.raises(
+        ValueError, match=r"size = 2 m is larger than the outline of 0\.1 m x 0\.02"
+    ):
+        Domain.from_outline(comm, bar, interfaces={"a": left}, size=2.0)
+    with pytest.warns(UserWarning, match=r"than the outline .* is across.*give 0\.002 m or less"):
+        Domain.from_outline(comm, bar, interfaces={"a": left}, size=0.03)
 
 
 @pytest.mark.mpi
@@ -166,23 +250,19 @@ def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         (shared_tmp_path / "broken.dxf").write_text("no drawing")
     comm.Barrier()
 
-    def outline(name: str, **options: Any) -> None:
-        given = {"interfaces": {"a": left}, "size": 0.01, **options}
-        Domain.from_outline(comm, shared_tmp_path / name, **given)
-
-    for name in ("rod.dxf", "page.svg"):
-        with pytest.raises(ValueError, match=r"does not say its unit.*give unit='mm'"):
-            outline(name)
-    for name in ("broken.svg", "broken.dxf"):
-        with pytest.raises(ValueError, match="file that can be read"):
-            outline(name, unit="mm")
-    with pytest.raises(ValueError, match=r"no curve has the name 'bore'.*\['0'\]"):
-        outline("rod.dxf", unit="mm", interfaces={"a": "bore"})
-    with pytest.raises(ValueError, match="outline: unit must be one of"):
-        outline("rod.dxf", unit="foot")
-    with pytest.raises(ValueError, match=r"ends in \.dxf or \.svg"):
-        outline("rod.step", unit="mm")
-    with pytest.raises(FileNotFoundError, match="does not exist"):
-        outline("none.dxf", unit="mm")
-    with pytest.raises(ValueError, match="size must be positive"):
-        outline("rod.dxf", unit="mm", size=0.0)
+    no_unit, unreadable = r"does not say its unit.*give unit='mm'", "file that can be read"
+    faults: list[tuple[str, dict[str, Any], type[Exception], str]] = [
+        ("rod.dxf", {"unit": None}, ValueError, no_unit),
+        ("page.svg", {"unit": None}, ValueError, no_unit),
+        ("broken.svg", {}, ValueError, unreadable),
+        ("broken.dxf", {}, ValueError, unreadable),
+        ("rod.dxf", {"interfaces": {"a": "b"}}, ValueError, r"no curve has the name 'b'.*\['0'\]"),
+        ("rod.dxf", {"unit": "foot"}, ValueError, "outline: unit must be one of"),
+        ("rod.step", {}, ValueError, r"ends in \.dxf or \.svg"),
+        ("none.dxf", {}, FileNotFoundError, "does not exist"),
+        ("rod.dxf", {"size": 0.0}, ValueError, "size must be positive"),
+    ]
+    for name, options, error, message in faults:
+        given = {"interfaces": {"a": left}, "size": 0.01, "unit": "mm", **options}
+        with pytest.raises(error, match=message):
+            Domain.from_outline(comm, shared_tmp_path / name, **given)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Arguments of a wrong kind, or out of range: refused at once and in words, never read as others.
 
-Each row of the table is an argument of a public name and a set of values that a person could
-plausibly give for it. Refused in words is what ends in a `raise` of the package: not in a trace
-from the inside, and not in a result.
+Each row of the table is a public name, and what its arguments must refuse: values that a person
+could plausibly give. Arguments of one name refuse the same wherever they stand, where a row does
+not say otherwise. Refused in words is what ends in a `raise` of the package: not in a trace from
+the inside, and not in a result.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from __future__ import annotations
 import enum
 import linecache
 import math
+import re
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +23,15 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared.meshes import write_rod
+from shared.problems import Copy
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
+from dolfinx_ffr import design, paper, plotting, postprocessing
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint, write_history
-from dolfinx_ffr.plotting import plot_design
 
 PACKAGE = Path(ffr.__file__).parent
+COMM = MPI.COMM_SELF
 
 #: What no argument of some kind takes.
 NO_NUMBER = ("1.0", None, True, 1j, [1.0], {}, np.sin)
@@ -36,10 +41,12 @@ NUMBER = (*NO_NUMBER, *ENDLESS, HUGE)
 POSITIVE = (*NUMBER, 0.0, -1.0)
 NOT_NEGATIVE = (*NUMBER, -1.0)
 SHARE = (*NUMBER, -0.1, 1.1)
+INNER_SHARE = (*SHARE, 0.0, 1.0)
 COUNT = (*NUMBER, -1, 2.5, HUGE)
 WHOLE_FROM_1 = (*COUNT, 0)
 VECTOR = ("ab", None, 1.0, (1.0,), (1.0,) * 4, (1.0, math.nan), ("1", "0"), (1.0, 1j), np.sin)
 PAIR = (*VECTOR, (1.0, 0.0, 0.0))
+DIRECTION = (*VECTOR, (0.0, 0.0))
 TEXT = (None, 1, True, ("rod",))
 FLAG = (None, "no", 2, 1.0)
 SIGNAL = ("1.0", None, True, 1j, (1.0,), *ENDLESS, ffr.Motion)
@@ -53,24 +60,58 @@ LAW = (3.0, "SIMP", ffr.SIMP, np.sin)
 WINDOW = ("ab", 1.0, (0.1,), (0.0, 0.1, 0.2), (0.2, 0.1), (0.0, math.nan), np.sin)
 ARRAY = ("rod", None, 1j, ["0.5"], [1j], np.sin, {})
 STAGES = (*ARRAY, (), 1.0, (1.0, 0.0), (1.0, -1.0), (1.0, math.nan))
+NOTHING = (None, 1.0, "rod", np.sin, [], {})
+PATH = (None, 1, 1.0, True, ["a"], np.sin)
+WEIGHTS = (*MAPPING[:1], *MAPPING[2:], {}, {"a": 0.0}, {"a": -1.0}, {"a": "1"}, {"a": None})
 
 PIN, END = ("rod", "left"), ("rod", "right")
 CRANK = ffr.Moving.circle((0.0, 0.0), 0.1, ffr.Motion.smooth_step(1.0, 0.1))
 STEEL = ffr.PlaneStress(2.1e11, 0.3, 7850.0, 0.01)
 MARKERS = {"left": (0.0, 0.0), "right": (0.4, 0.0)}
 
+#: The same by the name of an argument.
+BY_NAME: dict[str, Sequence[Any]] = {
+    **dict.fromkeys(("young", "density", "thickness", "length", "height", "inertia"), POSITIVE),
+    **dict.fromkeys(("radius", "extent", "duration", "end_time", "tolerance"), POSITIVE),
+    **dict.fromkeys(("sharpness", "psi_solid", "mass", "frames_per_second"), POSITIVE),
+    **dict.fromkeys(("stiffness", "damping", "alpha", "beta"), NOT_NEGATIVE),
+    **dict.fromkeys(("relaxation", "frequency"), NOT_NEGATIVE),
+    **dict.fromkeys(("distance", "start", "angle", "low", "high"), NUMBER),
+    **dict.fromkeys(("floor", "threshold", "eta"), INNER_SHARE),
+    **dict.fromkeys(("void", "progress", "spectral_radius"), SHARE),
+    **dict.fromkeys(("modes", "iterations", "compare_every", "reinitialize_every"), COUNT),
+    **dict.fromkeys(("order", "steps", "batch", "n", "number", "cluster"), WHOLE_FROM_1),
+    **dict.fromkeys(("a", "b", "marker", "point", "line", "relative_to"), MARKER),
+    **dict.fromkeys(("follower", "free", "moment", "resume", "logarithmic", "markers"), FLAG),
+    **dict.fromkeys(("name", "title", "xlabel", "joint"), TEXT),
+    **dict.fromkeys(("value", "velocity", "acceleration"), FUNCTION),
+    **dict.fromkeys(("function", "jacobian", "kernel"), FUNCTION),
+    **dict.fromkeys(("position", "center"), VECTOR),
+    **{"x": SIGNAL, "y": SIGNAL, "motion": MOTION, "direction": DIRECTION, "window": WINDOW},
+    **{"poisson": (*NUMBER, 0.5, -1.0), "comm": (None, 1, "world", MPI), "path": PATH},
+    **{"objective": OBJECTIVE, "other": OBJECTIVE, "interpolation": LAW, "weights": WEIGHTS},
+    **{"mechanism": (*NOTHING, ffr.Mechanism), "solver": (*TEXT, "lu")},
+    "integrator": (*NOTHING[:2], 100, "radau", ffr.GeneralizedAlpha),
+}
+
+
+def some(values: Sequence[Any]) -> list[Any]:
+    """What an argument refuses that may be None."""
+    return [value for value in values if value is not None]
+
 
 def in_mechanism(**parts: Any) -> ffr.Mechanism:
     return ffr.Mechanism({"rod": ffr.Placement()}, **parts)
 
 
-def joint(kind: type) -> Callable[..., ffr.Mechanism]:
-    """A mechanism with one joint, whose numbers are judged with it."""
-    return lambda **arguments: in_mechanism(joints=[kind(**arguments)])
+def listed(field: str, kind: type) -> Callable[..., ffr.Mechanism]:
+    """A mechanism with one joint or force, whose numbers are judged with it."""
+    return lambda **arguments: in_mechanism(**{field: [kind(**arguments)]})
 
 
-def force(kind: type) -> Callable[..., ffr.Mechanism]:
-    return lambda **arguments: in_mechanism(forces=[kind(**arguments)])
+#: A call, arguments with which it works, and what each of them must refuse.
+Row = tuple[Callable[..., Any], dict[str, Any], dict[str, Sequence[Any]]]
+Rows = Iterator[Row]
 
 
 class Scene:
@@ -78,759 +119,557 @@ class Scene:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.rod = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(20, 3))
-        self.body = ffr.FlexibleBody(
-            self.rod, STEEL, frame=ffr.ChordFrame("left", "right"), modes=2
-        )
+        self.rod = ffr.Domain.rectangle(COMM, 0.4, 0.04, elements=(20, 3))
+        chord = ffr.ChordFrame("left", "right")
+        self.body = ffr.FlexibleBody(self.rod, STEEL, frame=chord, modes=2)
         self.mechanism = ffr.Mechanism(
             {"rod": ffr.Placement((0.1, 0.0))},
             [ffr.Revolute(PIN, CRANK), ffr.PointOnLine(END, ffr.Ground())],
         )
         self.steps = ffr.GeneralizedAlpha(0.1, 40)
-        self.problem = ffr.Problem(
-            {"rod": self.body}, self.mechanism, self.steps, ffr.IntegralCompliance()
-        )
+        chain = (self.mechanism, self.steps, ffr.IntegralCompliance())
+        self.problem = ffr.Problem({"rod": self.body}, *chain)
         self.levelset = ffr.LevelSet(self.rod)
         self.design = ffr.DensityDesign(self.rod)
         self.full = np.ones(self.rod.n_cells)
         self.bodies = {"rod": ffr.VolumeIntegrals.rigid(1.0, (0.2, 0.0), 0.02, MARKERS)}
         self.evaluation = self.problem.value(self.full)
+        self.held = ffr.Motion.constant(0.1)
+        mesh, full = self.rod.mesh, self.full
+        fields = (*ARRAY, 1.0, full[1:], math.nan * full)
+        objects = {
+            "domain": (self.rod, (*NOTHING, mesh, self.body)),
+            "body": (self.body, (*NOTHING, self.rod)),
+            "reduced": (self.evaluation.bodies["rod"], (*NOTHING, self.evaluation)),
+            "problem": (self.problem, (*NOTHING, self.body, ffr.Problem)),
+            "evaluation": (self.evaluation, (*NOTHING, full)),
+            "levelset": (self.levelset, (*NOTHING, "phi", self.rod)),
+            "density": (full, (*fields, 2.0 * full)),
+            "gradient": (full, fields),
+            "exact": (full, fields),
+        }
+        self.works = {
+            **{"a": PIN, "b": ffr.Ground((1.0, 0.0)), "marker": PIN, "point": PIN},
+            **{"line": ffr.Ground(), "motion": self.held, "comm": COMM},
+            **{"mechanism": self.mechanism, "integrator": self.steps},
+            **{"objective": ffr.IntegralCompliance(), "path": folder / "picture.png"},
+            **{name: good for name, (good, _) in objects.items()},
+        }
+        self.refused = {**BY_NAME, **{name: bad for name, (_, bad) in objects.items()}}
 
-    def calls(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        """A call, arguments with which it works, and what each of them must refuse."""
+    def row(self, call: Callable[..., Any], names: str, given: Any = None, **refused: Any) -> Row:
+        """Arguments that work and refuse as by their names, or as given."""
+        usual = names.split()
+        works = {name: self.works[name] for name in usual if name in self.works}
+        judged = {name: self.refused[name] for name in usual}
+        return call, {**works, **(given or {})}, {**judged, **refused}
+
+    def calls(self) -> Rows:
         yield from self.of_mechanisms()
         yield from self.of_bodies()
         yield from self.of_objectives()
         yield from self.of_designs()
         yield from self.of_parts()
         yield from self.of_files()
-        yield from self.of_runs()
         yield from self.of_pictures()
 
-    def of_mechanisms(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        held = ffr.Motion.constant(0.1)
-        yield (
-            ffr.Motion,
-            {"value": np.sin, "velocity": np.cos, "acceleration": lambda t: -np.sin(t)},
-            {
-                **dict.fromkeys(("value", "velocity", "acceleration"), FUNCTION),
-                "jumps": (math.nan, (math.nan,), ("1",), 1.0),
-                "name": TEXT,
-            },
-        )
-        yield ffr.Motion.constant, {"value": 1.0}, {"value": NUMBER}
-        yield ffr.Motion.polynomial, {"coefficients": [1.0]}, {"coefficients": (*ARRAY, (), 1.0)}
-        yield (
-            ffr.Motion.smooth_step,
-            {"distance": 1.0, "duration": 1.0, "start": 0.0},
-            {"distance": NUMBER, "duration": POSITIVE, "start": NUMBER},
-        )
-        yield ffr.Ground, {}, {"position": VECTOR, "angle": NUMBER, "name": TEXT}
-        yield ffr.Moving, {"x": held, "y": held}, dict.fromkeys(("x", "y", "angle"), MOTION)
-        yield (
-            ffr.Moving.circle,
-            {"center": (0, 0), "radius": 0.1, "angle": held},
-            {"center": VECTOR, "radius": NUMBER, "angle": MOTION},
-        )
-        ends = {"a": PIN, "b": ffr.Ground((1.0, 0.0))}
-        markers = {"a": MARKER, "b": MARKER, "name": TEXT}
-        yield joint(ffr.Revolute), ends, markers
-        yield joint(ffr.Weld), ends, {**markers, "angle": ("1", True, *ENDLESS, held)}
-        yield joint(ffr.Translational), ends, {**markers, "direction": (*VECTOR, (0.0, 0.0))}
-        yield joint(ffr.Gear), {**ends, "ratio": 2.0}, {**markers, "ratio": (*NUMBER, 0.0)}
-        yield (
-            joint(ffr.Distance),
-            ends,
-            {**markers, "length": ("1", True, 1j, *ENDLESS, 0.0, -1.0, np.sin)},
-        )
-        line = {"point": PIN, "line": ffr.Ground()}
-        across = {"point": MARKER, "line": MARKER, "direction": (*VECTOR, (0.0, 0.0))}
-        yield joint(ffr.PointOnLine), line, across
-        yield joint(ffr.LinearDrive), {**line, "motion": held}, {**across, "motion": MOTION}
-        driven = {"marker": PIN, "motion": held}
-        drive = {"marker": MARKER, "motion": MOTION}
-        yield joint(ffr.PrescribedAngle), driven, {**drive, "relative_to": MARKER}
-        along = {**driven, "axis": "x"}
-        yield joint(ffr.PrescribedPosition), along, {**drive, "axis": (*TEXT, "w", 0)}
-        yield (
-            force(ffr.Force),
-            {"marker": PIN},
-            {"marker": (*MARKER, ffr.Ground()), "x": SIGNAL, "y": SIGNAL, "follower": FLAG},
-        )
-        yield force(ffr.Torque), {"marker": PIN}, {"marker": MARKER, "moment": SIGNAL}
-        spring = {**ends, "stiffness": 1.0}
-        strength = {**markers, "stiffness": NOT_NEGATIVE, "damping": NOT_NEGATIVE}
-        signal = tuple(value for value in SIGNAL if value is not None)
-        yield force(ffr.SpringDamper), spring, {**strength, "length": (*signal, -1.0)}
-        yield force(ffr.TorsionalSpringDamper), spring, {**strength, "angle": signal}
-        yield (
-            lambda **given: ffr.Mechanism({"rod": ffr.Placement(**given)}),
-            {},
-            {"position": VECTOR, "angle": NUMBER, "velocity": VECTOR, "angular_velocity": NUMBER},
-        )
-        yield (
-            lambda **given: in_mechanism(point_masses=[ffr.PointMass(**given)]),
-            {"marker": PIN, "mass": 1.0},
-            {"marker": MARKER, "mass": POSITIVE},
-        )
-        yield (
-            lambda **given: in_mechanism(damping={"rod": ffr.RayleighDamping(**given)}),
-            {},
-            {"alpha": NOT_NEGATIVE, "beta": NOT_NEGATIVE},
-        )
+    def of_mechanisms(self) -> Rows:
+        row, held = self.row, self.held
+        of_time = "value velocity acceleration"
+        functions = dict.fromkeys(of_time.split(), np.sin)
+        jumps = (math.nan, (math.nan,), ("1",), 1.0)
+        yield row(ffr.Motion, f"name {of_time}", functions, jumps=jumps)
+        yield row(ffr.Motion.constant, "", {"value": 1.0}, value=NUMBER)
+        constant = {"coefficients": [1.0]}
+        yield row(ffr.Motion.polynomial, "", constant, coefficients=(*ARRAY, (), 1.0))
+        step = {"distance": 1.0, "duration": 1.0, "start": 0.0}
+        yield row(ffr.Motion.smooth_step, "distance duration start", step)
+        yield row(ffr.Ground, "position angle name")
+        moving = {"x": held, "y": held}
+        yield row(ffr.Moving, "", moving, **dict.fromkeys(("x", "y", "angle"), MOTION))
+        circle = {"center": (0, 0), "radius": 0.1, "angle": held}
+        yield row(ffr.Moving.circle, "center", circle, radius=NUMBER, angle=MOTION)
+
+        joint, force = (partial(listed, field) for field in ("joints", "forces"))
+        yield row(joint(ffr.Revolute), "a b name")
+        yield row(joint(ffr.Weld), "a b name", angle=("1", True, *ENDLESS, held))
+        along = {"direction": (1.0, 0.0)}
+        yield row(joint(ffr.Translational), "a b name direction", along)
+        yield row(joint(ffr.Gear), "a b name", {"ratio": 2.0}, ratio=(*NUMBER, 0.0))
+        length = ("1", True, 1j, *ENDLESS, 0.0, -1.0, np.sin)
+        yield row(joint(ffr.Distance), "a b name", length=length)
+        yield row(joint(ffr.PointOnLine), "point line direction", along)
+        yield row(joint(ffr.LinearDrive), "point line direction motion", along)
+        yield row(joint(ffr.PrescribedAngle), "marker motion", relative_to=MARKER)
+        axis = (*TEXT, "w", 0)
+        yield row(joint(ffr.PrescribedPosition), "marker motion", {"axis": "x"}, axis=axis)
+
+        on_ground = (*MARKER, ffr.Ground())
+        yield row(force(ffr.Force), "x y follower", {"marker": PIN}, marker=on_ground)
+        yield row(force(ffr.Torque), "marker", moment=SIGNAL)
+        spring = {"stiffness": 1.0}
+        strength = "a b name stiffness damping"
+        yield row(force(ffr.SpringDamper), strength, spring, length=(*some(SIGNAL), -1.0))
+        yield row(force(ffr.TorsionalSpringDamper), strength, spring, angle=some(SIGNAL))
+
+        def placed(**given: Any) -> ffr.Mechanism:
+            return ffr.Mechanism({"rod": ffr.Placement(**given)})
+
+        yield row(placed, "position angle", velocity=VECTOR, angular_velocity=NUMBER)
+        yield row(listed("point_masses", ffr.PointMass), "marker mass", {"mass": 1.0})
+
+        def damped(**given: Any) -> ffr.Mechanism:
+            return in_mechanism(damping={"rod": ffr.RayleighDamping(**given)})
+
+        yield row(damped, "alpha beta")
         fields = (*VECTOR[:5], ("0", 0.0), (None, 0.0), (math.nan, 0.0))
-        yield (
+        pin = ffr.Revolute(PIN, ffr.Ground())
+        yield row(
             ffr.Mechanism,
+            "",
             {"placements": {"rod": ffr.Placement()}},
-            {
-                "placements": (*MAPPING, {"rod": (0.0, 0.0)}, {"rod": None}),
-                "joints": (*LIST, ffr.Revolute(**ends), [PIN], [None], [ffr.Force(PIN)]),
-                "forces": (*LIST, ffr.Force(PIN), [1.0], [ffr.Revolute(**ends)]),
-                "point_masses": (*LIST, ffr.PointMass(PIN, 1.0), [1.0]),
-                "gravity": fields,
-                "ground_acceleration": fields,
-                "damping": (*MAPPING, ffr.RayleighDamping(), {"rod": 0.1}),
-                "start": (None, "rest", ffr.StaticEquilibrium, ffr.Placement()),
-                "jumps": (*ARRAY, 1.0, (math.nan,)),
-            },
+            placements=(*MAPPING, {"rod": (0.0, 0.0)}, {"rod": None}),
+            joints=(*LIST, pin, [PIN], [None], [ffr.Force(PIN)]),
+            forces=(*LIST, ffr.Force(PIN), [1.0], [pin]),
+            point_masses=(*LIST, ffr.PointMass(PIN, 1.0), [1.0]),
+            gravity=fields,
+            ground_acceleration=fields,
+            damping=(*MAPPING, ffr.RayleighDamping(), {"rod": 0.1}),
+            start=(None, "rest", ffr.StaticEquilibrium, ffr.Placement()),
+            jumps=(*ARRAY, 1.0, (math.nan,)),
         )
-        yield (
-            ffr.Assembled,
-            {},
-            dict.fromkeys(
-                ("elastic", "elastic_velocity"), (*MAPPING, {"rod": "a"}, {"rod": [math.nan]})
-            ),
-        )
-        yield (
-            ffr.GeneralizedAlpha,
-            {"end_time": 1.0, "steps": 2},
-            {"end_time": POSITIVE, "steps": WHOLE_FROM_1, "spectral_radius": SHARE},
-        )
-        optional = tuple(value for value in POSITIVE if value is not None)
-        yield (
+        elastic = (*MAPPING, {"rod": "a"}, {"rod": [math.nan]})
+        yield row(ffr.Assembled, "", elastic=elastic, elastic_velocity=elastic)
+        span = {"end_time": 1.0, "steps": 2}
+        yield row(ffr.GeneralizedAlpha, "end_time steps spectral_radius", span)
+        optional = some(POSITIVE)
+        yield row(
             ffr.RadauIIA,
+            "end_time",
             {"end_time": 1.0},
-            {
-                "end_time": POSITIVE,
-                "tolerance": (*POSITIVE, 1.0),
-                "first_step": optional,
-                "largest_step": optional,
-                "steps": ("2", 0, -1, 2.5, True, (0.0, 2.0), (0.0, "1"), (1.0, 0.0), math.nan),
-            },
+            tolerance=(*POSITIVE, 1.0),
+            first_step=optional,
+            largest_step=optional,
+            steps=("2", 0, -1, 2.5, True, (0.0, 2.0), (0.0, "1"), (1.0, 0.0), math.nan),
         )
-        yield (
+        yield row(
             ffr.simulate,
-            {"mechanism": self.mechanism, "bodies": self.bodies, "integrator": self.steps},
-            {
-                "mechanism": (None, 1.0, [], ffr.Mechanism),
-                "bodies": (*MAPPING, {"rod": None}, {"rod": 1.0}, {}),
-                "integrator": (None, 1.0, 100, "radau", ffr.GeneralizedAlpha),
-                "end_time": (1.0,),
-                "tolerance": (*optional, 1.0),
-            },
+            "mechanism integrator",
+            {"bodies": self.bodies},
+            bodies=(*MAPPING, {"rod": None}, {"rod": 1.0}, {}),
+            end_time=(1.0,),
+            tolerance=(*optional, 1.0),
         )
 
-    def of_bodies(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        comm = MPI.COMM_SELF
+    def of_bodies(self) -> Rows:
+        row, cells = self.row, self.rod.n_cells
         numbers = {"young": 1.0, "poisson": 0.3, "density": 1.0}
-        solid = {"young": POSITIVE, "poisson": (*NUMBER, 0.5, -1.0), "density": POSITIVE}
         for material in (ffr.PlaneStress, ffr.PlaneStrain):
-            yield material, numbers, {**solid, "thickness": POSITIVE}
-        interval = (*SHARE, 0.0, 1.0)
-        yield ffr.SIMP, {}, {"exponent": (*NUMBER, 0.5), "floor": interval, "mass": (None, *LAW)}
-        yield ffr.RAMP, {}, {"penalty": NOT_NEGATIVE, "floor": interval, "mass": (None, *LAW)}
-        yield ffr.SuppressedVoidMass, {}, {"threshold": interval}
-        yield (
+            yield row(material, "young poisson thickness", numbers, density=POSITIVE)
+        yield row(ffr.SIMP, "floor", exponent=(*NUMBER, 0.5), mass=(None, *LAW))
+        yield row(ffr.RAMP, "floor", penalty=NOT_NEGATIVE, mass=(None, *LAW))
+        yield row(ffr.SuppressedVoidMass, "threshold")
+        yield row(
             ffr.Domain.rectangle,
-            {"comm": comm, "length": 0.4, "height": 0.04, "elements": (4, 2), "solid_columns": 1},
-            {
-                "comm": (None, 1, "world", MPI),
-                "length": POSITIVE,
-                "height": POSITIVE,
-                "elements": (8, "ab", None, (8,), (8, 2, 2), (0, 2), (8, -1), (8.5, 2), (8, "2")),
-                "cell": (*TEXT, "hexagon"),
-                "order": WHOLE_FROM_1,
-                "solid_columns": (*COUNT, 2),
-            },
+            "comm length height order",
+            {"length": 0.4, "height": 0.04, "elements": (4, 2), "solid_columns": 1},
+            elements=(8, "ab", None, (8,), (8, 2, 2), (0, 2), (8, -1), (8.5, 2), (8, "2")),
+            cell=(*TEXT, "hexagon"),
+            solid_columns=(*COUNT, 2),
         )
-        cells = self.rod.n_cells
         facets = self.rod.mesh.topology.index_map(1).size_local
-        ends = {"left": lambda x: x[0] < 1e-9}
         wrong = (
             *(1.0, None, "left", [0.5], ["0"], [[0, 1]]),
             *(lambda x: x[0], lambda x: True, lambda x: math.sin(x[0]) > 0.5),
         )
-        yield (
+        no_facets = (
+            *(*wrong, *([number] for number in (-1, facets, 10**9, -(10**9)))),
+            *(np.ones(n, dtype=bool) for n in (facets - 1, facets + 1, cells)),
+        )
+        no_cells = ([-1], [cells], [10**9], [True] * (cells - 1), np.ones((cells, 1), bool))
+        yield row(
             ffr.Domain,
-            {"domain": self.rod.mesh, "interfaces": ends},
-            {
-                "domain": (None, self.rod, "rod.msh", comm),
-                "interfaces": (
-                    *(*MAPPING, {}, *({"left": value} for value in wrong)),
-                    *({"left": [number]} for number in (-1, facets, 10**9, -(10**9))),
-                    *({"left": np.ones(n, dtype=bool)} for n in (facets - 1, facets + 1, cells)),
-                ),
-                "solid": (
-                    *(value for value in wrong if value is not None),
-                    *([-1], [cells], [10**9], [True] * (cells - 1), np.ones((cells, 1), bool)),
-                ),
-                "order": WHOLE_FROM_1,
-                "centers": (*MAPPING[:1], {"no": (0.0, 0.0)}, *({"left": p} for p in PAIR)),
-            },
+            "order",
+            {"domain": self.rod.mesh, "interfaces": {"left": lambda x: x[0] < 1e-9}},
+            domain=(None, self.rod, "rod.msh", COMM),
+            interfaces=(*MAPPING, {}, *({"left": value} for value in no_facets)),
+            solid=(*some(wrong), *no_cells),
+            centers=(*MAPPING[:1], {"no": (0.0, 0.0)}, *({"left": p} for p in PAIR)),
         )
-        yield ffr.LinearMass, {}, {}
+        yield row(ffr.LinearMass, "")
         frames = (None, 0.0, "chord", ffr.ChordFrame, np.sin)
-        yield (
+        yield row(
             ffr.FlexibleBody,
-            {"domain": self.rod, "material": STEEL, "frame": ffr.TangentFrame("left"), "modes": 1},
-            {
-                "domain": (None, "rod", self.rod.mesh, 1.0),
-                "material": (None, "steel", 2.1e11, ffr.PlaneStress, ffr.SIMP()),
-                "frame": (*frames, ffr.TangentFrame("no"), ffr.ChordFrame("left", "left")),
-                "modes": (*COUNT, 10**6),
-                "interpolation": LAW,
-                "markers": (*MAPPING[:1], *MAPPING[2:], {"tip": 1.0}, {"left": (0.2, 0.0)}),
-                "tolerance": (*POSITIVE, 1.0, 1e-20),
-                "stiffening": (1.0, None, "omega2", ["wind"], [1], np.sin),
-            },
+            "domain interpolation",
+            {"material": STEEL, "frame": ffr.TangentFrame("left"), "modes": 1},
+            material=(None, "steel", 2.1e11, ffr.PlaneStress, ffr.SIMP()),
+            frame=(*frames, ffr.TangentFrame("no"), ffr.ChordFrame("left", "left")),
+            modes=(*COUNT, 10**6),
+            markers=(*MAPPING[:1], *MAPPING[2:], {"tip": 1.0}, {"left": (0.2, 0.0)}),
+            tolerance=(*POSITIVE, 1.0, 1e-20),
+            stiffening=(1.0, None, "omega2", ["wind"], [1], np.sin),
         )
-        yield (
+        yield row(
             lambda **given: ffr.FlexibleBody(self.rod, STEEL, frame=ffr.ChordFrame(**given)),
+            "",
             {"start": "left", "end": "right"},
-            {"start": (*TEXT, "no"), "end": (*TEXT, "no", "left")},
+            start=(*TEXT, "no"),
+            end=(*TEXT, "no", "left"),
         )
-        yield (
-            ffr.VolumeIntegrals.rigid,
-            {"mass": 1.0, "inertia": 1.0},
-            {
-                "mass": POSITIVE,
-                "center": [center for center in PAIR if center is not None],
-                "inertia": POSITIVE,
-                "markers": (*MAPPING[:1], *MAPPING[2:], *({"pin": pair} for pair in PAIR)),
-            },
-        )
+        pins = (*MAPPING[:1], *MAPPING[2:], *({"pin": pair} for pair in PAIR))
+        unit = {"mass": 1.0, "inertia": 1.0}
+        rigid = ffr.VolumeIntegrals.rigid
+        yield row(rigid, "mass inertia", unit, center=some(PAIR), markers=pins)
         moments = {"mass": 1.0, "S": np.zeros((1, 2)), "G": np.eye(1), "N": np.zeros((1, 1))}
-        matrix = (*ARRAY, 1.0, np.ones(3), [[math.nan]])
-        yield (
-            ffr.VolumeIntegrals.from_arrays,
-            moments,
-            {"mass": POSITIVE, "S": matrix, "G": matrix, "N": matrix},
-        )
-        densities = (*ARRAY, 0.5, [0.5], self.full[1:], 1.5 * self.full, -self.full, 0 * self.full)
-        densities = (
-            *densities,
-            math.nan * self.full,
-            1j * self.full,
-            ["1"] * cells,
-            [None] * cells,
-        )
-        by_name = ({"arm": self.full}, {"rod": "a"}, {})
-        yield self.problem.value, {"x": self.full}, {"x": (*densities, *by_name)}
-        yield self.body.reduce, {"x": self.full}, {"x": densities}
-        yield self.body.volume, {"x": self.full}, {"x": densities[:-1][: len(ARRAY) + 5]}
+        matrices = dict.fromkeys("SGN", (*ARRAY, 1.0, np.ones(3), [[math.nan]]))
+        yield row(ffr.VolumeIntegrals.from_arrays, "mass", moments, **matrices)
+        full = self.full
+        shapes = (*ARRAY, 0.5, [0.5], full[1:], 1.5 * full, -full)
+        densities = (*shapes, 0 * full, math.nan * full, 1j * full, ["1"] * cells, [None] * cells)
+        by_name = ({"arm": full}, {"rod": "a"}, {})
+        yield row(self.problem.value, "", {"x": full}, x=(*densities, *by_name))
+        yield row(self.body.reduce, "", {"x": full}, x=densities)
+        yield row(self.body.volume, "", {"x": full}, x=shapes)
 
-    def of_objectives(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
+    def of_objectives(self) -> Rows:
+        row = self.row
         weights = (1.0, "rod", ["rod"], {"rod": "1"}, {"rod": math.nan}, {1: 1.0})
         compliance = {"bodies": ("rod", [], 1.0, [1], np.sin), "weights": weights}
-        yield ffr.IntegralCompliance, {}, compliance
-        yield ffr.PeakCompliance, {}, {**compliance, "power": (*NUMBER, 0.5)}
-        yield ffr.Mass, {"body": "rod"}, {"body": TEXT}
-        yield ffr.Volume, {"body": "rod"}, {"body": TEXT}
-        yield (
-            ffr.Frequency,
-            {"body": "rod"},
-            {"body": TEXT, "number": WHOLE_FROM_1, "cluster": WHOLE_FROM_1, "free": FLAG},
-        )
-        yield (
-            ffr.JointForce,
-            {"joint": "pin"},
-            {"joint": TEXT, "power": (*NUMBER, 1.0), "moment": FLAG, "window": WINDOW},
-        )
-        marker = {"body": "rod", "marker": "left"}
+        yield row(ffr.IntegralCompliance, "", **compliance)
+        yield row(ffr.PeakCompliance, "", **compliance, power=(*NUMBER, 0.5))
+        rod = {"body": "rod"}
+        yield row(ffr.Mass, "", rod, body=TEXT)
+        yield row(ffr.Volume, "", rod, body=TEXT)
+        yield row(ffr.Frequency, "number cluster free", rod, body=TEXT)
+        power = (*NUMBER, 1.0)
+        yield row(ffr.JointForce, "joint moment window", {"joint": "pin"}, power=power)
+        place = {"body": "rod", "marker": "left"}
         for objective in (ffr.MarkerAcceleration, ffr.MarkerVelocity):
-            yield (objective, marker, {"body": TEXT, "marker": TEXT, "window": WINDOW})
-        yield (
+            yield row(objective, "window", place, body=TEXT, marker=TEXT)
+        yield row(
             ffr.PathTracking,
-            {**marker, "path": (0.0, np.sin)},
-            {
-                **{"body": TEXT, "marker": TEXT, "window": WINDOW},
-                "path": (*ARRAY, (0.0, "1"), (np.sin, *[0.0] * 3), (None, 0.0), (math.nan, 0.0)),
-                "weight": ("1", ["1"], [1j]),
-            },
+            "window",
+            {**place, "path": (0.0, np.sin)},
+            body=TEXT,
+            marker=TEXT,
+            path=(*ARRAY, (0.0, "1"), (np.sin, *[0.0] * 3), (None, 0.0), (math.nan, 0.0)),
+            weight=("1", ["1"], [1j]),
         )
         mass = ffr.Mass("rod")
         terms = (1.0, [], [1.0], [mass], [("1", mass)], [(1.0, "mass")], [(math.nan, mass)], None)
-        yield ffr.Sum, {"terms": [(1.0, mass)]}, {"terms": terms}
-        yield lambda weight: weight * mass, {"weight": 2.0}, {"weight": ("2", None, *ENDLESS)}
-        yield lambda other: mass + other, {"other": mass}, {"other": OBJECTIVE}
-        yield lambda other: mass - other, {"other": mass}, {"other": OBJECTIVE}
-        yield (
-            ffr.Constraint,
-            {"objective": mass, "upper": 1.0},
-            {"objective": OBJECTIVE, "upper": (*NUMBER, 0.0), "lower": (1.0,), "name": TEXT},
-        )
-        chain = {
-            "mechanism": (None, 1.0, [], ffr.Mechanism),
-            "integrator": (None, 1.0, 100, "radau", ffr.GeneralizedAlpha),
-            "objective": OBJECTIVE,
-            "constraints": (*LIST, ffr.Constraint(mass, 1.0), [mass], [1.0]),
-        }
-        given = {
-            "mechanism": self.mechanism,
-            "integrator": self.steps,
-            "objective": ffr.IntegralCompliance(),
-        }
-        yield ffr.MechanicalProblem, given, chain
+        yield row(ffr.Sum, "", {"terms": [(1.0, mass)]}, terms=terms)
+        factor = ("2", None, *ENDLESS)
+        yield row(lambda weight: weight * mass, "", {"weight": 2.0}, weight=factor)
+        yield row(lambda other: mass + other, "other", {"other": mass})
+        yield row(lambda other: mass - other, "other", {"other": mass})
+        bound = {"objective": mass, "upper": 1.0}
+        yield row(ffr.Constraint, "objective name", bound, upper=(*NUMBER, 0.0), lower=(1.0,))
+        bounds = (*LIST, ffr.Constraint(mass, 1.0), [mass], [1.0])
+        of_motion = "mechanism integrator objective"
+        yield row(ffr.MechanicalProblem, of_motion, constraints=bounds)
+        own = {"bodies": {"rod": self.body}}
         bodies = (*MAPPING, {}, {"rod": None}, {"rod": self.rod}, self.body, self.bodies)
-        yield ffr.Problem, {**given, "bodies": {"rod": self.body}}, {**chain, "bodies": bodies}
-        weights = (*MAPPING[:1], *MAPPING[2:], {}, {"a": 0.0}, {"a": -1.0}, {"a": "1"}, {"a": None})
-        yield ffr.WeightedSum, {}, {"weights": weights}
-        yield ffr.WorstCase, {}, {"weights": weights}
-        yield ffr.PowerMean, {}, {"weights": weights, "p": (*NUMBER, 0.5)}
-        motion = ffr.MechanicalProblem(**given)
-        yield (
-            ffr.Problem.of_motions,
-            {"bodies": {"rod": self.body}, "motions": {"a": motion, "b": motion}},
-            {
-                "bodies": bodies,
-                "motions": (*MAPPING, {}, {"a": None}, {"a": self.problem}, motion, [motion]),
-                "combine": (1.0, "sum", ffr.WeightedSum, np.sum, ffr.WorstCase({"a": 1.0})),
-            },
+        yield row(ffr.Problem, of_motion, own, constraints=bounds, bodies=bodies)
+        for combine in (ffr.WeightedSum, ffr.WorstCase):
+            yield row(combine, "weights")
+        yield row(ffr.PowerMean, "weights", p=(*NUMBER, 0.5))
+        motion = ffr.MechanicalProblem(self.mechanism, self.steps, ffr.IntegralCompliance())
+        yield row(
+            ffr.Problem.of_load_cases,
+            "",
+            {**own, "load_cases": {"a": motion, "b": motion}},
+            bodies=bodies,
+            load_cases=(*MAPPING, {}, {"a": None}, {"a": self.problem}, motion, [motion]),
+            combine=(1.0, "sum", ffr.WeightedSum, np.sum, ffr.WorstCase({"a": 1.0})),
         )
-        yield self.problem.alone, {"motion": "motion"}, {"motion": (*TEXT, "fast")}
-        yield self.evaluation.alone, {"motion": "motion"}, {"motion": (*TEXT, "fast")}
+        for thing in (self.problem, self.evaluation):
+            yield row(thing.alone, "", {"load_case": "load case"}, load_case=(*TEXT, "fast"))
 
-    def of_designs(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        no_domain = (None, "rod", self.rod.mesh, self.body)
-        optional = tuple(value for value in POSITIVE if value is not None)
-        yield ffr.Wendland, {"radius": 1.0}, {"radius": POSITIVE}
+    def of_designs(self) -> Rows:
+        row, optional = self.row, some(POSITIVE)
+        yield row(ffr.Wendland, "radius", {"radius": 1.0})
         for kernel in (ffr.Multiquadric, ffr.Gaussian, ffr.ExponentialSpline):
-            yield kernel, {"length": 1.0}, {"length": POSITIVE}
+            yield row(kernel, "length", {"length": 1.0})
         knots = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        kernels = (1.0, "gaussian", ffr.Wendland, np.sin)
-        yield (
-            ffr.ScatteredInterpolation,
+        yield row(
+            paper.ScatteredInterpolation,
+            "",
             {"points": knots, "kernel": ffr.Wendland(3.0)},
-            {
-                "points": (*ARRAY, 1.0, [], knots * math.nan),
-                "kernel": (None, *kernels),
-                "degree": ("1", 1.5, -2, True, 5),
-            },
+            points=(*ARRAY, 1.0, [], knots * math.nan),
+            kernel=(None, 1.0, "gaussian", ffr.Wendland, np.sin),
+            degree=("1", 1.5, -2, True, 5),
         )
-        yield (
+        yield row(
             ffr.LevelSet,
-            {"domain": self.rod},
-            {
-                "domain": no_domain,
-                "knots": (*(v for v in ARRAY if v is not None), 1.0, [], [[0.0, math.nan]] * 3),
-                "spacing": (*optional, 1.0),
-                "minimum_member": (*optional, 1e-6),
-                "minimum_gap": (*optional, 1e-6),
-                "mirrors": (1.0, [1.0], "axis", [ffr.Mirror((0.0, 0.01), (1.0, 0.0))]),
-                "quadrature": [value for value in WHOLE_FROM_1 if value is not None],
-            },
+            "domain",
+            knots=(*some(ARRAY), 1.0, [], [[0.0, math.nan]] * 3),
+            spacing=(*optional, 1.0),
+            minimum_member=(*optional, 1e-6),
+            minimum_gap=(*optional, 1e-6),
+            mirrors=(1.0, [1.0], "axis", [ffr.Mirror((0.0, 0.01), (0.0, 1.0))]),
+            quadrature=some(WHOLE_FROM_1),
         )
-        yield (
-            self.levelset.with_holes,
+        levelset, flat = self.levelset, np.ones(len(self.levelset.knots))
+        yield row(
+            levelset.with_holes,
+            "",
             {"columns": 1, "rows": 1, "radius": 0.01},
-            {
-                **{"columns": WHOLE_FROM_1, "rows": WHOLE_FROM_1, "radius": NOT_NEGATIVE},
-                "margin": tuple(value for value in NUMBER if value is not None),
-            },
+            columns=WHOLE_FROM_1,
+            rows=WHOLE_FROM_1,
+            radius=NOT_NEGATIVE,
+            margin=some(NUMBER),
         )
-        no_vector = (*ARRAY, 1.0, np.ones(2), np.full(len(self.levelset.knots), math.nan))
-        flat = np.ones(len(self.levelset.knots))
-        for method in (self.levelset.density, self.levelset.level, self.levelset.penalty):
-            yield method, {"variables": flat}, {"variables": no_vector}
-        yield self.levelset.distance, {"variables": flat}, {"variables": no_vector}
-        yield self.levelset.from_distance, {"distance": flat}, {"distance": no_vector}
-        yield self.levelset.with_sharpness, {"sharpness": 8.0}, {"sharpness": POSITIVE}
-        for part in (self.levelset, self.design):
-            yield part.at, {"progress": 0.5}, {"progress": SHARE}
-        yield (
-            ffr.Mirror,
-            {"point": (0.0, 0.0), "direction": (1.0, 0.0)},
-            {"point": PAIR, "direction": (*PAIR, (0.0, 0.0))},
-        )
-        yield (
-            ffr.mirror_lines,
-            {"domain": self.rod},
-            {
-                "domain": no_domain,
-                "gradient": (*(v for v in ARRAY if v is not None), 1.0, np.ones(2)),
-                "tolerance": NOT_NEGATIVE,
-            },
-        )
-        yield (
-            ffr.Evolution,
-            {"levelset": self.levelset, "volume": 0.7},
-            {
-                "levelset": (None, "phi", self.rod),
-                "volume": (*SHARE, 0.0, 0.01),
-                "band": POSITIVE,
-            },
-        )
-        yield (
-            ffr.VelocityExtension,
-            {"levelset": self.levelset},
-            {"levelset": (None, self.rod), "radius": optional},
-        )
-        yield ffr.VolumeBisection, {"bound": 0.5}, {"bound": POSITIVE, "tolerance": (*SHARE, 1.0)}
-        negative = tuple(value for value in NOT_NEGATIVE if value is not None)
-        yield (
-            ffr.DensityDesign,
-            {"domain": self.rod},
-            {"domain": no_domain, "radius": negative, "eta": (*SHARE, 0.0, 1.0)},
-        )
-        yield self.design.even, {"value": 0.5}, {"value": (*SHARE, 2.0)}
-        yield (
-            ffr.DensityFilter,
-            {"domain": self.rod, "radius": 0.1},
-            {"domain": no_domain, "radius": NOT_NEGATIVE},
-        )
-        yield ffr.HeavisideProjection, {"beta": 1.0}, {"beta": POSITIVE, "eta": (*SHARE, 0.0, 1.0)}
-        yield (
+        no_vector = (*ARRAY, 1.0, np.ones(2), np.full(len(flat), math.nan))
+        for of in (levelset.density, levelset.level, levelset.penalty, levelset.distance):
+            yield row(of, "", {"variables": flat}, variables=no_vector)
+        yield row(levelset.from_distance, "", {"distance": flat}, distance=no_vector)
+        yield row(levelset.with_sharpness, "sharpness", {"sharpness": 8.0})
+        for part in (levelset, self.design):
+            yield row(part.at, "progress", {"progress": 0.5})
+        line = {"point": (0.0, 0.0), "normal": (1.0, 0.0)}
+        yield row(ffr.Mirror, "", line, point=PAIR, normal=(*PAIR, (0.0, 0.0)))
+        gradient = (*some(ARRAY), 1.0, np.ones(2))
+        yield row(ffr.mirror_lines, "domain", gradient=gradient, tolerance=NOT_NEGATIVE)
+        shares = (*SHARE, 0.0, 0.01)
+        yield row(design.Evolution, "levelset", {"volume": 0.7}, volume=shares, band=POSITIVE)
+        yield row(design.VelocityExtension, "levelset", radius=optional)
+        full = (*SHARE, 1.0)
+        yield row(design.VolumeBisection, "", {"bound": 0.5}, bound=POSITIVE, tolerance=full)
+        yield row(ffr.DensityDesign, "domain eta", radius=some(NOT_NEGATIVE))
+        yield row(self.design.even, "", {"value": 0.5}, value=(*SHARE, 2.0))
+        yield row(design.DensityFilter, "domain", {"radius": 0.1}, radius=NOT_NEGATIVE)
+        yield row(design.HeavisideProjection, "eta", {"beta": 1.0}, beta=POSITIVE)
+        yield row(
             ffr.LevelSetEvolution,
-            {},
-            {
-                **{"evolution": (1.0, "fast", {"rod": 1.0}), "sharpness": STAGES, "step": POSITIVE},
-                **{"tolerance": NOT_NEGATIVE, "reinitialize_every": COUNT},
-            },
+            "reinitialize_every",
+            evolution=(1.0, "fast", {"rod": 1.0}),
+            sharpness=STAGES,
+            step=POSITIVE,
+            tolerance=NOT_NEGATIVE,
+            stage_iterations=some(WHOLE_FROM_1),
         )
-        yield (
-            ffr.MMA,
-            {},
-            {
-                "move": (*SHARE, 0.0),
-                "tolerance": NOT_NEGATIVE,
-                "length": tuple(value for value in WHOLE_FROM_1 if value is not None),
-            },
-        )
-        yield (
+        once = {"iterations": 0, "progress": False, "volume": 1.0}
+        asymptotes = {"tolerance": NOT_NEGATIVE, "length": some(WHOLE_FROM_1)}
+        yield row(ffr.MMA, "", move=(*SHARE, 0.0), **asymptotes)
+        yield row(
             ffr.optimize,
-            {
-                **{"problem": self.problem, "design": self.levelset, "start": flat},
-                **{"iterations": 0, "progress": False, "volume": 1.0},
-            },
-            {
-                "problem": (None, 1.0, self.body, ffr.Problem),
-                "design": (None, "level set", self.rod, ffr.LevelSet, ffr.DensityDesign(self.rod)),
-                "start": (*(v for v in no_vector if v is not None), {"arm": flat}),
-                "optimizer": (1.0, "mma", ffr.MMA, np.sin),
-                "volume": (*SHARE, 0.0, 0.01, {"arm": 0.5}),
-                "gradient": (1.0, "adjoint", ffr.ExactAdjoint, np.sin),
-                "iterations": COUNT,
-                "output": (1.0, True, ["results"]),
-                "resume": FLAG,
-                "progress": FLAG,
-                "callback": (1.0, "print", [print]),
-            },
-        )
-        nothing = tuple(value for value in POSITIVE if value is not None)
-        yield (
-            ffr.GradientElements,
-            {"grid": 0.1},
-            {"grid": nothing, "band": nothing, "share": (*nothing, 1.1)},
-        )
-        yield (
-            ffr.ApproximateGradient,
-            {},
-            {
-                **{"elements": (None, 0.3, "grid"), "kernel": (1.0, "gaussian")},
-                **{"degree": ("1", 1.5, -2, True), "tolerance": nothing, "band": nothing},
-                **{"largest_share": (*SHARE, 0.0), "compare_every": COUNT},
-                **{"solver": (*TEXT, "lu"), "batch": WHOLE_FROM_1},
-            },
-        )
-        yield ffr.ElementByElement, {}, {"solver": (*TEXT, "lu"), "batch": WHOLE_FROM_1}
-        yield (
-            ffr.von_mises,
-            {"body": self.body, "reduced": self.evaluation.bodies["rod"], "q": np.zeros(5)},
-            {
-                "body": (None, "rod", self.rod),
-                "reduced": (None, self.evaluation),
-                "q": (*ARRAY, np.zeros(2), np.full(5, math.nan)),
-                "relaxation": NOT_NEGATIVE,
-                "void": SHARE,
-            },
-        )
-        yield (
-            ffr.worst_stress,
-            {"body": self.body, "evaluation": self.evaluation, "name": "rod"},
-            {"body": (None, "rod"), "evaluation": (None, self.full), "name": (*TEXT[:2], "arm")},
-        )
-        yield (
-            ffr.modes_below,
-            {"body": self.body, "frequency": 1.0},
-            {"body": (None, self.rod), "frequency": NOT_NEGATIVE},
-        )
-        yield (
-            ffr.model_report,
-            {"problem": self.problem, "evaluation": self.evaluation},
-            {"problem": (None, self.body), "evaluation": (None, self.full)},
-        )
-        for call in (ffr.mode_error, ffr.local_modes, ffr.propose_modes):
-            yield (
-                call,
-                {"problem": self.problem, "evaluation": self.evaluation},
-                {"problem": (None, self.body), "evaluation": (None, self.full)},
-            )
-        yield (
-            ffr.propose_modes,
-            {"problem": self.problem, "evaluation": self.evaluation},
-            {"tolerance": POSITIVE},
+            "problem iterations resume",
+            {**once, "design": levelset, "start": flat},
+            design=(None, "level set", self.rod, ffr.LevelSet, self.design, {"arm": levelset}),
+            start=(*some(no_vector), {"arm": flat}),
+            optimizer=(1.0, "mma", ffr.MMA, np.sin),
+            volume=(*shares, {"arm": 0.5}),
+            gradient=(1.0, "adjoint", ffr.ExactAdjoint, np.sin),
+            output=(1.0, True, ["results"]),
+            progress=FLAG,
+            callback=(1.0, "print", [print]),
         )
 
-    def of_files(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        comm, place, no_path = MPI.COMM_SELF, self.folder, (None, 1, 1.0, True, ["a"], np.sin)
-        no_comm, no_domain = (None, 1, "world", MPI), (None, "rod", self.rod.mesh, self.body)
-        fields = (1.0, None, "x", [self.full], {"x": self.full[1:]}, {"x": "1"}, {1: self.full})
-        density = (None, "x", self.full[1:], 2.0 * self.full)
-        (place / "history.csv").write_text("psi\n1.0\n")
-        self.bodies["rod"].save(place / "rod.npz")
-        yield (
-            ffr.write_summary,
-            {"comm": comm, "path": place / "summary.json", "summary": {"psi": 1.0}},
-            {"comm": no_comm, "path": no_path, "summary": (1.0, None, "a", ["a"], {"psi": 1j})},
+    def of_parts(self) -> Rows:
+        """What the chain consists of, for those who call its links one by one."""
+        row, full = self.row, self.full
+        yield row(self.rod.quadrature_points, "n", {"n": 1})
+        material = {"material": STEEL, "interpolation": ffr.SIMP()}
+        nothing = dict.fromkeys(material, NOTHING)
+        yield row(ffr.fem.Elasticity, "domain", material, **nothing)
+        yield row(
+            ffr.reduction.CraigBampton,
+            "modes tolerance",
+            {"elasticity": self.body.elasticity, "frame": ffr.TangentFrame("left"), "modes": 1},
+            elasticity=NOTHING,
+            frame=NOTHING,
         )
-        yield ffr.read_history, {"path": place / "history.csv"}, {"path": no_path}
-        yield ffr.VolumeIntegrals.load, {"path": place / "rod.npz"}, {"path": (*no_path, "rod")}
-        yield (
-            ffr.write_fields,
-            {"domain": self.rod, "fields": {"x": self.full}, "path": place / "fields.xdmf"},
-            {"domain": no_domain, "fields": fields, "path": no_path},
-        )
-        yield (
-            ffr.write_density,
-            {"domain": self.rod, "x": self.full, "path": place / "density.xdmf"},
-            {"domain": no_domain, "x": density, "path": no_path},
-        )
-        yield (
-            plot_design,
-            {"domain": self.rod, "x": self.full, "path": place / "design.png"},
-            {"domain": no_domain, "x": (*density, {}), "path": (*no_path, "design.xyz")},
-        )
+        x = {"x": full}
+        yield row(ffr.gray_fraction, "domain low high", x, x=self.refused["density"])
+        everywhere = np.ones(self.rod.n_cells, bool)
+        cells = (*ARRAY, [0], everywhere[1:])
+        errors = paper.gradient_errors
+        yield row(errors, "domain gradient exact", {"cells": everywhere}, cells=cells)
 
-    def of_runs(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
+        def mode_derivatives(**given: Any) -> list[Any]:
+            return list(paper.mode_derivatives(**given))
+
+        elements = ("rod", [1.5], [10**6], [-1], ["a"])
+        for derivatives in (mode_derivatives, paper.integral_derivatives):
+            yield row(derivatives, "body reduced", {"cells": [0]}, cells=elements)
+        elements = (*elements, {"arm": [0]})
+        of_cells = paper.elementwise_gradient
+        yield row(of_cells, "problem evaluation solver", {"cells": [0]}, cells=elements)
+        yield row(paper.ElementByElement, "solver batch")
+        optional = some(POSITIVE)
+        grid = {"grid": optional, "band": optional, "share": (*optional, 1.1)}
+        yield row(paper.GradientElements, "", {"grid": 0.1}, **grid)
+        yield row(
+            paper.ApproximateGradient,
+            "compare_every solver batch",
+            elements=(None, 0.3, "grid"),
+            kernel=(1.0, "gaussian"),
+            degree=("1", 1.5, -2, True),
+            tolerance=optional,
+            band=optional,
+            largest_share=(*SHARE, 0.0),
+        )
+        points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.7, 0.6]])
+        yield row(
+            paper.best_length,
+            "",
+            {"kernel": ffr.Gaussian, "points": points, "values": [0.0, 1.0, 2.0, 1.0]},
+            kernel=(None, 1.0, "gaussian"),
+            points=ARRAY,
+            values=ARRAY,
+            bounds=("ab", (1.0,), (2.0, 1.0), (0.0, 1.0), 1.0, ("1", "2")),
+        )
+        stress_modes = postprocessing.StressModes.of
+        yield row(stress_modes, "body reduced relaxation void", correction=FLAG[1:])
+        q = (*ARRAY, np.zeros(2), np.full(5, math.nan))
+        still = {"q": np.zeros(5)}
+        yield row(ffr.von_mises, "body reduced relaxation void", still, q=q)
+        name = (*TEXT[:2], "arm")
+        yield row(ffr.worst_stress, "body evaluation", {"name": "rod"}, name=name)
+        yield row(ffr.modes_below, "body frequency", {"frequency": 1.0})
+        for call in (ffr.model_report, ffr.mode_error, ffr.local_modes):
+            yield row(call, "problem evaluation")
+        yield row(ffr.propose_modes, "problem evaluation tolerance", {"tolerance": 1.0})
+        of_rod = {"x": ("rod", 1.0, full[1:])}
+        yield row(ffr.select_modes, "problem tolerance", {"tolerance": 1.0}, **of_rod)
+        modes = (*MAPPING, {"arm": 1}, {"rod": -1}, {"rod": "1"})
+        yield row(self.problem.with_modes, "", {"modes": {"rod": 1}}, modes=modes)
+        near = {**x, "tolerance": 0.1}
+        yield row(self.problem.with_tolerance, "", near, tolerance=NUMBER)
+        yield row(self.problem.differentiate, "evaluation")
+        rigid = {"function": lambda p: self.bodies["rod"], "jacobian": lambda p: []}
+        yield row(ffr.ParametricBody, "function jacobian", rigid)
+        none = np.zeros((2, 0))
+        marker = {"position": (0.0, 0.0), "displacement": none, "rotation": []}
+        yield row(ffr.BodyMarker, "", marker, **dict.fromkeys(marker, ARRAY))
+        variables = (*ARRAY, np.ones(2), np.full(self.design.size, math.nan))
+        even = {"variables": self.design.even(0.5)}
+        yield row(self.design.density, "", even, variables=variables)
+
+    def of_files(self) -> Rows:
         """What a run leaves, and finds again."""
-        comm, place, no_path = MPI.COMM_SELF, self.folder, (None, 1, 1.0, True, ["a"], np.sin)
-        no_comm = (None, 1, "world", MPI)
-        yield (
-            write_history,
-            {**{"comm": comm, "path": place / "run.csv"}, "columns": ["psi"], "rows": [{"psi": 1}]},
-            {
-                **{"comm": no_comm, "path": no_path, "columns": (*LIST[:4], [1.0], ["x"])},
-                "rows": (*LIST[:3], [1.0], [{"x": 1.0}], [{"psi": 1.0, "x": 1.0}], [{}]),
-            },
-        )
-        yield (
-            save_checkpoint,
-            {"comm": comm, "path": place / "checkpoint", "state": {"x": self.full, "n": 1}},
-            {"comm": no_comm, "path": no_path, "state": (*MAPPING, {"x": self.rod}, {"x": None})},
-        )
-        yield (
-            load_checkpoint,
-            {"comm": comm, "path": place / "checkpoint"},
-            {"comm": no_comm, "path": no_path},
-        )
+        row, place, full = self.row, self.folder, self.full
 
-    def of_pictures(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        place, evaluation = self.folder, self.evaluation
-        no_path = (None, 1, ["a.png"], "picture.xyz")
-        picture = {"path": place / "picture.png"}
-        common = {"path": no_path, "title": TEXT, "comm": (None, 1, "world", MPI)}
-        alone = {"path": no_path, "title": TEXT}
+        def file(
+            call: Callable[..., Any], name: str, names: str, given: Any = None, **refused: Any
+        ) -> Row:
+            return row(call, f"path {names}", {"path": place / name, **(given or {})}, **refused)
+
+        psi = {"summary": {"psi": 1.0}}
+        summary = (*MAPPING[:3], ["a"], {"psi": 1j})
+        yield file(ffr.write_summary, "summary.json", "comm", psi, summary=summary)
+        yield file(
+            write_history,
+            "run.csv",
+            "comm",
+            {"columns": ["psi"], "rows": [{"psi": 1}]},
+            columns=(*LIST[:4], [1.0], ["x"]),
+            rows=(*LIST[:3], [1.0], [{"x": 1.0}], [{"psi": 1.0, "x": 1.0}], [{}]),
+        )
+        yield file(ffr.read_history, "run.csv", "")
+        kept = {"state": {"x": full, "n": 1}}
+        state = (*MAPPING, {"x": self.rod}, {"x": None})
+        yield file(save_checkpoint, "checkpoint", "comm", kept, state=state)
+        yield file(load_checkpoint, "checkpoint", "comm")
+        write_rod(place / "rod.msh")
+        yield file(ffr.Domain.from_gmsh, "rod.msh", "comm")
+        self.bodies["rod"].save(place / "rod.npz")
+        yield file(ffr.VolumeIntegrals.load, "rod.npz", "", path=(*PATH, "rod"))
+        fields = (1.0, None, "x", [full], {"x": full[1:]}, {"x": "1"}, {1: full})
+        by_name = {"fields": {"x": full}}
+        yield file(ffr.write_fields, "fields.xdmf", "domain", by_name, fields=fields)
+        x = (None, "x", full[1:], 2.0 * full)
+        yield file(ffr.write_density, "density.xdmf", "domain", {"x": full}, x=x)
+        wrong = {"x": (*x, {}), "path": (*PATH, "design.xyz")}
+        yield file(plotting.plot_design, "design.png", "domain", {"x": full}, **wrong)
+
+    def of_pictures(self) -> Rows:
         columns = {"iteration": [0.0, 1.0], "psi": [2.0, 1.0]}
         no_columns = ({}, {"psi": 1.0}, {"psi": ["1"]}, {"psi": [1.0, 2.0], "volume": [1.0]})
         runs = (*MAPPING, {"a": 1.0}, *({"a": history} for history in no_columns))
-        nothing = (None, 1.0, "rod", np.sin, [], {})
-        cells = (*ARRAY, self.full[1:])
-        yield (
+        full, scale = self.full, some(NOT_NEGATIVE)
+        cells = (*ARRAY, full[1:])
+
+        def row(call: Callable[..., Any], names: str, given: Any = None, **refused: Any) -> Row:
+            no_path = (None, 1, ["a.png"], "picture.xyz")
+            return self.row(call, f"path title {names}", given, **{"path": no_path, **refused})
+
+        yield row(
             plotting.plot_history,
-            {"history": columns, **picture},
-            {
-                **{"history": (*MAPPING[:2], *no_columns), **common},
-                **{"psi_solid": POSITIVE[:1] + POSITIVE[2:], "volume_bound": (0.0, "1", math.nan)},
-            },
+            "comm",
+            {"history": columns},
+            history=(*MAPPING[:2], *no_columns),
+            psi_solid=some(POSITIVE),
+            volume_bound=(0.0, "1", math.nan),
         )
-        yield (
-            plotting.plot_gradient_histories,
-            {"histories": {"exact": columns}, "psi_solid": 1.0, **picture},
-            {"histories": runs, "psi_solid": POSITIVE, **common},
-        )
-        yield (
-            plotting.plot_crank_motion,
-            {"source": CRANK.angle, "end_time": 1.0, **picture},
-            {"source": MOTION, "end_time": POSITIVE, **common},
-        )
+        histories = {"histories": {"exact": columns}, "psi_solid": 1.0}
+        yield row(plotting.plot_gradient_histories, "comm psi_solid", histories, histories=runs)
+        turn = {"source": CRANK.angle, "end_time": 1.0}
+        yield row(plotting.plot_crank_motion, "comm end_time", turn, source=MOTION)
         worth = (*MAPPING, {}, {"a": {}}, {"a": {"b": 0.0}}, {"a": {"b": "1"}})
-        yield (
+        yield row(
             plotting.plot_trade_off,
-            {"psi": {"a": {"slow": 1.0, "fast": 2.0}, "b": {"slow": 2.0, "fast": 1.0}}, **picture},
-            {
-                "psi": (*worth, {"a": {"b": 1.0}, "c": {"d": 1.0}}),
-                "images": (1.0, "a", [1.0], {"c": np.ones((2, 2))}, {"a": np.ones(2)}, {"a": "x"}),
-                **common,
-            },
+            "comm",
+            {"psi": {"a": {"slow": 1.0, "fast": 2.0}, "b": {"slow": 2.0, "fast": 1.0}}},
+            psi=(*worth, {"a": {"b": 1.0}, "c": {"d": 1.0}}),
+            images=(1.0, "a", [1.0], {"c": np.ones((2, 2))}, {"a": np.ones(2)}, {"a": "x"}),
         )
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
-        yield (
-            plotting.plot_curves,
-            {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}, **picture},
-            {
-                **{"panels": (*MAPPING, {}, *curves), "xlabel": TEXT, "logarithmic": FLAG},
-                **{"markers": FLAG, **common},
-            },
-        )
-        yield (
-            plotting.plot_kernel,
-            {"kernel": ffr.Gaussian(0.1), "extent": 1.0, **picture},
-            {"kernel": FUNCTION[:3], "extent": POSITIVE, **common},
-        )
-        yield (
-            plotting.plot_stress,
-            {"domain": self.rod, "stress": self.full, **picture},
-            {"domain": nothing, "stress": cells, "solid": (cells[0], *cells[2:]), **alone},
-        )
-        yield (
-            plotting.plot_gradient_elements,
-            {"domain": self.rod, "selections": {"a": (self.full, self.full > 0.5)}, **picture},
-            {
-                **{"domain": nothing, **alone},
-                "selections": (*MAPPING, {}, {"a": 1.0}, {"a": (self.full,)}),
-            },
-        )
-        yield (
-            plotting.plot_modes,
-            {"body": self.body, "reduced": evaluation.bodies["rod"], **picture},
-            {"body": nothing, "reduced": nothing, **alone},
-        )
-        yield (
-            plotting.mesh_grid,
-            {"domain": self.rod, "fields": {"x": self.full}},
-            {"domain": nothing, "fields": (*MAPPING, {"x": self.full[1:]}, {"x": "1"})},
-        )
-        scene = {"problem": self.problem, "evaluation": evaluation}
-        no_scene = {"problem": nothing, "evaluation": nothing}
-        scale = tuple(value for value in NOT_NEGATIVE if value is not None)
-        yield (
-            plotting.plot_scene,
-            {**scene, **picture},
-            {
-                **{**no_scene, **alone, "time": (*scale, 1.0), "color": (*TEXT[:3], "red")},
-                "deformation_scale": scale,
-            },
-        )
-        yield (
+        panels = {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}}
+        wrong = (*MAPPING, {}, *curves)
+        yield row(plotting.plot_curves, "comm xlabel logarithmic markers", panels, panels=wrong)
+        bump = {"kernel": ffr.Gaussian(0.1), "extent": 1.0}
+        yield row(plotting.plot_kernel, "comm extent kernel", bump)
+        shown, solid = {"stress": full}, (cells[0], *cells[2:], full < 0.0)
+        yield row(plotting.plot_stress, "domain", shown, stress=cells, solid=solid)
+        chosen = {"selections": {"a": (full, full > 0.5)}}
+        selections = (*MAPPING, {}, {"a": 1.0}, {"a": (full,)})
+        yield row(plotting.plot_gradient_elements, "domain", chosen, selections=selections)
+        yield row(plotting.plot_modes, "body reduced")
+        fields = (*MAPPING, {"x": full[1:]}, {"x": "1"})
+        yield self.row(plotting.mesh_grid, "domain", {"fields": {"x": full}}, fields=fields)
+        colors = {"color": (*TEXT[:3], "red"), "deformation_scale": scale}
+        yield row(plotting.plot_scene, "problem evaluation", time=(*scale, 1.0), **colors)
+        film = {"path": self.folder / "motion.gif", "frames": 2}
+        yield row(
             plotting.animate_motion,
-            {**scene, "path": place / "motion.gif", "frames": 2},
-            {
-                **{**no_scene, **alone, "deformation_scale": scale},
-                **{"frames": (*COUNT, 1), "frames_per_second": POSITIVE},
-            },
+            "problem evaluation frames_per_second",
+            film,
+            frames=(*COUNT, 1),
+            deformation_scale=scale,
         )
 
-    def of_parts(self) -> Iterator[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]]:
-        """What the chain consists of, for those who call its links one by one."""
-        nothing = (None, 1.0, "rod", np.sin, [], {})
-        reduced = self.evaluation.bodies["rod"]
-        yield self.rod.quadrature_points, {"n": 1}, {"n": WHOLE_FROM_1}
-        yield (
-            ffr.Elasticity,
-            {"domain": self.rod, "material": STEEL, "interpolation": ffr.SIMP()},
-            dict.fromkeys(("domain", "material", "interpolation"), nothing),
-        )
-        yield (
-            ffr.CraigBampton,
-            {"elasticity": self.body.elasticity, "frame": ffr.TangentFrame("left"), "modes": 1},
-            {"elasticity": nothing, "frame": nothing, "modes": COUNT, "tolerance": POSITIVE},
-        )
-        elements = ("rod", [1.5], [10**6], [-1], ["a"], {"arm": [0]})
-        yield (
-            lambda **given: list(ffr.mode_derivatives(**given)),
-            {"body": self.body, "reduced": reduced, "cells": [0]},
-            {"body": nothing, "reduced": nothing, "cells": elements[:-1]},
-        )
-        no_density = (*ARRAY, 1.0, self.full[1:], 2.0 * self.full, math.nan * self.full)
-        yield (
-            ffr.gray_fraction,
-            {"domain": self.rod, "x": self.full},
-            {"domain": nothing, "x": no_density, "low": NUMBER, "high": NUMBER},
-        )
-        everywhere = np.ones(self.rod.n_cells, bool)
-        gradient = (*ARRAY, 1.0, self.full[1:], math.nan * self.full)
-        yield (
-            ffr.gradient_errors,
-            {"domain": self.rod, "gradient": self.full, "exact": self.full, "cells": everywhere},
-            {
-                **{"domain": nothing, "gradient": gradient, "exact": gradient},
-                "cells": (*ARRAY, [0], everywhere[1:]),
-            },
-        )
-        yield (
-            ffr.StressModes.of,
-            {"body": self.body, "reduced": reduced},
-            {
-                **{"body": nothing, "reduced": nothing, "correction": FLAG[1:]},
-                **{"relaxation": NOT_NEGATIVE, "void": SHARE},
-            },
-        )
-        yield (
-            ffr.select_modes,
-            {"problem": self.problem, "tolerance": 1.0},
-            {"problem": nothing, "tolerance": POSITIVE, "x": ("rod", 1.0, self.full[1:])},
-        )
-        modes = (*MAPPING, {"arm": 1}, {"rod": -1}, {"rod": "1"})
-        yield self.problem.with_modes, {"modes": {"rod": 1}}, {"modes": modes}
-        yield self.problem.with_tolerance, {"x": self.full, "tolerance": 0.1}, {"tolerance": NUMBER}
-        yield (
-            self.problem.differentiate,
-            {"evaluation": self.evaluation},
-            {"evaluation": (*nothing, self.full)},
-        )
-        yield (
-            ffr.elementwise_gradient,
-            {**{"problem": self.problem, "evaluation": self.evaluation}, "cells": [0]},
-            {"problem": nothing, "evaluation": nothing, "cells": elements, "solver": (*TEXT, "lu")},
-        )
-        yield (
-            ffr.integral_derivatives,
-            {"body": self.body, "reduced": reduced, "cells": [0]},
-            {"body": nothing, "reduced": nothing, "cells": elements[:-1]},
-        )
-        points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.7, 0.6]])
-        yield (
-            ffr.best_length,
-            {"kernel": ffr.Gaussian, "points": points, "values": [0.0, 1.0, 2.0, 1.0]},
-            {
-                **{"kernel": (None, 1.0, "gaussian"), "points": ARRAY, "values": ARRAY},
-                "bounds": ("ab", (1.0,), (2.0, 1.0), (0.0, 1.0), 1.0, ("1", "2")),
-            },
-        )
-        yield (
-            ffr.ParametricBody,
-            {"function": lambda p: self.bodies["rod"], "jacobian": lambda p: []},
-            {"function": FUNCTION[:3], "jacobian": FUNCTION[:3]},
-        )
-        none = np.zeros((2, 0))
-        yield (
-            ffr.BodyMarker,
-            {"position": (0.0, 0.0), "displacement": none, "rotation": []},
-            {"position": ARRAY, "displacement": ARRAY, "rotation": ARRAY},
-        )
-        variables = (*ARRAY, np.ones(2), np.full(self.design.size, math.nan))
-        yield self.design.density, {"variables": self.design.even(0.5)}, {"variables": variables}
+
+#: What messages call arguments that they do not name as they are.
+CALLED = {
+    **dict.fromkeys(("point", "line", "relative_to", "marker", "a", "b"), "marker"),
+    **dict.fromkeys(("S", "G", "N", "position", "displacement", "rotation"), "integrals of a body"),
+    **dict.fromkeys(("minimum_member", "minimum_gap"), "minimum size"),
+    **dict.fromkeys(("state", "fields"), "'x'"),
+    **dict.fromkeys(("bodies", "modes", "name"), "bod(y|ies)"),
+    **{"markers": "marker|inertia", "center": "inertia", "interfaces": "interface"},
+    **{"centers": "center", "start": "interface|design", "end": "interface", "x": "density|design"},
+    **{"q": "coordinates", "cells": "elements|flexible body", "knots": "knot"},
+    **{"variables": "coefficients", "combine": "weights", "rows": "row", "images": "image"},
+    **{"mirrors": "mirror", "terms": "term|weight of", "other": "objective", "upper": "bound"},
+    **{"load_cases": "load cases?", "path": "end (in|the name in)", "panels": "curves"},
+    **{"psi": "plot_trade_off"},
+}
 
 
-def answer(call: Callable[[], Any]) -> str:
-    """What is wrong with the way in which a call is refused; nothing where it is in words."""
+def answer(call: Callable[[], Any], name: str) -> str:
+    """What is wrong with the way in which a call is refused; nothing where it is in words.
+
+    The argument is named, as it is or by the word for it.
+    """
     try:
         found = call()
     except (TypeError, ValueError) as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         line = linecache.getline(last.filename, last.lineno or 0).strip()
         if PACKAGE in Path(last.filename).parents and line.startswith("raise"):
-            return ""
+            words = rf"\b{name}\b|{name.replace('_', ' ')}|{CALLED.get(name, name)}"
+            return "" if re.search(words, str(error)) else f"does not name it: {error}"
         return f"a trace from the inside: {type(error).__name__}: {error} ({line})"
     except Exception as error:
         return f"{type(error).__name__}: {error}"
@@ -844,18 +683,12 @@ def test_arguments_are_refused_in_words(tmp_path: Path) -> None:
         for name, values in refused.items():
             for value in values:
                 count += 1
-                fault = answer(lambda: call(**{**works, name: value}))  # noqa: B023
+                fault = answer(lambda: call(**{**works, name: value}), name)  # noqa: B023
                 if fault:
                     where = getattr(call, "__qualname__", call)
                     faults.append(f"{where}({name}={value!r:.40}): {fault:.160}")
     assert count > 1000
     assert not faults, f"{len(faults)} of {count}:\n" + "\n".join(faults)
-
-
-@pytest.mark.parametrize(("comm", "path"), [(None, "rod.msh"), (MPI.COMM_SELF, None)])
-def test_files_of_gmsh_are_refused_in_words(comm: Any, path: Any) -> None:
-    with pytest.raises(TypeError, match=r"from_gmsh: (comm|path) must be .*, but it is None"):
-        ffr.Domain.from_gmsh(comm, path)
 
 
 class Name(enum.StrEnum):
@@ -869,20 +702,19 @@ def test_what_says_the_same_is_taken(tmp_path: Path) -> None:
     joints = {"pin": ffr.Revolute(PIN, CRANK), "line": ffr.PointOnLine(END, ffr.Ground())}
     forces = {ffr.Force(marker) for marker in ((Name.ROD, Name.LEFT), ("rod", np.str_("left")))}
     mechanism = in_mechanism(joints=joints.values(), forces=forces, **fields)
-    assert mechanism == in_mechanism(
-        joints=list(joints.values()), forces=[ffr.Force(PIN)], gravity=(0.0, -9.81)
-    )
+    lists = {"joints": list(joints.values()), "forces": [ffr.Force(PIN)]}
+    assert mechanism == in_mechanism(**lists, gravity=(0.0, -9.81))
     scene = Scene(tmp_path)
+    assert scene.problem.value({"rod": scene.full}).psi == scene.evaluation.psi
     instants = scene.steps.instants
     both = ffr.PathTracking("rod", "right", np.zeros((instants, 2)))
+    bounds = {ffr.Constraint(ffr.Mass("rod"), 9.0)}
     for path in ((np.zeros(instants), 0.0), (0.0, [0.0] * instants)):
         objective = ffr.PathTracking("rod", "right", path)
-        problem = ffr.MechanicalProblem(
-            mechanism, scene.steps, objective, {ffr.Constraint(ffr.Mass("rod"), 9.0)}
-        )
+        problem = ffr.MechanicalProblem(mechanism, scene.steps, objective, bounds)
         found = problem.value(scene.bodies).psi
     trajectory = ffr.simulate(mechanism, scene.bodies, scene.steps)
-    assert found == both.value(trajectory, scene.bodies)
+    assert found == both.evaluate(ffr.Response(trajectory, scene.bodies))
     body = ffr.FlexibleBody(
         scene.rod, STEEL, frame=ffr.TangentFrame("left"), modes=0, stiffening={"omega2", "alpha"}
     )
@@ -921,5 +753,38 @@ def test_what_is_wrong_on_one_rank_is_refused_on_all(comm: MPI.Intracomm) -> Non
     wrong = np.array([10**9] if here else [], dtype=np.int32)
     with pytest.raises(ValueError, match="facet 1000000000 does not exist"):
         ffr.Domain(rod.mesh, {"left": wrong})
-    with pytest.raises(TypeError, match="density must hold real numbers"):
-        rod.check_density(["1"] * rod.n_cells if here else np.ones(rod.n_cells))
+    ones = np.ones(rod.n_cells)
+    bad: list[tuple[Any, type[Exception], str]] = [
+        (["1"] * rod.n_cells, TypeError, "density must hold real numbers"),
+        (ones[1:], ValueError, "density: has shape"),
+        (np.nan * ones, ValueError, "are NaN or infinite"),
+        (2.0 * ones, ValueError, r"leave \[0, 1\]"),
+    ]
+    for density, kind, message in bad:
+        with pytest.raises(kind, match=message):
+            rod.check_density(density if here else ones)
+
+
+def test_slips_in_the_names_of_options() -> None:
+    problem = Copy(COMM, lambda p: np.full(len(p), 0.5))
+    design = ffr.DensityDesign(problem.domain)
+    full = design.even(1.0)
+    result = ffr.Result({}, {"plate": full}, None, {}, "", {"plate": design}, None)  # type: ignore[arg-type]
+    part = ffr.Part.of(design, full)
+    run = partial(ffr.optimize, problem, design, progress=False)
+    tolerance = {"tolerence": 1.0}, "has no option 'tolerence'; did you mean 'tolerance'"
+    calls: list[tuple[Callable[..., object], dict[str, Any], str]] = [
+        (run, {"iteration": 4}, "optimize has no option 'iteration'; did you mean 'iterations'?"),
+        (run, {"calback": print}, "did you mean 'callback'?"),
+        (run, {"mov": 0.1, "optimizer": ffr.MMA()}, "did you mean 'move'?"),
+        (run, {"xyz": 0.1}, "optimize has no option 'xyz'; there are problem, design, start"),
+        (result.verify, *tolerance),
+        (partial(result.finish, "folder"), *tolerance),
+        (partial(part.verify, None, None), *tolerance),
+        (partial(ffr.Part.of, design, full), *tolerance),
+        (partial(part.write, "folder"), {"units": "mm"}, "no option 'units'; did you mean 'unit'"),
+    ]
+    for call, options, said in calls:
+        with pytest.raises(TypeError, match=re.escape(said)):
+            call(**options)
+    assert not Path("folder").exists()

@@ -17,6 +17,7 @@ from shared.body_compliance import check_body_gradient, round_off
 
 import dolfinx_ffr as ffr
 
+STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 BETA = 1.87510406871196  # clamped-free beam
 
 
@@ -40,20 +41,15 @@ def cantilever(
     height: float,
     elements: tuple[int, int],
     material: ffr.PlaneStress,
+    cell: str = "quadrilateral",
     **options: object,
 ) -> ffr.FlexibleBody:
     """A bar held at its left end alone."""
     corners = [np.array([0.0, -height / 2]), np.array([length, height / 2])]
-    kind = mesh.CellType.quadrilateral
-    grid = mesh.create_rectangle(comm, corners, list(elements), kind)
+    grid = mesh.create_rectangle(comm, corners, list(elements), getattr(mesh.CellType, cell))
     domain = ffr.Domain(grid, {"root": lambda x: x[0] < 1e-9 * length}, order=2)
-    return ffr.FlexibleBody(
-        domain,
-        material,
-        frame=ffr.TangentFrame("root"),
-        modes=2,
-        **options,  # type: ignore[arg-type]
-    )
+    frame = ffr.TangentFrame("root")
+    return ffr.FlexibleBody(domain, material, frame=frame, modes=2, **options)  # type: ignore[arg-type]
 
 
 def beam_frequency(length: float, height: float, material: ffr.PlaneStress) -> float:
@@ -69,9 +65,8 @@ def beam_frequency(length: float, height: float, material: ffr.PlaneStress) -> f
 @pytest.mark.parametrize("aspect", [30.0, 100.0, 1000.0])
 def test_slender_rods(comm: MPI.Intracomm, aspect: float) -> None:
     """Elements as long as 25 times their height do not lock; round-off is told where it shows."""
-    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    body = cantilever(comm, 1.0, 1.0 / aspect, (40, 1), material)
-    expected = beam_frequency(1.0, 1.0 / aspect, material)
+    body = cantilever(comm, 1.0, 1.0 / aspect, (40, 1), STEEL)
+    expected = beam_frequency(1.0, 1.0 / aspect, STEEL)
     with warns_of_round_off(aspect > 300.0):
         found = first_frequency(body)
     # the clamped end's hindered contraction adds about a height times nu to the stiffness
@@ -103,45 +98,27 @@ def test_nearly_incompressible_plane_strain(comm: MPI.Intracomm, poisson: float)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("factor", [1e-6, 1e6])
-def test_very_soft_and_very_stiff(comm: MPI.Intracomm, factor: float) -> None:
-    """Frequencies scale with the root of Young's modulus, to round-off of the solver."""
-    plain, scaled = (
-        cantilever(comm, 1.0, 0.05, (20, 2), ffr.PlaneStress(f * 1e9, 0.3, 1000.0, 0.01))
-        for f in (1.0, factor)
-    )
-    ratio = first_frequency(scaled) / first_frequency(plain)
-    assert ratio == pytest.approx(math.sqrt(factor), rel=1e-9)
-    check_body_gradient(scaled, np.full(scaled.domain.n_cells, 0.9), comm)
-
-
-@pytest.mark.mpi
 def test_badly_shaped_triangles(comm: MPI.Intracomm) -> None:
     """Needles with angles of half a degree: frequencies from above, and within a few percent."""
-    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    nx, ny = 8, 24  # elements 0.125 x 0.0042, cut along their diagonal
-    corners = [np.array([0.0, -0.05]), np.array([1.0, 0.05])]
-    grid = mesh.create_rectangle(comm, corners, [nx, ny], mesh.CellType.triangle)
-    domain = ffr.Domain(grid, {"root": lambda x: x[0] < 1e-9}, order=2)
-    body = ffr.FlexibleBody(domain, material, frame=ffr.TangentFrame("root"), modes=2)
+    # elements 0.125 x 0.0042, cut along their diagonal
+    body = cantilever(comm, 1.0, 0.1, (8, 24), STEEL, "triangle")
     found = first_frequency(body)
-    fine = first_frequency(cantilever(comm, 1.0, 0.1, (40, 4), material))
+    fine = first_frequency(cantilever(comm, 1.0, 0.1, (40, 4), STEEL))
     # conforming elements are too stiff, never too soft
     assert fine < found < 1.03 * fine
-    check_body_gradient(body, np.full(domain.n_cells, 0.9), comm)
+    check_body_gradient(body, np.full(body.domain.n_cells, 0.9), comm)
 
 
 @pytest.mark.mpi
 def test_contrast_of_materials(comm: MPI.Intracomm) -> None:
     """Stiffness that jumps by 1e9 from element to element: a sandwich like its solid layers."""
-    material = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    body = cantilever(comm, 1.0, 0.1, (40, 4), material, interpolation=ffr.SIMP(floor=1e-9))
+    body = cantilever(comm, 1.0, 0.1, (40, 4), STEEL, interpolation=ffr.SIMP(floor=1e-9))
     domain = body.domain
     outer = np.abs(domain.centroids[:, 1]) > 0.025
     x = np.where(outer, 1.0, 0.0)
     layers = body.reduce(x)
     # next to nothing holds the layers together: each bends by itself
-    alone = first_frequency(cantilever(comm, 1.0, 0.025, (40, 1), material))
+    alone = first_frequency(cantilever(comm, 1.0, 0.025, (40, 1), STEEL))
     assert layers.basis.frequencies[0] == pytest.approx(alone, rel=2e-3)
     assert layers.basis.frequencies[1] == pytest.approx(alone, rel=2e-3)
     check_body_gradient(body, x, comm)

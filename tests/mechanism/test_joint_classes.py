@@ -3,69 +3,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from dolfinx_ffr.body import VolumeIntegrals
-from dolfinx_ffr.dynamics import GeneralizedAlpha, simulate
+import dolfinx_ffr as ffr
 from dolfinx_ffr.mechanism import (
-    Distance,
-    Gear,
-    Ground,
+    AppliedForce,
+    BodyVector,
+    Element,
     Joint,
     Line,
-    LinearDrive,
+    Load,
     Marker,
-    Mechanism,
-    Motion,
     Pin,
-    Placement,
-    PointOnLine,
-    PrescribedAngle,
-    PrescribedPosition,
-    Revolute,
     Row,
     RowKind,
     Slider,
+    SpringRow,
     Square,
     Symbol,
-    Translational,
     Undeformed,
-    Weld,
+    VectorKind,
+    coincidence,
+    direction,
+    point,
+    relative_angle,
 )
 
-A, B = ("block", "center"), Ground((1.0, 0.5), angle=0.2)
-STILL = Motion.constant(0.5)
-KINDS: list[tuple[Joint, list[RowKind], list[type[Symbol]]]] = [
-    (Revolute(A, B), [RowKind.X, RowKind.Y], [Pin]),
-    (Weld(A, B), [RowKind.X, RowKind.Y, RowKind.ANGLE], [Square]),
-    (PointOnLine(A, B), [RowKind.LINE], [Slider]),
-    (Translational(A, B), [RowKind.LINE, RowKind.ANGLE], [Slider]),
-    (Gear(A, B, -2.0), [RowKind.ANGLE], []),
-    (Distance(A, B), [RowKind.DISTANCE], [Pin, Line]),
-    (PrescribedAngle(A, STILL, B), [RowKind.ANGLE], []),
-    (PrescribedPosition(A, "y", STILL), [RowKind.Y], [Pin]),
-    (LinearDrive(A, B, STILL), [RowKind.LINE], [Line]),
+#: The origin fits the plane and space
+A, B = ("block", "center"), ffr.Ground(name="wall")
+STILL = ffr.Motion.constant(0.5)
+BODIES = {"block": ffr.VolumeIntegrals.rigid(3.0, (0.0, 0.0), 0.5, {"center": (0.0, 0.0)})}
+#: Joints, the kinds of their rows in the plane and in space, and their symbols
+POINT, PLANE, DOT, ANGLE = RowKind.POINT, RowKind.PLANE, RowKind.DOT, RowKind.ANGLE
+LENGTH, GEAR = RowKind.DISTANCE, RowKind.GEAR
+KINDS: list[tuple[Joint, list[RowKind], list[RowKind], list[type[Symbol]]]] = [
+    (ffr.Revolute(A, B), [POINT] * 2, [POINT] * 3 + [DOT] * 2, [Pin]),
+    (ffr.Weld(A, B), [POINT, POINT, ANGLE], [POINT] * 3 + [DOT] * 3, [Square]),
+    (ffr.PointOnLine(A, B), [PLANE], [PLANE] * 2, [Slider]),
+    (ffr.Translational(A, B), [PLANE, ANGLE], [PLANE] * 2 + [DOT] * 3, [Slider]),
+    (ffr.Gear(A, B, -2.0), [GEAR], [GEAR], []),
+    (ffr.Distance(A, B), [LENGTH], [LENGTH], [Pin, Line]),
+    (ffr.PrescribedAngle(A, STILL, B), [ANGLE], [ANGLE], []),
+    (ffr.PrescribedPosition(A, "y", STILL), [POINT], [POINT], [Pin]),
+    (ffr.LinearDrive(A, B, STILL), [PLANE], [PLANE], [Line]),
+    (ffr.Spherical(A, B), [], [POINT] * 3, [Pin]),
+    (ffr.Universal(A, B), [], [POINT] * 3 + [DOT], [Pin]),
+    (ffr.Cylindrical(A, B), [], [PLANE] * 2 + [DOT] * 2, [Slider]),
+    (ffr.Planar(A, B), [], [PLANE] + [DOT] * 2, [Pin]),
+    (ffr.PointOnPlane(A, B), [], [PLANE], [Pin]),
 ]
 
 
 @pytest.mark.parametrize(
-    ("joint", "kinds", "symbols"), KINDS, ids=[type(joint).__name__ for joint, *_ in KINDS]
+    ("joint", "plane", "space", "symbols"), KINDS, ids=[type(joint).__name__ for joint, *_ in KINDS]
 )
-def test_rows_and_symbols(joint: Joint, kinds: list[RowKind], symbols: list[type[Symbol]]) -> None:
-    undeformed = Undeformed({"block": Placement()}, {A: np.zeros(2)}, np.zeros(1))
-    rows = joint.rows("joint", undeformed)
-    assert [row.kind for row in rows] == kinds
-    assert all((row.a, row.b) == joint.markers for row in rows)
+def test_rows_and_symbols(
+    joint: Joint, plane: list[RowKind], space: list[RowKind], symbols: list[type[Symbol]]
+) -> None:
+    """One statement gives the rows of both."""
+    for dimension, kinds in ((2, plane), (3, space)):
+        if joint.dimension not in (None, dimension):
+            assert not kinds
+            continue
+        start = {"block": ffr.Placement()}, {A: np.full(dimension, 0.3)}, np.zeros(1), dimension
+        rows = joint.rows(Undeformed(*start))
+        assert [row.kind for row in rows] == kinds
+        ends = {*joint.markers, ffr.Ground()} if GEAR in kinds else {*joint.markers}
+        assert {vector.marker for row in rows for vector in row.vectors} == ends
+        assert joint.rigid == (len(rows) == 3 * dimension - 3)
+        directions = [v for row in rows for v in row.vectors if v.kind == VectorKind.DIRECTION]
+        for vector in directions:
+            assert np.linalg.norm(vector.components) == pytest.approx(1.0, rel=1e-15)
     assert [type(symbol) for symbol in joint.symbols] == symbols
     assert all(symbol.markers == joint.markers for symbol in joint.symbols)
-    assert joint.rigid == (len(rows) == 3)
-    for row in rows:
-        if row.kind == RowKind.LINE:
-            assert np.hypot(*row.normal) == pytest.approx(1.0, rel=1e-15)
 
 
 @dataclass(frozen=True)
@@ -80,19 +93,19 @@ class LevelSwing(Joint):
     def markers(self) -> tuple[Marker, Marker]:
         return self.marker, self.center
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        swing = Row(RowKind.DISTANCE, *self.markers, constant=self.radius)
-        return [swing, Row(RowKind.ANGLE, *self.markers)]
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        ends = point(self.marker), point(self.center)
+        swing = Row(RowKind.DISTANCE, ends, constant=self.radius)
+        return [swing, relative_angle(*self.markers, (0.0, 0.0, 1.0), undeformed)]
 
 
 def test_joint_of_ones_own() -> None:
     """A block that hangs level on two parallel bars is a mathematical pendulum."""
-    joint = LevelSwing(("block", "center"), Ground(), 2.0)
+    joint = LevelSwing(("block", "center"), ffr.Ground(), 2.0)
     symbols: tuple[Symbol, ...] = (Pin(joint.markers),)
     assert joint.symbols == symbols
-    block = VolumeIntegrals.rigid(3.0, (0.0, 0.0), 0.5, {"center": (0.0, 0.0)})
-    mechanism = Mechanism({"block": Placement((2.0, 0.1))}, [joint], gravity=(0.0, -9.81))
-    t = simulate(mechanism, {"block": block}, GeneralizedAlpha(0.5, 1000))
+    mechanism = ffr.Mechanism({"block": ffr.Placement((2.0, 0.1))}, [joint], gravity=(0.0, -9.81))
+    t = ffr.simulate(mechanism, BODIES, ffr.GeneralizedAlpha(0.5, 1000))
     place = t.rigid("block")
     np.testing.assert_allclose(np.hypot(place[:, 0], place[:, 1]), 2.0, rtol=1e-13)
     np.testing.assert_allclose(place[:, 2], 0.0, atol=1e-14)
@@ -107,22 +120,101 @@ def test_joint_of_ones_own() -> None:
 
 
 @dataclass(frozen=True)
-class OldSwing(LevelSwing):
-    """A joint that is checked as in the release before."""
+class Own(Joint):
+    """A joint of one's own with one row."""
 
-    def _faults(self) -> Iterator[str]:
-        yield from super()._faults()
-        if self.radius <= 0.0:
-            yield ": the radius must be positive"
+    row: Row
+
+    @property
+    def markers(self) -> tuple[Marker, Marker]:
+        return A, B
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        return [self.row]
 
 
-def test_joint_with_checks_of_the_release_before() -> None:
-    """They are still made, with a warning."""
-    ends, warned = (("block", "center"), Ground()), "overrides _faults.* name the method _check"
-    with pytest.warns(DeprecationWarning, match=warned):
-        Mechanism({"block": Placement()}, [OldSwing(*ends, 1.0)])
-    with (
-        pytest.warns(DeprecationWarning, match=warned),
-        pytest.raises(ValueError, match=r"joint 'OldSwing\(.*: the radius must be positive"),
-    ):
-        Mechanism({"block": Placement()}, [OldSwing(*ends, 0.0)])
+@dataclass(frozen=True)
+class OwnForce(AppliedForce):
+    """A force of one's own."""
+
+    own: Element
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        return (A,)
+
+    def element(self, undeformed: Undeformed) -> Element:
+        return self.own
+
+
+ENDS, DOWN, ASIDE = (point(A), point(B)), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
+X, Y, Z = (direction(B, axis) for axis in np.eye(3))
+ALONG_X = Row(RowKind.POINT, ENDS, ASIDE)
+REFUSED: list[tuple[Joint | AppliedForce, str]] = [
+    (ffr.Gear(A, B, 2.0, axis=ASIDE), "the axis is perpendicular to the plane in which"),
+    (ffr.TorsionalSpringDamper(A, B, 2.0, axis=ASIDE), "the axis is perpendicular to the"),
+    (
+        ffr.PrescribedAngle(A, STILL, B, axis=DOWN),
+        r"count about the axis \(0, 0, 1\); give this one",
+    ),
+    (ffr.Gear(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
+    (ffr.TorsionalSpringDamper(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
+    (Own(Row(RowKind.DOT, (X, Y))), "a row DOT of these vectors.* exists in space only"),
+    (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane there are POINT along x or y"),
+    (Own(Row(RowKind.PLANE, (*ENDS, direction(A, ASIDE)))), "a row PLANE of these"),
+    (Own(Row(RowKind.PLANE, (*ENDS, Z))), "a row PLANE of these"),
+    (Own(Row(RowKind.DISTANCE, (X, Y))), "a row DISTANCE of these"),
+    (
+        Own(Row(RowKind.GEAR, (X, X, Y, *[direction(A, e) for e in np.eye(3)[[0, 0, 1]]]))),
+        "a row GEAR",
+    ),
+    (OwnForce(Element((SpringRow(Row(RowKind.PLANE, (*ENDS, Z)), 1.0, 0.0),))), "a row PLANE of"),
+    (OwnForce(Element(loads=(Load(point(A), ASIDE, (X, Y, Z)),))), "axes of a force are"),
+    (OwnForce(Element(loads=(Load(BodyVector(A, VectorKind.SPIN), ASIDE),))), "about z"),
+    (ffr.Force(A, z=1.0), "there is no axis z in the plane"),
+    (ffr.PrescribedPosition(A, "z", STILL), "no axis z in the plane"),
+    (ffr.PointOnLine(A, B, ASIDE), "direction of the line has three"),
+    (ffr.Revolute(A, B, axis=ASIDE), "perpendicular to the plane"),
+    (
+        ffr.Bushing(A, B, (1.0, 1.0, 1.0)),
+        "there it is a SpringDamper with length=0 and a Torsional",
+    ),
+    (ffr.Spherical(A, B), "is in space, but body 'block' is in the plane; there it is a Revolute"),
+]
+
+
+@pytest.mark.parametrize(("thing", "message"), REFUSED, ids=[type(t).__name__ for t, _ in REFUSED])
+def test_what_the_plane_does_not_have_is_refused(thing: Joint | AppliedForce, message: str) -> None:
+    parts = {"joints": [thing]} if isinstance(thing, Joint) else {"forces": [thing]}
+    mechanism = ffr.Mechanism({"block": ffr.Placement()}, **parts)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=message):
+        ffr.simulate(mechanism, BODIES, ffr.GeneralizedAlpha(0.1, 1))
+
+
+@dataclass(frozen=True)
+class Bush(OwnForce):
+    """An elastic bearing that resists turning, too."""
+
+    def element(self, undeformed: Undeformed) -> Element:
+        turn = relative_angle(A, B, (0.0, 0.0, 1.0), undeformed)
+        springs = [SpringRow(row, 20.0, 0.0) for row in coincidence(A, B, undeformed)]
+        return Element((*springs, SpringRow(turn, 5.0, 0.0)))
+
+
+def test_a_spring_of_ones_own_acts_along_one_axis() -> None:
+    """The block swings along x as a spring and a mass do, and keeps its place along y."""
+    spring = OwnForce(Element((SpringRow(ALONG_X, 12.0, 0.0),)))
+    mechanism = ffr.Mechanism({"block": ffr.Placement((0.1, -0.2))}, forces=[spring])
+    motion = ffr.simulate(mechanism, BODIES, ffr.GeneralizedAlpha(1.0, 1000))
+    place = motion.rigid("block")
+    np.testing.assert_allclose(place[:, 0], 0.1 * np.cos(2.0 * motion.t), atol=1e-6)
+    np.testing.assert_allclose(place[:, 1:], [[-0.2, 0.0]] * len(place), atol=1e-15)
+
+
+def test_a_force_of_ones_own_in_the_plane_has_several_parts() -> None:
+    """It is their sum; full turns count."""
+    bush, start = Bush(Element()), ffr.Placement((0.1, -0.2), 7.0)
+    with pytest.warns(ffr.PlacementWarning, match="more than a full turn"):
+        mechanism = ffr.Mechanism({"block": start}, forces=[bush])
+    motion = ffr.simulate(mechanism, BODIES, ffr.GeneralizedAlpha(0.01, 1))
+    assert motion.applied_force(bush.label)[0] == pytest.approx([-2.0, 4.0, -35.0], rel=1e-13)

@@ -3,37 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+from shared import TOP, names_of_program
+from shared.derivatives import check_gradient, waves
 from shared.problems import four_bar
+from shared.rods import HELD, rod, ways
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.verification import assert_taylor_order, taylor_test
 
-Field = dict[str, np.ndarray]
-
-
-class Grayness(ffr.Objective):
-    """Area of a body times x (1 - x): zero for void and solid [m^2]."""
-
-    def __init__(self, body: str) -> None:
-        self.body = body
-
-    @property
-    def needs_trajectory(self) -> bool:
-        return False
-
-    def evaluate(self, response: ffr.Response) -> float:
-        density = response.densities[self.body]
-        return density.sum(density.areas * density.values * (1.0 - density.values))
-
-    def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
-        density = response.densities[self.body]
-        return ffr.Derivatives(densities={self.body: density.areas * (1.0 - 2.0 * density.values)})
+#: The example of CONTRIBUTING: area of a body times x (1 - x), zero for void and solid
+Grayness: type[ffr.Objective] = names_of_program(TOP / "CONTRIBUTING.md", "Grayness")["Grayness"]
 
 
 class SpecificCompliance(ffr.Objective):
@@ -42,8 +24,8 @@ class SpecificCompliance(ffr.Objective):
     def __init__(self, body: str) -> None:
         self.compliance, self.volume = ffr.IntegralCompliance(), ffr.Volume(body)
 
-    def validate(self, densities: Collection[str]) -> None:
-        self.volume.validate(densities)
+    def validate(self, inventory: ffr.Inventory) -> None:
+        self.volume.validate(inventory)
 
     def evaluate(self, response: ffr.Response) -> float:
         return self.compliance.evaluate(response) * self.volume.evaluate(response)
@@ -52,22 +34,6 @@ class SpecificCompliance(ffr.Objective):
         through = self.compliance.derivatives(response).scaled(self.volume.evaluate(response))
         share = self.compliance.evaluate(response)
         return through + self.volume.derivatives(response).scaled(share)
-
-
-def designs(problem: ffr.Problem) -> tuple[Field, Field]:
-    """Densities, and directions in which to move them, as functions of position alone."""
-    centroids = {name: body.domain.centroids for name, body in problem.flexible.items()}
-    x = {name: 0.7 + 0.2 * np.sin(60 * c[:, 0] + 90 * c[:, 1]) for name, c in centroids.items()}
-    return x, {name: np.cos(50 * c[:, 0] + 70 * c[:, 1]) for name, c in centroids.items()}
-
-
-def moved(x: Field, direction: Field, step: float) -> Field:
-    return {name: x[name] + step * direction[name] for name in x}
-
-
-def slope(comm: MPI.Comm, gradient: Field | None, direction: Field) -> float:
-    assert gradient is not None
-    return comm.allreduce(sum(float(gradient[name] @ d) for name, d in direction.items()))
 
 
 @pytest.mark.mpi
@@ -86,7 +52,8 @@ def test_taylor_order_as_objective_and_as_constraint(
     comm: MPI.Intracomm, objective: ffr.Objective
 ) -> None:
     size = four_bar(comm, objective)
-    x, direction = designs(size)
+    x = waves(size)
+    direction = {name: ways(body.domain) for name, body in size.flexible.items()}
     scale = abs(size.value(x).psi)
     problem = four_bar(
         comm, objective, constraints=[ffr.Constraint(objective, upper=scale, name="bound")]
@@ -95,21 +62,12 @@ def test_taylor_order_as_objective_and_as_constraint(
     # of the same evaluation: on several ranks another one differs by the order of MUMPS's sums
     expected = found.psi / scale - 1.0
     assert found.constraints["bound"].value == pytest.approx(expected, abs=1e-14)
-    slopes = (
-        slope(comm, found.gradient, direction),
-        slope(comm, found.constraints["bound"].gradient, direction),
-    )
+    slopes = [
+        comm.allreduce(sum(float(each.gradient[name] @ d) for name, d in direction.items()))
+        for each in (found, found.constraints["bound"])
+    ]
     assert slopes[1] == pytest.approx(slopes[0] / scale, rel=1e-9)
-
-    def value(step: np.ndarray) -> float:
-        return problem.value(moved(x, direction, float(step))).psi / scale
-
-    steps = [4e-3 / 2.0**k for k in range(4)]
-    result = taylor_test(value, lambda s: float(s) * slopes[0] / scale, 0.0, 1.0, steps=steps)
-    if isinstance(objective, ffr.Volume):  # linear
-        assert np.max(result.remainders) < 1e-12
-    else:
-        assert_taylor_order(result)
+    check_gradient(problem, x, direction, taylor=4e-3, roundoff=1e-14)
 
 
 @pytest.mark.mpi
@@ -119,10 +77,13 @@ def test_nothing_is_simulated_for_densities(
     def refuse(*args: object) -> None:
         raise AssertionError("a simulation")
 
-    monkeypatch.setattr("dolfinx_ffr.mechanical_problem.simulate", refuse)
+    monkeypatch.setattr("dolfinx_ffr.problem.spread.integrate", refuse)
     problem = four_bar(comm, ffr.Volume("coupler") + 0.5 * Grayness("rocker"))
-    x, _ = designs(problem)
+    x = waves(problem)
     found = problem.gradient(x)
+    assert not found.moves
+    with pytest.raises(ValueError, match="there is no trajectory: nothing was simulated"):
+        _ = found.trajectory
     volume = problem.flexible["coupler"].volume(x["coupler"])
     rocker = problem.flexible["rocker"].domain
     gray = rocker.sum(rocker.cell_volumes * x["rocker"] * (1.0 - x["rocker"]))
@@ -134,30 +95,30 @@ def test_nothing_is_simulated_for_densities(
 @pytest.mark.mpi
 def test_elements_one_by_one_see_the_densities(comm: MPI.Intracomm) -> None:
     problem = four_bar(comm, ffr.IntegralCompliance() + 1e-3 * Grayness("rocker"))
-    x, _ = designs(problem)
+    x = waves(problem)
     found = problem.gradient(x)
     assert found.gradient is not None
     cells = {"rocker": np.arange(0, problem.flexible["rocker"].domain.n_cells, 7)}
-    single = ffr.elementwise_gradient(problem, found, cells, progress=False)["rocker"]
+    single = ffr.paper.elementwise_gradient(problem, found, cells, progress=False)["rocker"]
     exact = found.gradient["rocker"][single.cells]
     np.testing.assert_allclose(single.values, exact, atol=1e-8 * np.max(np.abs(exact), initial=0.0))
 
 
-def test_refused_where_there_is_no_density() -> None:
+def test_refused_where_there_is_no_density(comm: MPI.Intracomm) -> None:
+    with pytest.raises(ValueError, match="grayness of body 'crank', which has no density"):
+        four_bar(comm, Grayness("crank"))
     with pytest.raises(ValueError, match=r"volume of body 'rod', but the bodies with a density"):
         ffr.Volume("rod").evaluate(ffr.Response(None, {}))
-    with pytest.raises(NotImplementedError, match="Volume defines no value of the motion alone"):
-        ffr.Volume("rod").value(None, {})  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="there is no trajectory, which the objective needs"):
+        ffr.IntegralCompliance().evaluate(ffr.Response(None, {}))
 
 
 @pytest.mark.mpi
 def test_volume_of_regions(comm: MPI.Intracomm) -> None:
     """Two halves make the whole; a mask and a predicate are the same; void regions are empty."""
-    domain = ffr.Domain.rectangle(
-        comm, 0.4, 0.04, elements=(20, 4), void=lambda x: (x[0] > 0.199) & (x[0] < 0.261)
-    )
-    steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
-    body = ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=1)
+    gap = {"void": lambda x: (x[0] > 0.199) & (x[0] < 0.261)}
+    body = rod(comm, frame=HELD, modes=1, **gap)
+    domain = body.domain
     sides = {
         "left": lambda x: x[0] < 0.2,
         "right": domain.centroids[:, 0] > 0.2,

@@ -52,16 +52,14 @@ def test_a_coarse_mesh_has_no_more_modes() -> None:
 
 
 @pytest.mark.parametrize("kind", [ffr.SimulationError, RuntimeError])
-def test_a_failure_with_more_modes_loses_nothing(
-    monkeypatch: pytest.MonkeyPatch, kind: type[RuntimeError]
-) -> None:
+def test_a_failure_loses_nothing(monkeypatch: pytest.MonkeyPatch, kind: type[RuntimeError]) -> None:
     """The estimate is missing, and that is said."""
     problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=1, steps=100)
     x = {"rod": np.ones(80)}
     value = problem.value(x)
 
     def fails(*_: object) -> None:
-        raise kind("failed", *([value.motion] if kind is ffr.SimulationError else []))
+        raise kind("failed", *([value.trajectory] if kind is ffr.SimulationError else []))
 
     monkeypatch.setattr("dolfinx_ffr.optimization.enough_modes.mode_error", fails)
     with pytest.warns(ffr.DesignWarning, match=r"cannot be estimated, as .* \(failed"):

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import signal
+import subprocess
 import warnings
-import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from optimization.quiet import check_alike, quiet
+from shared import processes
 from shared.problems import Copy, slider_crank
 
 import dolfinx_ffr as ffr
@@ -46,25 +48,13 @@ def copy(comm: MPI.Intracomm) -> tuple[Copy, ffr.LevelSet, np.ndarray]:
 def run(parts: Any, **options: Any) -> ffr.Result:
     """Run the loop on a scene, without noise."""
     with warnings.catch_warnings():
-        for expected in (ffr.SofteningWarning, ffr.LargeDeformationWarning):
-            warnings.simplefilter("ignore", expected)
-        warnings.filterwarnings("ignore", ".*(is gray|violates)", ffr.DesignWarning)
-        usual = {"iterations": 3, "progress": False, "volume": 0.6, "mode_tolerance": None}
-        return ffr.optimize(*parts, **{**usual, **options})
+        warnings.filterwarnings("ignore", ".*violates", ffr.DesignWarning)
+        return quiet(*parts, **{"iterations": 3, "volume": 0.6, **options})
 
 
-#: Both ways to move a level set
-BOTH = pytest.mark.parametrize(
-    "optimizer", [ffr.LevelSetEvolution(), ffr.MMA()], ids=["steps", "MMA"]
-)
 STEPS = ffr.LevelSetEvolution()
-
-
-def one_stage(**options: Any) -> ffr.LevelSetEvolution:
-    return ffr.LevelSetEvolution(sharpness=(11.0,), **options)
-
-
-# ---------------------------------------------------------------------- explicit steps
+#: Both ways to move a level set
+BOTH = pytest.mark.parametrize("optimizer", [STEPS, ffr.MMA()], ids=["steps", "MMA"])
 
 
 @pytest.mark.mpi
@@ -90,9 +80,13 @@ def test_the_volume_bound_is_kept(comm: MPI.Intracomm) -> None:
     assert np.all(result.history["multiplier"] >= 0.0)
     # at last the history tells the design that is analysed, a little within the one that is made
     assert result.history["volume"][-1] < 0.59
-    (made,) = result.evaluation.volume.values()
-    assert made == pytest.approx(0.6, rel=1e-3)
+    assert result.evaluation.volume["plate"] == pytest.approx(0.6, rel=1e-3)
     assert result.history["multiplier"][1:].max() > 0.0
+
+
+@pytest.mark.mpi
+def test_ranks_agree(comm: MPI.Intracomm) -> None:
+    check_alike(comm, run(scene(comm), optimizer=STEPS))
 
 
 @pytest.mark.slow
@@ -124,30 +118,18 @@ def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
-@BOTH
-def test_ranks_agree(comm: MPI.Intracomm, optimizer: Any) -> None:
-    result = run(scene(comm), optimizer=optimizer)
-    rows = np.array([result.history[name] for name in COLUMNS if name != "seconds"])
-    mine = result.coefficients.tobytes() + rows.tobytes() + result.reason.encode()
-    assert len(set(comm.allgather(mine))) == 1
-
-
-@pytest.mark.mpi
-def test_a_step_that_cannot_be_simulated_is_halved(comm: MPI.Intracomm) -> None:
-    parts = copy(comm)
-    parts[0].broken = {3, 4}  # after the even density and the start
-    result = run(parts, volume=1.0, optimizer=one_stage())
+def test_what_cannot_be_simulated(comm: MPI.Intracomm) -> None:
+    """A step is halved, and a design that cannot be sharpened is kept."""
+    problem, levelset, start = copy(comm)
+    one_stage, two_stages = ((11.0,), (8.0, 32.0))
+    problem.broken = {3, 4}  # after the even density and the start
+    moves = ffr.LevelSetEvolution(sharpness=one_stage)
+    result = run((problem, levelset, start), volume=1.0, optimizer=moves)
     assert result.history["accepted"].tolist() == [1, 0, 0, 1]
     assert result.history["step"].tolist() == pytest.approx([1.0, 0.5, 0.25, 0.325])
-
-
-@pytest.mark.mpi
-def test_a_design_that_cannot_be_sharpened_is_kept(comm: MPI.Intracomm) -> None:
-    parts = copy(comm)
-    problem, levelset, _ = parts
-    problem.broken = {5}  # after the even density, the start and two steps
-    two_stages = ffr.LevelSetEvolution(sharpness=(8.0, 32.0))
-    result = run(parts, iterations=4, volume=1.0, optimizer=two_stages)
+    problem.calls, problem.broken = 0, {5}  # and after two steps
+    moves = ffr.LevelSetEvolution(sharpness=two_stages)
+    result = run((problem, levelset, start), iterations=4, volume=1.0, optimizer=moves)
     assert (result.reason, result.iterations) == ("stalled", 2)
     assert result.designs["plate"].sharpness == 8.0
     x = levelset.with_sharpness(8.0).density(result.coefficients)
@@ -182,81 +164,41 @@ def test_gray_fraction_counts_areas() -> None:
     assert ffr.gray_fraction(domain, x, 0.05, 0.95) == pytest.approx(0.4)
 
 
-# ---------------------------------------------------------------------- no hidden state
-
-
 @pytest.mark.mpi
 @BOTH
 def test_one_level_set_serves_two_optimisations(comm: MPI.Intracomm, optimizer: Any) -> None:
     """One within an iteration of the other: both as if each had a level set of its own."""
     problem = Copy(comm, disc)
+    first, second = ffr.LevelSet(problem.domain), ffr.LevelSet(problem.domain)
+    start = first.with_holes(8, 1, 0.016)
+    before = first.density(start)
     inner: list[ffr.Result] = []
 
-    def results(shared: bool) -> list[ffr.Result]:
-        first = ffr.LevelSet(problem.domain)
-        second = first if shared else ffr.LevelSet(problem.domain)
-        start = first.with_holes(8, 1, 0.016)
-        before = first.density(start)
-        inner.clear()
+    def other(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        if iteration == 2:
+            inner.extend(run((problem, each, start), iterations=2) for each in (first, second))
 
-        def other(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
-            if iteration == 2:
-                inner.append(run((problem, second, start), optimizer=one_stage()))
-
-        outer = run((problem, first, start), iterations=5, optimizer=optimizer, callback=other)
-        assert np.array_equal(first.density(start), before)
-        return [outer, *inner]
-
-    for shared, alone in zip(results(True), results(False), strict=True):
-        assert np.array_equal(shared.coefficients, alone.coefficients)
-        assert np.array_equal(shared.x, alone.x)
-        assert np.array_equal(shared.history["psi"], alone.history["psi"])
-
-
-@pytest.mark.mpi
-def test_one_problem_serves_two_optimisations(comm: MPI.Intracomm) -> None:
-    """One within an iteration of the other, with another kind of design on the same body."""
-    inner: list[ffr.Result] = []
-
-    def results(shared: bool) -> list[ffr.Result]:
-        first, levelset, start = scene(comm)
-        second = first if shared else scene(comm)[0]
-        densities = ffr.DensityDesign(second.flexible["rod"].domain)
-        inner.clear()
-
-        def other(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
-            if iteration == 1:
-                inner.append(run((second, densities), iterations=2))
-
-        return [run((first, levelset, start), iterations=2, callback=other), *inner]
-
-    for shared, alone in zip(results(True), results(False), strict=True):
-        # cells may be distributed differently on each mesh
-        for name in ("psi", "volume", "gray"):
-            assert shared.history[name] == pytest.approx(alone.history[name], rel=1e-8), name
-
-
-# ---------------------------------------------------------------------- files
+    result = run((problem, first, start), optimizer=optimizer, callback=other)
+    alone = run((problem, second, start), optimizer=optimizer)
+    assert np.array_equal(first.density(start), before)
+    for found, expected in ((result, alone), inner):
+        assert np.array_equal(found.coefficients, expected.coefficients)
+        assert np.array_equal(found.x, expected.x)
+        assert np.array_equal(found.history["psi"], expected.history["psi"])
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("first", ["exact", "approximate"])
-def test_the_gradient_has_columns_where_it_is_approximated(
-    comm: MPI.Intracomm, shared_tmp_path: Path, first: str
-) -> None:
+def test_columns_of_approximations(comm: MPI.Intracomm, shared_tmp_path: Path, first: str) -> None:
     """A run may go on with the other kind of gradient; what was not known then is NaN."""
-    kinds = {
-        "exact": ffr.ExactAdjoint(),
-        "approximate": ffr.ApproximateGradient(
-            ffr.GradientElements(share=0.4), ffr.ExponentialSpline(0.1)
-        ),
-    }
+    elements, kernel = ffr.paper.GradientElements(share=0.4), ffr.ExponentialSpline(0.1)
+    approximate = ffr.paper.ApproximateGradient(elements, kernel)
+    kinds = {"exact": ffr.ExactAdjoint(), "approximate": approximate}
     second = next(name for name in kinds if name != first)
-    begun = run(scene(comm), output=shared_tmp_path, iterations=1, gradient=kinds[first])
+    parts, folder = scene(comm), {"output": shared_tmp_path}
+    begun = run(parts, **folder, iterations=1, gradient=kinds[first])
     assert list(begun.history) == COLUMNS + (GRADIENT_COLUMNS if first == "approximate" else [])
-    result = run(
-        scene(comm), output=shared_tmp_path, iterations=2, resume=True, gradient=kinds[second]
-    )
+    result = run(parts, **folder, iterations=2, resume=True, gradient=kinds[second])
     assert set(result.history) == {*COLUMNS, *GRADIENT_COLUMNS}
     estimate = result.history["gradient_estimate"]
     if first == "exact":
@@ -269,15 +211,13 @@ def test_the_gradient_has_columns_where_it_is_approximated(
 
 
 @pytest.mark.mpi
-def test_history_is_on_the_disk_after_each_iteration(
-    comm: MPI.Intracomm, shared_tmp_path: Path
-) -> None:
+def test_history_is_on_the_disk_at_once(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     lengths = []
 
     def look(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
         lengths.append(len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) - iteration)
 
-    result = run(scene(comm), output=shared_tmp_path, callback=look, iterations=4)
+    result = run(copy(comm), output=shared_tmp_path, callback=look, iterations=4)
     assert lengths == [1, 1, 1, 1]
     comm.Barrier()
     found = ffr.read_history(shared_tmp_path / "history.csv")
@@ -287,65 +227,75 @@ def test_history_is_on_the_disk_after_each_iteration(
     assert sorted(p.name for p in shared_tmp_path.iterdir()) == ["checkpoint", "history.csv"]
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("last", [2, 3], ids=["between", "in the last iteration"])
+@BOTH
+def test_nothing_is_finished_after_sigterm(
+    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any, last: int
+) -> None:
+    """Which asks the program to end: neither parts nor pictures, and one warning of the reason."""
+
+    def end(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        if iteration == last and comm.rank == comm.size - 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    result = run(copy(comm), optimizer=optimizer, callback=end)
+    assert result.terminated and result.iterations == last
+    with pytest.warns(ffr.DesignWarning, match="SIGTERM .* resume=True"):
+        assert result.finish(shared_tmp_path / "parts") is None
+    assert not (shared_tmp_path / "parts").exists()
+    assert not run(copy(comm), optimizer=optimizer).terminated
+
+
 @pytest.mark.slow
 @pytest.mark.mpi
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("optimizer", "number"),
+    [(STEPS, signal.SIGINT), (STEPS, signal.SIGTERM), (ffr.MMA(), signal.SIGINT)],
+    ids=["steps", "steps, ended", "MMA"],
+)
 def test_interrupted_and_resumed_is_as_if_uninterrupted(
-    comm: MPI.Intracomm, shared_tmp_path: Path, number: signal.Signals
+    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any, number: signal.Signals
 ) -> None:
-    """A signal on the last rank alone ends the loop on all of them, after the iteration at hand."""
+    """A signal on the last rank alone ends the loop on all of them, after the iteration at hand.
+
+    What follows agrees to the accuracy of the solvers, whose iterations begin where the last ended,
+    and of MMA, which magnifies it.
+    """
     parts = scene(comm)
-    whole = run(parts, iterations=8, optimizer=STEPS)
+    whole = run(parts, iterations=8, optimizer=optimizer)
 
     def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
         if iteration == 5 and comm.rank == comm.size - 1:
             os.kill(os.getpid(), number)
 
     before = signal.getsignal(number)
-    options = {"iterations": 8, "optimizer": STEPS, "output": shared_tmp_path}
+    options = {"iterations": 8, "optimizer": optimizer, "output": shared_tmp_path}
     first = run(parts, **options, callback=interrupt)
     assert signal.getsignal(number) == before
     assert (first.reason, first.iterations) == ("interrupted", 5)
-    # on several ranks MUMPS adds up in an order that changes from run to run
-    assert first.history["psi"][5] == pytest.approx(
-        whole.history["psi"][5], rel=1e-12 if comm.size == 1 else 1e-9
-    )
     assert len(ffr.read_history(shared_tmp_path / "history.csv")["psi"]) == 6
+    # on several ranks MUMPS adds up in an order that changes from run to run
+    near = 1e-12 if comm.size == 1 else 1e-9 if optimizer is STEPS else 1e-6
+    assert first.history["psi"][5] == pytest.approx(whole.history["psi"][5], rel=near)
 
     # on the same mesh: another one may be distributed differently
     levelset = ffr.LevelSet(parts[1].domain)
     rest = run((parts[0], levelset, parts[2]), **options, resume=True)
     assert (rest.reason, rest.iterations) == (whole.reason, whole.iterations)
-    for name in ("psi", "volume", "gray", "accepted", "step", "sharpness"):
-        assert rest.history[name] == pytest.approx(whole.history[name], rel=1e-9), name
+    accuracy = 1e-9 if optimizer is STEPS else 1e-6
+    for name in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
+        assert np.array_equal(rest.history[name][:6], first.history[name]), name
+        near = accuracy * np.abs(whole.history[name]).max()
+        assert rest.history[name] == pytest.approx(whole.history[name], abs=near), name
     scale = np.max(np.abs(whole.coefficients))
-    assert rest.coefficients == pytest.approx(whole.coefficients, abs=1e-9 * scale)
-    assert rest.x == pytest.approx(whole.x, abs=1e-8)
-    comm.Barrier()
-    found = ffr.read_history(shared_tmp_path / "history.csv")
-    assert np.array_equal(found["psi"], rest.history["psi"])
-
-
-@pytest.mark.mpi
-def test_resuming_a_finished_run_changes_nothing(
-    comm: MPI.Intracomm, shared_tmp_path: Path
-) -> None:
-    first = run(scene(comm), output=shared_tmp_path, iterations=3)
-    again = run(scene(comm), output=shared_tmp_path, iterations=3, resume=True)
-    # the knots are factored anew, and what BLAS makes of that depends on the place in memory
-    scale = np.max(np.abs(first.coefficients))
-    assert again.coefficients == pytest.approx(first.coefficients, abs=1e-12 * scale)
-    assert np.array_equal(again.history["seconds"], first.history["seconds"])
-    more = run(scene(comm), output=shared_tmp_path, iterations=5, resume=True)
-    assert more.iterations == 5
-    assert np.array_equal(more.history["psi"][:4], first.history["psi"])
+    assert rest.coefficients == pytest.approx(whole.coefficients, abs=accuracy * scale)
+    assert rest.x == pytest.approx(whole.x, abs=10.0 * accuracy)
 
 
 @pytest.mark.mpi
 @BOTH
-def test_a_checkpoint_serves_where_cells_are_distributed_otherwise(
-    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
-) -> None:
+def test_cells_distributed_otherwise(comm: MPI.Comm, shared_tmp_path: Path, optimizer: Any) -> None:
     """Begun on all ranks and ended on one less; sums over the cells differ in their last bits."""
     first = run(scene(comm), output=shared_tmp_path, iterations=1, optimizer=optimizer)
     fewer = comm.Split(int(comm.rank > 0 or comm.size == 1))
@@ -364,57 +314,67 @@ def test_a_checkpoint_serves_where_cells_are_distributed_otherwise(
 
 
 @pytest.mark.mpi
-def test_resume_without_a_checkpoint_starts_anew(
-    comm: MPI.Intracomm, shared_tmp_path: Path
-) -> None:
+def test_resuming_without_a_checkpoint(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     with pytest.warns(ffr.DesignWarning, match="no checkpoint .*new.checkpoint to go on from"):
-        result = run(scene(comm), output=shared_tmp_path / "new", iterations=1, resume=True)
+        result = run(copy(comm), output=shared_tmp_path / "new", iterations=1, resume=True)
     assert result.iterations == 1
     with pytest.raises(ValueError, match="resume=True needs the folder of the checkpoint"):
-        run(scene(comm), iterations=1, resume=True)
+        run(copy(comm), iterations=1, resume=True)
+
+
+#: A run in pieces: what makes a step of it, and of those that go on, which keep what it began with
+CUT = {
+    "steps of a given length": (ffr.LevelSetEvolution(stage_iterations=3), None),
+    "steps": (STEPS, None),
+    "MMA": (ffr.MMA(), None),
+    "MMA of a given length": (ffr.MMA(length=12), ffr.MMA()),
+    "MMA of another length": (ffr.MMA(length=12), ffr.MMA(length=99)),
+}
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(
-    "given",
-    [ffr.LevelSetEvolution(stage_iterations=3), ffr.LevelSetEvolution(), ffr.MMA()],
-    ids=["steps of a given length", "steps", "MMA"],
-)
-def test_the_way_does_not_depend_on_how_a_run_is_cut_up(
-    comm: MPI.Intracomm, shared_tmp_path: Path, given: Any
-) -> None:
-    """Neither with stages of a given length, nor with what the first call has planned."""
-    parts = copy(comm)
+@pytest.mark.parametrize("case", CUT)
+def test_a_run_that_is_cut_up(comm: MPI.Intracomm, shared_tmp_path: Path, case: str) -> None:
+    """Neither with a given length, nor with what the first call has planned."""
+    parts, (given, later) = copy(comm), CUT[case]
 
-    def through(iterations: list[int], folder: str) -> ffr.Result:
-        options = {"output": shared_tmp_path / folder, "optimizer": given}
-        result = run(parts, iterations=iterations[0], **options)
-        for later in iterations[1:]:
-            result = run(parts, iterations=later, resume=True, **options)
-        return result
+    def through(iterations: list[int], folder: str) -> list[ffr.Result]:
+        options = {"output": shared_tmp_path / folder}
+        found = [run(parts, iterations=iterations[0], **options, optimizer=given)]
+        options |= {"optimizer": later or given, "resume": True}
+        return found + [run(parts, iterations=number, **options) for number in iterations[1:]]
 
-    whole, cut = through([6, 12], "whole"), through([6, 7, 10, 12], "cut")
+    first, whole = through([6, 12], "whole")
+    cut = through([6, 7, 10, 12], "cut")[-1]
+    if later:  # the length alone decides
+        assert first.designs["plate"].sharpness == pytest.approx(32.0**0.9)
+        whole = run(parts, iterations=12, optimizer=given)
     assert len(np.unique(whole.history["sharpness"])) > 1
-    for column in ("psi", "sharpness", "accepted", "step"):
-        np.testing.assert_allclose(cut.history[column], whole.history[column], rtol=1e-9)
+    for column in ("psi", "volume", "gray", "accepted", "step", "sharpness", "merit"):
+        expected = whole.history[column]
+        np.testing.assert_allclose(cut.history[column], expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(cut.coefficients, whole.coefficients, atol=1e-9)
 
 
 @pytest.mark.mpi
 @BOTH
-def test_less_iterations_than_done_change_nothing(
-    comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any
-) -> None:
-    parts = copy(comm)
+def test_iterations_that_were_done(comm: MPI.Comm, shared_tmp_path: Path, optimizer: Any) -> None:
+    """As many of them, or less, change nothing."""
     options = {"output": shared_tmp_path, "optimizer": optimizer}
-    first = run(parts, iterations=4, **options)
+    first = run(copy(comm), iterations=4, **options)
     comm.Barrier()
     before = (shared_tmp_path / "checkpoint").read_bytes()
-    again = run(parts, iterations=2, resume=True, **options)
-    assert (again.reason, again.iterations) == ("iterations", 4)
-    assert again.history["psi"].tolist() == first.history["psi"].tolist()
-    assert again.designs["plate"].sharpness == first.designs["plate"].sharpness
-    comm.Barrier()
-    assert (shared_tmp_path / "checkpoint").read_bytes() == before
+    for wanted in (4, 2):
+        again = run(copy(comm), iterations=wanted, resume=True, **options)
+        assert (again.reason, again.iterations) == ("iterations", 4)
+        for column in ("psi", "seconds"):
+            assert again.history[column].tolist() == first.history[column].tolist()
+        # the knots are factored anew, and what BLAS makes of that depends on the place in memory
+        scale = np.max(np.abs(first.coefficients))
+        assert again.coefficients == pytest.approx(first.coefficients, abs=1e-12 * scale)
+        assert again.designs["plate"].sharpness == first.designs["plate"].sharpness
+        comm.Barrier()
+        assert (shared_tmp_path / "checkpoint").read_bytes() == before
 
 
 @pytest.mark.mpi
@@ -430,187 +390,202 @@ def test_a_gray_result_is_said_with_the_remedy(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("damage", ["flipped", "truncated", "empty", "text"])
-def test_a_damaged_checkpoint_is_refused(
-    comm: MPI.Intracomm, shared_tmp_path: Path, damage: str
-) -> None:
-    parts = scene(comm)
+def test_damaged_checkpoints(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    parts, path = copy(comm), shared_tmp_path / "checkpoint"
     run(parts, output=shared_tmp_path, iterations=1)
-    path = shared_tmp_path / "checkpoint"
-    if comm.rank == 0:
-        content = bytearray(path.read_bytes())
-        if damage == "flipped":
-            content[len(content) // 2] ^= 1
-        path.write_bytes(
-            {"flipped": bytes(content), "truncated": bytes(content[:-100]), "empty": b""}.get(
-                damage, b"not a checkpoint\n"
-            )
-        )
     comm.Barrier()
-    with pytest.raises(ffr.CheckpointError, match=r"is damaged.*Delete it to start anew"):
-        run(parts, output=shared_tmp_path, resume=True)
+    good = path.read_bytes()
+    half = len(good) // 2
+    flipped = good[:half] + bytes([good[half] ^ 1]) + good[half + 1 :]
+    for damaged in (flipped, good[:-100], b"", b"not a checkpoint\n"):
+        comm.Barrier()
+        if comm.rank == 0:
+            path.write_bytes(damaged)
+        comm.Barrier()
+        with pytest.raises(ffr.CheckpointError, match=r"is damaged.*Delete it to start anew"):
+            run(parts, output=shared_tmp_path, resume=True)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("change", ["volume", "sharpness", "knots", "radius", "mirrors", "steps"])
-def test_a_checkpoint_of_another_problem_is_refused(
-    comm: MPI.Intracomm, shared_tmp_path: Path, change: str
-) -> None:
-    problem, levelset, start = scene(comm)
+def test_checkpoints_of_other_problems(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    problem, levelset, start = copy(comm)
+    domain, knots = levelset.domain, levelset.knots
     options: dict[str, Any] = {"output": shared_tmp_path, "iterations": 1, "optimizer": STEPS}
     run((problem, levelset, start), **options)
-    name = change
-    if change == "volume":
-        options["volume"] = 0.55
-    elif change == "sharpness":
-        options["optimizer"] = ffr.LevelSetEvolution(sharpness=(8.0, 32.0))
-    elif change == "knots":
-        levelset = ffr.LevelSet(levelset.domain, spacing=0.01)
-    elif change == "radius":
-        levelset = ffr.LevelSet(levelset.domain, knots=levelset.knots, minimum_gap=0.0075)
-    elif change == "mirrors":
-        lines = ffr.mirror_lines(levelset.domain)
-        levelset = ffr.LevelSet(levelset.domain, mirrors=lines)
-    else:
-        problem.integrator = ffr.GeneralizedAlpha(2.0, 190)
-        name = "psi of its design was"
-    start = levelset.with_holes(6, 1, 0.01)
-    with pytest.raises(ffr.CheckpointError, match=f"of another problem.*{name}"):
-        run((problem, levelset, start), resume=True, **options)
+    others: dict[str, dict[str, Any]] = {
+        "volume": {"volume": 0.55},
+        "sharpness": {"optimizer": ffr.LevelSetEvolution(sharpness=(8.0, 32.0))},
+        "knots": {"design": ffr.LevelSet(domain, spacing=0.01)},
+        "radius": {"design": ffr.LevelSet(domain, knots=knots, minimum_gap=0.0075)},
+        "mirrors": {"design": ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain))},
+        "psi of its design was": {},
+    }
+    for name, changed in others.items():
+        design = changed.pop("design", levelset)
+        if not changed and design is levelset:
+            problem.target = 1.0 - problem.target
+        with pytest.raises(ffr.CheckpointError, match=f"of another problem.*{name}"):
+            parts = (problem, design, design.with_holes(6, 1, 0.01))
+            run(parts, resume=True, **{**options, **changed})
 
 
 @pytest.mark.mpi
-def test_checkpoints_survive_a_failed_write(
-    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = shared_tmp_path / "state"
+def test_files_of_a_state(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """They hold it; those that are missing or cannot be written are named."""
     state = {"phi": np.arange(5.0), "iteration": 3, "kernel": "Wendland"}
-    io.save_checkpoint(comm, path, state)
-
-    def full(*_: Any) -> None:
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OSError, match="no space left"):
-        io.save_checkpoint(comm, path, {"phi": np.zeros(2)})
-    found = io.load_checkpoint(comm, path)
+    io.save_checkpoint(comm, shared_tmp_path / "state", state)
+    found = io.load_checkpoint(comm, shared_tmp_path / "state")
     assert np.array_equal(found["phi"], state["phi"])
     assert (found["iteration"].item(), found["kernel"].item()) == (3, "Wendland")
-    comm.Barrier()
-    assert [p.name for p in shared_tmp_path.iterdir()] == ["state"]
-
-
-@pytest.mark.mpi
-def test_missing_and_unwritable_files_are_named(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="nowhere"):
         io.load_checkpoint(comm, shared_tmp_path / "nowhere")
     if comm.rank == 0:
         (shared_tmp_path / "taken").write_text("a file, not a folder")
     comm.Barrier()
     with pytest.raises(OSError, match="taken"):
-        run(scene(comm), output=shared_tmp_path / "taken", iterations=1)
+        run(copy(comm), output=shared_tmp_path / "taken", iterations=1)
 
 
 @pytest.mark.mpi
-def test_summary_holds_numbers(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    summary = {"psi": np.float64(1.5), "steps": np.int64(3), "list": np.arange(2), "name": "x"}
-    ffr.write_summary(comm, shared_tmp_path / "sub" / "summary.json", summary)
-    comm.Barrier()
-    found = json.loads((shared_tmp_path / "sub" / "summary.json").read_text())
-    assert found == {"psi": 1.5, "steps": 3, "list": [0, 1], "name": "x"}
-    with pytest.raises(TypeError, match="cannot hold a set"):
-        ffr.write_summary(comm, shared_tmp_path / "summary.json", {"bad": {1}})
+def test_what_does_not_go_together_is_refused(comm: MPI.Intracomm) -> None:
+    problem, levelset, start = copy(comm)
+    other, gray = ffr.LevelSet(Copy(comm, disc).domain), ffr.DensityDesign(problem.domain)
+    moving = ffr.LevelSetEvolution(ffr.design.Evolution(other, 0.6))
+    cases: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
+        ((other, start), {}, "not on the domain of the problem's body"),
+        ((levelset, start), {"optimizer": moving}, "the evolution moves another level set"),
+        ((gray,), {"optimizer": STEPS}, "moves level sets"),
+        ((gray,), {"optimizer": ffr.MMA(), "move": 0.5}, r"\['move'\] to the optimizer, opt.*=MMA"),
+        (({"beam": gray}, gray.even(0.5)), {}, r"designs are given for \['beam'\]"),
+    ]
+    for parts, options, said in cases:
+        with pytest.raises(ValueError, match=said):
+            run((problem, *parts), **options)
+    problem.flexible["twin"] = problem.flexible["plate"]
+    said = r"designs one body, and the problem has \['plate', 'twin'\]"
+    with pytest.raises(ValueError, match=said):
+        run((problem, levelset, start))
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_density_files_hold_the_density(
-    comm: MPI.Intracomm, shared_tmp_path: Path, cell: str
+def test_two_programs_do_not_write_into_one_folder(
+    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What a reader finds beside each cell's centroid is the density there."""
-    h5py = pytest.importorskip("h5py")
-    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 3), cell=cell)
-    path = shared_tmp_path / "design.xdmf"
-    ffr.write_density(domain, 0.5 + domain.centroids[:, 0], path)
+    """The second is told so on every rank; a run that has ended, or was killed, holds nothing."""
+    problem = Copy(comm, lambda p: 0.5 + 0.0 * p[:, 0])
+    design = ffr.DensityDesign(problem.domain)
+
+    def once(**options: Any) -> ffr.Result:
+        return run((problem, design), iterations=1, output=shared_tmp_path, **options)
+
+    said = "another program, or another call, is writing into"
+    with pytest.raises(BlockingIOError, match=said):
+        once(callback=lambda *_: once())
+    once()
+    hold = "import sys, time; from pathlib import Path; from dolfinx_ffr.files import locked; "
+    hold += "locked(Path(sys.argv[1]) / '.lock'); print('held', flush=True); time.sleep(100)"
+    if comm.rank == 0:
+        program = processes.command("-c", hold, str(shared_tmp_path))
+        other = subprocess.Popen(program, env=processes.environment(), stdout=subprocess.PIPE)
+        assert other.stdout is not None and other.stdout.readline() == b"held\n"
     comm.Barrier()
-    items = [e.text or "" for e in ElementTree.parse(path).iter("DataItem")]
-    with h5py.File(path.with_suffix(".h5")) as file:
-        arrays = [np.array(file[item.strip().split(":", 1)[1]]) for item in items]
-    topology, geometry, density = arrays[:3]
-    centroids = geometry[topology[:, -4 if cell == "quadrilateral" else -3 :]].mean(axis=1)
-    assert len(density) == domain.n_cells_global
-    assert density.ravel() == pytest.approx(0.5 + centroids[:, 0], abs=1e-12)
+    with pytest.raises(BlockingIOError, match=said):
+        once()
+    if comm.rank == 0:
+        other.kill()
+        other.communicate()
+    comm.Barrier()
+    once()
+    # a file system without locks
 
+    def no_locks(*_: object) -> None:
+        raise OSError(errno.ENOTSUP, "Operation not supported")
 
-# ---------------------------------------------------------------------- bad input
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"iterations": -1}, "iterations must be a whole number that is not negative"),
-        ({"volume": 1.5}, "volume must lie between 0 and 1, 0 excluded, but it is 1.5"),
-        ({"volume": 0.05}, "leaves nothing to design"),
-    ],
-)
-def test_bad_options_are_refused(
-    comm: MPI.Intracomm, options: dict[str, Any], message: str
-) -> None:
-    parts = scene(comm)
-    with pytest.raises(ValueError, match=message):
-        run(parts, **options)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"sharpness": ()}, "sharpness must have a number for each stage"),
-        ({"sharpness": (8.0, 0.0)}, "sharpness must be positive, but it is 0.0"),
-        ({"step": 0.0}, "step must be positive, but it is 0.0"),
-        ({"step": math.nan}, "step must be positive, but it is nan"),
-        ({"tolerance": -1.0}, "tolerance must not be negative"),
-        ({"reinitialize_every": -1}, "reinitialize_every must be a whole number"),
-        ({"stage_iterations": 0}, "stage_iterations must be a positive whole number"),
-    ],
-)
-def test_bad_options_of_the_evolution_are_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        ffr.LevelSetEvolution(**options)
+    monkeypatch.setattr("fcntl.flock", no_locks)
+    once()
 
 
 @pytest.mark.mpi
-def test_options_of_the_optimizer_still_work(comm: MPI.Intracomm) -> None:
+@BOTH
+def test_a_start_without_use(comm: MPI.Intracomm, shared_tmp_path: Path, optimizer: Any) -> None:
+    """Not where it is the one that the run began with, as in a program that is called again."""
+    problem, levelset, start = copy(comm)
+    options: dict[str, Any] = {"output": shared_tmp_path, "optimizer": optimizer}
+    run((problem, levelset, start), iterations=1, **options)
+    options |= {"iterations": 2, "resume": True}
+    run((problem, levelset, start), **options)
+    run((problem, levelset), **options)
+    with pytest.warns(ffr.DesignWarning, match="the start that is given is not the one that it be"):
+        run((problem, levelset, levelset.even(0.6)), **options)
+
+
+@pytest.mark.mpi
+def test_summaries_are_json_whatever_they_hold(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """NaN and infinity, for which JSON has no word, are null, and the report goes on."""
+    file = shared_tmp_path / "sub" / "summary.json"
+    numbers = {"psi": np.float64(1.5), "steps": np.int64(3), "list": np.arange(2), "name": "x"}
+    values = {"a": math.nan, "b": [1.0, -math.inf], "c": {"d": np.array([np.nan, 2.0])}, "e": True}
+    ffr.write_summary(comm, file, {**numbers, **values, "volume": {"rod": np.nan}})
+
+    def refuse(word: str) -> None:
+        raise AssertionError(word)
+
+    comm.Barrier()
+    assert json.loads(file.read_text(), parse_constant=refuse) == {
+        **{"psi": 1.5, "steps": 3, "list": [0, 1], "name": "x", "volume": {"rod": None}},
+        **{"a": None, "b": [1.0, None], "c": {"d": [None, 2.0]}, "e": True},
+    }
+    ffr.write_summary(comm, file, {"psi": math.nan})
+    assert ffr.write_report(comm, file.parent).is_file()
+    endless: dict[str, Any] = {}
+    endless["inner"] = endless
+    deep: list[Any] = []
+    for _ in range(100_000):
+        deep = [deep]
+    for bad in (endless, {"deep": deep}):
+        with pytest.raises(ValueError, match="write_summary: the summary holds itself, or is nest"):
+            ffr.write_summary(comm, file, bad)
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.DesignWarning")
+def test_other_objectives_are_told_during_a_run(comm: MPI.Intracomm) -> None:
+    """By a callback, as if each had been asked for; also where the loop has added modes."""
+    problem = slider_crank(comm, (20, 4), modes=1)
+    watched = [problem.objective, ffr.Mass("rod"), ffr.JointForce("slider"), ffr.PeakStress("rod")]
+    told: list[list[float]] = []
+
+    def watch(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        response = problem.response(evaluation)
+        told.append([objective.evaluate(response) for objective in watched])
+
+    design = ffr.DensityDesign(problem.flexible["rod"].domain)
+    options: dict[str, Any] = {"optimizer": ffr.MMA(length=40), "mode_tolerance": 1e-5}
+    result = run((problem, design), iterations=2, volume=0.8, callback=watch, **options)
+    np.testing.assert_allclose([row[0] for row in told], result.history["psi"][1:], rtol=1e-12)
+    modes = result.problem.flexible["rod"].modes
+    assert modes > 1
+    parts = (problem.bodies, problem.mechanism, problem.integrator)
+    alone = [
+        ffr.Problem(*parts, objective).with_modes({"rod": modes}).value(result.x).psi
+        for objective in watched
+    ]
+    np.testing.assert_allclose(told[-1], alone, rtol=1e-8)
+
+
+@pytest.mark.mpi
+def test_a_second_interruption(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """`KeyboardInterrupt` at once, and the run goes on from the last whole iteration."""
     parts = copy(comm)
-    with pytest.warns(DeprecationWarning, match=r"\['move'\].*optimizer=MMA\(\.\.\.\)"):
-        old = run(parts, move=0.05)
-    new = run(parts, optimizer=ffr.MMA(move=0.05))
-    assert np.array_equal(old.coefficients, new.coefficients)
-    with pytest.warns(DeprecationWarning), pytest.raises(TypeError, match="'stride'"):
-        run(parts, stride=1.0)
+    options: dict[str, Any] = {"output": shared_tmp_path, "iterations": 6}
 
+    def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
+        if iteration == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
 
-@pytest.mark.mpi
-def test_parts_that_do_not_fit_are_refused(comm: MPI.Intracomm) -> None:
-    problem, levelset, start = scene(comm)
-    other = ffr.LevelSet(ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(40, 8)))
-    with pytest.raises(ValueError, match="not on the domain of the problem's body"):
-        run((problem, other, start))
-    with pytest.raises(ValueError, match="the evolution moves another level set"):
-        moving = ffr.LevelSetEvolution(ffr.Evolution(other, 0.6))
-        run((problem, levelset, start), optimizer=moving)
-    with pytest.raises(ValueError, match="finite variables, one a knot"):
-        run((problem, levelset, start[:-1]))
-    with pytest.raises(ValueError, match="with NaN or infinity"):
-        run((problem, levelset, np.full(len(start), np.nan)))
-    placements = dict.fromkeys(("rod", "twin"), ffr.Placement())
-    two = ffr.Problem(
-        {**problem.bodies, "twin": problem.bodies["rod"]},
-        replace(problem.mechanism, placements=placements),
-        problem.integrator,
-        problem.objective,
-    )
-    with pytest.raises(
-        ValueError, match=r"designs one body, and the problem has \['rod', 'twin'\]"
-    ):
-        run((two, levelset, start))
+    with pytest.raises(KeyboardInterrupt):
+        run(parts, **options, callback=interrupt)
+    rest = run(parts, **options, resume=True)
+    whole = run(copy(comm), iterations=6)
+    np.testing.assert_allclose(rest.history["psi"], whole.history["psi"], rtol=1e-12)

@@ -139,6 +139,9 @@ def test_all_files_into_a_folder(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     part = ffr.Part(body, lambda p: np.ones(len(p)), material=STEEL)
     files = part.write(shared_tmp_path / "out")
     assert [file.name for file in files] == ["part.svg", "part.dxf", "part.step", "part.stl"]
+    (shared_tmp_path / "v1.2").mkdir(exist_ok=True)
+    again = part.write(shared_tmp_path / "v1.2")
+    assert again == [shared_tmp_path / "v1.2" / file.name for file in files]
     comm.Barrier()
     assert all(file.stat().st_size > 0 for file in files)
 

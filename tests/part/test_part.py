@@ -174,13 +174,11 @@ def test_interfaces_without_material(comm: MPI.Comm) -> None:
 def test_hairline_neck_and_slit(comm: MPI.Comm) -> None:
     """A neck of a fiftieth of an element is found, and is part of the part and of its mesh."""
     neck = 0.02 * H
-    part = ffr.Part(
-        rod(comm),
-        lambda p: (
-            np.abs(p[:, 1]) * -1.0 + 0.5 * neck + np.maximum(np.abs(p[:, 0] - 0.2) - 0.01, 0.0)
-        ),
-        H,
-    )
+
+    def field(p: np.ndarray) -> np.ndarray:
+        return 0.5 * neck - np.abs(p[:, 1]) + np.maximum(np.abs(p[:, 0] - 0.2) - 0.01, 0.0)
+
+    part = ffr.Part(rod(comm), field, H)
     assert part.pieces == 1
     member = part.thinnest_member
     assert member is not None and member.value == pytest.approx(neck, rel=0.02)
@@ -198,27 +196,6 @@ def test_holes_that_touch_the_edge(comm: MPI.Comm) -> None:
         hole = np.pi * 0.008**2
         assert part.area == pytest.approx(0.016 - hole, abs=2e-3 * ELEMENT)
         assert part.domain(2 * H).area == pytest.approx(part.area, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("field", "message"),
-    [
-        (lambda p: np.full(len(p), np.nan), "NaN or infinite at"),
-        (lambda p: np.ones((len(p), 2)), "it must give one number for each"),
-    ],
-)
-def test_unusable_field(comm: MPI.Comm, field: Field, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        ffr.Part(rod(comm), field)
-
-
-def test_what_a_material_is_needed_for(comm: MPI.Comm) -> None:
-    part = ffr.Part(rod(comm), strip(0.01), H)
-    with pytest.raises(ValueError, match="its mass is that of a material"):
-        _ = part.mass
-
-
-# ---------------------------------------------------------------------- widths
 
 
 SQUARE = shapely.box(0.0, 0.0, 1.0, 1.0)
@@ -262,9 +239,6 @@ def test_widths(shape: shapely.Polygon, member: float | None, gap: float | None)
             assert found is not None and found.value == pytest.approx(known, rel=5e-3)
 
 
-# ---------------------------------------------------------------------- designs
-
-
 def test_densities(comm: MPI.Comm) -> None:
     """Edges between solid and void cells stay where they are, members of one row remain."""
     body = rod(comm)
@@ -284,8 +258,25 @@ def test_densities(comm: MPI.Comm) -> None:
     assert member is not None and member.value == pytest.approx(H, rel=0.1)
 
 
-def test_part_of_a_density_design(comm: MPI.Comm) -> None:
-    body = rod(comm)
-    design = ffr.DensityDesign(body)
-    part = ffr.Part.of(design, design.even(1.0), material=STEEL)
-    assert part.area == pytest.approx(body.area, rel=1e-12)
+@pytest.mark.parametrize("kind", [ffr.Part, ffr.Solid])
+@pytest.mark.parametrize(
+    ("field", "error", "message"),
+    [
+        (lambda p: np.full(len(p), np.nan), ValueError, "NaN or infinite at"),
+        (lambda p: np.ones((len(p), 2)), ValueError, "it must give one number for each"),
+        # neither material nor void: zero all over, or by halves
+        (lambda p: 0.0 * p[:, 0], ValueError, "zero all over .* negative in void"),
+        (lambda p: 1.0 * (p[:, 0] < 0.2), ValueError, "zero all over .* negative in void"),
+        (lambda p: p[:, 0] + 1j, TypeError, "must hold real numbers"),
+        (lambda p: np.full(len(p), None), TypeError, "must hold real numbers"),
+        (lambda p: "1", TypeError, "must hold real numbers"),
+    ],
+)
+def test_unusable_field(
+    comm: MPI.Comm, kind: type, field: Field, error: type[Exception], message: str
+) -> None:
+    body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 4))
+    if kind is ffr.Solid:
+        body = ffr.Domain.box(comm, 0.4, 0.04, 0.04, elements=(10, 2, 2))
+    with pytest.raises(error, match=message):
+        kind(body, field)

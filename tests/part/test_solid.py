@@ -33,14 +33,35 @@ def enclosed(points: np.ndarray, triangles: np.ndarray) -> float:
     return float(np.sum(a * np.cross(b, c))) / 6.0
 
 
-def edges_used_once(triangles: np.ndarray) -> int:
-    """Edges that do not join two triangles, each in the other's direction."""
-    forward = {tuple(e) for t in triangles for e in (t[[0, 1]], t[[1, 2]], t[[2, 0]])}
-    return sum((b, a) not in forward for a, b in forward)
+def faults(triangles: np.ndarray) -> int:
+    """Edges that are not of two triangles, and vertices whose triangles are no single fan.
+
+    The triangles of a fan follow each other in one direction: all are turned alike.
+    """
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    found = int(np.count_nonzero(np.unique(sides, axis=0, return_counts=True)[1] != 2))
+    around: dict[int, dict[int, int]] = {}
+    for triangle in triangles.tolist():
+        for i in range(3):
+            around.setdefault(triangle[i], {})[triangle[i - 2]] = triangle[i - 1]
+    for follows in around.values():
+        first = here = next(iter(follows))
+        steps = 0
+        while steps < len(follows):
+            here, steps = follows.get(here, -1), steps + 1
+            if here in (first, -1):
+                break
+        found += steps != len(follows) or here != first
+    return found
+
+
+def full(x: np.ndarray) -> np.ndarray:
+    """A field that is positive all over."""
+    return np.ones(len(x))
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_block_with_a_cavity(comm: MPI.Intracomm, cell: str) -> None:
+def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
     """A round cavity: closed, turned outwards, the volume right to the square of the mesh size."""
     errors = []
     for n in (6, 12):
@@ -51,7 +72,7 @@ def test_block_with_a_cavity(comm: MPI.Intracomm, cell: str) -> None:
             lambda x: np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1) - 0.15,
             material=ffr.Isotropic(1.0, 0.3, 1000.0),
         )
-        assert n > 6 or edges_used_once(solid.triangles) == 0
+        assert n > 6 or faults(solid.triangles) == 0
         assert solid.pieces == 1
         assert not solid.loose
         assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-12)
@@ -61,7 +82,7 @@ def test_block_with_a_cavity(comm: MPI.Intracomm, cell: str) -> None:
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A piece that nothing holds is left out and said, and the rest is written and read back."""
     domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)
 
@@ -73,15 +94,11 @@ def test_pieces(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
         solid = Solid(domain, field)
     assert solid.pieces == 2
     assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-9)
-    path = solid.write(shared_tmp_path / "solid.stl")
+    (path,) = solid.write(shared_tmp_path / "solid.stl")
     if comm.rank == 0:
-        content = path.read_bytes()  # eighty bytes of text, a count, fifty bytes a triangle
-        count = int(np.frombuffer(content[80:84], "<u4")[0])
-        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-        corners = np.frombuffer(content[84:], record)["corners"].astype(float)
-        assert len(corners) == count == len(solid.triangles)
-        a, b, c = np.moveaxis(corners, 1, 0)
-        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(solid.volume, rel=1e-6)
+        surface = pyvista.read(path)
+        assert surface.n_cells == len(solid.triangles)
+        assert surface.volume == pytest.approx(solid.volume, rel=1e-6)
     with pytest.raises(ValueError, match=r"the kind '\.step' .* is not known"):
         solid.write(shared_tmp_path / "solid.step")
 
@@ -98,10 +115,7 @@ def slot(x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("field", "member", "gap"), [(slot, 0.13, 0.12), (plate, 0.062, None)])
 def test_thinnest_member_and_narrowest_gap(
-    comm: MPI.Intracomm,
-    field: Callable[[np.ndarray], np.ndarray],
-    member: float,
-    gap: float | None,
+    comm: MPI.Comm, field: Callable[[np.ndarray], np.ndarray], member: float, gap: float | None
 ) -> None:
     """Flat ones are exact, as the surface is."""
     domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
@@ -114,33 +128,24 @@ def test_thinnest_member_and_narrowest_gap(
             assert np.linalg.norm(width.ends[1] - width.ends[0]) == pytest.approx(width.value)
 
 
-def test_gap_between_two_edges(comm: MPI.Intracomm) -> None:
+def test_gap_between_two_edges(comm: MPI.Comm) -> None:
     """No way across leads straight from face to face: the ball is told, right to a spacing."""
     blocks = [pyvista.Box((a, a + 1.0, a, a + 1.0, 0.0, 1.0)).triangulate() for a in (0.0, 1.4)]
     points = np.concatenate([block.points for block in blocks])
     faces = [block.faces.reshape(-1, 4)[:, 1:] for block in blocks]
     triangles = np.concatenate([faces[0], faces[1] + len(blocks[0].points)])
-    found = ball_widths.narrowest_gap_in_space(points, triangles, 0.05)
+    found = ball_widths.thinnest_in_space(points, triangles, 0.05, around=True)
     assert found is not None
     assert found.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 
 
 @pytest.mark.parametrize("finer", [0, 2])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_a_mesh_has_the_interfaces_and_regions_of_the_body(
-    comm: MPI.Intracomm, cell: str, finer: int
-) -> None:
+def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer: int) -> None:
     """A slanted cut of known volume, past a region that stays solid and one that stays void."""
-    domain = ffr.Domain.box(
-        comm,
-        0.8,
-        0.2,
-        0.2,
-        elements=(8, 3, 3),
-        cell=cell,
-        solid_layers=1,
-        void=lambda x: (x[0] > 0.29) & (x[0] < 0.51) & (x[1] > 0.03),
-    )
+    options = {"cell": cell, "solid_layers": 1}
+    options["void"] = lambda x: (x[0] > 0.29) & (x[0] < 0.51) & (x[1] > 0.03)
+    domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(8, 3, 3), **options)
     # above the plane, but for the regions
     solid = Solid(domain, lambda x: 0.02 + 0.5 * (x[:, 0] - 0.4) - x[:, 1])
     size = ffr.fem.Tetrahedra.size(domain, finer if cell == "hexahedron" else finer // 2)
@@ -150,7 +155,7 @@ def test_a_mesh_has_the_interfaces_and_regions_of_the_body(
     top = np.where((x > 0.3) & (x < 0.5), np.minimum(top, 0.1 / 3.0), top)
     volume = 2 * 0.1 * 0.04 + 0.2 * 0.6 * np.mean(np.clip(top + 0.1, 0.0, 0.2))
     assert mesh.area == pytest.approx(volume, rel=1e-5)
-    assert edges_used_once(solid.triangles) == 0
+    assert faults(solid.triangles) == 0
     assert mesh.sum(mesh.cell_volumes * mesh.solid_cells) == pytest.approx(0.008, rel=1e-12)
     assert list(mesh.interfaces) == ["left", "right"]
     for name, part in mesh.interfaces.items():
@@ -160,7 +165,7 @@ def test_a_mesh_has_the_interfaces_and_regions_of_the_body(
         assert part.extent == pytest.approx(before.extent, rel=1e-12)
 
 
-def test_a_bore_is_found_again(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Finer meshes are rounder: their nodes are on the cylinder, of which the axis is found."""
     path = shared_tmp_path / "block.msh"
     if comm.rank == 0:
@@ -181,24 +186,27 @@ def test_a_bore_is_found_again(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
 
 
 @pytest.mark.filterwarnings("ignore:reduction. modes")
-def test_psi_of_a_mesh_of_its_own(comm: MPI.Intracomm) -> None:
+def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm) -> None:
     """A solid has the psi of hexahedra of order 2 that fit it, on any number of ranks."""
 
-    def verified(of: MPI.Intracomm) -> ffr.Verification:
+    def verified(of: MPI.Comm) -> ffr.Verification:
         domain = ffr.Domain.box(of, ROD, *SECTION, elements=(8, 1, 4), order=2)
-        problem = spatial_problem(of, domain=domain, modes=4, steps=240)
-        problem = problem.with_bodies(
-            {"rod": problem.flexible["rod"].with_interpolation(ffr.SIMP(floor=1e-9))}
-        )
-        inside = np.abs(domain.centroids[:, 2]) < 0.25 * SECTION[1]
-        evaluation = problem.value(np.where(domain.solid_cells | inside, 1.0, 0.0))
-        solid = Solid(
-            domain,
-            lambda x: 0.25 * SECTION[1] - np.abs(x[:, 2]),
-            material=problem.flexible["rod"].material,
-        )
-        found = solid.verify(problem, evaluation, tolerance=0.05)
-        assert found.fitted[-1].bodies["rod"].mass == pytest.approx(solid.mass, rel=1e-9)
+        scene = spatial_problem(of, domain=domain, modes=4, steps=240)
+        rod = scene.flexible["rod"].with_interpolation(ffr.SIMP(floor=1e-9))
+        limit = ffr.Constraint(ffr.PeakStress("rod"), upper=1e12, name="stress")
+        parts = scene.mechanism, scene.integrator, scene.objective, [limit]
+        problem = ffr.Problem({"rod": rod}, *parts)
+
+        def half(x: np.ndarray) -> np.ndarray:
+            return 0.25 * SECTION[1] - np.abs(x[:, 2])
+
+        full_cells = domain.solid_cells | (half(domain.centroids) > 0.0)
+        solid = Solid(domain, half, material=rod.material)
+        found = solid.verify(problem, problem.value(1.0 * full_cells), tolerance=0.05)
+        last = found.fitted[-1]
+        assert last.bodies["rod"].mass == pytest.approx(solid.mass, rel=1e-9)
+        # what is held against the limit is the largest stress of the solid itself
+        assert last.constraints["stress"] == pytest.approx(last.bodies["rod"].stress, rel=1e-9)
         return found
 
     found = verified(comm)
@@ -210,48 +218,26 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Intracomm) -> None:
         assert found.psi == pytest.approx(verified(MPI.COMM_SELF).psi, rel=1e-8)
 
 
-@pytest.mark.filterwarnings("ignore:verify. psi still changes")
-def test_result_of_a_design_as_a_solid(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    """A design that keeps all its material has the body as its solid, which it leaves."""
-    problem = spatial_problem(comm, (10, 2, 2), modes=2, steps=240)
-    rod = problem.flexible["rod"].domain
-    design = ffr.DensityDesign(rod)
-    start = design.even(1.0)
-    result = ffr.optimize(problem, design, start, volume=1.0, iterations=0, progress=False)
-    found = result.finish(shared_tmp_path)
-    assert found is not None
-    solid = result.solid()
-    assert solid is result.solid("rod")
-    assert solid.volume == pytest.approx(rod.area, rel=1e-12)
-    record = ffr.run_record(result, verification=found)["verification"]
-    assert record["bodies"]["rod"]["elements"] == "tetrahedra"
-    assert record["bodies"]["rod"]["thinnest_member"] is None
-    # linear elements are stiffer than they should be
-    assert 0.0 < found.difference < 4.0
-    for name in ("solid.stl", "solid.png"):
-        assert (shared_tmp_path / name).stat().st_size > 500
-
-
-def test_refusals(comm: MPI.Intracomm) -> None:
+def test_refusals(comm: MPI.Comm) -> None:
     """No material, and a body in the plane."""
     free = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(8, 2, 2), solid_layers=0)
     with pytest.raises(ValueError, match="the field is negative everywhere"):
-        Solid(free, lambda x: -np.ones(len(x)))
+        Solid(free, lambda x: -full(x))
     with pytest.raises(ValueError, match="no material touches an interface"):
         Solid(free, lambda x: 0.1 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
-    whole = Solid(free, lambda x: np.ones(len(x)))
+    whole = Solid(free, full)
     with pytest.raises(ValueError, match="tetrahedra are more than the 4,000,000 that can be cut"):
         whole.domain(1e-9)
     with pytest.raises(ValueError, match="or fewer meshes"):
         whole.sizes(None, 200)
     flat = ffr.Domain.rectangle(comm, 0.8, 0.2, elements=(8, 2))
     with pytest.raises(ValueError, match="the body is in the plane; Part"):
-        Solid(flat, lambda x: np.ones(len(x)))
+        Solid(flat, full)
     with pytest.raises(ValueError, match="the body is in space; Solid"):
-        ffr.Part(free, lambda x: np.ones(len(x)))
+        ffr.Part(free, full)
 
 
-def test_a_density_design_in_space(comm: MPI.Intracomm) -> None:
+def test_a_density_design_in_space(comm: MPI.Comm) -> None:
     """Filter, projection and pullback on hexahedra; its solid keeps what stays solid."""
     domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)
     design = ffr.DensityDesign(domain).at(0.3)
@@ -267,5 +253,45 @@ def test_a_density_design_in_space(comm: MPI.Intracomm) -> None:
     values = tube[domain.everywhere(domain.design_cells)].astype(float)
     solid = Solid.of(ffr.DensityDesign(domain, radius=0.0), values)
     assert solid.pieces == 1
-    assert edges_used_once(solid.triangles) == 0
+    assert faults(solid.triangles) == 0
     assert 0.3 < solid.volume / domain.area < 0.9
+
+
+@pytest.mark.filterwarnings("ignore:solid. :dolfinx_ffr.part.PartWarning")
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_surfaces_of_random_fields_are_manifold(comm: MPI.Comm, cell: str) -> None:
+    """Waves shorter than a few cells and signs at the corners alone: no edge has four faces."""
+    counts = np.array([6, 3, 3])
+    regions = {"solid": lambda x: x[2] < -0.08, "void": lambda x: np.hypot(x[0] - 0.5, x[1]) < 0.15}
+    for seed in range(24):
+        options = {"cell": cell, "solid_layers": 1, **(regions if seed % 4 == 3 else {})}
+        domain = ffr.Domain.box(comm, 1.0, 0.5, 0.5, elements=(6, 3, 3), **options)
+        rng = np.random.default_rng(seed)
+        waves, phase = rng.normal(0.0, 6.0 * (1 + seed % 3), (6, 3)), rng.uniform(0.0, 6.0, 6)
+        sign = rng.choice([-1.0, 1.0], counts + 1)
+
+        def field(
+            x: np.ndarray,
+            waves: np.ndarray = waves,
+            phase: np.ndarray = phase,
+            sign: np.ndarray | None = sign if seed % 3 == 2 else None,
+        ) -> np.ndarray:
+            if sign is None:
+                return np.cos(x @ waves.T + phase).sum(axis=1)
+            places = np.rint(np.add(x, [0.0, 0.25, 0.25]) * counts / [1.0, 0.5, 0.5]).astype(int)
+            return sign[tuple(places.T)]
+
+        solid = Solid(domain, field)
+        assert faults(solid.triangles) == 0, seed
+        assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-9)
+
+
+def test_regions_that_meet_in_an_edge(comm: MPI.Comm) -> None:
+    """What no cut can mend is told, with the place."""
+    domain = ffr.Domain.box(
+        comm, 1.0, 0.5, 0.5, elements=(4, 2, 2), solid_layers=1,
+        solid=lambda x: (x[0] < 0.51) & (x[1] * x[2] > -1e-9),
+    )  # fmt: skip
+    with pytest.warns(ffr.PartWarning, match=r"touches itself at 2 points.*\(0\.(25|5), 0, 0\) m"):
+        solid = Solid(domain, lambda x: -full(x))
+    assert faults(solid.triangles) > 0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared.problems import four_bar, slider_crank, three_motions
+from shared.problems import four_bar, slider_crank, three_load_cases
+from spatial_slider_crank import spatial_problem
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.files import file_names
+from dolfinx_ffr.part import ball_widths
+from dolfinx_ffr.report.folder import Folder
 
 
 def strip(p: np.ndarray) -> np.ndarray:
@@ -21,6 +26,28 @@ def strip(p: np.ndarray) -> np.ndarray:
 
 def flanges(p: np.ndarray) -> np.ndarray:
     return np.abs(p[:, 1]) - 0.01
+
+
+def full(p: np.ndarray) -> np.ndarray:
+    return np.ones(len(p))
+
+
+def solid(problem: ffr.Problem) -> dict[str, np.ndarray]:
+    """Densities one of all bodies."""
+    return {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+
+
+def part_of(problem: ffr.Problem, field: Any = full, name: str = "rod") -> ffr.Part:
+    """The part of a body, by default all of it."""
+    body = problem.flexible[name]
+    return ffr.Part(body.domain, field, material=body.material)
+
+
+def untouched(problem: ffr.Problem, kind: type[ffr.design.Design] = ffr.LevelSet) -> ffr.Result:
+    """The result of a design that keeps all its material."""
+    design = kind(problem.flexible["rod"].domain)
+    start = design.even(1.0)
+    return ffr.optimize(problem, design, start, volume=1.0, iterations=0, progress=False)
 
 
 def on_cells(domain: ffr.Domain, field) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -35,7 +62,7 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm, field) -> None:  # type: ignor
     body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(80, 16), order=2)
     problem = slider_crank(comm, domain=body, interpolation=ffr.SIMP(floor=1e-9))
     evaluation = problem.value(on_cells(body, field))
-    part = ffr.Part(body, field, material=problem.flexible["rod"].material)
+    part = part_of(problem, field)
     found = part.verify(problem, evaluation, size=0.004, tolerance=3e-3)
     assert found.converged
     # inner corners are singular, and psi of both meshes still grows by 2e-3 with each refinement
@@ -53,12 +80,8 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm, field) -> None:  # type: ignor
 def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
     """Two parts are verified together; all ranks see the same numbers."""
     problem = four_bar(comm, ffr.IntegralCompliance())
-    full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
-    evaluation = problem.value(full)
-    parts = {
-        name: ffr.Part(body.domain, lambda p: np.ones(len(p)), material=body.material)
-        for name, body in problem.flexible.items()
-    }
+    evaluation = problem.value(solid(problem))
+    parts = {name: part_of(problem, name=name) for name in problem.flexible}
     with pytest.warns(ffr.PartWarning, match="% above what was reported"):
         found = ffr.verify(problem, parts, evaluation, modes={"coupler": 4}, most=3, tolerance=5e-3)
     assert found.modes == {"coupler": 4, "rocker": 3}
@@ -71,26 +94,25 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.mpi
-def test_a_part_in_several_motions(comm: MPI.Comm) -> None:
-    """Psi of the worst case, and of each motion, beside what was reported."""
-    problem = three_motions(comm, ffr.WorstCase({"slow": 1.5, "fast": 1.0, "lever": 0.0}))
-    rod = problem.flexible["rod"]
-    evaluation = problem.value(np.ones(rod.domain.n_cells))
-    part = ffr.Part(rod.domain, lambda p: np.ones(len(p)), material=rod.material)
+def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:
+    """Psi of the worst case, and of each load case, beside what was reported."""
+    problem = three_load_cases(comm, ffr.WorstCase({"slow": 1.5, "fast": 1.0, "lever": 0.0}))
+    evaluation = problem.value(solid(problem))
     with pytest.warns(ffr.PartWarning) as warned:
-        found = ffr.verify(problem, {"rod": part}, evaluation, most=2, tolerance=5e-3)
+        found = part_of(problem).verify(problem, evaluation, most=2, tolerance=5e-3)
     said = [str(each.message) for each in warned]
     assert "% above what was reported" in said[0]
-    # the full rod is too heavy for the fast motion before it is meshed anew
+    # the full rod is too heavy for the fast load case before it is meshed anew
     assert len(said) == 2
-    assert "'fast: JointForce' by 48.4 % of the bound; the design exceeds it by 4" in said[1]
+    assert "'fast: JointForce' by 48.4 % of the bound (11.87 of the design" in said[1]
+    assert "at most 8); the design exceeds it by 48.4 %" in said[1]
     # coarse cells of order 1 are stiffer than they should be
     assert 0.0 < found.difference < 0.1
-    psi = found.fitted[-1].motions
+    psi = found.fitted[-1].load_cases
     assert found.psi == max(1.5 * psi["slow"], psi["fast"])
-    assert psi["lever"] == pytest.approx(evaluation.motions["lever"].psi, rel=0.1)
-    assert "lever: stress" in str(found) and "motion lever: psi" in str(found)
-    assert found.record()["psi_part_by_motion"] == psi
+    assert psi["lever"] == pytest.approx(evaluation.load_cases["lever"].psi, rel=0.1)
+    assert "lever: stress" in str(found) and "load case lever: psi" in str(found)
+    assert found.record()["psi_part_by_load_case"] == psi
 
 
 def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) -> None:
@@ -122,24 +144,24 @@ def test_volumes_of_a_part_are_shares_of_the_body(comm: MPI.Comm) -> None:
     ]
     scene = slider_crank(comm, domain=body, modes=2)
     problem = ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, ffr.Mass("rod"), bounds)
-    part = ffr.Part(body, strip, material=problem.flexible["rod"].material)
+    evaluation = problem.value(on_cells(body, strip))
     with pytest.warns(ffr.PartWarning, match="the part violates 'mask' by 11.1 %"):
-        found = part.verify(problem, problem.value(on_cells(body, strip)), most=2)
-    assert "constraint mask: 0.5556 -> 0.5556, 11.1 % beyond its bound" in found.summary()
+        found = part_of(problem, strip).verify(problem, evaluation, most=2)
+    said = "constraint mask: 0.5556 -> 0.5556, at most 0.5, 11.1 % beyond its bound"
+    assert said in found.summary()
     (rod,) = found.fitted[-1].bodies.values()
     assert rod.volume == pytest.approx(0.6, rel=1e-9)
-    assert found.fitted[-1].constraints == pytest.approx(
-        {"left": 5 / 9, "mask": 5 / 9, "all": 0.6}, rel=1e-9
-    )
+    shares = {"left": 5 / 9, "mask": 5 / 9, "all": 0.6}
+    assert found.fitted[-1].constraints == pytest.approx(shares, rel=1e-9)
 
 
 def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
     problem = slider_crank(comm, (20, 4), modes=2, steps=100)
-    body = problem.flexible["rod"].domain
-    evaluation = problem.value(np.ones(body.n_cells))
-    part = ffr.Part(body, lambda p: np.ones(len(p)))
+    evaluation, part = problem.value(solid(problem)), part_of(problem)
     with pytest.raises(ValueError, match=r"parts for \['arm'\], but the flexible bodies are"):
         ffr.verify(problem, {"arm": part}, evaluation)
+    with pytest.raises(ValueError, match=r"volume is given for \['arm'\], but the flexible bodies"):
+        part.verify(problem, evaluation, volume={"arm": 0.5})
     with pytest.raises(TypeError, match="evaluation must be an Evaluation"):
         part.verify(problem, evaluation.psi)  # type: ignore[arg-type]
     with (
@@ -150,25 +172,137 @@ def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.mpi
-def test_result_of_a_design_as_a_part(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore:verify. psi still changes")
+@pytest.mark.parametrize("kind", [ffr.Part, pytest.param(ffr.Solid, marks=pytest.mark.slow)])
+def test_result_of_a_design_as_a_part(
+    comm: MPI.Comm, shared_tmp_path: Path, kind: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A design that keeps all its material has the body as its part, with its psi."""
-    problem = slider_crank(comm, (40, 4), modes=2, steps=100)
-    rod = problem.flexible["rod"].domain
-    levelset = ffr.LevelSet(rod)
-    start = levelset.even(1.0)
-    result = ffr.optimize(problem, levelset, start, volume=1.0, iterations=0, progress=False)
-    part = result.part()
-    assert part is result.part("rod")
-    assert part.area == pytest.approx(rod.area, rel=1e-12)
-    found = result.finish(shared_tmp_path, tolerance=5e-3)
+    plane = kind is ffr.Part
+    if plane:
+        problem = slider_crank(comm, (40, 4), modes=2, steps=100)
+    else:
+        monkeypatch.setattr(ball_widths, "MOST_POINTS", 20_000)
+        problem = spatial_problem(comm, (10, 2, 2), modes=2, steps=240)
+    result = untouched(problem, ffr.LevelSet if plane else ffr.DensityDesign)
+    part, rod = result.part(), problem.flexible["rod"].domain
+    assert isinstance(part, kind) and part is result.part("rod")
+    assert (part.area if plane else part.volume) == pytest.approx(rod.area, rel=1e-12)
+    found = result.finish(shared_tmp_path, **({"tolerance": 5e-3} if plane else {}))
     assert found is not None
-    full = problem.value(np.ones(rod.n_cells)).psi
-    assert found.psi == pytest.approx(full, rel=0.1)
     record = found.record()
     assert record["part_pieces"] == 1
-    assert record["part_holes"] == 0
-    assert record["part_mass"] == pytest.approx(part.mass, rel=1e-12)
+    if plane:
+        assert found.psi == pytest.approx(problem.value(solid(problem)).psi, rel=0.1)
+        assert record["part_holes"] == 0
+        assert record["part_mass"] == pytest.approx(part.mass, rel=1e-12)
+    else:
+        assert 0.0 < found.difference < 4.0  # linear elements are stiffer than they should be
+        rod = ffr.run_record(result, verification=found)["verification"]["bodies"]["rod"]
+        assert rod["elements"] == "tetrahedra" and rod["thinnest_member"] is None
     with pytest.raises(ValueError, match="result: part must be 'rod', but it is 'arm'"):
         result.part("arm")
-    for kind in ("svg", "dxf", "step", "stl", "png"):
-        assert (shared_tmp_path / f"part.{kind}").stat().st_size > 500, kind
+    for suffix in ("svg", "dxf", "step", "stl", "png") if plane else ("stl", "png"):
+        assert (shared_tmp_path / f"{part.kind}.{suffix}").stat().st_size > 500, suffix
+
+
+@pytest.mark.mpi
+def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
+    """The largest stress of the part itself is held against the limit, not a mean of it."""
+    body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 8))
+    scene = slider_crank(comm, domain=body, modes=2, steps=200)
+    peak, x = ffr.PeakStress("rod"), on_cells(body, strip)
+    problem = ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, peak)
+    told = problem.calibrated(problem.value(x))[1].psi
+    limits = [
+        ffr.Constraint(peak, upper=1.1 * told, name="stress"),
+        ffr.Constraint(2.0 * peak + ffr.Mass("rod"), upper=1.0, name="sum"),
+    ]
+    load_cases = {
+        name: ffr.MechanicalProblem(scene.mechanism, scene.integrator, peak, limits[:1])
+        for name in ("one", "other")
+    }
+    for problem in (
+        ffr.Problem(scene.bodies, scene.mechanism, scene.integrator, peak, limits),
+        ffr.Problem.of_load_cases(scene.bodies, load_cases, ffr.WorstCase()),
+    ):
+        with pytest.warns(ffr.PartWarning) as warned:
+            part = part_of(problem, strip)
+            found = part.verify(problem, problem.value(x), most=2, tolerance=1e-12)
+        last = found.fitted[-1]
+        stress = last.bodies["rod"].stress
+        assert stress is not None and stress > 1.3 * told
+        assert found.reported.psi == pytest.approx(told, rel=1e-6)
+        assert found.psi == pytest.approx(stress, rel=1e-9)
+        for name, value in last.constraints.items():
+            exact = stress if "stress" in name else 2.0 * stress + last.bodies["rod"].mass
+            assert value == pytest.approx(exact, rel=1e-9)
+            limit = problem.constraints[list(last.constraints).index(name)].bound
+            numbers = f"{found.reported.constraints[name]:.4g} of the design, {value:.4g} of "
+            numbers += f"the part, at most {limit:.4g}"
+            said = [str(each.message) for each in warned if repr(name) in str(each.message)]
+            assert len(said) == 1 and numbers in said[0]
+            assert f"constraint {name}: " in found.summary()
+            assert f"at most {limit:.4g}" in found.summary()
+        assert found.record()["part_violations"] == pytest.approx(found.violations)
+        assert set(found.violations) == set(last.constraints)
+
+
+@pytest.mark.mpi
+def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
+    """The bound of `optimize` is held against the part, too, when the result is verified."""
+    problem = slider_crank(comm, (20, 4), modes=2, steps=200)
+    result = untouched(problem)
+    narrower = dataclasses.replace(result, bounds={"rod": 0.8})
+    with pytest.warns(ffr.PartWarning, match="'volume of rod' by 25.0 % .*, 1 of the part, at mo"):
+        found = narrower.verify(tolerance=1e-2)
+    assert found.violations == pytest.approx({"volume of rod": 0.25})
+    assert result.bounds == {"rod": 1.0}
+
+
+@pytest.mark.mpi
+def test_bodies_whose_names_are_no_file_names(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """None is lost, and none is written outside of the folder; the report finds each."""
+    scene = slider_crank(comm, (10, 2), modes=1, steps=200)
+    names = ["link 1", "link_1", "../out", str(shared_tmp_path / "abs")]
+    part, x = part_of(scene), solid(scene)
+    evaluation, design = scene.value(x), ffr.DensityDesign(part.body)
+    kept, designs = dict.fromkeys(names, x["rod"]), dict.fromkeys(names, design)
+    result = ffr.Result(kept, {}, evaluation, {}, "iterations", designs, scene)
+    result._parts.update(dict.fromkeys(names, part))
+    folder = shared_tmp_path / "folder"
+    with pytest.warns(ffr.DesignWarning, match="no part comes of this design: verify: parts for"):
+        assert result.finish(folder) is None
+    places = {name: folder / own for name, own in file_names(names).items()}
+    for place in places.values():
+        part.write(place)
+    comm.Barrier()
+    assert sorted(p.name for p in folder.iterdir()) == sorted(
+        ["link_1", "link_1-2", "___out", places[names[-1]].name]
+    )
+    assert [p.name for p in shared_tmp_path.iterdir()] == ["folder"]
+    record = {"volume": dict.fromkeys(names, 1.0)}
+    found = Folder(folder, record, {})
+    drawn = {found.drawing_of(name, alone=False) for name in names}
+    assert drawn == {place / "part.svg" for place in places.values()}
+
+
+@pytest.mark.mpi
+def test_a_folder_that_is_none_is_refused_before_anything_is_computed(
+    comm: MPI.Comm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = slider_crank(comm, (10, 2), modes=1, steps=200)
+    result = untouched(problem)
+    monkeypatch.setattr(ffr.Result, "verify", None)
+    with pytest.raises(TypeError, match="finish: folder must be a path, but it is None"):
+        result.finish(None)  # type: ignore[arg-type]
+    file = shared_tmp_path / "file"
+    if comm.rank == 0:
+        file.write_text("")
+    comm.Barrier()
+    with pytest.raises(NotADirectoryError, match=r"finish: folder: .*file' is a file; give a fol"):
+        result.finish(file)
+    with pytest.raises(NotADirectoryError, match=r"file/below'"):
+        result.finish(file / "below")
+    with pytest.raises(NotADirectoryError, match=r"optimize: output: .*file' is a file"):
+        ffr.optimize(problem, result.designs["rod"], iterations=0, progress=False, output=file)

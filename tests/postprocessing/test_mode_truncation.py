@@ -31,6 +31,7 @@ def truss(domain: ffr.Domain, patch: float = 0.0) -> np.ndarray:
 
 
 @pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.LocalModesWarning")
 @pytest.mark.parametrize("patch", [0.0, 1.0, 0.15])
 def test_error_of_eight_modes_of_a_truss(comm: MPI.Intracomm, patch: float) -> None:
     """The estimate is near the error, the proposed number holds, and a loose patch is named."""
@@ -44,18 +45,14 @@ def test_error_of_eight_modes_of_a_truss(comm: MPI.Intracomm, patch: float) -> N
     assert error > 0.01
     assert ffr.mode_error(problem, evaluation)["rod"] == pytest.approx(error, rel=0.1)
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        # the first run in a clone compiles, and FFCx leaves a file open
-        warnings.simplefilter("ignore", ResourceWarning)
+        warnings.simplefilter("always", ffr.LocalModesWarning)
         proposed = ffr.propose_modes(problem, evaluation)
     assert 8 < proposed["rod"] < 16
     better = problem.with_modes(proposed)
     enough = better.value(x)
     assert abs(enough.psi / many.psi - 1.0) < 2e-3
     # whoever has more than enough is proposed fewer
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ffr.LocalModesWarning)
-        assert ffr.propose_modes(better, enough)["rod"] <= proposed["rod"]
+    assert ffr.propose_modes(better, enough)["rod"] <= proposed["rod"]
     local = ffr.local_modes(problem, evaluation)["rod"]
     if not patch:
         assert len(local.numbers) == 0 and not caught
@@ -80,6 +77,28 @@ def test_modes_of_an_even_thin_body_are_not_local(comm: MPI.Intracomm) -> None:
     assert len(ffr.local_modes(problem, evaluation)["rod"].numbers) == 0
     # a tolerance that anything holds; no number is one if there are constraint modes
     assert ffr.propose_modes(problem, evaluation, tolerance=10.0) == {"rod": 0}
+
+
+@pytest.mark.mpi
+def test_local_modes_in_space(comm: MPI.Intracomm) -> None:
+    """A block that floats above a beam swings first, and is found where it is."""
+    domain = ffr.Domain.box(comm, 0.3, 0.06, 0.06, elements=(12, 6, 6), solid_layers=1)
+    x, y, z = domain.centroids.T
+    block = (np.abs(x - 0.15) < 0.02) & (y > 0.01) & (np.abs(z) < 0.011)
+    density = np.where(block | (y < -0.02) | domain.solid_cells, 1.0, 1e-3)
+    material, frame = ffr.Isotropic(3e9, 0.35, 1200.0), ffr.TangentFrame("left")
+    beam = ffr.FlexibleBody(domain, material, frame=frame, modes=3)
+    mechanism = ffr.Mechanism(
+        {"beam": ffr.Placement((0.0, 0.0, 0.0))},
+        [ffr.Weld(("beam", "left"), ffr.Ground((0.0, 0.0, 0.0)))],
+        gravity=(0.0, 0.0, -9.81),
+    )
+    steps, objective = ffr.GeneralizedAlpha(0.02, 20), ffr.IntegralCompliance()
+    problem = ffr.Problem({"beam": beam}, mechanism, steps, objective)
+    local = ffr.local_modes(problem, problem.value(density))["beam"]
+    assert local.numbers[0] == 1
+    assert local.places.shape == (len(local.numbers), 3)
+    assert local.places[0] == pytest.approx([0.15, 0.02, 0.0], abs=2e-3)
 
 
 def test_without_a_motion_there_is_no_error(comm: MPI.Intracomm) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from mpi4py import MPI
@@ -15,31 +16,12 @@ import pytest
 import scipy.sparse
 import scipy.sparse.linalg
 from PIL import Image
+from shared.meshes import write_rod
 
-from dolfinx_ffr import (
-    Assembled,
-    ChordFrame,
-    Domain,
-    FlexibleBody,
-    GeneralizedAlpha,
-    IntegralCompliance,
-    Mechanism,
-    Motion,
-    Moving,
-    Placement,
-    PlaneStrain,
-    PlaneStress,
-    Problem,
-    ReducedBody,
-    StressModes,
-    TangentFrame,
-    Weld,
-    von_mises,
-    worst_stress,
-    write_fields,
-)
-from dolfinx_ffr.fem import _compat
+import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting import plot_stress
+from dolfinx_ffr.postprocessing import StressModes
+from dolfinx_ffr.reduction import ReducedBody
 from dolfinx_ffr.verification import convergence_order
 
 pytestmark = pytest.mark.mpi
@@ -47,7 +29,7 @@ pytestmark = pytest.mark.mpi
 Array = np.ndarray
 
 
-def with_shapes(body: FlexibleBody, reduced: ReducedBody, shapes: Array) -> ReducedBody:
+def with_shapes(body: ffr.FlexibleBody, reduced: ReducedBody, shapes: Array) -> ReducedBody:
     """The same reduced body with other shape functions, all of them constraint modes."""
     basis = replace(reduced.basis, shapes=shapes, n_constraint=shapes.shape[1])
     return replace(reduced, basis=basis)
@@ -61,40 +43,34 @@ def cantilever(
     cell: str = "quadrilateral",
     modes: int = 4,
     poisson: float = 0.3,
-    height: float = 0.1,
     free: bool = False,
-) -> FlexibleBody:
+) -> ffr.FlexibleBody:
     """A steel bar of one metre along x, held at the left; the right end is rigid unless free."""
-    domain = Domain.rectangle(comm, 1.0, height, elements=elements, order=order, cell=cell)
+    domain = ffr.Domain.rectangle(comm, 1.0, 0.1, elements=elements, order=order, cell=cell)
     if free:
-        domain = Domain(domain.mesh, {"left": lambda x: x[0] < 1e-9}, order=order)
-    steel = PlaneStress(210e9, poisson, 7850.0, 0.01)
-    return FlexibleBody(domain, steel, frame=TangentFrame("left"), modes=modes)
+        domain = ffr.Domain(domain.mesh, {"left": lambda x: x[0] < 1e-9}, order=order)
+    steel = ffr.PlaneStress(210e9, poisson, 7850.0, 0.01)
+    return ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=modes)
 
 
 def largest(comm: MPI.Intracomm, values: Array) -> float:
     return float(comm.allreduce(float(np.max(np.abs(values), initial=0.0)), MPI.MAX))
 
 
-# ---------------------------------------------------------------------- at one instant
-
-
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-@pytest.mark.parametrize("law", [PlaneStress, PlaneStrain])
-def test_linear_fields_have_the_stress_of_hookes_law(
-    comm: MPI.Intracomm, law: type, cell: str, order: int
-) -> None:
+@pytest.mark.parametrize("law", [ffr.PlaneStress, ffr.PlaneStrain])
+def test_linear_fields_obey_hookes_law(comm: MPI.Comm, law: type, cell: str, order: int) -> None:
     """All components and the von Mises stress, from the three-dimensional law."""
     young, nu = 7e10, 0.33
-    domain = Domain.rectangle(comm, 0.4, 0.1, elements=(8, 2), cell=cell, order=order)
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.1, elements=(8, 2), cell=cell, order=order)
     material = law(young, nu, 2700.0, 0.02)
-    body = FlexibleBody(domain, material, frame=ChordFrame("left", "right"), modes=1)
+    body = ffr.FlexibleBody(domain, material, frame=ffr.ChordFrame("left", "right"), modes=1)
     gradient = 1e-3 * np.array([[1.0, 0.4], [-0.9, 0.3]])
     field = (body.elasticity.coordinates() @ gradient.T).reshape(-1, 1)
     reduced = with_shapes(body, body.reduce(np.ones(domain.n_cells)), field)
     ex, ey, g = gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]
-    ez = 0.0 if law is PlaneStrain else -nu / (1.0 - nu) * (ex + ey)
+    ez = 0.0 if law is ffr.PlaneStrain else -nu / (1.0 - nu) * (ex + ey)
     mu = young / (2.0 * (1.0 + nu))
     lame = young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     normal = [lame * (ex + ey + ez) + 2.0 * mu * e for e in (ex, ey, ez)]
@@ -104,23 +80,10 @@ def test_linear_fields_have_the_stress_of_hookes_law(
     for factor in (2.0, -0.5):
         stress = modes.stress([factor])
         assert largest(comm, stress - factor * expected) < abs(factor) * tolerance
-    sx, sy, t, sz = expected
-    deviator = np.diag([sx, sy, sz]) - (sx + sy + sz) / 3.0 * np.eye(3)
-    deviator[0, 1] = deviator[1, 0] = t
+    deviator = np.diag(normal - np.mean(normal))
+    deviator[0, 1] = deviator[1, 0] = mu * g
     exact = np.sqrt(1.5 * np.sum(deviator**2))
-    assert largest(comm, von_mises(body, reduced, [-1.0]) - exact) < tolerance
-
-
-@pytest.mark.parametrize(("cell", "order"), [("quadrilateral", 1), ("triangle", 2)])
-def test_uniform_tension(comm: MPI.Intracomm, cell: str, order: int) -> None:
-    """A bar that is pulled has stress F / A everywhere, through its reduced stiffness."""
-    body = cantilever(comm, cell=cell, order=order, poisson=0.0)
-    reduced = body.reduce(np.ones(body.domain.n_cells))
-    force = np.array([5e3, 0.0])
-    marker = reduced.integrals.markers["right"]
-    q = np.linalg.solve(reduced.integrals.K, marker.displacement.T @ force)
-    stress = von_mises(body, reduced, q)
-    assert largest(comm, stress - 5e3 / (0.1 * 0.01)) < 1e-7 * 5e6
+    assert largest(comm, ffr.von_mises(body, reduced, [-1.0]) - exact) < tolerance
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
@@ -145,39 +108,20 @@ def test_bending_of_a_slender_beam(comm: MPI.Intracomm, cell: str) -> None:
     assert errors[-1] < 5e-3
 
 
-def test_density_between_void_and_solid(comm: MPI.Intracomm) -> None:
-    """The stress of the solid does not depend on an even density; relaxation and void do."""
-    body = cantilever(comm)
-    q = np.zeros(body.n_elastic)
-    q[0] = 1e-4
-    full = von_mises(body, body.reduce(np.ones(body.domain.n_cells)), q)
-    half = body.reduce(np.full(body.domain.n_cells, 0.49))
-    scale = largest(comm, full)
-    assert largest(comm, von_mises(body, half, q) - full) < 1e-8 * scale
-    assert largest(comm, von_mises(body, half, q, relaxation=0.5) - 0.7 * full) < 1e-8 * scale
-    assert largest(comm, von_mises(body, half, q, void=0.5)) == 0.0
-    with pytest.raises(ValueError, match="relaxation must not be negative"):
-        von_mises(body, half, q, relaxation=-1.0)
-    with pytest.raises(ValueError, match="void must lie between"):
-        von_mises(body, half, q, void=2.0)
-    with pytest.raises(ValueError, match=r"shape \(2,\), expected \(7,\)"):
-        von_mises(body, half, [0.0, 1.0])
+def moved(body: ffr.FlexibleBody, hand: ffr.Moving, *steps: Any, **start: Any) -> ffr.Problem:
+    """A bar that is held at its left end by a hand."""
+    placements = {"bar": ffr.Placement(angle=float(hand.angle.value(0.0)))}
+    mechanism = ffr.Mechanism(placements, [ffr.Weld(("bar", "left"), hand)], **start)
+    method = ffr.GeneralizedAlpha(*steps)
+    return ffr.Problem({"bar": body}, mechanism, method, ffr.IntegralCompliance())
 
 
-# ---------------------------------------------------------------------- in motion
-
-
-def spinning(body: FlexibleBody, omega: float, steps: int = 4) -> Problem:
+def spinning(body: ffr.FlexibleBody, omega: float) -> ffr.Problem:
     """A bar that turns steadily about its left end, from the start in its steady state."""
     integrals = body.reduce(np.ones(body.domain.n_cells)).integrals
     q = np.linalg.solve(integrals.K - omega**2 * integrals.G[1:, 1:], omega**2 * integrals.G[0, 1:])
-    shaft = Moving.circle((0.0, 0.0), 0.0, Motion.polynomial([0.3, omega]), name="shaft")
-    mechanism = Mechanism(
-        placements={"bar": Placement(angle=0.3)},
-        joints=[Weld(("bar", "left"), shaft)],
-        start=Assembled(elastic={"bar": q}),
-    )
-    return Problem({"bar": body}, mechanism, GeneralizedAlpha(1e-4, steps), IntegralCompliance())
+    shaft = ffr.Moving.circle((0.0, 0.0), 0.0, ffr.Motion.polynomial([0.3, omega]), name="shaft")
+    return moved(body, shaft, 1e-4, 4, start=ffr.Assembled(elastic={"bar": q}))
 
 
 # bending would not be stable at this speed, and is not excited
@@ -188,12 +132,11 @@ def test_full_finite_element_stress_of_a_spinning_bar() -> None:
     full = cantilever(MPI.COMM_SELF, free=True)
     ones = np.ones(full.domain.n_cells)
     assembled = full.elasticity.assemble(ones)
-    matrices = []
-    for matrix in (assembled.stiffness, assembled.mass):
-        rows, columns, entries = matrix.getValuesCSR()
-        matrices.append(scipy.sparse.csr_matrix((entries, columns, rows)))
-    K, M = matrices
-    w_0, inner = full.reduction.reference, ~full.reduction.held
+    K, M = (
+        scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1])
+        for matrix in (assembled.stiffness, assembled.mass)
+    )
+    w_0, inner = full.reduction.reference, ~full.reduction.clamped
     u = np.zeros(len(w_0))
     load = omega**2 * (M @ w_0)
     u[inner] = scipy.sparse.linalg.spsolve((K - omega**2 * M)[inner][:, inner].tocsc(), load[inner])
@@ -203,7 +146,7 @@ def test_full_finite_element_stress_of_a_spinning_bar() -> None:
     for n in (3, 12, 24):
         body = cantilever(MPI.COMM_SELF, free=True, modes=n)
         evaluation = spinning(body, omega).value(ones)
-        reduced, trajectory = evaluation.bodies["bar"], evaluation.motion
+        reduced, trajectory = evaluation.bodies["bar"], evaluation.trajectory
         for errors, correction in ((plain, False), (corrected, True)):
             modes = StressModes.of(body, reduced, correction=correction)
             z = modes.coordinates(trajectory, "bar")
@@ -212,11 +155,10 @@ def test_full_finite_element_stress_of_a_spinning_bar() -> None:
     assert np.all(np.array(corrected) < 2.0 * np.array(plain) ** 2)
 
 
-def accelerated(body: FlexibleBody, steps: int = 200) -> Problem:
-    """A bar that is moved along its axis by one metre, from rest to rest, held at its left end."""
-    hand = Moving(Motion.smooth_step(1.0, 0.4), Motion.constant(0.0), name="hand")
-    mechanism = Mechanism(placements={"bar": Placement()}, joints=[Weld(("bar", "left"), hand)])
-    return Problem({"bar": body}, mechanism, GeneralizedAlpha(0.4, steps), IntegralCompliance())
+def accelerated(body: ffr.FlexibleBody, steps: int = 200) -> ffr.Problem:
+    """A bar that is moved along its axis by one metre, from rest to rest."""
+    hand = ffr.Moving(ffr.Motion.smooth_step(1.0, 0.4), ffr.Motion.constant(0.0), name="hand")
+    return moved(body, hand, 0.4, steps)
 
 
 def test_time_of_the_worst_stress(comm: MPI.Intracomm) -> None:
@@ -224,7 +166,7 @@ def test_time_of_the_worst_stress(comm: MPI.Intracomm) -> None:
     body = cantilever(comm, (20, 4), poisson=0.0, free=True, modes=4)
     domain = body.domain
     evaluation = accelerated(body).value(np.ones(domain.n_cells))
-    worst = worst_stress(body, evaluation, "bar")
+    worst = ffr.worst_stress(body, evaluation, "bar")
     acceleration = 10.0 / np.sqrt(3.0) / 0.4**2  # of the smooth step, at (3 +- sqrt 3) / 6
     # the largest one of a cell is that of its Gauss points on the left
     gauss = 0.05 * (0.5 - 0.5 / np.sqrt(3.0))
@@ -237,7 +179,7 @@ def test_time_of_the_worst_stress(comm: MPI.Intracomm) -> None:
     assert np.min(np.abs(worst.largest_time - instants)) < 0.01
     assert worst.largest == pytest.approx(top * (1.0 - gauss), rel=5e-3)
     assert worst.largest_position[0] == pytest.approx(gauss, rel=1e-9)
-    np.testing.assert_array_equal(worst.time, evaluation.motion.t[worst.step])
+    np.testing.assert_array_equal(worst.time, evaluation.trajectory.t[worst.step])
 
 
 def test_worst_is_the_largest_of_all_instants(comm: MPI.Intracomm) -> None:
@@ -248,8 +190,8 @@ def test_worst_is_the_largest_of_all_instants(comm: MPI.Intracomm) -> None:
     x[~domain.design_cells] = 1.0
     evaluation = accelerated(body, steps=50).value(x)
     modes = StressModes.of(body, evaluation.bodies["bar"])
-    z = modes.coordinates(evaluation.motion, "bar")
-    worst = worst_stress(body, evaluation, "bar")
+    z = modes.coordinates(evaluation.trajectory, "bar")
+    worst = ffr.worst_stress(body, evaluation, "bar")
     fields = np.array([np.max(modes.von_mises(row), axis=1) for row in z])
     top = largest(comm, fields)
     assert largest(comm, worst.stress - fields.max(axis=0)) < 1e-7 * top
@@ -258,8 +200,6 @@ def test_worst_is_the_largest_of_all_instants(comm: MPI.Intracomm) -> None:
     assert largest(comm, picked - worst.stress) < 1e-7 * top
     np.testing.assert_array_equal(worst.solid, x > 0.3)
     assert np.all(worst.stress[~worst.solid] == 0.0) and np.all(worst.stress[worst.solid] > 0.0)
-    with pytest.raises(ValueError, match=r"no flexible body 'rod'; there are \['bar'\]"):
-        worst_stress(body, evaluation, "rod")
 
 
 def test_the_same_stress_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
@@ -271,108 +211,74 @@ def test_the_same_stress_on_any_number_of_ranks(comm: MPI.Intracomm) -> None:
         x = 0.4 + 0.6 * np.cos(9.0 * body.domain.centroids[:, 0]) ** 2
         evaluation = problem.value(x)
         body.reduce(np.ones(body.domain.n_cells))
-        worst = worst_stress(body, evaluation, "bar", relaxation=0.5)
+        worst = ffr.worst_stress(body, evaluation, "bar", relaxation=0.5)
         fields.append((body.domain.everywhere(worst.stress), worst.largest, worst.largest_time))
     np.testing.assert_allclose(fields[0][0], fields[1][0], rtol=1e-6)
     assert fields[0][1:] == pytest.approx(fields[1][1:], rel=1e-7)
 
 
-# ---------------------------------------------------------------------- pictures and files
-
-
-def test_picture_shows_the_stress_and_the_worst_place(
-    comm: MPI.Intracomm, shared_tmp_path: Path
-) -> None:
+def test_picture_of_the_stress(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
     """A linear stress runs through the colours; void is left white; the largest is circled."""
-    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(40, 8))
+    domain = ffr.Domain.rectangle(comm, 1.0, 0.2, elements=(40, 8))
     x, y = domain.centroids.T
     solid = (np.abs(y) > 0.05) | (np.abs(x - 0.5) > 0.3)
     stress = np.where(solid, 1e6 * x, 0.0)
     path = plot_stress(domain, stress, shared_tmp_path / "new" / "stress.png", solid=solid)
     everything = plot_stress(domain, stress, shared_tmp_path / "all.png")
     if comm.rank == 0:
-        with Image.open(path) as picture, Image.open(everything) as filled:
-            pixels, whole = (np.asarray(p.convert("RGB"), float) for p in (picture, filled))
-        # the body's place: the darkest outline pixels below the heading
-        rows = slice(round(0.85 * 150), None)
-        gray = np.abs(pixels[rows] - 255.0).sum(axis=2) > 20.0
+        # below the heading
+        pixels, whole = (
+            np.asarray(Image.open(file).convert("RGB"), float)[round(0.85 * 150) :]
+            for file in (path, everything)
+        )
+        # the body's place: the darkest outline pixels
+        gray = np.abs(pixels - 255.0).sum(axis=2) > 20.0
         columns = np.flatnonzero(gray.mean(axis=0) > 0.3)
         middle = (columns[0] + columns[-1]) // 2
-        white = np.mean(np.all(pixels[rows, middle] > 250.0, axis=1))
-        inside = np.mean(np.all(whole[rows, middle] > 250.0, axis=1))
+        white, inside = (np.mean(np.all(p[:, middle] > 250.0, axis=1)) for p in (pixels, whole))
         assert white > inside + 0.3  # the hole
-        left, right = pixels[rows, columns[0] + 40], pixels[rows, columns[-1] - 40]
+        left, right = pixels[:, columns[0] + 40], pixels[:, columns[-1] - 40]
         blue, red = [p[np.ptp(p, axis=1) > 40.0].mean(axis=0) for p in (left, right)]
         assert blue[2] > blue[0] + 40.0 and red[0] > red[2] + 40.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"stress": [1.0]}, "stress must have one finite value"),
-        ({"solid": [True]}, "solid must have one finite value"),
-        ({"solid": 0.0}, "no cell is solid"),
-        ({"path": "stress.gif"}, "'.gif' is not known"),
-    ],
-)
-def test_picture_of_nothing(
-    comm: MPI.Intracomm, shared_tmp_path: Path, arguments: dict[str, object], message: str
-) -> None:
-    """What cannot be drawn is refused on every rank."""
-    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2))
-    given: dict[str, object] = {"stress": np.ones(domain.n_cells), "path": "stress.png"}
-    given.update(arguments)
-    if given.get("solid") == 0.0:
-        given["solid"] = np.zeros(domain.n_cells, dtype=bool)
-    path = shared_tmp_path / str(given.pop("path"))
-    with pytest.raises(ValueError, match=message):
-        plot_stress(domain, given.pop("stress"), path, **given)
-
-
-@pytest.mark.parametrize("geometry", [1, 2])
-def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, geometry: int) -> None:
+@pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "curved"])
+def test_fields_for_paraview(comm: MPI.Intracomm, shared_tmp_path: Path, kind: str) -> None:
     """Names, cells and values stand where the format wants them, for meshes of both orders."""
-    domain = Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2), cell="triangle")
-    if geometry == 2:
-        domain = curved(domain)
+    if kind == "curved":
+        if comm.rank == 0:
+            write_rod(shared_tmp_path / "rod.msh", order=2)
+        comm.Barrier()
+        domain = ffr.Domain.from_gmsh(comm, shared_tmp_path / "rod.msh")
+    else:
+        domain = ffr.Domain.rectangle(comm, 1.0, 0.2, elements=(8, 2), cell=kind)
+    corners = 4 if kind == "quadrilateral" else 3
     x, y = domain.centroids.T
     path = shared_tmp_path / "out" / "fields.xdmf"
-    write_fields(domain, {"von_mises": 1e6 * x, "time": y}, path)
-    with pytest.raises(ValueError, match="'a' must have one value"):
-        write_fields(domain, {"a": np.ones(domain.n_cells + 1)}, path)
-    if comm.rank == 0:
-        # as the format says: VTK's own reader does not run beside every release of HDF5
-        document = ElementTree.parse(path)
+    ffr.write_fields(domain, {"von_mises": 1e6 * x, "time": y}, path)
+    ffr.write_density(domain, 0.5 + y, path.with_stem("density"))
+    if comm.rank > 0:
+        return
+    # as the format says: VTK's own reader does not run beside every release of HDF5
+    expected = {"von_mises": lambda c: 1e6 * c[:, 0], "time": lambda c: c[:, 1]}
+    for file, fields in (("fields", expected), ("density", {"density": lambda c: 0.5 + c[:, 1]})):
+        document = ElementTree.parse(path.with_stem(file))
         items = {item.text or "": item for item in document.iter("DataItem")}
-        names = [element.get("Name") for element in document.iter("Attribute")]
-        assert sorted(map(str, names)) == ["time", "von_mises"]
-        assert {element.get("Center") for element in document.iter("Attribute")} == {"Cell"}
+        attributes = list(document.iter("Attribute"))
+        assert {element.get("Name") for element in attributes} == {*fields}
+        assert {element.get("Center") for element in attributes} == {"Cell"}
 
-        def read(end: str) -> np.ndarray:
+        def read(end: str, items: Any = items) -> np.ndarray:
             text = next(text for text in items if end in text)
-            file, place = text.split(":")
-            with h5py.File(path.parent / file) as data:
+            name, place = text.split(":")
+            with h5py.File(path.parent / name) as data:
                 values = np.asarray(data[place])
             assert items[text].get("Dimensions") == " ".join(map(str, values.shape))
             return values
 
-        centers = read("geometry")[read("topology")].mean(axis=1)
-        for name, exact in (("von_mises", 1e6 * centers[:, 0]), ("time", centers[:, 1])):
+        nodes = read("topology")
+        centers = read("geometry")[nodes if kind == "curved" else nodes[:, -corners:]].mean(axis=1)
+        for name, exact in fields.items():
             found = read(f"/{name}/").ravel()
             assert found.shape == (domain.n_cells_global,)
-            np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6)
-
-
-def curved(domain: Domain) -> Domain:
-    """The same triangles with middle nodes on their straight edges."""
-    nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
-    corners = domain.mesh.geometry.x[nodes][:, :, :2]
-    x = np.vstack(domain.comm.allgather(corners))
-    middle = 0.5 * (x[:, [1, 0, 0]] + x[:, [2, 2, 1]])
-    every = np.concatenate([x, middle], axis=1)
-    points, number = np.unique(np.round(every.reshape(-1, 2), 9), axis=0, return_inverse=True)
-    cells = number.reshape(len(every), 6)
-    if domain.comm.rank > 0:
-        cells, points = cells[:0], points[:0]
-    mesh = _compat.create_mesh(domain.comm, cells, points, "triangle", 2)
-    return Domain(mesh, {"left": lambda x: x[0] < 1e-9})
+            np.testing.assert_allclose(found, exact(centers), rtol=1e-12, atol=1e-12)

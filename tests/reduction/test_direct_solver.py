@@ -10,12 +10,11 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from shared.rods import rod
 
-from dolfinx_ffr import Domain, Elasticity, PlaneStress
-from dolfinx_ffr.fem import SIMP
+from dolfinx_ffr.fem import Elasticity
 from dolfinx_ffr.reduction import direct_solver as module
-from dolfinx_ffr.reduction.direct_solver import CopiedFactor, SharedFactor
-from dolfinx_ffr.reduction.linear_solver import LinearSolver
+from dolfinx_ffr.reduction.direct_solver import CopiedFactor, LinearSolver, SharedFactor
 
 SOLVERS: dict[str, Callable[[Elasticity], LinearSolver]] = {
     "shared": lambda elasticity: SharedFactor(elasticity, "mumps"),
@@ -24,8 +23,7 @@ SOLVERS: dict[str, Callable[[Elasticity], LinearSolver]] = {
 
 
 def body(comm: MPI.Intracomm) -> Elasticity:
-    domain = Domain.rectangle(comm, 0.4, 0.04, elements=(12, 3))
-    return Elasticity(domain, PlaneStress(210e9, 0.3, 7850.0, 0.01), SIMP())
+    return rod(comm, (12, 3)).elasticity
 
 
 def positive(elasticity: Elasticity, density: float) -> PETSc.Mat:

@@ -5,32 +5,25 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from shared.body_compliance import compliance
+from shared.rods import rod, waves
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.gradients import integral_derivatives, mode_derivatives
+from dolfinx_ffr.paper import integral_derivatives, mode_derivatives
 from dolfinx_ffr.postprocessing import StressModes, modes_below
 from dolfinx_ffr.reduction import with_residual_modes
 
-STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
 
-
-def rod(comm: MPI.Intracomm, **options: object) -> ffr.FlexibleBody:
+def body_of(comm: MPI.Intracomm, **options: object) -> ffr.FlexibleBody:
     """A small steel rod between two pins."""
-    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(16, 3))
-    frame = ffr.ChordFrame("left", "right")
-    return ffr.FlexibleBody(domain, STEEL, frame=frame, modes=3, **options)  # type: ignore[arg-type]
-
-
-def waves(domain: ffr.Domain, phase: float = 0.0) -> np.ndarray:
-    """A density that does not depend on the partition."""
-    x, y = domain.centroids.T
-    return 0.6 + 0.3 * np.sin(31.0 * x + 70.0 * y + phase)
+    return rod(comm, (16, 3), **options)
 
 
 def assert_same(comm: MPI.Intracomm, found: np.ndarray, expected: np.ndarray) -> None:
@@ -40,17 +33,11 @@ def assert_same(comm: MPI.Intracomm, found: np.ndarray, expected: np.ndarray) ->
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=atol)
 
 
-def compliance_gradient(body: ffr.FlexibleBody, reduced: ffr.ReducedBody) -> np.ndarray:
-    """Of the compliance under an acceleration, which depends on the span of the modes alone."""
-    integrals, load = reduced.integrals, np.array([0.3, 1.0])
-    q = np.linalg.solve(integrals.K, integrals.S[1:] @ load)
-    bar = integrals.zeros_like()
-    bar.S[1:] = 2.0 * np.outer(q, load)
-    bar.K[:] = -np.outer(q, q)
-    return body.pullback(reduced, bar)[0]
+def compliance_gradient(body: ffr.FlexibleBody, reduced: ffr.reduction.ReducedBody) -> np.ndarray:
+    return body.pullback(reduced, compliance(reduced)[1])[0]
 
 
-USES: dict[str, Callable[[ffr.FlexibleBody, ffr.ReducedBody], np.ndarray]] = {
+USES: dict[str, Callable[[ffr.FlexibleBody, ffr.reduction.ReducedBody], np.ndarray]] = {
     "pullback": compliance_gradient,
     "residual modes": lambda body, reduced: with_residual_modes(body, reduced).integrals.K,
     "stress": lambda body, reduced: StressModes.of(body, reduced).values,
@@ -64,7 +51,7 @@ def test_reductions_serve_at_any_time(
     comm: MPI.Intracomm, use: str, stiffening: tuple[str, ...]
 ) -> None:
     """Whatever the body has been reduced at since, and back again."""
-    body = rod(comm, stiffening=stiffening)
+    body = body_of(comm, stiffening=stiffening)
     first = body.reduce(waves(body.domain))
     of_first = USES[use](body, first)
     second = body.reduce(waves(body.domain, 1.0))
@@ -76,19 +63,18 @@ def test_reductions_serve_at_any_time(
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("solver", ["bordered", "deflated"])
-def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.Solver) -> None:
+def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.paper.Solver) -> None:
     """Also while the body is reduced at another density between two batches."""
-    body = rod(comm)
-    cells = np.arange(min(2, body.domain.n_cells))
-    first = body.reduce(waves(body.domain))
+    body = body_of(comm)
+    first, cells = body.reduce(waves(body.domain)), np.arange(min(2, body.domain.n_cells))
+    options: dict[str, Any] = {"solver": solver, "batch": 1}
     expected = integral_derivatives(body, first, cells, solver=solver)
-    fields = [part.fields for part in mode_derivatives(body, first, cells, solver=solver, batch=1)]
+    fields = [part.fields for part in mode_derivatives(body, first, cells, **options)]
     body.reduce(waves(body.domain, 1.0))
     found = integral_derivatives(body, first, cells, solver=solver)
     for key in ("S", "G", "N", "K"):
         assert_same(comm, getattr(found, key), getattr(expected, key))
-    parts = mode_derivatives(body, first, cells, solver=solver, batch=1)
-    for number, part in enumerate(parts):
+    for number, part in enumerate(mode_derivatives(body, first, cells, **options)):
         assert_same(comm, part.fields, fields[number])
         body.reduce(waves(body.domain, 1.0 + number))
 
@@ -96,11 +82,11 @@ def test_element_by_element_at_any_time(comm: MPI.Intracomm, solver: ffr.Solver)
 @pytest.mark.mpi
 def test_matrices_of_one_density_are_kept(comm: MPI.Intracomm) -> None:
     """Reductions that are kept hold no matrices; those of the last one are not made twice."""
-    body = rod(comm)
+    body = body_of(comm)
     kept = [body.reduce(waves(body.domain, phase)) for phase in range(4)]
     last = body.factored(kept[-1])
     assert body.factored(kept[-1]) is last
-    assert last.held_stiffness and last.matrices.stiffness
+    assert last.clamped_stiffness and last.matrices.stiffness
     assert body.factored(kept[0]) is not last
     with pytest.raises(RuntimeError, match="matrices of this density are freed"):
         last.solve(np.zeros((body.elasticity.n_dofs, 1)))
@@ -109,7 +95,7 @@ def test_matrices_of_one_density_are_kept(comm: MPI.Intracomm) -> None:
 
 def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
     """What Python drops last, PETSc keeps until the program ends: a factor for each reduction."""
-    body = rod(MPI.COMM_SELF)
+    body = body_of(MPI.COMM_SELF)
     cells = np.arange(2)
     for phase in range(2):
         reduced = body.reduce(waves(body.domain, phase))
@@ -124,8 +110,8 @@ def test_nothing_is_left_to_petsc(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> None:
     """Its factor, the analysis for counts and the pattern go with it, if nobody holds them."""
-    body = rod(MPI.COMM_SELF)
-    held = body.factored(body.reduce(waves(body.domain))).held_mass
+    body = body_of(MPI.COMM_SELF)
+    held = body.factored(body.reduce(waves(body.domain))).clamped_mass
     body = None
     gc.collect()
     PETSc.garbage_view(MPI.COMM_SELF)
@@ -136,7 +122,7 @@ def test_a_body_takes_along_what_it_keeps(capfd: pytest.CaptureFixture[str]) -> 
 @pytest.mark.mpi
 def test_two_bodies_count_in_turn(comm: MPI.Intracomm) -> None:
     """What is kept for counts belongs to one body and to no density."""
-    one, two = rod(comm), rod(comm).with_modes(6)
+    one, two = body_of(comm), body_of(comm).with_modes(6)
     found = {}
     for body, phase in ((one, 0), (two, 0), (one, 1), (two, 1), (one, 0)):
         reduced = body.reduce(waves(body.domain, phase))
@@ -148,39 +134,19 @@ def test_two_bodies_count_in_turn(comm: MPI.Intracomm) -> None:
 
 @pytest.mark.mpi
 def test_density_of_a_reduction_stays_as_it_is(comm: MPI.Intracomm) -> None:
-    """It is a copy of what was given, and cannot be written to."""
-    body = rod(comm)
+    """It is a copy of what was given, and cannot be written to.
+
+    A density that is refused leaves nothing behind that an older reduction would use.
+    """
+    body = body_of(comm)
     x = waves(body.domain)
     reduced = body.reduce(x)
+    expected = compliance_gradient(body, reduced)
     x[:] = 0.0
     np.testing.assert_array_equal(reduced.density, waves(body.domain))
     with pytest.raises(ValueError, match="read-only"):
         reduced.density[:] = 0.5
-
-
-@pytest.mark.mpi
-def test_body_serves_on_after_a_failure(comm: MPI.Intracomm) -> None:
-    """A density that is refused leaves nothing behind that an older reduction would use."""
-    body = rod(comm)
-    reduced = body.reduce(waves(body.domain))
-    expected = compliance_gradient(body, reduced)
     with pytest.raises(ValueError, match=r"leave \[0, 1\]"):
         body.reduce(2.0 * waves(body.domain))
     assert_same(comm, compliance_gradient(body, reduced), expected)
-
-
-def test_old_name_of_markers() -> None:
-    """It works for one more release, with a warning."""
-    with pytest.warns(DeprecationWarning, match="points is now called markers"):
-        body = rod(MPI.COMM_SELF, points={"middle": (0.2, 0.0)})
-    assert list(body.markers) == ["middle"]
-    with pytest.warns(DeprecationWarning, match="points is now called markers"):
-        assert body.points is body.markers
-
-
-def test_numbers_of_modes() -> None:
-    """What was asked for, and with the constraint modes."""
-    body = rod(MPI.COMM_SELF)
-    assert (body.modes, body.n_elastic) == (3, 6)
-    assert body.reduce(waves(body.domain)).basis.shapes.shape[1] == body.n_elastic
-    assert body.with_modes(2).modes == 2
+    assert body.modes == 3 and reduced.basis.shapes.shape[1] == body.n_elastic == 6

@@ -55,24 +55,13 @@ def test_scale(unit: str, value: float, text: str) -> None:
     assert f"{scale.text(value)} {scale.name}".strip() == text
 
 
-def test_chosen_numbers_end_without_zeros() -> None:
-    assert [Scale("m", 1.0).given(v) for v in (0.4, 0.0125, 1e-9)] == [
-        "400",
-        "12.5",
-        "1.00000 × 10⁻⁶",
-    ]
+def test_chosen_numbers_and_percent() -> None:
+    """Chosen numbers end without zeros."""
+    given = [Scale("m", 1.0).given(v) for v in (0.4, 0.0125, 1e-9)]
+    assert given == ["400", "12.5", "1.00000 × 10⁻⁶"]
     assert Scale("", 1.0).given(1000.0) == "1000"
-
-
-@pytest.mark.parametrize(
-    ("share", "text"),
-    [(0.0519, "5.2"), (-0.12, "−12"), (6.5e-4, "0.065"), (1e-9, "< 0.0001"), (0.0, "0")],
-)
-def test_percent(share: float, text: str) -> None:
-    assert percent(share) == text
-
-
-def test_percent_with_a_sign() -> None:
+    shares = {0.0519: "5.2", -0.12: "−12", 6.5e-4: "0.065", 1e-9: "< 0.0001", 0.0: "0"}
+    assert {share: percent(share) for share in shares} == shares
     assert [percent(v, sign=True) for v in (0.1, -0.1, 0.0)] == ["+10", "−10", "0"]
     assert percent(math.inf) == "∞"
 

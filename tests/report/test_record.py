@@ -11,46 +11,38 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared.problems import slider_crank, three_motions
+from shared.problems import slider_crank, three_load_cases
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.report.drawing import read_outline
 from dolfinx_ffr.report.record import KEYS
 
+COARSE = {"size": 0.014, "tolerance": 0.1, "order": 1, "most": 2}
+
 
 @pytest.mark.mpi
 @pytest.mark.slow
 def test_record_of_a_run(
-    comm: MPI.Intracomm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    comm: MPI.Comm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem = slider_crank(comm, (20, 4), modes=2, steps=200)
     rod = problem.flexible["rod"]
     full = problem.value(np.ones(rod.domain.n_cells))
     design = ffr.DensityDesign(rod.domain)
     with pytest.warns(ffr.DesignWarning), ffr.recorded_warnings() as said:
-        result = ffr.optimize(
-            problem,
-            design,
-            volume=0.8,
-            iterations=1,  # too few: the sharp design is above its volume
-            progress=False,
-            mode_tolerance=None,
-            output=shared_tmp_path,
-        )
-    part = ffr.Part(
-        rod.domain, lambda x: np.hypot(x[:, 0] - 0.2, x[:, 1]) - 0.01, material=rod.material
-    )
-    found = ffr.verify(problem, {"rod": part}, full, size=0.014, tolerance=0.1, order=1, most=2)
+        # too few iterations: the sharp design is above its volume
+        how = {"iterations": 1, "progress": False, "mode_tolerance": None}
+        result = ffr.optimize(problem, design, volume=0.8, output=shared_tmp_path, **how)
+
+    def hole(x: np.ndarray) -> np.ndarray:
+        return np.hypot(x[:, 0] - 0.2, x[:, 1]) - 0.01
+
+    part = ffr.Part(rod.domain, hole, material=rod.material)
+    found = ffr.verify(problem, {"rod": part}, full, **COARSE)
     part.write(shared_tmp_path / "part.svg")
-    record = ffr.run_record(
-        result,
-        title="Rod",
-        parts={"rod": part},
-        verification=found,
-        warnings=said,
-        references={"full rod": full.psi, "what holds nothing": float("inf")},
-        volume=0.8,
-    )
+    references = {"full rod": full.psi, "what holds nothing": float("inf")}
+    of = {"verification": found, "warnings": said, "references": references}
+    record = ffr.run_record(result, title="Rod", parts={"rod": part}, **of)
     assert set(record) == set(KEYS)
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
     assert record["psi"] == result.psi
@@ -93,7 +85,7 @@ def test_record_of_a_run(
 
 
 @pytest.mark.mpi
-def test_record_of_other_bodies_is_refused(comm: MPI.Intracomm) -> None:
+def test_record_of_other_bodies_is_refused(comm: MPI.Comm) -> None:
     with pytest.raises(TypeError, match=r"result must be what optimize\(\) returned"):
         ffr.run_record(3)  # type: ignore[arg-type]
 
@@ -103,10 +95,7 @@ def test_warnings_are_listed_once_and_shown() -> None:
         for text in ("one", "two", "one"):
             warnings.warn(text, ffr.DesignWarning, stacklevel=1)
     assert [str(warning.message) for warning in shown] == ["one", "two", "one"]
-    assert said == [
-        {"category": "DesignWarning", "message": "one"},
-        {"category": "DesignWarning", "message": "two"},
-    ]
+    assert said == [{"category": "DesignWarning", "message": text} for text in ("one", "two")]
     with pytest.warns(UserWarning):
         warnings.warn("afterwards", UserWarning, stacklevel=1)
     assert len(said) == 2
@@ -115,55 +104,35 @@ def test_warnings_are_listed_once_and_shown() -> None:
 @pytest.mark.mpi
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*is gray, neither void nor solid")
-def test_record_and_page_of_several_motions(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
-    """Each motion has its psi, its part's psi, its joints and loads; constraints name theirs."""
+def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """Each load case has its psi, its part's psi, its joints and loads; constraints name theirs."""
     weights = {"slow": 1.5, "fast": 1.0, "lever": 0.5}
-    problem = three_motions(comm, ffr.WorstCase(weights))
-    result = ffr.optimize(
-        problem,
-        ffr.DensityDesign(problem.flexible["rod"].domain),
-        optimizer=ffr.MMA(length=40),
-        iterations=2,
-        progress=False,
-        mode_tolerance=None,
-        output=shared_tmp_path,
-    )
+    problem = three_load_cases(comm, ffr.WorstCase(weights))
     rod = problem.flexible["rod"]
+    how = {"iterations": 2, "progress": False, "mode_tolerance": None, "output": shared_tmp_path}
+    design = ffr.DensityDesign(rod.domain)
+    result = ffr.optimize(problem, design, optimizer=ffr.MMA(length=40), **how)
     part = ffr.Part(rod.domain, lambda x: np.ones(len(x)), material=rod.material)
     with pytest.warns(ffr.PartWarning, match="the part violates .*'fast: JointForce' by"):
-        found = ffr.verify(
-            result.problem,
-            {"rod": part},  # twice as heavy as the design
-            result.evaluation,
-            size=0.014,
-            tolerance=0.1,
-            order=1,
-            most=2,
-        )
+        # twice as heavy as the design
+        found = ffr.verify(result.problem, {"rod": part}, result.evaluation, **COARSE)
     record = ffr.run_record(result, title="Rod", verification=found, volume=0.5)
     assert comm.allgather(json.dumps(record)) == [json.dumps(record)] * comm.size
     assert record["objective"] == {"name": "WorstCase", "unit": ""}
-    motions = record["motions"]
-    assert {n: m["psi"] for n, m in motions.items()} == {
-        n: m.psi for n, m in result.evaluation.motions.items()
-    }
-    assert {n: m["weight"] for n, m in motions.items()} == weights
-    assert motions["slow"]["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
-    assert (motions["fast"]["duration"], motions["fast"]["steps"]) == (1.6, 400)
-    assert motions["lever"]["loads"][0].startswith("point mass 1 kg")
-    assert record["verification"]["motions"]["fast"][1] == found.fitted[-1].motions["fast"]
+    load_cases = record["load_cases"]
+    expected = {n: m.psi for n, m in result.evaluation.load_cases.items()}
+    assert {n: m["psi"] for n, m in load_cases.items()} == expected
+    assert {n: m["weight"] for n, m in load_cases.items()} == weights
+    assert load_cases["slow"]["objective"] == {"name": "IntegralCompliance", "unit": "J s"}
+    assert (load_cases["fast"]["duration"], load_cases["fast"]["steps"]) == (1.6, 400)
+    assert load_cases["lever"]["loads"][0].startswith("point mass 1 kg")
+    assert record["verification"]["load_cases"]["fast"][1] == found.fitted[-1].load_cases["fast"]
     assert record["constraints"]["lever: stress"]["unit"] == "Pa"
     assert record["constraints"]["slow: JointForce"]["unit"] == "N"
-    assert record["stress"]["rod"]["motion"] == "lever"
+    assert record["stress"]["rod"]["load_case"] == "lever"
     ffr.write_summary(comm, shared_tmp_path / "summary.json", record)
     page = ffr.write_report(comm, shared_tmp_path).read_text()
-    for text in (
-        "Reported, weighted",
-        "ψ of the design is their worst case",
-        "lever: stress",
-        "In motion",
-        "Objectives of the motions over the iterations",
-        "point mass 1 kg",
-        "by the part",
-    ):
+    said = "Reported, weighted | ψ of the design is their worst case | lever: stress | In load case"
+    said += " | Objectives of the load cases over the iterations | point mass 1 kg | by the part"
+    for text in said.split(" | "):
         assert text in page, text

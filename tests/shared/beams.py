@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
@@ -45,13 +46,13 @@ def beam(
             shape[1, dofs[[1, 2, 4, 5]]] = hermite(xi, h)
             stretch, bend = np.zeros(n), np.zeros(n)
             stretch[dofs[[0, 3]]] = -1.0 / h, 1.0 / h
-            bend[dofs[[1, 2, 4, 5]]] = hermite_curvature(xi, h)
+            bend[dofs[[1, 2, 4, 5]]] = hermite(xi, h, 2)
             M += density * area * weight * shape.T @ shape
             K += weight * youngs_modulus * area * np.outer(stretch, stretch)
             K += weight * youngs_modulus * inertia * np.outer(bend, bend)
             position = np.array([-0.5 * length + (e + xi) * h, 0.0])
             slope = np.zeros(n)
-            slope[dofs[[1, 2, 4, 5]]] = hermite_slope(xi, h)
+            slope[dofs[[1, 2, 4, 5]]] = hermite(xi, h, 1)
             turned, beyond = weight * np.outer(slope, slope), 0.5 * length - position[0]
             spun += density * area * 0.5 * (0.25 * length**2 - position[0] ** 2) * turned
             pulled -= density * area * beyond * turned
@@ -85,6 +86,10 @@ def beam(
             ("right", last, 0.5 * length),
         )
     }
+    geometric = {
+        "omega2": basis.T @ spun @ basis,
+        "acceleration": np.stack([basis.T @ pulled @ basis, np.zeros((modes, modes))]),
+    }
     return VolumeIntegrals(
         mass=float(rho.sum()),
         S=np.einsum("p,pia->ai", rho, W),
@@ -92,46 +97,15 @@ def beam(
         N=np.einsum("p,pia,pib->ab", rho, turned, W),
         K=basis.T @ K @ basis,
         markers=markers,
-        stiffening={
-            "omega2": basis.T @ spun @ basis,
-            "acceleration": np.stack([basis.T @ pulled @ basis, np.zeros((modes, modes))]),
-        }
-        if stiffening
-        else {},
+        stiffening=geometric if stiffening else {},
     )
 
 
-def hermite(xi: float, h: float) -> Array:
-    """Hermite polynomials for deflection and slope at both ends of an element."""
-    return np.array(
-        [
-            1.0 - 3.0 * xi**2 + 2.0 * xi**3,
-            h * (xi - 2.0 * xi**2 + xi**3),
-            3.0 * xi**2 - 2.0 * xi**3,
-            h * (xi**3 - xi**2),
-        ]
-    )
+#: Of xi, for deflection and slope at both ends of an element of length one, a column each
+HERMITE = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]], dtype=float)
 
 
-def hermite_slope(xi: float, h: float) -> Array:
-    """First derivatives of the Hermite polynomials along the element."""
-    return np.array(
-        [
-            (6.0 * xi**2 - 6.0 * xi) / h,
-            1.0 - 4.0 * xi + 3.0 * xi**2,
-            (6.0 * xi - 6.0 * xi**2) / h,
-            3.0 * xi**2 - 2.0 * xi,
-        ]
-    )
-
-
-def hermite_curvature(xi: float, h: float) -> Array:
-    """Second derivatives of the Hermite polynomials along the element."""
-    return np.array(
-        [
-            (-6.0 + 12.0 * xi) / h**2,
-            (-4.0 + 6.0 * xi) / h,
-            (6.0 - 12.0 * xi) / h**2,
-            (6.0 * xi - 2.0) / h,
-        ]
-    )
+def hermite(xi: float, h: float, derivative: int = 0) -> Array:
+    """Hermite polynomials of an element, or their derivatives along it."""
+    found = polynomial.polyval(xi, polynomial.polyder(HERMITE, derivative))
+    return found * [1.0, h, 1.0, h] / h**derivative

@@ -44,13 +44,7 @@ class Seen:
 
 
 def look(page: Path, place: Path, width: int = 1280) -> Seen:
-    """Load a page with a probe in it.
-
-    Args:
-        page: The file.
-        place: For the files of the browser.
-        width: Of the window [pixels].
-    """
+    """Load a page with a probe in it, in a window of some width [pixels]."""
     text = page.read_text(encoding="utf-8")
     assert _POLICY in text
     probed = place / "probed.html"
@@ -64,12 +58,7 @@ def look(page: Path, place: Path, width: int = 1280) -> Seen:
 
 
 def printed(page: Path, place: Path) -> tuple[int, list[str]]:
-    """Print a page as it is: number of sheets, and messages on the console.
-
-    Args:
-        page: The file.
-        place: For the files of the browser.
-    """
+    """Print a page as it is: number of sheets, and messages on the console."""
     file = place / "page.pdf"
     done, _ = _run(page, place, 1280, f"--print-to-pdf={file}")
     console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]

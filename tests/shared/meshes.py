@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 
 from dolfinx_ffr import Domain
-from dolfinx_ffr.fem import _compat
+from dolfinx_ffr.fem import _compat, gmsh_model
 
 
 def prongs(comm: MPI.Intracomm) -> Domain:
@@ -85,44 +86,39 @@ def write_rod(
     size: float = 0.02,
 ) -> None:
     """Write a rod with physical groups by gmsh; one twentieth of its length is solid."""
-    import gmsh
-
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("rod")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    geometry = gmsh.model.geo
     h, solid = height / 2, length / 20
     corners = [(0, -h), (solid, -h), (length, -h), (length, h), (solid, h), (0, h)]
-    points = [geometry.addPoint(x, y, 0) for x, y in corners]
-    line = [geometry.addLine(points[i], points[(i + 1) % 6]) for i in range(6)]
-    cut = geometry.addLine(points[1], points[4])
-    end = geometry.addPlaneSurface([geometry.addCurveLoop([line[0], cut, line[4], line[5]])])
-    rest = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
-    geometry.synchronize()
-    groups = [
-        (1, [line[5]], "left"),
-        (1, [line[2]], "right"),
-        (2, [end], "solid"),
-        (2, [rest], "d"),
-    ]
-    for dim, entities, name in groups:
-        tag = gmsh.model.addPhysicalGroup(dim, entities)
-        if names:
-            gmsh.model.setPhysicalName(dim, tag, name)
-    gmsh.model.mesh.generate(2)
-    gmsh.model.mesh.setOrder(order)
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with gmsh_model() as gmsh:
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        geometry = gmsh.model.geo
+        points = [geometry.addPoint(x, y, 0) for x, y in corners]
+        line = [geometry.addLine(points[i], points[(i + 1) % 6]) for i in range(6)]
+        cut = geometry.addLine(points[1], points[4])
+        end = geometry.addPlaneSurface([geometry.addCurveLoop([line[0], cut, line[4], line[5]])])
+        rest = geometry.addPlaneSurface([geometry.addCurveLoop([line[1], line[2], line[3], -cut])])
+        geometry.synchronize()
+        groups = [(1, line[5], "left"), (1, line[2], "right"), (2, end, "solid"), (2, rest, "d")]
+        for dim, entity, name in groups:
+            tag = gmsh.model.addPhysicalGroup(dim, [entity])
+            if names:
+                gmsh.model.setPhysicalName(dim, tag, name)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path))
+
+
+def rod_file(comm: MPI.Intracomm, folder: Path, **options: Any) -> Path:
+    """The rod as a file in a folder of all ranks."""
+    path = folder / "rod.msh"
+    if comm.rank == 0:
+        write_rod(path, **options)
+    comm.Barrier()
+    return path
 
 
 def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
     """A block with a bore along z, turned about x by an angle, as a gmsh file."""
-    import gmsh
-
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_model() as gmsh:
         block = gmsh.model.occ.addBox(-0.5, -0.25, 0.0, 1.0, 0.5, 0.2)
         tool = gmsh.model.occ.addCylinder(0.2, 0.05, 0.0, 0.0, 0.0, 0.2, 0.1)
         gmsh.model.occ.cut([(3, block)], [(3, tool)])
@@ -136,5 +132,3 @@ def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.12)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()

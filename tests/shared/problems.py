@@ -13,7 +13,8 @@ import numpy as np
 from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
-from shared.scenes import COUPLER, CRANK, ROCKER, four_bar_mechanism
+from shared.rods import rod
+from shared.scenes import COUPLER, CRANK, ROCKER, four_bar_mechanism, slider_crank_mechanism
 
 
 class Copy:
@@ -26,7 +27,7 @@ class Copy:
         self.flexible = {"plate": plate}
         self.constraints: list[Any] = []
         self.combine = ffr.WeightedSum()
-        self.motions: dict[str, Any] = {}
+        self.load_cases: dict[str, Any] = {}
         self.target = np.where(self.domain.design_cells, target(self.domain.centroids), 1.0)
         #: Number of the values that fail, from 1
         self.broken: set[int] = set()
@@ -58,25 +59,16 @@ class Copy:
     gradient = value
 
 
-def link(comm: MPI.Comm, length: float, elements: tuple[int, int], frame: object, **options):  # type: ignore[no-untyped-def]
-    """A flexible link of a rubbery plastic on a small mesh of its own."""
-    domain = ffr.Domain.rectangle(comm, length, 0.03, elements=elements)
-    return ffr.FlexibleBody(
-        domain, ffr.PlaneStress(3e9, 0.35, 1200.0, 0.01), frame=frame, modes=3, **options
-    )
-
-
 def four_bar(comm: MPI.Comm, objective: ffr.Objective, steps: int = 150, **options) -> ffr.Problem:  # type: ignore[no-untyped-def]
     """Rigid crank driven by a motor, flexible coupler and flexible rocker."""
     mechanism = four_bar_mechanism({"coupler": ffr.RayleighDamping(1.0, 1e-5)}, origin=0.0)
+    plastic = ffr.PlaneStress(3e9, 0.35, 1200.0, 0.01)
     bodies = {
         "crank": ffr.VolumeIntegrals.rigid(
             0.2, (0.05, 0.0), 3e-4, {"left": (0.0, 0.0), "right": (CRANK, 0.0)}
         ),
-        "coupler": link(
-            comm, COUPLER, (20, 4), ffr.ChordFrame("left", "right"), stiffening=("omega2",)
-        ),
-        "rocker": link(comm, ROCKER, (15, 3), ffr.TangentFrame("right")),
+        "coupler": rod(comm, (20, 4), (COUPLER, 0.03), plastic, stiffening=("omega2",)),
+        "rocker": rod(comm, (15, 3), (ROCKER, 0.03), plastic, frame=ffr.TangentFrame("right")),
     }
     return ffr.Problem(bodies, mechanism, ffr.GeneralizedAlpha(0.25, steps), objective, **options)
 
@@ -94,26 +86,39 @@ def slider_crank(
     problem = reference_problem(comm, elements, domain=domain, modes=modes, steps=steps)
     if not of_the_rod:
         return problem
-    rod = problem.flexible["rod"]
-    options = {"frame": rod.reduction.frame, "modes": modes, **of_the_rod}
-    bodies = {"rod": ffr.FlexibleBody(rod.domain, rod.material, **options)}
+    plain = problem.flexible["rod"]
+    options = {"frame": plain.reduction.frame, "modes": modes, **of_the_rod}
+    bodies = {"rod": ffr.FlexibleBody(plain.domain, plain.material, **options)}
     return ffr.Problem(bodies, problem.mechanism, problem.integrator, problem.objective)
 
 
 def crank_motion(duration: float, slider: float = 0.5, *, turns: float = 5.0) -> ffr.Mechanism:
     """The slider-crank of the demo at another speed, with another mass of the slider."""
     angle = ffr.Motion.smooth_step(2.0 * np.pi * turns, duration, name="crank angle")
-    return ffr.Mechanism(
-        placements={"rod": ffr.Placement(position=(0.1, 0.0))},
+    return slider_crank_mechanism(angle, slider=slider, origin=0.0)
+
+
+def swing_about_a_point(comm: MPI.Comm, steps: int, **options: Any) -> ffr.Problem:
+    """A soft rod that is driven about a joint in its middle, with a mass at another point."""
+    soft = ffr.PlaneStress(2e9, 0.3, 1000.0, 0.01)
+    markers = {"middle": (0.2, 0.003), "tip": (0.3, 0.02)}
+    body = rod(comm, (32, 4), material=soft, modes=4, markers=markers)
+    angle = ffr.Motion.smooth_step(2.0, 0.2)
+    mechanism = ffr.Mechanism(
+        placements={"rod": ffr.Placement(position=(0.0, 0.0))},
         joints=[
-            ffr.Revolute(("rod", "left"), ffr.Moving.circle((0.0, 0.0), 0.1, angle)),
-            ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
+            ffr.Revolute(("rod", "middle"), ffr.Ground((0.2, 0.003))),
+            ffr.PrescribedAngle(("rod", "middle"), angle),
         ],
-        point_masses=[ffr.PointMass(("rod", "right"), slider)],
+        point_masses=[ffr.PointMass(("rod", "tip"), 0.05)],
+        gravity=(0.0, -9.81),
+        **options,
     )
+    integrator = ffr.GeneralizedAlpha(0.2, steps)
+    return ffr.Problem({"rod": body}, mechanism, integrator, ffr.IntegralCompliance())
 
 
-def three_motions(
+def three_load_cases(
     comm: MPI.Comm,
     combine: ffr.Combination | None = None,
     elements: tuple[int, int] = (40, 8),
@@ -123,7 +128,7 @@ def three_motions(
     **of_the_rod: Any,
 ) -> ffr.Problem:
     """One rod: slow and light, fast, and heavy with an oscillating line in the place of a crank."""
-    rod = slider_crank(comm, elements, **of_the_rod).flexible["rod"]
+    bodies = slider_crank(comm, elements, **of_the_rod).bodies
     swing = ffr.Motion.smooth_step(np.pi, 0.5)
     lever = ffr.Mechanism(
         placements={"rod": ffr.Placement(position=(0.0, 0.0))},
@@ -135,7 +140,7 @@ def three_motions(
         damping={"rod": ffr.RayleighDamping(1.0, 1e-5)},
     )
 
-    def motion(
+    def case(
         mechanism: ffr.Mechanism, end: float, objective: ffr.Objective, *bounds: ffr.Constraint
     ) -> ffr.MechanicalProblem:
         given = bounds if constraints else ()
@@ -144,11 +149,11 @@ def three_motions(
     force = ffr.Constraint(ffr.JointForce("slider"), upper=8.0)
     # psi of the three is about as large
     energy = 0.02 * ffr.PeakCompliance()
-    motions = {
-        "slow": motion(crank_motion(2.0), 2.0, ffr.IntegralCompliance(), force),
-        "fast": motion(crank_motion(1.6, 0.4), 1.6, ffr.IntegralCompliance() + 0.5 * energy, force),
-        "lever": motion(
+    load_cases = {
+        "slow": case(crank_motion(2.0), 2.0, ffr.IntegralCompliance(), force),
+        "fast": case(crank_motion(1.6, 0.4), 1.6, ffr.IntegralCompliance() + 0.5 * energy, force),
+        "lever": case(
             lever, 0.5, energy, ffr.Constraint(ffr.PeakStress("rod"), upper=1.0e8, name="stress")
         ),
     }
-    return ffr.Problem.of_motions({"rod": rod}, motions, combine)
+    return ffr.Problem.of_load_cases(bodies, load_cases, combine)

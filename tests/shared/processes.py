@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
 import sys
 
 from shared import TOP
@@ -37,3 +38,15 @@ def command(*arguments: str, ranks: int = 1) -> list[str]:
     mpirun = shutil.which("mpirun")
     assert mpirun, "mpirun is missing: install openmpi-bin"
     return [mpirun, "-n", str(ranks), *line]
+
+
+def run(*arguments: str, ranks: int = 1, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run this Python with arguments to its end; variables go into its environment."""
+    return subprocess.run(
+        command(*arguments, ranks=ranks),
+        env=environment(**variables),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )

@@ -22,6 +22,7 @@ PART = """<?xml version='1.0' encoding='utf-8'?>
 
 def record() -> dict[str, Any]:
     """What `run_record` writes, of a made-up run."""
+    upper = {"kind": "at most"}
     return {
         "title": "Rod <no. 7> & slider",
         "psi": 3.0e-5,
@@ -34,23 +35,11 @@ def record() -> dict[str, Any]:
         "modes": {"rod": 8},
         "mode_error": 1.5e-3,
         "objective": {"name": "IntegralCompliance", "unit": "J s"},
-        "motions": {},
+        "load_cases": {},
         "references": {"full rod": 6.0e-5, "strip": 9.0e-5},
         "constraints": {
-            "volume of rod": {
-                "value": 0.51,
-                "bound": 0.5,
-                "unit": "",
-                "kind": "at most",
-                "violation": 0.02,
-            },
-            "Mass": {
-                "value": 0.6,
-                "bound": 0.7,
-                "unit": "kg",
-                "kind": "at most",
-                "violation": 0.0,
-            },
+            "volume of rod": {"value": 0.51, "bound": 0.5, "unit": "", **upper, "violation": 0.02},
+            "Mass": {"value": 0.6, "bound": 0.7, "unit": "kg", **upper, "violation": 0.0},
         },
         "frequencies": {"rod": [812.345, 10444.7]},
         "stress": {"rod": {"value": 2.5e6, "time": 1.1, "position": [0.1, 0.02]}},
@@ -127,13 +116,7 @@ def record() -> dict[str, Any]:
 
 
 def write_run(folder: Path, summary: dict[str, Any] | None, *, history: bool = True) -> Path:
-    """A results folder.
-
-    Args:
-        folder: It is made.
-        summary: What its summary.json holds; None for none.
-        history: Whether it has a history.csv.
-    """
+    """Make a results folder with a summary.json, where one is given, and a history.csv."""
     folder.mkdir(parents=True, exist_ok=True)
     if summary is not None:
         (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
@@ -144,12 +127,8 @@ def write_run(folder: Path, summary: dict[str, Any] | None, *, history: bool = T
         ]
         (folder / "history.csv").write_text("\n".join(rows) + "\n")
     (folder / "part.svg").write_text(PART)
-    for name, size in (
-        ("scene.png", (90, 60)),
-        ("design.png", (80, 20)),
-        ("own_thing.png", (9, 9)),
-    ):
-        Image.fromarray(np.full((size[1], size[0], 3), 200, np.uint8)).save(folder / name)
+    for name, size in {"scene": (60, 90), "design": (20, 80), "own_thing": (9, 9)}.items():
+        Image.fromarray(np.full((*size, 3), 200, np.uint8)).save(folder / f"{name}.png")
     frames = [Image.new("RGB", (40, 30), color) for color in ("red", "blue")]
     frames[0].save(folder / "motion.gif", save_all=True, append_images=frames[1:], duration=100)
     return folder

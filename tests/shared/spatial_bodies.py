@@ -29,11 +29,7 @@ def cloud(modes: int, seed: int = 0, stiffness: float = 400.0) -> VolumeIntegral
     _, masses, fields = cloud_of_mass(modes, seed)
     root = rng.standard_normal((modes, modes)) + 3.0 * np.eye(modes)
     markers = {
-        name: BodyMarker(
-            np.array(position),
-            0.5 * rng.standard_normal((3, modes)),
-            0.5 * rng.standard_normal((3, modes)),
-        )
+        name: BodyMarker(np.array(position), *0.5 * rng.standard_normal((2, 3, modes)))
         for name, position in (("root", (-0.5, 0.0, 0.0)), ("tip", (0.5, 0.1, -0.1)))
     }
     return VolumeIntegrals.from_arrays(
@@ -62,28 +58,42 @@ def stiffened_cloud(modes: int, seed: int = 0) -> VolumeIntegrals:
     return replace(body, markers=markers, stiffening=loads)
 
 
-def flat_cloud(modes: int, seed: int = 0, *, space: bool) -> VolumeIntegrals:
-    """A body of random points that moves in its plane, in the plane or in space.
+def flat_cloud(modes: int, seed: int = 0, *, space: bool = False) -> VolumeIntegrals:
+    """A body of random points in a plane, with geometric stiffness, in the plane or in space.
 
     In space the points have a thickness, which does not matter to motions in the plane.
     """
-    rng = np.random.default_rng(300 + seed)
-    n = 6 + 2 * modes
-    points = rng.uniform(-1.0, 1.0, (n, 2)) * np.array([0.5, 0.2])
-    masses, root = rng.uniform(0.2, 0.4, n), rng.standard_normal((modes, modes))
-    fields = np.concatenate([points[None], 0.5 * rng.standard_normal((modes, n, 2))])
-    K = 400.0 * (root @ root.T + 5.0 * np.eye(modes))
-    S, P = np.einsum("p,apk->ak", masses, fields), np.zeros((modes + 1, modes + 1, 3, 3))
-    P[..., :2, :2] = np.einsum("p,apk,bpl->abkl", masses, fields, fields)
+    rng, d, flat = np.random.default_rng(400 + seed), 3 if space else 2, np.array([1.0, 1.0, 0.0])
+
+    def symmetric(*shape: int) -> Array:
+        array = rng.standard_normal((*shape, modes, modes))
+        return array + np.swapaxes(array, -1, -2)
+
+    n = 8 + 2 * modes
+    points, masses = rng.uniform(-1.0, 1.0, (n, 3)) * [0.5, 0.2, 0.0], rng.uniform(0.2, 0.4, n)
+    W = np.concatenate([points[None], 0.5 * rng.standard_normal((modes, n, 3)) * flat])
+    P = np.einsum("p,apk,bpl->abkl", masses, W, W)
     P[0, 0, 2, 2] = 0.01
-    markers = {}
-    for name, x in (("root", -0.5), ("tip", 0.5)):
-        shapes, turns = 0.3 * rng.standard_normal((2, modes)), np.zeros(modes)
-        markers[name] = BodyMarker(np.array([x, 0.0]), shapes, turns)
-        if space:
-            three = np.vstack([shapes, np.zeros(modes)])
-            markers[name] = BodyMarker(np.array([x, 0.0, 0.0]), three, np.zeros((3, modes)))
+    root = rng.standard_normal((modes, modes)) + 3.0 * np.eye(modes)
+    # the points' displacements of second order: moved, stretched and turned
+    kinds = np.diag(flat), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    slopes = sum(0.1 * np.einsum("kl,ij->klij", kind, symmetric()) for kind in kinds)
+    second = 0.1 * symmetric(3) * flat[:, None, None] + np.einsum("klij,pl->pkij", slopes, points)
+    pairs = np.einsum("p,pl,pkij->klij", masses, points, second)
+    loads = {"acceleration": np.einsum("p,pkij->kij", masses, second)[:d]}
     if space:
-        S = np.column_stack([S, np.zeros(modes + 1)])
-        return VolumeIntegrals.from_arrays(masses.sum(), S, P=P, K=K, markers=markers)
-    return VolumeIntegrals.from_arrays(masses.sum(), S, P=P[..., :2, :2], K=K, markers=markers)
+        loads["rotation"] = pairs
+    else:
+        loads |= {"omega2": -pairs[0, 0] - pairs[1, 1], "alpha": pairs[1, 0] - pairs[0, 1]}
+    markers = {}
+    for name, position in (("root", (-0.5, 0.0, 0.0)), ("tip", (0.5, 0.1, 0.0))):
+        turns, shapes = 0.5 * rng.standard_normal(modes), 0.5 * rng.standard_normal((3, modes))
+        markers[name] = BodyMarker(
+            np.array(position[:d]),
+            (shapes * flat[:, None])[:d],
+            np.outer([0.0, 0.0, 1.0], turns) if space else turns,
+            (0.3 * symmetric(3) * flat[:, None, None])[:d],
+        )
+    S, K = np.einsum("p,apk->ak", masses, W)[:, :d], 400.0 * root @ root.T
+    own = {"P": P[..., :d, :d], "K": K, "markers": markers, "stiffening": loads}
+    return VolumeIntegrals.from_arrays(masses.sum(), S, **own)

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from .marker import BodyMarker
+from ..documentation import explain_fields
+from .marker import LOADS, BodyMarker
 from .moments import axial, cross_matrix, theta
 from .parametric import ParametricBody
 from .volume_integrals import QUARTER_TURN, VolumeIntegrals
 
 __all__ = [
+    "LOADS",
     "QUARTER_TURN",
     "BodyMarker",
     "ParametricBody",
@@ -17,3 +19,5 @@ __all__ = [
     "cross_matrix",
     "theta",
 ]
+
+explain_fields(globals())

@@ -40,50 +40,31 @@ from numpy.typing import NDArray
 from .. import validation
 from ..files import replace_file
 
-__all__ = ["checked_ending", "read_arrays", "write_arrays"]
-
-_MARKERS = ["markers", "marker_positions", "marker_displacements", "marker_rotations"]
-_MARKER_STIFFENING, _MARKER_AXES = "marker_stiffening", "marker_axes"
-_STIFFENING = {
-    f"stiffening_{load}": load for load in ("omega2", "alpha", "rotation", "acceleration")
-}
-_KEYS = ["mass", "S", "G", "N", "P", "K", *_STIFFENING, *_MARKERS, _MARKER_STIFFENING]
-_KEYS.append(_MARKER_AXES)
+_LOADS = ("omega2", "alpha", "rotation", "acceleration")
+#: Geometric stiffness: load by key
+STIFFENING = {f"stiffening_{load}": load for load in _LOADS}
+_OF_MARKERS = ("positions", "displacements", "rotations", "stiffening", "axes")
+#: Arrays of the markers in the order of the fields of `BodyMarker`; the last two may be missing
+MARKERS = [f"marker_{key}" for key in _OF_MARKERS]
+_KEYS = ["mass", "S", "G", "N", "P", "K", *STIFFENING, "markers", *MARKERS]
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays to a file; an older one is replaced when all is written.
-
-    Args:
-        path: The file.
-        arrays: Arrays by key.
-
-    Raises:
-        OSError: If the file cannot be written.
-    """
+    """Write arrays by key to a file; an older file is replaced when all is written."""
     content = io.BytesIO()
     np.savez(content, **arrays)
     replace_file(path, content.getvalue())
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a body.
-
-    Args:
-        path: The file.
-
-    Raises:
-        ValueError: If the file is damaged, a key is missing or unknown, or the arrays of the
-            markers do not go together; the message names it.
-        OSError: If the file cannot be read.
-    """
+    """The arrays of a body file by key; a damaged or inconsistent file is refused."""
     arrays = _read(path)
     unknown = sorted(set(arrays) - set(_KEYS))
     if unknown:
         raise ValueError(f"body file {path}: unknown keys {unknown}; the keys are {_KEYS}")
     needed = ["mass", "S", *([] if "P" in arrays else ["G", "N"])]
-    if any(key in arrays for key in (*_MARKERS, _MARKER_STIFFENING, _MARKER_AXES)):
-        needed += _MARKERS
+    if any(key in arrays for key in ("markers", *MARKERS)):
+        needed += ["markers", *MARKERS[:3]]
     missing = [key for key in needed if key not in arrays]
     if missing:
         hint = "; P may stand instead of G and N" if {"G", "N"} & set(missing) else ""
@@ -91,23 +72,21 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
             f"body file {path}: keys {missing} are missing, there are {sorted(arrays)}{hint}"
         )
     for key, array in arrays.items():
-        kinds = "U" if key == "markers" else "fiu"
+        kinds, held = ("U", "text") if key == "markers" else ("fiu", "real numbers")
         if array.dtype.kind not in kinds:
             raise ValueError(
-                f"body file {path}: {key} must hold {'text' if kinds == 'U' else 'real numbers'}, "
-                f"but its type is {array.dtype}"
+                f"body file {path}: {key} must hold {held}, but its type is {array.dtype}"
             )
     if arrays["mass"].shape != ():
         raise ValueError(
             f"body file {path}: mass must be one number, but it has shape {arrays['mass'].shape}"
         )
-    names: list[str] = []
     if "markers" in arrays:
         names = [str(name) for name in arrays["markers"].ravel()]
         if len(set(names)) < len(names):
             raise ValueError(f"body file {path}: two of the markers {names} have the same name")
-        for key in [*_MARKERS[1:], *({_MARKER_STIFFENING, _MARKER_AXES} & arrays.keys())]:
-            if arrays[key].shape[:1] != (len(names),):
+        for key in MARKERS:
+            if key in arrays and arrays[key].shape[:1] != (len(names),):
                 raise ValueError(
                     f"body file {path}: {key} has shape {arrays[key].shape}, but there are "
                     f"{len(names)} markers {names}"
@@ -116,15 +95,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def checked_ending(path: str | Path) -> Path:
-    """The path of a file with the right ending.
-
-    Args:
-        path: The path given.
-
-    Raises:
-        TypeError: If it is no path.
-        ValueError: If it has another ending.
-    """
+    """The path of a body file, which must end in .npz."""
     path = validation.path("body file", path)
     if path.suffix != ".npz":
         raise ValueError(f"body file {path}: the name must end in .npz")
@@ -137,6 +108,6 @@ def _read(path: Path) -> dict[str, NDArray[Any]]:
     try:
         with np.load(content, allow_pickle=False) as arrays:
             return {key: arrays[key] for key in arrays.files}
-    # What a damaged directory of the archive raises ranges from NotImplementedError to OSError.
+    # a damaged directory of the archive raises anything from NotImplementedError to OSError
     except Exception as error:
         raise ValueError(f"body file {path} is damaged or no .npz file: {error}") from error

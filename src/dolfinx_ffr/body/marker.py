@@ -11,24 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 
-__all__ = [
-    "ASYMMETRY",
-    "QUARTER_TURN",
-    "BodyMarker",
-    "as_array",
-    "check_body_marker",
-    "check_loads",
-    "check_stiffening",
-    "inertia_of_point",
-    "largest_share",
-    "rigid_marker",
-    "stacked_loads",
-]
-
 Array = NDArray[np.float64]
 
 #: Rotation by a quarter turn, the matrix J of the equations of motion.
 QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+#: Loads of a body's own inertia, and the shape of their fields, by dimension
+LOADS: dict[int, dict[str, tuple[int, ...]]] = {
+    2: {"omega2": (), "alpha": (), "acceleration": (2,)},
+    3: {"rotation": (3, 3), "acceleration": (3,)},
+}
 
 #: Relative difference of entries that ought to be the same, above which a matrix is refused.
 ASYMMETRY = 1e-9
@@ -62,11 +54,11 @@ class BodyMarker:
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
-        for name in ("position", "displacement", "rotation"):
-            object.__setattr__(self, name, as_array(getattr(self, name)))
-        for name in ("stiffening", "axes"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, as_array(getattr(self, name)))
+        for name, given in list(vars(self).items()):
+            if given is not None or name not in ("stiffening", "axes"):
+                object.__setattr__(self, name, as_array(given))
+        if self.axes is not None and self.axes.shape == (3, 3):
+            object.__setattr__(self, "axes", validation.nearest_rotation(self.axes))
 
     @property
     def dimension(self) -> int:
@@ -75,12 +67,7 @@ class BodyMarker:
 
     @staticmethod
     def of_rigid_body(position: ArrayLike, axes: ArrayLike | None = None) -> BodyMarker:
-        """A point of a body without shape functions.
-
-        Args:
-            position: Position in the body's frame, shape (2,) or (3,) [m].
-            axes: Its axes in space as columns, shape (3, 3); None are those of the body.
-        """
+        """A point of a body without shape functions, from its ``position`` and ``axes``."""
         where = as_array(position)
         none = np.zeros((where.size, 0))
         own = None if axes is None else as_array(axes)
@@ -92,51 +79,32 @@ class BodyMarker:
         return np.column_stack([self.position, self.displacement])
 
     def shift(self, q: Array) -> Array:
-        """Elastic displacement in the body's axes, shape (..., 2 or 3) [m].
-
-        Args:
-            q: Elastic coordinates, shape (..., modes).
-        """
+        """Elastic displacement in the body's axes at ``q`` (..., modes), (..., 2 or 3) [m]."""
         linear = q @ self.displacement.T
         if self.stiffening is None:
             return linear
         return linear - 0.5 * np.einsum("...j,djk,...k->...d", q, self.stiffening, q)
 
     def shapes_at(self, q: Array) -> Array:
-        """Derivative of :meth:`shift` with respect to q, shape (..., 2 or 3, modes) [-].
-
-        Args:
-            q: Elastic coordinates, shape (..., modes).
-        """
+        """Derivative of :meth:`shift` with respect to ``q``, shape (..., 2 or 3, modes) [-]."""
         if self.stiffening is None:
             return np.broadcast_to(self.displacement, (*q.shape[:-1], *self.displacement.shape))
         return self.displacement - np.einsum("djk,...k->...dj", self.stiffening, q)
 
     def leading(self, modes: int) -> BodyMarker:
-        """The same point with the first shape functions alone.
-
-        Args:
-            modes: Number of shape functions that are kept.
-        """
+        """The same point with the first ``modes`` shape functions alone."""
         stiffening = None if self.stiffening is None else self.stiffening[:, :modes, :modes]
         shapes = self.displacement[:, :modes], self.rotation[..., :modes]
         return BodyMarker(self.position, *shapes, stiffening, self.axes)
 
     def scaled(self, factor: float) -> BodyMarker:
-        """All entries times a factor, but for the axes.
-
-        Args:
-            factor: The factor.
-        """
+        """All entries times a ``factor``, but for the axes."""
         stiffening = None if self.stiffening is None else factor * self.stiffening
         shapes = factor * self.displacement, factor * self.rotation
         return BodyMarker(factor * self.position, *shapes, stiffening, self.axes)
 
     def __add__(self, other: BodyMarker) -> BodyMarker:
-        """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero.
-
-        The axes are those of the first, or of the other if it has none.
-        """
+        """Sum entry by entry; missing stiffness is zero, axes are those of the first with any."""
         parts = [m.stiffening for m in (self, other) if m.stiffening is not None]
         return BodyMarker(
             self.position + other.position,
@@ -147,11 +115,7 @@ class BodyMarker:
         )
 
     def dot(self, other: BodyMarker) -> float:
-        """Inner product over all entries.
-
-        Args:
-            other: A point with as many shape functions.
-        """
+        """Inner product over all entries with the ``other`` point, which has as many modes."""
         total = float(self.position @ other.position + np.sum(self.rotation * other.rotation))
         total += float(np.sum(self.displacement * other.displacement))
         if self.stiffening is not None and other.stiffening is not None:
@@ -159,41 +123,13 @@ class BodyMarker:
         return total
 
 
-def rigid_marker(what: str, given: ArrayLike | BodyMarker, d: int) -> BodyMarker:
-    """A marker of a rigid body from its position, or as it is.
-
-    Args:
-        what: Name of the marker, for the message.
-        given: Position in the body's frame [m], or the marker.
-        d: 2 in the plane, 3 in space.
-
-    Raises:
-        TypeError: If it holds something else than numbers.
-        ValueError: If the position has not d components, or one is not finite.
-    """
-    if isinstance(given, BodyMarker):
-        return given
-    return BodyMarker.of_rigid_body(validation.real_array(what, given, (d,)))
-
-
 def as_array(values: ArrayLike) -> Array:
-    """Numbers as a contiguous array.
-
-    Args:
-        values: The numbers.
-    """
+    """Numbers as a contiguous array."""
     return np.ascontiguousarray(validation.numbers("integrals of a body", values))
 
 
 def largest_share(entries: Array, diagonal: Array) -> float:
-    """Largest entry of a matrix relative to the diagonal ones of its row and column.
-
-    So entries with different units are compared, and no unit hides a slip.
-
-    Args:
-        entries: The entries, shape (..., n, n).
-        diagonal: Sizes of the rows and columns squared, shape (n,); entries at zeros do not count.
-    """
+    """Largest entry of matrices (..., n, n) over sqrt(d_i d_j) of a diagonal, where not zero."""
     root = np.sqrt(np.maximum(diagonal, 0.0))
     sizes = np.broadcast_to(np.outer(root, root), entries.shape)
     shares = np.divide(np.abs(entries), sizes, out=np.zeros(entries.shape), where=sizes > 0.0)
@@ -201,17 +137,7 @@ def largest_share(entries: Array, diagonal: Array) -> float:
 
 
 def check_stiffening(what: str, array: Array, shape: tuple[int, ...], G: Array) -> None:
-    """Refuse geometric stiffness that is not symmetric.
-
-    Args:
-        what: Its name, for the message.
-        array: The geometric stiffness, shape (..., modes, modes).
-        shape: The shape that it must have.
-        G: The body's integral G, whose diagonal makes unlike entries comparable.
-
-    Raises:
-        ValueError: If it is not of that shape, not finite or not symmetric.
-    """
+    """Refuse geometric stiffness (..., modes, modes) that is not symmetric relative to G."""
     validation.real_array(what, array, shape)
     inertia = np.diag(G)[1:]
     defect = largest_share(array - np.swapaxes(array, -1, -2), inertia)
@@ -223,18 +149,7 @@ def check_stiffening(what: str, array: Array, shape: tuple[int, ...], G: Array) 
 
 
 def check_body_marker(where: str, point: BodyMarker, d: int, r: int, G: Array) -> None:
-    """Refuse a marker that does not fit its body.
-
-    Args:
-        where: Body and marker, for the message.
-        point: The marker.
-        d: 2 in the plane, 3 in space.
-        r: Number of shape functions of the body.
-        G: The body's integral G.
-
-    Raises:
-        ValueError: If an array has the wrong shape, is not finite or lacks its symmetry.
-    """
+    """Refuse a marker that does not fit a body of ``d`` dimensions and ``r`` shape functions."""
     validation.real_array(f"{where}: position", point.position, (d,))
     validation.real_array(f"{where}: displacement", point.displacement, (d, r))
     validation.real_array(f"{where}: rotation", point.rotation, (r,) if d == 2 else (d, r))
@@ -243,75 +158,22 @@ def check_body_marker(where: str, point: BodyMarker, d: int, r: int, G: Array) -
     if point.axes is not None:
         if d == 2:
             raise ValueError(f"{where}: markers of bodies in the plane have no axes of their own")
-        A = validation.real_array(f"{where}: axes", point.axes, (3, 3))
-        if np.max(np.abs(A.T @ A - np.eye(3))) > ASYMMETRY or np.linalg.det(A) < 0.0:
-            raise ValueError(
-                f"{where}: the axes must be perpendicular unit vectors in a right-handed order, "
-                f"but they are {A.T.tolist()}"
-            )
+        validation.rotation(f"{where}: axes", point.axes)
 
 
 def check_loads(name: str, stiffening: Mapping[str, Array], d: int, r: int, G: Array) -> None:
-    """Refuse geometric stiffness by loads that do not exist, or that is not symmetric.
-
-    Args:
-        name: Name of the body, for the message.
-        stiffening: Geometric stiffness by load.
-        d: 2 in the plane, 3 in space.
-        r: Number of shape functions of the body.
-        G: The body's integral G.
-
-    Raises:
-        ValueError: If a load or a shape is another one, or an array is not symmetric.
-    """
-    shapes: dict[str, tuple[int, ...]]
-    shapes = {"omega2": (r, r), "alpha": (r, r), "acceleration": (2, r, r)}
-    if d == 3:
-        shapes = {"rotation": (3, 3, r, r), "acceleration": (3, r, r)}
+    """Refuse geometric stiffness by unknown loads, of a wrong shape, or not symmetric."""
     for load, array in stiffening.items():
-        if load not in shapes:
-            raise ValueError(
-                f"body {name!r}: stiffening by {load!r}, but the loads are {list(shapes)}"
-            )
-        check_stiffening(f"body {name!r}: stiffening by {load!r}", array, shapes[load], G)
+        what = f"body {name!r}: stiffening by {load!r}"
+        if load not in LOADS[d]:
+            raise ValueError(f"{what}, but the loads are {list(LOADS[d])}")
+        check_stiffening(what, array, (*LOADS[d][load], r, r), G)
 
 
 def inertia_of_point(position: Array, mass: float) -> dict[str, Array]:
-    """Inertia force of a point mass in the body's axes, by load of the body.
-
-    Args:
-        position: Of the point in the body's frame, shape (2,) or (3,) [m].
-        mass: Its mass [kg].
-
-    Returns:
-        Arrays whose first axes are those of the load, the last that of the force.
-    """
+    """Inertia force of a point mass in the body's axes by unit load, shape (*load, *force)."""
+    unit = np.eye(position.size)
+    found = {"acceleration": -mass * unit}
     if position.size == 3:
-        unit = np.eye(3)
-        rotation = -mass * np.einsum("l,ki->kli", position, unit)
-        return {"rotation": rotation, "acceleration": -mass * unit}
-    return {
-        "omega2": mass * position,
-        "alpha": -mass * (QUARTER_TURN @ position),
-        "acceleration": -mass * np.eye(2),
-    }
-
-
-def stacked_loads(stiffening: Mapping[str, Array], d: int, r: int) -> Array:
-    """Geometric stiffness of all loads one after the other, zero where there is none.
-
-    Args:
-        stiffening: Geometric stiffness by load.
-        d: 2 in the plane, 3 in space.
-        r: Number of shape functions of the body.
-
-    Returns:
-        By omega^2, alpha and the acceleration, shape (4, r, r); in space by the loads of the
-        rotation and by the acceleration, shape (12, r, r).
-    """
-    shapes = {"omega2": (1, r, r), "alpha": (1, r, r), "acceleration": (2, r, r)}
-    if d == 3:
-        shapes = {"rotation": (9, r, r), "acceleration": (3, r, r)}
-    none = np.zeros((9, r, r))
-    parts = [stiffening.get(load, none[: n[0]]).reshape(n) for load, n in shapes.items()]
-    return np.concatenate(parts)
+        return found | {"rotation": -mass * np.einsum("l,ki->kli", position, unit)}
+    return found | {"omega2": mass * position, "alpha": -mass * (QUARTER_TURN @ position)}

@@ -6,14 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from .volume_integrals import VolumeIntegrals
-
-__all__ = ["ParametricBody"]
-
-Array = NDArray[np.float64]
+from .volume_integrals import Array, VolumeIntegrals
 
 
 class ParametricBody:
@@ -50,29 +46,16 @@ class ParametricBody:
         for name, given in (("function", function), ("jacobian", jacobian), ("pullback", pullback)):
             if given is not None or name == "function":
                 validation.function(f"parametric body: {name}", given, "parameters")
-        self._function = function
-        self._jacobian = jacobian
-        self._pullback = pullback
+        self._function, self._jacobian, self._pullback = function, jacobian, pullback
 
     def __call__(self, parameters: ArrayLike) -> VolumeIntegrals:
-        """The integrals at parameters.
-
-        Args:
-            parameters: Parameters, shape (n,).
-
-        Raises:
-            ValueError: If a parameter is NaN or infinite, or the integrals are not valid.
-        """
+        """The integrals at parameters (n,), checked."""
         integrals = self._function(_checked(parameters))
         integrals.validate("parametric body")
         return integrals
 
     def pullback(self, parameters: ArrayLike, bar: VolumeIntegrals) -> Array:
-        """The derivative with respect to the parameters, shape (n,).
-
-        Args:
-            parameters: Parameters, shape (n,).
-            bar: Derivative of a number with respect to the integrals.
+        """The derivative (n,) by the ``parameters`` (n,), from ``bar``, that by the integrals.
 
         Raises:
             ValueError: If a parameter is NaN or infinite, or the result has the wrong shape.

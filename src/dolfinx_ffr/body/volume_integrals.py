@@ -6,12 +6,12 @@ A material point of a body is at
     r = R + A w,      w(X, q) = w_0 + sum_j q_j w_j,
 
 with w_0 = X the reference position in the body's frame and w_j the shape functions of the elastic
-displacement. Everything that the equations of motion need to know about the body is the small set
-of arrays held by :class:`VolumeIntegrals`; the mechanism never sees a mesh. A rigid body is a body
-with no shape functions, and a body may just as well be given by arrays from elsewhere.
+displacement. The equations of motion need no more of the body than the arrays of
+:class:`VolumeIntegrals`; the mechanism never sees a mesh. A rigid body has no shape functions, and
+arrays may come from another code.
 
-In the plane the second moments P_ab = int rho w_a w_b^T count by two views, G and N; in space all
-of P does, the Gram matrix of the 3 (modes + 1) components of the fields.
+Of the second moments P_ab = int rho w_a w_b^T the plane needs the two views G and N, and space all,
+the Gram matrix of the 3 (modes + 1) components of the fields.
 
 References:
     A. A. Shabana, Dynamics of Multibody Systems, Cambridge University Press, chapter 5,
@@ -23,40 +23,40 @@ References:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from .file import checked_ending, read_arrays, write_arrays
+from .file import MARKERS, STIFFENING, checked_ending, read_arrays, write_arrays
 from .marker import (
     ASYMMETRY,
+    LOADS,
     QUARTER_TURN,
+    Array,
     BodyMarker,
     as_array,
     check_body_marker,
     check_loads,
     inertia_of_point,
     largest_share,
-    rigid_marker,
-    stacked_loads,
 )
 from .moments import (
+    axial,
     check_gram_matrix,
     check_moments,
-    mass_matrix_in_space,
+    cross_matrix,
+    dimension_of_inertia,
     moments_of_rigid_body,
     smallest_scaled_eigenvalue,
+    theta,
     views_of_moments,
 )
-
-__all__ = ["QUARTER_TURN", "VolumeIntegrals"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +65,17 @@ class VolumeIntegrals:
 
     Index a = 0 belongs to the reference position w_0, a = 1..modes to the shape functions w_a;
     J is the rotation by a quarter turn. Shape functions are displacements per unit of their
-    elastic coordinate; with dimensionless shape functions the elastic coordinates are in metres
-    and the units are those given below.
+    elastic coordinate: where they are dimensionless, elastic coordinates are in metres, and the
+    units are those given below.
 
     The same class holds derivatives of a number psi with respect to each entry. Then G and K are
     symmetric and N is antisymmetric too, so that for a perturbation d with that structure
     psi(p + eps d) - psi(p) = eps * bar.dot(d) to first order.
 
-    In space S has three columns, and P is given instead of G and N: then it is P alone, with
-    P_ab = P_ba^T, of which derivatives are, and G and N are what follows from it.
+    In space S has three columns, and P with P_ab = P_ba^T is given; G and N follow from it, and
+    derivatives are those by P. From another finite-element code with the mass matrix m of one
+    component, the nodes W_0 = X and column j of a basis there W_j: mass = 1^T m 1,
+    S_a = W_a^T m 1, P_ab = W_a^T m W_b; docs/scenes.md has a program.
     """
 
     #: Mass [kg].
@@ -94,26 +96,24 @@ class VolumeIntegrals:
     #: (modes, modes) [kg]; "alpha" by the load of the angular acceleration, likewise [kg];
     #: "acceleration" by the load of the frame's acceleration less gravity along the body's axes x
     #: and y, shape (2, modes, modes) [kg/m]. The elastic forces gain omega^2 K_w q + alpha K_al q +
-    #: a_x K_x q + a_y K_y q. In space "rotation"
-    #: by the loads -rho w_0^l e_k, shape (3, 3, modes, modes), whose factors are those of
-    #: [alpha] + [omega]^2, and "acceleration", shape (3, modes, modes). Forces at markers, and the
-    #: inertia of point masses, add to them where the markers have geometric stiffness of their own.
+    #: a_x K_x q + a_y K_y q. In space "rotation" by the loads -rho w_0^l e_k, shape
+    #: (3, 3, modes, modes), whose factors are those of [alpha] + [omega]^2, and "acceleration",
+    #: shape (3, modes, modes). Forces and point masses at markers with geometric stiffness add to
+    #: them. Inertia, energy and momentum count them likewise, see dynamics/kinematics/carried.py.
     stiffening: dict[str, Array] = field(default_factory=dict)
     #: In space int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2]; None in the plane.
     P: Array | None = None
 
     def __post_init__(self) -> None:
         """Turn lists and other numbers into arrays."""
-        object.__setattr__(self, "mass", float(self.mass))
-        for name in ("S", "G", "N", "K"):
-            object.__setattr__(self, name, as_array(getattr(self, name)))
+        made: dict[str, Any] = {"mass": float(self.mass), "markers": dict(self.markers)}
+        made["stiffening"] = {load: as_array(array) for load, array in self.stiffening.items()}
+        made |= {name: as_array(getattr(self, name)) for name in "SGNK"}
         if self.P is not None:
-            object.__setattr__(self, "P", as_array(self.P))
-            for name, view in zip("GN", views_of_moments(self.P), strict=True):
-                object.__setattr__(self, name, view)
-        object.__setattr__(self, "markers", dict(self.markers))
-        stiffening = {load: as_array(array) for load, array in self.stiffening.items()}
-        object.__setattr__(self, "stiffening", stiffening)
+            made["P"] = as_array(self.P)
+            made["G"], made["N"] = views_of_moments(made["P"])
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
 
     @property
     def modes(self) -> int:
@@ -136,37 +136,26 @@ class VolumeIntegrals:
     ) -> VolumeIntegrals:
         """Integrals of a body in space, or derivatives with respect to them, unchecked.
 
-        Args:
-            mass: Mass [kg].
-            S: Int rho w_a, shape (modes + 1, 3) [kg m].
-            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2].
-            K: Reduced stiffness, shape (modes, modes) [N/m].
-            markers: Markers by name.
-            stiffening: Geometric stiffness by load.
+        The arguments ``mass``, ``S``, ``P``, ``K``, ``markers`` and ``stiffening`` are the fields.
         """
-        none, others = np.zeros((0, 0)), dict(stiffening or {})
-        return VolumeIntegrals(mass, S, none, none, K, dict(markers or {}), others, P)
+        none = np.zeros((0, 0))
+        return VolumeIntegrals(
+            mass, S, none, none, K, dict(markers or {}), dict(stiffening or {}), P
+        )
 
     @property
     def _arrays(self) -> tuple[str, ...]:
-        """Names of the arrays of which all others follow."""
+        """Names of the arrays from which G and N follow in space."""
         return ("S", "G", "N", "K") if self.P is None else ("S", "P", "K")
-
-    def _combined(
-        self,
-        mass: float,
-        arrays: Mapping[str, Array],
-        markers: dict[str, BodyMarker],
-        stiffening: dict[str, Array],
-    ) -> VolumeIntegrals:
-        """Integrals of the same dimension from the arrays of :attr:`_arrays`."""
-        none = {"G": np.zeros((0, 0)), "N": np.zeros((0, 0))} if "P" in arrays else {}
-        return VolumeIntegrals(mass=mass, **none, **arrays, markers=markers, stiffening=stiffening)
 
     @property
     def stacked_stiffening(self) -> Array:
         """Geometric stiffness by all loads, shape (4, modes, modes); in space (12, ...)."""
-        return stacked_loads(self.stiffening, self.dimension, self.modes)
+        r, parts = self.modes, []
+        for load, shape in LOADS[self.dimension].items():
+            part = self.stiffening.get(load, np.zeros((*shape, r, r)))
+            parts.append(part.reshape(math.prod(shape), r, r))
+        return np.concatenate(parts)
 
     @staticmethod
     def rigid(
@@ -175,23 +164,20 @@ class VolumeIntegrals:
         inertia: ArrayLike | None = None,
         markers: Mapping[str, ArrayLike | BodyMarker] | None = None,
     ) -> VolumeIntegrals:
-        """Integrals of a rigid body, a body with no elastic coordinates.
-
-        The body is one in space where its inertia is a tensor or the moments about three axes.
+        """Integrals of a rigid body; one in space where the inertia is a tensor or three moments.
 
         Args:
             mass: Mass [kg].
             center: Centre of mass in the body's frame, shape (2,) or (3,) [m]; None is the origin.
             inertia: Moment of inertia about the centre of mass [kg m^2]; in space the tensor, shape
-                (3, 3), or its diagonal, shape (3,), in the body's axes. It must be given, for a
-                body without it has no equation for its angle.
+                (3, 3), or its diagonal, shape (3,), in the body's axes. It must be given: without
+                it the body has no equation for its angle.
             markers: Position in the body's frame, shape (2,) or (3,) [m], or marker, by name.
 
         Raises:
             TypeError: If an argument is of a wrong kind.
             ValueError: If mass or inertia is missing or not positive, if a position is not finite,
-                or if no distribution of mass has the inertia tensor: each principal moment is at
-                most the sum of the two others.
+                or if a principal moment of inertia exceeds the sum of the two others.
         """
         if inertia is None:
             raise ValueError(
@@ -201,25 +187,22 @@ class VolumeIntegrals:
             )
         mass = validation.number("rigid body: mass", mass, above=0.0, unit="kg")
         points = validation.by_name("rigid body: markers", markers or {}, "positions")
-        d = 2 if validation.is_number(inertia) else 3
+        d = dimension_of_inertia(inertia, [center, *points.values()])
         given = np.zeros(d) if center is None else center
         c = validation.real_array("rigid body: center", given, (d,), expected=f"{d} components")
-        found = {
-            name: rigid_marker(f"rigid body: marker {name!r}", point, d)
-            for name, point in points.items()
-        }
+        found = {}
+        for name, point in points.items():
+            if not isinstance(point, BodyMarker):
+                position = validation.real_array(f"rigid body: marker {name!r}", point, (d,))
+                point = BodyMarker.of_rigid_body(position)
+            found[name] = point
+        S, K = mass * c[None, :], np.zeros((0, 0))
         if d == 3:
             P = moments_of_rigid_body(mass, c, inertia)
-            return VolumeIntegrals.in_space(mass, mass * c[None, :], P, np.zeros((0, 0)), found)
+            return VolumeIntegrals.in_space(mass, S, P, K, found)
         moment = validation.number("rigid body: inertia", inertia, above=0.0, unit="kg m^2")
-        return VolumeIntegrals(
-            mass=mass,
-            S=mass * c[None, :],
-            G=np.array([[moment + mass * c @ c]]),
-            N=np.zeros((1, 1)),
-            K=np.zeros((0, 0)),
-            markers=found,
-        )
+        G = np.array([[moment + mass * c @ c]])
+        return VolumeIntegrals(mass, S, G, np.zeros((1, 1)), K, found)
 
     @staticmethod
     def from_arrays(
@@ -239,39 +222,35 @@ class VolumeIntegrals:
         The second moments come as P, or in the plane as the two views of it that matter there,
         G_ab = tr P_ab and N_ab = (P_ab)_xy - (P_ab)_yx. Derivatives go back the same way:
         the derivative with respect to P_ab is G_bar_ab I + N_bar_ab (e_x e_y^T - e_y e_x^T).
-        The body is one in space where S has three columns.
 
         Args:
             mass: Mass [kg].
             S: Int rho w_a, shape (modes + 1, 2), in space (modes + 1, 3) [kg m].
-            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2), in space
-                (modes + 1, modes + 1, 3, 3) [kg m^2].
+            P: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2), in space (..., 3, 3) [kg m^2].
             G: Int rho w_a . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
             N: Int rho (J w_a) . w_b, shape (modes + 1, modes + 1) [kg m^2], without P.
             K: Reduced stiffness, shape (modes, modes) [N/m]; None for a rigid body.
-            markers: Markers by name; for a rigid body the position alone is enough,
-                shape (2,) or (3,) [m].
-            stiffening: Geometric stiffness by load, "omega2", "alpha" and "acceleration".
+            markers: Markers by name; for a rigid body the position (2,) or (3,) is enough [m].
+            stiffening: Geometric stiffness by load, see the field.
             name: Name of the body for messages.
 
         Raises:
             ValueError: If neither P nor G and N are given, or both; if an array has the wrong
-                shape, holds NaN, or is not that of a body (see :meth:`validate`).
+                shape, holds NaN, or suits no body (see :meth:`validate`).
         """
         moments = {"P": P, "G": G, "N": N}
         given = [key for key, array in moments.items() if array is not None]
         if given not in (["P"], ["G", "N"]):
             raise ValueError(f"body {name!r}: give either P or both G and N, not {given}")
-        if np.shape(S)[1:] == (3,) and P is None:
+        in_space, second = np.shape(S)[1:] == (3,), None
+        if in_space and P is None:
             raise ValueError(f"body {name!r}: S has three columns; in space give P, not G and N")
         if P is not None:
-            second = as_array(P)
-            n = as_array(S).shape[0] if np.ndim(S) else 0
-            d = 3 if np.shape(S)[1:] == (3,) else 2
-            check_moments(name, second, (n, n, d, d))
-            if d == 2:
-                G = second[..., 0, 0] + second[..., 1, 1]
-                N = second[..., 0, 1] - second[..., 1, 0]
+            fields, d, second = np.shape(S)[:1] or (0,), 3 if in_space else 2, as_array(P)
+            check_moments(name, second, (*fields, *fields, d, d))
+            if not in_space:
+                G, N = second[..., 0, 0] + second[..., 1, 1], second[..., 0, 1] - second[..., 1, 0]
+                second = None
         stiffness = np.zeros((0, 0)) if K is None else as_array(K)
         if stiffness.ndim != 2:
             raise ValueError(f"body {name!r}: K must be a matrix, not of shape {stiffness.shape}")
@@ -292,21 +271,16 @@ class VolumeIntegrals:
             points[key] = marker
         mass = validation.number(f"body {name!r}: the mass", mass, above=0.0, unit="kg")
         loads = {load: as_array(array) for load, array in (stiffening or {}).items()}
-        if P is not None and second.shape[-1] == 3:
-            body = VolumeIntegrals.in_space(mass, as_array(S), second, stiffness, points, loads)
-        else:
-            both = [as_array(view) for view in (G, N) if view is not None]
-            body = VolumeIntegrals(mass, as_array(S), both[0], both[1], stiffness, points, loads)
+        g, n = (np.zeros((0, 0)) if view is None else as_array(view) for view in (G, N))
+        body = VolumeIntegrals(mass, as_array(S), g, n, stiffness, points, loads, second)
         body.validate(name)
         return body
 
     def save(self, path: str | Path) -> None:
         """Write to a NumPy file, which `load` reads; :mod:`dolfinx_ffr.body.file` lists its keys.
 
-        Under MPI call it on one rank; the integrals are the same on all.
-
-        Args:
-            path: File that ends in ``.npz``; an older one is replaced when all is written.
+        The ``path`` ends in ``.npz``; an older file is replaced when all is written. Under MPI call
+        it on one rank.
 
         Raises:
             ValueError: If the integrals are not valid, or the path has another ending.
@@ -325,54 +299,40 @@ class VolumeIntegrals:
             "marker_displacements": np.array([p.displacement for p in points]).reshape(n, d, r),
             "marker_rotations": rotations.reshape((n, r) if d == 2 else (n, d, r)),
         }
-        if any(point.stiffening is not None for point in points):
-            none = np.zeros((d, r, r))
-            arrays["marker_stiffening"] = np.array(
-                [none if point.stiffening is None else point.stiffening for point in points]
-            )
-        if any(point.axes is not None for point in points):
-            axes = [np.eye(3) if point.axes is None else point.axes for point in points]
-            arrays["marker_axes"] = np.array(axes)
+        for key, default in (("stiffening", np.zeros((d, r, r))), ("axes", np.eye(3))):
+            own = [getattr(point, key) for point in points]
+            if any(array is not None for array in own):
+                parts = [default if array is None else array for array in own]
+                arrays[f"marker_{key}"] = np.array(parts)
         write_arrays(path, arrays)
 
     @staticmethod
     def load(path: str | Path) -> VolumeIntegrals:
-        """Read from a NumPy file that `save` or another code has written.
+        """Read from a NumPy file at a ``path`` ending in ``.npz``, of `save` or another code.
 
-        :mod:`dolfinx_ffr.body.file` lists the keys. The numbers are exactly those in the file.
-
-        Args:
-            path: File that ends in ``.npz``.
+        :mod:`dolfinx_ffr.body.file` lists the keys. Numbers are taken from the file exactly.
 
         Raises:
             ValueError: If the file is damaged, a key is missing or unknown, an array has the wrong
-                shape or holds NaN, or the integrals are not those of a body.
+                shape or holds NaN, or the integrals suit no body.
             OSError: If the file cannot be read.
         """
         path = checked_ending(path)
         arrays = read_arrays(path)
-        names = [str(name) for name in arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()]
-        stiffening = arrays.get("marker_stiffening", np.zeros((len(names), 1)))
         try:
+            markers = {}
+            for n, name in enumerate(arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()):
+                own: list[Any] = [arrays[key][n] if key in arrays else None for key in MARKERS]
+                marker = BodyMarker(*own)
+                if marker.stiffening is not None and not np.any(marker.stiffening):
+                    marker = replace(marker, stiffening=None)
+                markers[str(name)] = marker
             return VolumeIntegrals.from_arrays(
                 float(arrays["mass"]),
                 arrays["S"],
                 **{key: arrays.get(key) for key in "PGNK"},
-                markers={
-                    name: BodyMarker(
-                        arrays["marker_positions"][number],
-                        arrays["marker_displacements"][number],
-                        arrays["marker_rotations"][number],
-                        stiffening[number] if np.any(stiffening[number]) else None,
-                        arrays["marker_axes"][number] if "marker_axes" in arrays else None,
-                    )
-                    for number, name in enumerate(names)
-                },
-                stiffening={
-                    load: arrays[f"stiffening_{load}"]
-                    for load in ("omega2", "alpha", "rotation", "acceleration")
-                    if f"stiffening_{load}" in arrays
-                },
+                markers=markers,
+                stiffening={load: arrays[key] for key, load in STIFFENING.items() if key in arrays},
                 name=path.stem,
             )
         except ValueError as error:
@@ -384,56 +344,46 @@ class VolumeIntegrals:
         Rows are position [kg], angle [kg m^2] and the elastic coordinates; in space, where the
         shape is (6 + modes, 6 + modes), three each of position and angular velocity.
         """
-        if self.P is not None:
-            return mass_matrix_in_space(self.mass, self.S, self.P)
-        matrix = np.zeros((3 + self.modes, 3 + self.modes))
-        matrix[:2, :2] = self.mass * np.eye(2)
-        matrix[:2, 2] = matrix[2, :2] = QUARTER_TURN @ self.S[0]
-        matrix[:2, 3:] = self.S[1:].T
-        matrix[3:, :2] = self.S[1:]
-        matrix[2, 2] = self.G[0, 0]
-        matrix[2, 3:] = matrix[3:, 2] = self.N[0, 1:]
-        matrix[3:, 3:] = self.G[1:, 1:]
-        return matrix
+        S = self.S
+        if self.P is None:
+            lever, inertia = (QUARTER_TURN @ S[0])[:, None], self.G[:1, :1]
+            turned = self.N[:1, 1:]
+        else:
+            lever, inertia = -cross_matrix(S[0]), theta(self.P[0, 0])
+            turned = axial(self.P[1:, 0]).T
+        parts = [[self.mass * np.eye(self.dimension), lever, S[1:].T], [lever.T, inertia, turned]]
+        return np.block([*parts, [S[1:], turned.T, self.G[1:, 1:]]])
 
     def validate(self, name: str) -> None:
-        """Check shapes, symmetry and definiteness.
-
-        Args:
-            name: Name of the body, for the message.
+        """Check shapes, symmetry and definiteness; messages call the body by ``name``.
 
         Raises:
             ValueError: If an array has the wrong shape, holds NaN or infinity, lacks its symmetry,
                 if the mass is not positive, or if the mass or stiffness matrix is indefinite.
         """
         r, d = self.modes, self.dimension
-        shapes: dict[str, tuple[int, ...]] = {"S": (r + 1, d), "K": (r, r)}
+        shapes = {"S": (r + 1, d), "K": (r, r)}
         if self.P is None:
             shapes |= {"G": (r + 1, r + 1), "N": (r + 1, r + 1)}
+        else:
+            check_moments(name, self.P, (r + 1, r + 1, d, d))
         for key, shape in shapes.items():
             validation.real_array(f"body {name!r}: integral {key}", getattr(self, key), shape)
-        if self.P is not None:
-            check_moments(name, self.P, (r + 1, r + 1, d, d))
-        if not np.isfinite(self.mass) or self.mass <= 0.0:
+        if not (np.isfinite(self.mass) and self.mass > 0.0):
             raise ValueError(
                 f"body {name!r}: the mass must be positive, but it is {self.mass:g} kg"
             )
-        signs = {"G": 1.0, "N": -1.0, "K": 1.0}
-        for key, sign in signs.items():
-            if key not in self._arrays:
-                continue
+        diagonal, inertia = np.diag(self.G), np.diag(self.G)[1:]
+        # where a shape function has next to no stiffness, a share of the stiffest one's counts
+        squares = np.divide(np.diag(self.K), inertia, out=np.zeros(r), where=inertia > 0.0)
+        stiffness = np.maximum(np.diag(self.K), 1e-12 * np.max(squares, initial=0) * inertia)
+        sizes = {"G": ("", 1.0, diagonal), "N": ("anti", -1.0, diagonal), "K": ("", 1.0, stiffness)}
+        for key, (kind, sign, size) in sizes.items():
             array = getattr(self, key)
-            diagonal = np.diag(self.G)
-            if key == "K":
-                # Where a shape function has next to none, a share of the stiffest one's.
-                inertia, zeros = diagonal[1:], np.zeros(r)
-                squares = np.divide(np.diag(array), inertia, out=zeros, where=inertia > 0.0)
-                diagonal = np.maximum(np.diag(array), 1e-12 * np.max(squares, initial=0) * inertia)
-            defect = largest_share(array - sign * array.T, diagonal)
+            defect = largest_share(array - sign * array.T, size) if key in shapes else 0.0
             if defect > ASYMMETRY:
-                kind = "symmetric" if sign > 0 else "antisymmetric"
                 raise ValueError(
-                    f"body {name!r}: integral {key} must be {kind}, but entries differ by "
+                    f"body {name!r}: integral {key} must be {kind}symmetric, but entries differ by "
                     f"{defect:.1e} relative to the diagonal"
                 )
         check_loads(name, self.stiffening, d, r, self.G)
@@ -456,10 +406,7 @@ class VolumeIntegrals:
             )
 
     def leading(self, modes: int) -> VolumeIntegrals:
-        """Integrals of the same body with its first shape functions alone.
-
-        Args:
-            modes: Number of shape functions that are kept.
+        """Integrals of the same body with its first ``modes`` shape functions alone.
 
         Raises:
             ValueError: If the body has fewer.
@@ -469,11 +416,11 @@ class VolumeIntegrals:
         n = modes + 1
         cuts = {"S": np.s_[:n], "K": np.s_[:modes, :modes]}
         arrays = {key: getattr(self, key)[cuts.get(key, np.s_[:n, :n])] for key in self._arrays}
-        return self._combined(
-            self.mass,
-            arrays,
-            {name: marker.leading(modes) for name, marker in self.markers.items()},
-            {load: array[..., :modes, :modes] for load, array in self.stiffening.items()},
+        return replace(
+            self,
+            **arrays,
+            markers={name: marker.leading(modes) for name, marker in self.markers.items()},
+            stiffening={load: a[..., :modes, :modes] for load, a in self.stiffening.items()},
         )
 
     def zeros_like(self) -> VolumeIntegrals:
@@ -481,36 +428,28 @@ class VolumeIntegrals:
         return self.scaled(0.0)
 
     def scaled(self, factor: float) -> VolumeIntegrals:
-        """All entries times a factor.
-
-        Args:
-            factor: The factor.
-        """
-        return self._combined(
-            factor * self.mass,
-            {key: factor * getattr(self, key) for key in self._arrays},
-            {name: marker.scaled(factor) for name, marker in self.markers.items()},
-            {load: factor * array for load, array in self.stiffening.items()},
+        """All entries times a ``factor``."""
+        return replace(
+            self,
+            mass=factor * self.mass,
+            **{key: factor * getattr(self, key) for key in self._arrays},
+            markers={name: marker.scaled(factor) for name, marker in self.markers.items()},
+            stiffening={load: factor * array for load, array in self.stiffening.items()},
         )
 
     def __add__(self, other: VolumeIntegrals) -> VolumeIntegrals:
         """Sum entry by entry; geometric stiffness that one of the two lacks counts as zero."""
         self._require_same_markers(other)
-        return self._combined(
-            self.mass + other.mass,
-            {key: getattr(self, key) + getattr(other, key) for key in self._arrays},
-            {name: marker + other.markers[name] for name, marker in self.markers.items()},
-            {
-                load: np.sum([b.stiffening[load] for b in (self, other) if load in b.stiffening], 0)
-                for load in self.stiffening | other.stiffening
-            },
+        return replace(
+            self,
+            mass=self.mass + other.mass,
+            **{key: getattr(self, key) + getattr(other, key) for key in self._arrays},
+            markers={name: marker + other.markers[name] for name, marker in self.markers.items()},
+            stiffening=_summed(self.stiffening, other.stiffening),
         )
 
     def dot(self, other: VolumeIntegrals) -> float:
-        """Inner product over all entries of all arrays, markers included.
-
-        Args:
-            other: Integrals of the same shape.
+        """Inner product over all entries of all arrays with ``other`` integrals, markers included.
 
         Raises:
             ValueError: If the two have different markers.
@@ -525,75 +464,63 @@ class VolumeIntegrals:
         return total
 
     def with_point_mass(self, marker: str, mass: float) -> VolumeIntegrals:
-        """Integrals of the body with a point mass fixed to a marker.
+        """Integrals of the body with a point of a ``mass`` m_P [kg] fixed to a ``marker``.
 
         With W the reference position and shape functions at the marker, the point adds m_P to the
         mass, m_P W^T to S, m_P W^T W to G and m_P (J W)^T W to N, in space m_P W_a W_b^T to P_ab.
         Where the marker has geometric stiffness T_P, the inertia of the point, at X_P in the body's
         frame, stiffens the body: "omega2" gains m_P X_P . T_P, "alpha" -m_P (J X_P) . T_P, in space
         "rotation" -m_P T_P X_P^T, "acceleration" -m_P T_P.
-
-        Args:
-            marker: Name of the marker.
-            mass: Mass of the point [kg].
         """
         point = self.markers[marker]
-        basis, stiffening = point.basis, dict(self.stiffening)
+        basis, stiffening = point.basis, self.stiffening
         if point.stiffening is not None:
-            for load, weights in inertia_of_point(point.position, mass).items():
-                share = np.tensordot(weights, point.stiffening, 1)
-                stiffening[load] = stiffening[load] + share if load in stiffening else share
+            loads = inertia_of_point(point.position, mass)
+            shares = {load: np.tensordot(w, point.stiffening, 1) for load, w in loads.items()}
+            stiffening = _summed(stiffening, shares)
         if self.P is not None:
-            return replace(
-                self,
-                mass=self.mass + mass,
-                S=self.S + mass * basis.T,
-                P=self.P + mass * np.einsum("ka,lb->abkl", basis, basis),
-                stiffening=stiffening,
-            )
-        return replace(
-            self,
-            mass=self.mass + mass,
-            S=self.S + mass * basis.T,
-            G=self.G + mass * basis.T @ basis,
-            N=self.N + mass * (QUARTER_TURN @ basis).T @ basis,
-            stiffening=stiffening,
-        )
+            moments = {"P": self.P + mass * np.einsum("ka,lb->abkl", basis, basis)}
+        else:
+            turned = QUARTER_TURN @ basis
+            moments = {"G": self.G + mass * basis.T @ basis, "N": self.N + mass * turned.T @ basis}
+        total, S = self.mass + mass, self.S + mass * basis.T
+        return replace(self, mass=total, S=S, **moments, stiffening=stiffening)
 
     def point_mass_pullback(
         self, bar: VolumeIntegrals, marker: str, mass: float
     ) -> VolumeIntegrals:
-        """Transpose of the derivative of :meth:`with_point_mass` at these integrals.
+        """Transpose of the derivative of :meth:`with_point_mass` for a ``marker`` and a ``mass``.
 
-        Args:
-            bar: Derivative with respect to the integrals of the body with the point mass.
-            marker: Name of the marker.
-            mass: Mass of the point [kg].
-
-        Returns:
-            Derivative with respect to the integrals of the body without the point mass; the
-            marker's shape functions and geometric stiffness collect the share of the point.
+        It takes ``bar``, the derivative by the integrals with the point, to the derivative by the
+        integrals without it; the marker's shape functions and stiffening collect its share.
         """
         point = self.markers[marker]
-        basis = point.basis
         if bar.P is not None:
-            basis_bar = mass * (bar.S.T + 2.0 * np.einsum("abkl,lb->ka", bar.P, basis))
+            moved = np.einsum("abkl,lb->ka", bar.P, point.basis)
         else:
-            basis_bar = mass * (bar.S.T + 2.0 * basis @ bar.G + 2.0 * QUARTER_TURN @ basis @ bar.N)
-        share = None
+            moved = point.basis @ bar.G + QUARTER_TURN @ point.basis @ bar.N
+        basis_bar = mass * (bar.S.T + 2.0 * moved)
+        share, position = None, basis_bar[:, 0]
         if point.stiffening is not None:
             share = np.zeros_like(point.stiffening)
+            none = inertia_of_point(np.zeros_like(point.position), mass)
+            for k, axis in enumerate(np.eye(len(position))):  # the loads are linear in the position
+                for load, weights in inertia_of_point(axis, mass).items():
+                    if load in bar.stiffening:
+                        turned = np.tensordot(weights - none[load], point.stiffening, 1)
+                        position[k] += float(np.sum(turned * bar.stiffening[load]))
             for load, weights in inertia_of_point(point.position, mass).items():
                 if load in bar.stiffening:
                     axes = list(range(weights.ndim - 1))
                     share += np.tensordot(weights, bar.stiffening[load], (axes, axes))
-        none = np.zeros_like(point.position), np.zeros_like(point.rotation)
-        still = BodyMarker(none[0], basis_bar[:, 1:], none[1], share)
-        return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + still})
+        own = BodyMarker(position, basis_bar[:, 1:], np.zeros_like(point.rotation), share)
+        return replace(bar, markers={**bar.markers, marker: bar.markers[marker] + own})
 
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
         if self.markers.keys() != other.markers.keys():
-            raise ValueError(
-                f"integrals with different markers: {sorted(self.markers)} "
-                f"and {sorted(other.markers)}"
-            )
+            raise ValueError(f"different markers: {sorted(self.markers)}, {sorted(other.markers)}")
+
+
+def _summed(one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:
+    """The sums of arrays by name, of which one may lack some."""
+    return one | {name: one[name] + a if name in one else a for name, a in other.items()}

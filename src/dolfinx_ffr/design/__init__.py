@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from ..documentation import explain_fields
 from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
-from .mirrors import Mirror, MirrorPlane, image_cells, mirror_lines, mirror_planes
-from .parametrization import DensityDesign, Design, VolumeBisection, check_volume, shrunk
+from .mirrors import Isometry, Mirror, image_cells, images, mirror_lines, mirror_planes
+from .parametrization import DensityDesign, Design, Variables, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
     Gaussian,
@@ -27,12 +28,13 @@ __all__ = [
     "ExponentialSpline",
     "Gaussian",
     "HeavisideProjection",
+    "Isometry",
     "Kernel",
     "LevelSet",
     "Mirror",
-    "MirrorPlane",
     "Multiquadric",
     "ThinPlate",
+    "Variables",
     "VelocityExtension",
     "VolumeBisection",
     "Wendland",
@@ -40,7 +42,10 @@ __all__ = [
     "check_volume",
     "density_field",
     "image_cells",
+    "images",
     "mirror_lines",
     "mirror_planes",
     "shrunk",
 ]
+
+explain_fields(globals())

@@ -14,49 +14,38 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..fem import Domain
-
-__all__ = ["density_field"]
-
-Array = NDArray[np.float64]
+from ..fem import Array, Domain
+from .rbf import Wendland, neighbours
 
 #: Reach of a cell's density, in units of the edge of a square or cube as large
 _REACH = 1.5
 
 
 def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
-    """The field of the module's description; collective.
+    """A smooth field that is zero where the densities of cells cross one half; collective.
 
-    Args:
-        domain: The body.
-        x: Density of each cell owned by this rank, shape (cells,), in [0, 1].
-
-    Returns:
-        A function of positions (n, dimension) [m], on every rank, that gives (n,) numbers.
-
-    Raises:
-        ValueError: On every rank, if the density is not usable.
+    From densities ``x`` (cells,) in [0, 1] of the cells of a ``domain`` owned by this rank to a
+    function of positions (n, dimension) [m], on every rank, that gives (n,) numbers. ValueError on
+    every rank if the density is not usable.
     """
-    values = domain.everywhere(domain.check_density(x))
-    centers = domain.everywhere(domain.centroids)
-    radii = _REACH * domain.everywhere(domain.cell_volumes) ** (1.0 / domain.dimension)
-    nearest, farthest = cKDTree(centers), float(radii.max())
+    parts = domain.check_density(x), domain.centroids, domain.cell_volumes
+    values, centers, volumes = map(domain.everywhere, parts)
+    radii = _REACH * volumes ** (1.0 / domain.dimension)
+    tree, reach, wendland = cKDTree(centers), float(radii.max()), Wendland(1.0)
 
     def field(points: Array) -> Array:
-        near = cKDTree(points).sparse_distance_matrix(nearest, farthest, output_type="ndarray")
-        reached = near["v"] < radii[near["j"]]
-        point, cell = near["i"][reached], near["j"][reached]
-        s = near["v"][reached] / radii[cell]
-        weight = (1.0 - s) ** 4 * (4.0 * s + 1.0)
-        matrix = csr_matrix((weight, (point, cell)), shape=(len(points), len(centers)))
+        near = neighbours(points, tree, reach)
+        weight = wendland(near["v"] / radii[near["j"]])  # zero beyond the radius of the cell
+        places = near["i"], near["j"]
+        matrix = csr_matrix((weight, places), shape=(len(points), len(centers)))
         total = np.asarray(matrix.sum(axis=1)).ravel()
         bare = ~(total > 0.0)  # no centroid is near: the cell is much longer than wide
         means = np.asarray(matrix @ values) / np.where(bare, 1.0, total)
-        means[bare] = values[nearest.query(points[bare])[1]]
+        means[bare] = values[tree.query(points[bare])[1]]
         return means - 0.5
 
     return field

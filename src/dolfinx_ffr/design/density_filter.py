@@ -31,22 +31,27 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..fem import Domain
+from ..fem import Array, Domain
+from ..limits import check_pairs
+from ..parallel import agreed_memory, on_every_rank
 
-__all__ = ["DensityFilter", "HeavisideProjection"]
 
-Array = NDArray[np.float64]
+def check_neighbours(
+    domain: Domain, what: str, sizes: tuple[float, float], reach: float, remedy: str, ranks: int = 1
+) -> None:
+    """Refuse more pairs than memory holds, within ``reach`` distances of the second points."""
+    memory = agreed_memory(domain.comm) * ranks
+    with on_every_rank(domain.comm, what):
+        check_pairs(what, sizes, reach, domain.dimension, remedy, memory)
 
 
 class DensityFilter:
     """Weighted means over round neighbourhoods; keeps constants and the volume.
 
-    Values are those of all cells, in the order of `Domain.everywhere`, on every rank: design
-    variables are replicated.
+    Values are those of all cells, in the order of `Domain.everywhere`, on every rank.
 
     Args:
         domain: The body.
@@ -54,7 +59,8 @@ class DensityFilter:
 
     Raises:
         TypeError: If an argument is of a wrong kind.
-        ValueError: On every rank, if the radius is negative, NaN or infinite.
+        ValueError: On every rank, if the radius is negative, NaN or infinite, or so long that the
+            weights take more than the memory.
 
     Warns:
         UserWarning: If a radius above zero is not longer than the distance of neighbouring
@@ -66,6 +72,10 @@ class DensityFilter:
         validation.number("density filter: radius", radius, least=0.0, unit="m")
         #: Reach of the means [m]
         self.radius = float(radius)
+        n = domain.n_cells_global
+        reach = self.radius / domain.cell_size
+        remedy = "take a smaller radius [m]; two to three elements are usual"
+        check_neighbours(domain, "density filter", (n, n), reach, remedy)
         areas = domain.everywhere(domain.cell_volumes)
         self._share = areas / areas.mean()
         tree = cKDTree(domain.everywhere(domain.centroids))
@@ -74,7 +84,6 @@ class DensityFilter:
         if self.radius > 0.0:
             # at the radius itself the weight is round-off
             self._warn_of_idle(tree, np.count_nonzero(weights > 1e-9))
-        n = domain.n_cells_global
         kernel = scipy.sparse.coo_matrix((weights, (near["i"], near["j"])), shape=(n, n)).tocsr()
         balance = _balance(kernel, self._share)
         left, right = scipy.sparse.diags(balance), scipy.sparse.diags(balance * self._share)
@@ -98,14 +107,7 @@ class DensityFilter:
         return np.asarray(self.matrix @ values)
 
     def pullback(self, means_bar: Array) -> Array:
-        """The transpose of the derivative of the means.
-
-        Args:
-            means_bar: Derivative with respect to the means, shape (cells of all ranks,).
-
-        Returns:
-            Derivative with respect to the values, shape (cells of all ranks,).
-        """
+        """The derivative by the values, given that by the means, ``means_bar``, both (cells,)."""
         return np.asarray(self.matrix.T @ means_bar)
 
 
@@ -122,18 +124,10 @@ def _balance(kernel: scipy.sparse.csr_matrix, share: Array) -> Array:
 
 @dataclass(frozen=True)
 class HeavisideProjection:
-    """Smoothed step from void to solid, of [0, 1] onto itself.
+    """Smoothed step from void to solid, of [0, 1] onto itself."""
 
-    Args:
-        beta: Steepness; below one nearly the identity, above sixteen nearly a step.
-        eta: Threshold, in (0, 1).
-
-    Raises:
-        ValueError: If a number is out of range.
-    """
-
-    beta: float
-    eta: float = 0.5
+    beta: float  #: Steepness; below one nearly the identity, above sixteen nearly a step
+    eta: float = 0.5  #: Threshold, in (0, 1)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -142,20 +136,15 @@ class HeavisideProjection:
 
     def __call__(self, means: Array) -> Array:
         """The projection of ``means``, of the same shape."""
-        low, high = np.tanh(self.beta * self.eta), np.tanh(self.beta * (1.0 - self.eta))
+        low, high = self._ends
         x = (low + np.tanh(self.beta * (means - self.eta))) / (low + high)
         return np.clip(x, 0.0, 1.0)  # by round-off it may leave it
 
+    @property
+    def _ends(self) -> Array:
+        return np.tanh(self.beta * np.array([self.eta, 1.0 - self.eta]))
+
     def pullback(self, means: Array, x_bar: Array) -> Array:
-        """The transpose of the derivative.
-
-        Args:
-            means: Where, any shape.
-            x_bar: Derivative with respect to the projection, of the same shape.
-
-        Returns:
-            Derivative with respect to the means, of the same shape.
-        """
-        low, high = np.tanh(self.beta * self.eta), np.tanh(self.beta * (1.0 - self.eta))
+        """The derivative by ``means``, given that by their projection, ``x_bar``, of any shape."""
         slope = 1.0 - np.tanh(self.beta * (means - self.eta)) ** 2
-        return np.asarray(x_bar * self.beta * slope / (low + high))
+        return np.asarray(x_bar * self.beta * slope / sum(self._ends))

@@ -35,43 +35,40 @@ References:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, ClassVar
 
-from mpi4py import MPI
-
+import contourpy
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..fem import Domain
-from ..parallel import ROUND_OFF
-from .contour_distance import distance_from_contour
-from .density_filter import HeavisideProjection
-from .mirrors import Mirror, MirrorPlane, image_cells, images
+from ..fem import Array, Domain, summed
+from ..limits import PAIR, check_count
+from ..parallel import ROUND_OFF, on_every_rank
+from .density_filter import HeavisideProjection, check_neighbours
+from .mirrors import Mirror, image_cells, images
 from .parametrization import SHARP, Design, finite_vector, steepness
-from .rbf import Wendland, strip_middle, strip_width
-
-__all__ = ["LevelSet"]
-
-Array = NDArray[np.float64]
+from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
 
 #: Shortest radius of the kernel in mean elements: one of 2.75 costs 1 % of psi
 RADIUS = 2.25
 #: Of the kernel, in distances of knots
 REACH = 2.75
-#: f in the middle of the thinner of the thinnest member and the narrowest gap, see `strip_width`
+#: f in the middle of the thinnest member or the narrowest gap, see `strip_width`
 FLAT = 0.6
 #: c of the penalty: wide enough to see the flanks of a strip, whose middle alone is flat
 DECAY = 0.93
 #: Of the penalty beside log psi: less than half as much lets struts thin out, four times as much
 #: costs 2 %
 WEIGHT = 100.0
-#: Factor by which it grows at last: a strut that is neither thick enough nor gone must decide
+#: Factor by which it grows at last: a strut must become thick enough or vanish
 LATE = 2.0
 #: Least share that one minimum size may be of the other
 SIZES = 0.25
@@ -79,13 +76,13 @@ SIZES = 0.25
 GAP = 0.2
 #: Progress at which the penalty sets in, after the topology is found, has its weight, and is grown
 PENALTY = (0.4, 0.5, 0.75)
-#: Size that the penalty aims at over the one that is asked for: what it allows is a fifth thinner
+#: Size that the penalty aims at over the one that is asked for: it allows a fifth less
 SAFETY = 1.3
 #: Contrast with which moving asymptotes take up a start: where an element is void, the slope of
 #: SIMP is zero, and nothing would ever grow there
 CONTRAST = 0.25
-#: f at which the design is analysed near the end instead of 1/2, as if a little were worn off
-#: everywhere, so that no member hangs by what elements bridge; and the progress from which on
+#: f on the boundary of the eroded design, whose psi is taken from this progress on in place of the
+#: nominal one, so that no member hangs by a bridge of elements
 ERODED = (0.54, 0.7)
 #: Points at which the field is evaluated at a time: a pair with each knot in reach is stored
 AT_ONCE = 200_000
@@ -100,11 +97,11 @@ class LevelSet(Design):
 
     Args:
         domain: The body.
-        minimum_member: Width that no member may fall below [m]. By default what the mesh resolves,
-            0.64 mean elements, and at least a quarter of `minimum_gap`. It is asked for by a
-            penalty and told of the finished part, see `Part.thinnest_member`.
-        minimum_gap: Width that no gap or hole may fall below [m]; by default what the mesh
-            resolves, and at least a quarter of `minimum_member`.
+        minimum_member: Width that no member may fall below [m]. By default the mesh's least,
+            0.64 mean elements, and at least a quarter of `minimum_gap`. A penalty asks for it; that
+            of the finished part is `Part.thinnest_member`.
+        minimum_gap: Width that no gap or hole may fall below [m]; by default the mesh's
+            least, and at least a quarter of `minimum_member`.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
         knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
@@ -114,14 +111,12 @@ class LevelSet(Design):
         quadrature: Points in each direction of an element, by default four, in space three.
 
     Raises:
-        ValueError: On every rank, if there are no knots, a length is not positive, a size is below
-            what the mesh resolves, one of the sizes is so much smaller than the other that one
-            kernel cannot hold both, a mirror line is none of the body, the spacing leaves fewer
-            than three knots across the body, or the knots do not cover the body.
+        ValueError: On every rank, if the mesh does not resolve a size, one is less than a quarter
+            of the other, a mirror is none of the body, or the knots are fewer than three across
+            the body or do not cover it.
     """
 
     each: ClassVar[str] = "knot"
-    lower, upper = 0.0, 1.0
     fills: ClassVar[bool] = True
 
     def __init__(
@@ -130,23 +125,21 @@ class LevelSet(Design):
         *,
         minimum_member: float | None = None,
         minimum_gap: float | None = None,
-        mirrors: Sequence[Mirror | MirrorPlane] = (),
+        mirrors: Sequence[Mirror] = (),
         knots: ArrayLike | None = None,
         spacing: float | None = None,
         quadrature: int | None = None,
     ) -> None:
         self.domain = validation.instance("level set: domain", domain, Domain, "a Domain")
-        #: Size of a mean element [m]
-        self.element = domain.cell_size
+        self.element = domain.cell_size  #: Size of a mean element [m]
         d = domain.dimension
-        if quadrature is None:
-            quadrature = 4 if d == 2 else 3
-        points_across = validation.integer("level set: quadrature", quadrature, least=1)
-        #: Thinnest member and narrowest gap asked for [m]
+        points_across = 4 if d == 2 else 3
+        if quadrature is not None:
+            points_across = validation.integer("level set: quadrature", quadrature, least=1)
+        #: Of the thinnest member and of the narrowest gap [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         larger = SAFETY * max(self.minimum_member, self.minimum_gap)
-        #: Of the kernel [m]
-        self.radius = larger / strip_width(FLAT, d)
+        self.radius = larger / strip_width(FLAT, d)  #: Of the kernel [m]
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
         self._solid = strip_middle(SAFETY * self.minimum_member / self.radius, d)
         self._void = 1.0 - strip_middle(SAFETY * self.minimum_gap / self.radius, d)
@@ -161,17 +154,19 @@ class LevelSet(Design):
                 f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
                 f"{' x '.join(f'{size:.4g} m' for size in high - low)}; take a smaller one"
             )
-        lines = [np.linspace(low[k], high[k], counts[k]) for k in range(d)]
-        grid = np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
+        count = math.prod(map(float, counts))
+        with on_every_rank(domain.comm, "level set"):
+            check_count("level set", count, "knots", "take a larger spacing [m]", each=PAIR)
+        lines = _lines(domain, counts)
+        grid = _grid(lines)
         #: Distance of neighbouring knots of the grid [m]
         self.spacing = float(max(line[1] - line[0] for line in lines))
-        kind: Any
-        kind, name = (Mirror, "mirror line") if d == 2 else (MirrorPlane, "mirror plane")
-        self.mirrors: tuple[Mirror | MirrorPlane, ...] = tuple(
-            validation.instances("level set: mirrors", mirrors, kind, f"{name}s of the body")
+        name = "mirror line" if d == 2 else "mirror plane"
+        self.mirrors: tuple[Mirror, ...] = tuple(
+            validation.instances("level set: mirrors", mirrors, Mirror, f"{name}s of the body")
         )
         for mirror in self.mirrors:
-            if image_cells(domain, mirror) is None:
+            if len(mirror.normal) != d or isinstance(image_cells(domain, mirror), str):
                 raise ValueError(
                     f"level set: {mirror} is no {name} of the body or of its solid regions; "
                     f"{name.replace(' ', '_')}s(domain) finds those that it has"
@@ -180,37 +175,37 @@ class LevelSet(Design):
         #: Positions of the knots, shape (knots, dimension) [m]
         self.knots = grid if knots is None else _check_knots(knots, d)
         self.kernel = Wendland(self.radius)
+        apart = float(np.prod(high - low) / len(self.knots)) ** (1.0 / d)
+        sizes = domain.n_cells_global * float(points_across) ** d, len(self.knots)
+        remedy = "take fewer knots, a larger spacing [m] or a smaller quadrature"
+        ranks = domain.comm.size  # share the points
+        check_neighbours(domain, "level set", sizes, self.radius / apart, remedy, ranks)
         self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
-        self._check_cover(points.reshape(-1, d))
-        if knots is None:  # those of the grid that no element sees are no variables
-            seen = np.unique(self._weighted(points.reshape(-1, d)).indices)
+        points = points.reshape(-1, d)
+        self._check_cover(points)
+        if knots is None:  # knots of the grid that no element sees are no variables
+            seen = np.unique(kernel_matrix(self.kernel, points, self._tree).indices)
             everywhere = np.zeros(len(grid), dtype=bool)
             everywhere[np.concatenate(domain.comm.allgather(seen))] = True
             self.knots = grid[everywhere]
             self._tree = cKDTree(self.knots)
         self.size = len(self.knots)
-        self._matrix = self._means(points.reshape(-1, d))
-        #: Steepness beta of the projection
-        self.sharpness = SHARP
-        #: f at which it steps from void to solid
-        self.threshold = 0.5
-        #: Weight of the penalty of sizes below the minimum ones
-        self.weight = WEIGHT * LATE
-
-    @property
-    def _both(self) -> tuple[float, float]:
-        return self.minimum_member, self.minimum_gap
+        self._matrix = self._means(points)
+        self.sharpness = SHARP  #: Steepness beta of the projection
+        self.threshold = 0.5  #: f at which it steps from void to solid
+        self.weight = WEIGHT * LATE  #: Of the penalty of sizes below the minimum ones
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
-        """Both minimum sizes, or refuse what the mesh cannot resolve."""
+        """Both minimum sizes, or refuse sizes that the mesh cannot resolve."""
         least = RADIUS * self.element * strip_width(FLAT, self.domain.dimension) / SAFETY
-        for name, value in (("minimum_member", member), ("minimum_gap", gap)):
-            if value is not None:
-                validation.number(f"level set: {name}", value, above=0.0, unit="m")
-        # one kernel holds both sizes: what is not asked for follows what is
-        smallest = max(least, SIZES * max(member or 0.0, gap or 0.0))
-        sizes = (smallest if member is None else member, smallest if gap is None else gap)
+        asked = {"minimum_member": member, "minimum_gap": gap}
+        given = {name: value for name, value in asked.items() if value is not None}
+        for name, value in given.items():
+            validation.number(f"level set: {name}", value, above=0.0, unit="m")
+        # one kernel holds both sizes: one that is not asked for follows the other
+        smallest = max([least, *(SIZES * value for value in given.values())])
+        sizes = given.get("minimum_member", smallest), given.get("minimum_gap", smallest)
         if min(sizes) < least * (1.0 - 1e-9):
             raise ValueError(
                 f"level set: a minimum size of {min(sizes):.4g} m is below the {least:.4g} m that "
@@ -225,20 +220,11 @@ class LevelSet(Design):
 
     # ------------------------------------------------------------------ field
 
-    def _weighted(self, points: Array) -> csr_matrix:
-        """g(|X_i - X_j|), shape (points, knots)."""
-        near = cKDTree(points).sparse_distance_matrix(
-            self._tree, self.kernel.support, output_type="ndarray"
-        )
-        return csr_matrix(
-            (self.kernel(near["v"]), (near["i"], near["j"])), shape=(len(points), len(self.knots))
-        )
-
     def _means(self, points: Array) -> csr_matrix:
         """The matrix that takes coefficients to f at points, averaged over the mirror images."""
         total = 0.0
         for image in self._images:
-            g = self._weighted(image(points))
+            g = kernel_matrix(self.kernel, image(points), self._tree)
             sums = np.asarray(g.sum(axis=1)).ravel()
             # beyond the reach of all knots, far outside of the body, f is 0
             total = total + diags(1.0 / np.where(sums > 0.0, sums, 1.0)) @ g
@@ -249,15 +235,15 @@ class LevelSet(Design):
         total: list[Any] = [0.0] * points.shape[1]
         for image in self._images:
             x = image(points)
-            g = self._weighted(x).tocoo()
+            g = kernel_matrix(self.kernel, x, self._tree).tocoo()
             sums = np.bincount(g.row, weights=g.data, minlength=len(x))
             offset = x[g.row] - self.knots[g.col]
             s = np.linalg.norm(offset, axis=1) / self.radius
             slope = (-20.0 / self.radius**2 * (1.0 - s) ** 3)[:, None] * offset
             values = np.empty_like(slope)
-            for k in range(len(total)):
-                mean = np.bincount(g.row, weights=slope[:, k], minlength=len(x)) / sums
-                values[:, k] = (slope[:, k] - g.data * mean[g.row]) / sums[g.row]
+            for k, part in enumerate(slope.T):
+                mean = np.bincount(g.row, weights=part, minlength=len(x)) / sums
+                values[:, k] = (part - g.data * mean[g.row]) / sums[g.row]
             values = values @ image.turn  # back from the image
             for k in range(len(total)):
                 total[k] = total[k] + csr_matrix((values[:, k], (g.row, g.col)), shape=g.shape)
@@ -274,12 +260,9 @@ class LevelSet(Design):
             )
 
     def level(self, variables: ArrayLike) -> Callable[[ArrayLike], Array]:
-        """F - 1/2 as a function of positions (n, dimension) [m], positive in the material.
+        """F - 1/2 by coefficients ``variables`` (knots,), positive in the material.
 
-        Not collective: each rank may ask for its own points.
-
-        Args:
-            variables: Coefficients, shape (knots,).
+        A function of positions (n, dimension) [m] that each rank may call for its own points.
         """
         u = self._check(variables)
 
@@ -295,9 +278,7 @@ class LevelSet(Design):
 
     def _mean(self, points: Array, u: Array) -> Array:
         """F at points, of one image: `_means` without its matrices, which a part asks for often."""
-        near = cKDTree(points).sparse_distance_matrix(
-            self._tree, self.kernel.support, output_type="ndarray"
-        )
+        near = neighbours(points, self._tree, self.kernel.support)
         weights = self.kernel(near["v"])
         sums = np.bincount(near["i"], weights, len(points))
         values = np.bincount(near["i"], weights * u[near["j"]], len(points))
@@ -312,51 +293,44 @@ class LevelSet(Design):
 
     @property
     def nominal(self) -> LevelSet:
-        """The level set whose material is where f > 1/2, as it is made."""
-        return self._with_threshold(0.5)
+        """The nominal level set: its material is where f > 1/2."""
+        return self._with(threshold=0.5)
 
     @property
     def eroded(self) -> LevelSet:
-        """The level set whose material lies a little within its boundary, as it is analysed.
+        """The eroded level set: its material lies a little within the nominal boundary.
 
-        So the design that is made is optimised for a boundary a little within its own, and holds
-        where a member would otherwise be as thin as the mesh bridges (robust design; F. Wang,
+        Optimised for its psi, no member is as thin as the mesh bridges (robust design; F. Wang,
         B. S. Lazarov and O. Sigmund, doi:10.1007/s00158-010-0602-y).
         """
-        return self._with_threshold(ERODED[0])
+        return self._with(threshold=ERODED[0])
 
-    def _with_threshold(self, threshold: float) -> LevelSet:
-        if self.threshold == threshold:
+    def _with(self, **changed: float) -> LevelSet:
+        """The same level set with other attributes; itself where they are the same."""
+        if all(getattr(self, name) == value for name, value in changed.items()):
             return self
         other = copy(self)
-        other.threshold = threshold
+        vars(other).update(changed)
         return other
 
     def at(self, progress: float) -> LevelSet:
         """The design as sharp as at a ``progress``, with its penalty, near the end `eroded`."""
         other = self.with_sharpness(steepness(progress))
-        if progress >= ERODED[1]:
-            other = other.eroded
         begin, full, end = PENALTY
+        late = LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
         ramp = min(max((progress - begin) / (full - begin), 0.0), 1.0)
-        other.weight = WEIGHT * ramp * LATE ** min(max((progress - full) / (end - full), 0.0), 1.0)
-        return other
+        other = other._with(weight=WEIGHT * ramp * late)
+        return other.eroded if progress >= ERODED[1] else other
 
     def with_sharpness(self, sharpness: float) -> LevelSet:
         """The same level set with another steepness ``sharpness`` of its projection."""
-        validation.number("level set: sharpness", sharpness, above=0.0)
-        other = copy(self)
-        other.sharpness = float(sharpness)
-        return other
+        value = validation.number("level set: sharpness", sharpness, above=0.0)
+        return self._with(sharpness=value)
 
     def density(self, variables: ArrayLike) -> Array:
         """The density of each cell owned by this rank, shape (cells,), in [0, 1].
 
-        Args:
-            variables: Coefficients, shape (knots,).
-
-        Raises:
-            ValueError: If there is not one finite coefficient a knot.
+        ValueError if there is not one finite coefficient a knot in ``variables``.
         """
         f = self._at_points(variables)
         x = np.einsum("cq,cq->c", self._weights, self.projection(f))
@@ -364,32 +338,15 @@ class LevelSet(Design):
         return np.where(self.domain.design_cells, np.clip(x, 0.0, 1.0), self.domain.passive_density)
 
     def pullback(self, variables: ArrayLike, x_bar: Array) -> Array:
-        """The transpose of the derivative of `density`.
-
-        Args:
-            variables: Coefficients, shape (knots,).
-            x_bar: Derivative with respect to the density of this rank's cells, shape (cells,).
-
-        Returns:
-            Derivative with respect to the coefficients, shape (knots,), summed over the ranks and
-            bit-identical on each.
-        """
         bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights
         f_bar = self.projection.pullback(self._at_points(variables), bar)
-        return self._sum(np.ascontiguousarray(self._matrix.T @ f_bar.ravel()))
+        return summed(self.domain.comm, self._matrix.T @ f_bar.ravel())
 
     def _at_points(self, variables: ArrayLike) -> Array:
         return np.asarray(self._matrix @ self._check(variables)).reshape(self._weights.shape)
 
     def _check(self, variables: ArrayLike) -> Array:
         return finite_vector(variables, self.size, "level set", "coefficients, one a knot")
-
-    def _sum(self, local: Array) -> Array:
-        comm: MPI.Comm = self.domain.comm
-        total = np.empty_like(local)
-        comm.Reduce(local, total, root=0)
-        comm.Bcast(total, root=0)
-        return total
 
     # ------------------------------------------------------------------ minimum size
 
@@ -399,20 +356,16 @@ class LevelSet(Design):
         return self._means(points), *self._slopes(points)
 
     def penalty(self, variables: ArrayLike) -> tuple[float, Array]:
-        """What members and gaps below their minimum sizes cost, beside log psi.
+        """The penalty of members and gaps below their minimum sizes, beside log psi.
 
-        Args:
-            variables: Coefficients, shape (knots,).
-
-        Returns:
-            Value, and derivative with respect to the coefficients, shape (knots,), on every rank.
+        Value and derivative by the coefficients ``variables``, shape (knots,), on every rank.
         """
         weight = self.weight
         if weight == 0.0:
             return 0.0, np.zeros(self.size)
         u = self._check(variables)
         mean, *slopes = self._at_centroids
-        f, gradient = np.asarray(mean @ u), [np.asarray(matrix @ u) for matrix in slopes]
+        f, *gradient = (np.asarray(matrix @ u) for matrix in (mean, *slopes))
         share = self.domain.cell_volumes / self.domain.area * self.domain.design_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))
         decay = DECAY * self.radius**2
@@ -428,30 +381,20 @@ class LevelSet(Design):
         local = mean.T @ f_bar
         for matrix, part in zip(slopes, gradient, strict=True):
             local = local + matrix.T @ (slope_bar * part)
-        return value, self._sum(np.ascontiguousarray(local))
+        return value, summed(self.domain.comm, local)
 
     # ------------------------------------------------------------------ starts
 
     def from_distance(self, distance: ArrayLike | Callable[[Array], Array]) -> Array:
-        """Coefficients whose boundary is that of a signed distance, positive in the material.
+        """Coefficients whose boundary is that of a signed ``distance``, positive in the material.
 
-        Args:
-            distance: At the knots, shape (knots,) [m], or a function of positions
-                (n, dimension) [m].
-
-        Returns:
-            Coefficients, shape (knots,): 1 or 0 from three mean elements off the boundary on.
-
-        Raises:
-            ValueError: If there is not one finite value a knot.
+        The distance is given at the knots, shape (knots,) [m], or as a function of positions
+        (n, dimension) [m]. Coefficients (knots,) are 1 or 0 from three mean elements off the
+        boundary on. ValueError if there is not one finite value a knot.
         """
         given = distance(self.knots) if callable(distance) else distance
         d = finite_vector(given, self.size, "level set", "distances, one a knot")
         return 0.5 + 0.5 * np.clip(d / (BAND * self.element), -1.0, 1.0)
-
-    def even(self, value: float = 0.5) -> Array:
-        """Coefficients that all have the same ``value`` in [0, 1], shape (knots,)."""
-        return np.full(self.size, validation.number("level set: value", value, least=0, most=1))
 
     def with_holes(
         self, columns: int, rows: int, radius: float, *, margin: float | None = None
@@ -461,8 +404,8 @@ class LevelSet(Design):
         In space they go through the body along its shortest side.
 
         Args:
-            columns: Holes along the longer side of the body's bounding box.
-            rows: Holes across.
+            columns: Number of holes along the longer side of the body's bounding box.
+            rows: Number of holes across.
             radius: Of the holes [m]; zero leaves the body solid.
             margin: Distance of the outermost rows' centers from the longer sides [m]; by default
                 half the distance between rows.
@@ -481,17 +424,13 @@ class LevelSet(Design):
         edge = height / (2 * rows) if margin is None else margin
         across = np.linspace(edge, height - edge, rows) if rows > 1 else np.array([height / 2])
         pitch = length / columns
-        centers = []
-        for row, offset in enumerate(across):
-            # staggered, and alike on both sides of the middle row
-            shift = 0.5 * (min(row, rows - 1 - row) % 2)
-            for column in range(-1, columns + 1):
-                center = np.empty(2)
-                center[0] = low[long] + (column + 0.5 + shift) * pitch
-                center[1] = low[side] + offset
-                centers.append(center)
+        # staggered, and alike on both sides of the middle row
+        shift = [0.5 * (min(row, rows - 1 - row) % 2) for row in range(rows)]
+        along = np.arange(-1, columns + 1) + 0.5 + np.array(shift)[:, None]
+        centers = np.stack(np.broadcast_arrays(along * pitch, across[:, None]), axis=-1)
+        centers = centers.reshape(-1, 2) + low[[long, side]]
         across_holes = self.knots[:, [long, side]]
-        return self.from_distance(cKDTree(np.array(centers)).query(across_holes)[0] - radius)
+        return self.from_distance(cKDTree(centers).query(across_holes)[0] - radius)
 
     def begin(self, start: ArrayLike) -> Array:
         """A ``start`` with a quarter of its contrast, so that there are derivatives everywhere."""
@@ -502,23 +441,19 @@ class LevelSet(Design):
     @cached_property
     def _drawn(self) -> tuple[list[Array], csr_matrix]:
         """The lines of a grid of half elements over the body, and the matrix to f on the grid."""
-        low, high = self.domain.bounding_box
-        counts = np.ceil((high - low) / (0.5 * self.element)).astype(int) + 1
-        lines = [np.linspace(*ends) for ends in zip(low, high, counts, strict=True)]
-        grid = np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
-        return lines, self._means(grid)
+        sizes = np.ptp(self.domain.bounding_box, axis=0)
+        lines = _lines(self.domain, np.ceil(sizes / (0.5 * self.element)).astype(int) + 1)
+        return lines, self._means(_grid(lines))
 
     def distance(self, variables: ArrayLike, points: ArrayLike | None = None) -> Array:
         """The signed distance from the boundary f = 1/2, positive in the material.
 
-        The boundary is the polygon, in space the surface of triangles, on which f, linear between
-        the points of a grid of half elements, is 1/2. Not collective: each rank may ask for its own
-        points.
+        The boundary is that of f linear between the points of a grid of half elements. Not
+        collective: each rank may ask for its own points.
 
         Args:
             variables: Coefficients, shape (knots,).
-            points: Positions, shape (n, dimension) [m]; by default the centroids of this rank's
-                cells.
+            points: Positions, shape (n, dimension) [m]; by default the centroids of its cells.
 
         Returns:
             Shape (n,) [m]; infinite, with the sign of f - 1/2, where there is no boundary.
@@ -537,17 +472,26 @@ class LevelSet(Design):
         sign = np.where(self.level(u)(x) >= -HALF, 1.0, -1.0)
         grid, matrix = self._drawn
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
-        return sign * distance_from_contour(x, grid, values, 0.5 - HALF)
+        return sign * _distance_from_contour(x, grid, values, 0.5 - HALF)
 
     def identity(self) -> dict[str, Any]:
-        """What the level sets of a checkpoint and of the run that reads it have in common."""
         return {
             "knots": self.knots,
             "radius": self.radius,
-            "sizes": list(self._both),
+            "sizes": [self.minimum_member, self.minimum_gap],
             "mirrors": repr(self.mirrors),
             "cells": self.domain.n_cells_global,
         }
+
+
+def _lines(domain: Domain, counts: NDArray[np.int64]) -> list[Array]:
+    """As many coordinates along each axis over the box of a body."""
+    return [np.linspace(*ends) for ends in zip(*domain.bounding_box, counts, strict=True)]
+
+
+def _grid(lines: Sequence[Array]) -> Array:
+    """The points of a regular grid, shape (points, dimension)."""
+    return np.column_stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")])
 
 
 def _check_knots(knots: ArrayLike, d: int) -> Array:
@@ -562,3 +506,30 @@ def _check_knots(knots: ArrayLike, d: int) -> Array:
     if np.min(cKDTree(given).query(given, k=2)[0][:, 1]) == 0.0:
         raise ValueError("level set: two knots coincide; remove one of them")
     return np.ascontiguousarray(given)
+
+
+def _distance_from_contour(
+    points: Array, grid: Sequence[Array], values: Array, level: float
+) -> Array:
+    """The distance of points (n, d) from the contour of a field on a grid, (n,), or infinity."""
+    if len(grid) == 3:
+        return _distance_in_space(points, grid, values, level)
+    lines = contourpy.contour_generator(grid[0], grid[1], values.T).lines(level)
+    lines = [line for line in lines if len(line) > 1]
+    if not lines or len(points) == 0:
+        return np.full(len(points), math.inf)
+    contour = shapely.MultiLineString(lines)
+    shapely.prepare(contour)
+    return np.asarray(shapely.distance(contour, shapely.points(points)))
+
+
+def _distance_in_space(points: Array, grid: Sequence[Array], values: Array, level: float) -> Array:
+    import pyvista  # takes a while
+
+    origin, steps = zip(*((line[0], line[1] - line[0]) for line in grid), strict=True)
+    image = pyvista.ImageData(dimensions=values.shape, origin=origin, spacing=steps)
+    surface = image.contour([level], scalars=values.ravel(order="F"))
+    if not surface.n_cells or len(points) == 0:
+        return np.full(len(points), math.inf)
+    nearest = surface.find_closest_cell(points, return_closest_point=True)[1]
+    return np.linalg.norm(points - nearest, axis=1)

@@ -9,10 +9,9 @@ where v is the smoothed, scaled negative gradient of psi and m that of the volum
 Lambda is the smallest for which the volume bound holds: zero where the bound is not active, because
 less material may well be better when inertia is the load.
 
-Velocities reach as far from the zero line as the smoothed Heaviside function and the kernel do.
-Holes merge and vanish, but none opens within solid material farther away: a start design has more
-holes than the final one will need, or none at all, which the volume bound then turns into an even
-gray from which the gradient carves.
+Holes merge and vanish, but none opens within solid material beyond the reach of the kernel: a start
+design has more holes than the final one will need, or none at all, which the volume bound then
+turns into an even gray from which the gradient carves.
 """
 
 from __future__ import annotations
@@ -21,40 +20,30 @@ from collections.abc import Callable
 from copy import copy
 
 import numpy as np
-import scipy.sparse
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from .level_set import LevelSet
-from .parametrization import VolumeBisection, check_volume
-from .rbf import Wendland
-
-__all__ = ["Evolution", "VelocityExtension"]
-
-Array = NDArray[np.float64]
+from .density_filter import check_neighbours
+from .level_set import Array, LevelSet
+from .parametrization import VolumeBisection, check_volume, filled_share
+from .rbf import Wendland, kernel_matrix
 
 
 class VelocityExtension:
     """Carries derivatives from the neighbourhood of the boundary to the knots around.
 
-    A derivative with respect to phi at the knots is smoothed with a positive definite kernel, so
-    that the negative result is a descent direction.
-
-    Args:
-        levelset: Gives the knots.
-        radius: Of the smoothing kernel [m]; by default that of the level set's kernel.
+    A derivative with respect to phi at the knots of ``levelset`` is smoothed by a positive definite
+    kernel, so that the negative result is a descent direction. Its ``radius`` [m] is by default
+    that of the level set's kernel.
     """
 
     def __init__(self, levelset: LevelSet, radius: float | None = None) -> None:
         validation.instance("velocity extension: levelset", levelset, LevelSet, "a LevelSet")
         kernel = Wendland(levelset.radius if radius is None else radius)
-        tree = cKDTree(levelset.knots)
-        near = tree.sparse_distance_matrix(tree, kernel.support, output_type="ndarray")
-        size = len(levelset.knots)
-        self._matrix = scipy.sparse.csr_matrix(
-            (kernel(near["v"]), (near["i"], near["j"])), shape=(size, size)
-        )
+        sizes, reach = (levelset.size, levelset.size), kernel.support / levelset.spacing
+        remedy = "take a smaller radius [m]"
+        check_neighbours(levelset.domain, "velocity extension", sizes, reach, remedy)
+        self._matrix = kernel_matrix(kernel, levelset.knots, cKDTree(levelset.knots))
 
     def __call__(self, phi_bar: Array) -> Array:
         """The extended derivative at the knots, given ``phi_bar`` (knots,)."""
@@ -65,7 +54,7 @@ class Evolution:
     """Explicit steps of a level set.
 
     Args:
-        levelset: What moves.
+        levelset: The level set.
         volume: Upper bound of the filled share of the body's area, in (0, 1].
         band: Phi is kept within this many spacings of its zero line, so that a hole or a strut of
             that size can vanish within that many steps.
@@ -92,7 +81,7 @@ class Evolution:
         validation.number("evolution: band", band, above=0.0)
         check_volume(domain, volume)
         self.levelset = levelset
-        #: The level set whose densities are analysed, and whose derivatives move the boundary
+        #: The level set whose densities are evaluated, and whose derivatives move the boundary
         self.analysed = levelset
         self.band = band * levelset.spacing
         self.bisection = VolumeBisection(volume)
@@ -101,13 +90,7 @@ class Evolution:
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
 
     def with_sharpness(self, sharpness: float, *, eroded: bool = False) -> Evolution:
-        """The same steps of a level set whose projection has another ``sharpness``.
-
-        Args:
-            sharpness: Steepness of the projection.
-            eroded: Whether what is analysed lies a little within the boundary, `LevelSet.eroded`;
-                the volume bound is always that of the boundary itself.
-        """
+        """The same steps with another ``sharpness``, and with psi of the ``eroded`` level set."""
         other = copy(self)
         other.levelset = self.levelset.with_sharpness(sharpness)
         other.analysed = other.levelset.eroded if eroded else other.levelset
@@ -118,21 +101,12 @@ class Evolution:
         return np.asarray(0.5 + 0.5 * np.clip(phi / self.band, -1.0, 1.0))
 
     def start(self, variables: Array) -> Array:
-        """Phi at the knots of a start design, shrunk evenly until the volume bound holds.
-
-        A design without a boundary becomes an even gray of the bound's volume.
-
-        Args:
-            variables: Of the start design, shape (knots,).
-        """
+        """Phi at the knots of the start ``variables`` (knots,), shrunk until the bound holds."""
         return self.reinitialize(self.band * (2.0 * np.asarray(variables) - 1.0))
 
     def _signed_distance(self, phi: Array) -> Array:
-        """Phi whose mean by the level set's kernel is a signed distance near the boundary.
-
-        The kernel smooths: a distance given as coefficients would shrink holes. What the mean lacks
-        of the distance is added, which is nothing on the boundary itself.
-        """
+        """Phi whose mean by the level set's kernel is a signed distance near the boundary."""
+        # the kernel smooths: a distance given as coefficients would shrink holes
         levelset, variables = self.levelset, self.variables(phi)
         found = levelset.distance(variables, levelset.knots)
         if not np.all(np.isfinite(found)):
@@ -152,17 +126,10 @@ class Evolution:
         return self._bounded(lambda shift: phi - shift * self.levelset.spacing)[0]
 
     def step(self, phi: Array, gradient: Array, size: float) -> tuple[Array, float]:
-        """Phi after one explicit step, and the multiplier of the volume bound.
+        """``phi`` (knots,) [m] after one explicit step, and the multiplier Lambda of the bound.
 
-        Args:
-            phi: At the knots, shape (knots,) [m].
-            gradient: dpsi/dx of the cells owned by this rank, shape (cells,), at the densities of
-                the level set that is `analysed`.
-            size: CFL number c: largest change of phi in spacings.
-
-        Returns:
-            New values at the knots, shape (knots,), and Lambda >= 0 in units of the scaled
-            velocity.
+        The ``gradient`` is dpsi/dx of this rank's cells, shape (cells,), at the densities of the
+        level set that is `analysed`, ``size`` the CFL number c, the largest change in spacings.
         """
         variables = self.variables(phi)
         psi_bar = self.extension(self.analysed.pullback(variables, gradient))
@@ -181,16 +148,12 @@ class Evolution:
 
     def _bounded(self, family: Callable[[float], Array]) -> tuple[Array, float]:
         """The first member of a family of shrinking designs that keeps the volume bound."""
-
-        def volume(multiplier: float) -> float:
-            x = self.levelset.density(self.variables(family(multiplier)))
-            domain = self.levelset.domain
-            return domain.sum(x * domain.cell_volumes) / domain.area
-
-        multiplier = self.bisection.multiplier(volume)
+        multiplier = self.bisection.multiplier(
+            lambda m: filled_share(self.levelset, self.variables(family(m)))
+        )
         return family(multiplier), multiplier
 
 
 def _typical(values: Array) -> float:
-    """A size that most values stay below, and outliers do not set."""
+    """A size below which most values stay, whatever the outliers."""
     return float(np.percentile(np.abs(values), 80)) or 1.0

@@ -1,13 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Designs: how bounded variables, alike on every rank, become the density of a body's elements.
-
-`DensityDesign` has one variable for each designed element,
-
-    variables z -> filter -> projection -> density x,
-
-and a `LevelSet` one for each knot. Both become sharper along a run, and hand derivatives back by
-the exact transpose.
-"""
+"""Designs: how bounded variables, alike on every rank, become the density of a body's elements."""
 
 from __future__ import annotations
 
@@ -15,28 +7,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..fem import Domain
+from ..fem import Array, Domain
 from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
-
-__all__ = [
-    "DensityDesign",
-    "Design",
-    "VolumeBisection",
-    "check_volume",
-    "finite_vector",
-    "shrunk",
-    "steepness",
-]
-
-Array = NDArray[np.float64]
-
 
 #: Steepness of the projection of a finished design: a step within a fifth of an element with the
 #: shortest kernel, and in proportion to its radius
@@ -47,86 +26,40 @@ SHARPENING = (0.05, 0.55)
 
 
 def steepness(progress: float) -> float:
-    """Steepness of the projection: 1 at the beginning, 32 from a progress of 0.55 on.
-
-    Args:
-        progress: In [0, 1].
-
-    Raises:
-        ValueError: If it is out of range.
-    """
+    """Steepness of the projection at a progress in [0, 1]: 1 at the start, 32 from 0.55 on."""
     validation.number("design: progress", progress, least=0.0, most=1.0)
     begin, end = SHARPENING
     return float(SHARP ** min(max((progress - begin) / (end - begin), 0.0), 1.0))
 
 
-class Design(ABC):
-    """From bounded variables to the density of one body, and back.
+class Variables(ABC):
+    """Bounded variables, alike on every rank, of a body or of numbers; they never change."""
 
-    A design never changes: the sharper one of a later iteration is another object.
-    """
-
-    domain: Domain  #: Of the body
-    lower: float  #: Smallest value of a variable
-    upper: float  #: Largest value of a variable
+    lower: float = 0.0  #: Smallest value of a variable
+    upper: float = 1.0  #: Largest value of a variable
     size: int  #: Number of variables
-    each: ClassVar[str]  #: What there is one variable for
-    sharpness: float  #: Steepness of the step from void to solid; 1 is open, 32 is crisp
-    #: Whether a density is the share of its element that the boundary encloses
-    fills: ClassVar[bool] = False
+    each: ClassVar[str]  #: The thing that has one variable, for messages
 
-    @abstractmethod
-    def at(self, progress: float) -> Design:
-        """The design as sharp as at a ``progress`` between 0, the start, and 1, the end."""
-
-    @property
-    def nominal(self) -> Design:
-        """The design as it is made, where another one is analysed in its place, see `LevelSet`."""
+    def at(self, progress: float) -> Self:
+        """The design as it is at a ``progress`` between 0, the start, and 1, the end."""
         return self
 
     @abstractmethod
-    def density(self, variables: Array) -> Array:
-        """The density of this rank's cells, shape (cells,), at ``variables`` (size,)."""
-
-    @abstractmethod
-    def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The transpose of the derivative of `density`, bit-identical on every rank.
-
-        Args:
-            variables: Where, shape (size,).
-            x_bar: Derivative with respect to the density of this rank's cells, shape (cells,).
-
-        Returns:
-            Derivative with respect to the variables, shape (size,).
-        """
-
-    @abstractmethod
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint and the run that reads it must have in common."""
+        """The data that a checkpoint and the run that reads it must have in common."""
 
-    @abstractmethod
     def even(self, value: float = 0.5) -> Array:
-        """Variables that all have the same ``value``, shape (size,)."""
-
-    @abstractmethod
-    def level(self, variables: Array) -> Callable[[Array], Array]:
-        """The field whose zero line bounds the material at ``variables``.
-
-        Collective; what it returns takes positions (n, dimension) [m] and gives (n,) numbers,
-        positive in the material, on any rank alone.
-        """
+        """Variables that all lie at the same share ``value`` of their range, shape (size,)."""
+        share = validation.number("design: value", value, least=0, most=1)
+        return np.full(self.size, self.lower + share * (self.upper - self.lower))
 
     def penalty(self, variables: Array) -> tuple[float, Array]:
-        """What is added to log psi at ``variables``, and its derivative, shape (size,)."""
+        """A term beside log psi at ``variables``, and its derivative, shape (size,)."""
         return 0.0, np.zeros(self.size)
 
     def begin(self, start: ArrayLike) -> Array:
         """The variables from which moving asymptotes take up a ``start``, shape (size,)."""
         return self.check(start)
-
-    def distance(self, variables: Array) -> Array | None:
-        """The distance of this rank's cells from the boundary at ``variables``, or None."""
-        return None
 
     def check(self, start: ArrayLike) -> Array:
         """``start`` as variables of shape (size,), within the bounds.
@@ -136,6 +69,45 @@ class Design(ABC):
         """
         variables = finite_vector(start, self.size, "design", f"variables, one a {self.each}")
         return np.clip(variables, self.lower, self.upper)
+
+
+class Design(Variables):
+    """From bounded variables to the density of one body, and back."""
+
+    domain: Domain  #: Of the body
+    #: Steepness of the step from void to solid; 1 is open, 32 is crisp. One without it is crisp.
+    sharpness: float = SHARP
+    #: Whether a density is the share of its element that the boundary encloses
+    fills: ClassVar[bool] = False
+
+    @property
+    def nominal(self) -> Design:
+        """The nominal design, where psi is that of an eroded one, see `LevelSet`."""
+        return self
+
+    @abstractmethod
+    def density(self, variables: Array) -> Array:
+        """The density of this rank's cells, shape (cells,), at ``variables`` (size,)."""
+
+    @abstractmethod
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        """The derivative by the ``variables``, shape (size,), given that by the density.
+
+        The transpose of the derivative of `density`, for ``x_bar`` of this rank's cells (cells,);
+        bit-identical on every rank.
+        """
+
+    def level(self, variables: Array) -> Callable[[Array], Array]:
+        """The field whose zero line bounds the material at ``variables``; collective.
+
+        A function of positions (n, dimension) [m] on any rank alone, positive in the material; by
+        default a smooth mean of the densities less one half (`density_field`).
+        """
+        return density_field(self.domain, self.density(variables))
+
+    def distance(self, variables: Array) -> Array | None:
+        """The distance of this rank's cells from the boundary at ``variables``, or None."""
+        return None
 
 
 class DensityDesign(Design):
@@ -149,22 +121,12 @@ class DensityDesign(Design):
         radius: Of the filter [m]; by default two and a half mean elements. With shorter ones
             struts may hang together by corners of elements, which looks stiffer than it is. Zero
             filters nothing.
-        eta: Threshold of the projection.
-
-    Raises:
-        ValueError: On every rank, if a number is out of range.
+        eta: Threshold of the projection, in (0, 1).
     """
 
     each: ClassVar[str] = "designed cell"
-    lower, upper = 0.0, 1.0
 
-    def __init__(
-        self,
-        domain: Domain,
-        *,
-        radius: float | None = None,
-        eta: float = 0.5,
-    ) -> None:
+    def __init__(self, domain: Domain, *, radius: float | None = None, eta: float = 0.5) -> None:
         self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
         self.filter = DensityFilter(domain, 2.5 * domain.cell_size if radius is None else radius)
         #: From means to densities
@@ -179,39 +141,22 @@ class DensityDesign(Design):
         return self.projection.beta
 
     def at(self, progress: float) -> DensityDesign:
-        """The design as sharp as at a ``progress``."""
         other = copy(self)
         other.projection = HeavisideProjection(steepness(progress), self.projection.eta)
         return other
 
-    def even(self, value: float = 0.5) -> Array:
-        """Variables that all have the same ``value`` in [0, 1], shape (designed cells,)."""
-        return np.full(
-            self.size, validation.number("density design: value", value, least=0, most=1)
-        )
-
     def density(self, variables: Array) -> Array:
-        """The projected means of the ``variables``."""
         x = np.where(self._designed, self.projection(self._means(variables)), self._passive)
         return self.domain.owned(x)
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The transposes of projection and filter at ``variables``, applied to ``x_bar``."""
         bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
         means_bar = self.projection.pullback(self._means(variables), bar)
-        return np.asarray(self.filter.pullback(means_bar)[self._designed])
-
-    def level(self, variables: Array) -> Callable[[Array], Array]:
-        """Where a smooth mean of the densities at ``variables`` is one half (`density_field`)."""
-        return density_field(self.domain, self.density(variables))
+        return self.filter.pullback(means_bar)[self._designed]
 
     def identity(self) -> dict[str, Any]:
-        """Cells, filter and projections."""
-        return {
-            "cells": self.domain.n_cells_global,
-            "radius": self.filter.radius,
-            "eta": self.projection.eta,
-        }
+        radius, eta = self.filter.radius, self.projection.eta
+        return {"cells": self.domain.n_cells_global, "radius": radius, "eta": eta}
 
     def _means(self, variables: Array) -> Array:
         values = self._passive.copy()
@@ -222,18 +167,10 @@ class DensityDesign(Design):
 
 @dataclass(frozen=True)
 class VolumeBisection:
-    """Smallest multiplier for which a volume stays below its bound.
+    """Smallest multiplier for which a volume stays below its bound."""
 
-    Args:
-        bound: Upper bound of the volume (any unit; here a share of the body's area).
-        tolerance: How far below the bound the volume may end, in units of the bound.
-
-    Raises:
-        ValueError: If the bound is not positive.
-    """
-
-    bound: float
-    tolerance: float = 1e-6
+    bound: float  #: Upper bound of the volume, in any unit; here a share of the body's area
+    tolerance: float = 1e-6  #: How far below the bound the volume may end, relative to the bound
 
     def __post_init__(self) -> None:
         """Check the bound."""
@@ -241,10 +178,7 @@ class VolumeBisection:
         validation.number("volume bisection: tolerance", self.tolerance, least=0.0, below=1.0)
 
     def multiplier(self, volume: Callable[[float], float]) -> float:
-        """The smallest Lambda >= 0 with volume(Lambda) <= bound.
-
-        Args:
-            volume: Falling function of the multiplier.
+        """The smallest Lambda >= 0 with ``volume`` (Lambda) <= bound, a falling function.
 
         Raises:
             ValueError: If no multiplier brings the volume below its bound.
@@ -274,16 +208,7 @@ class VolumeBisection:
 
 
 def check_volume(domain: Domain, volume: float) -> None:
-    """Refuse a volume bound that leaves nothing to design.
-
-    Args:
-        domain: The body.
-        volume: Upper bound of the filled share of its area, in space of its volume.
-
-    Raises:
-        ValueError: On every rank, if it is no share in (0, 1], or not above that of the cells that
-            stay solid.
-    """
+    """Refuse on every rank a bound of the filled share that leaves nothing to design."""
     validation.number("design: volume", volume, above=0.0, most=1.0)
     solid = domain.sum(domain.cell_volumes * domain.passive_density) / domain.area
     if volume <= solid * (1.0 + 1e-9):
@@ -293,44 +218,26 @@ def check_volume(domain: Domain, volume: float) -> None:
         )
 
 
-def shrunk(design: Design, variables: Array, volume: float) -> Array:
-    """Variables lowered evenly until the volume bound holds.
-
-    Args:
-        design: Gives the volume.
-        variables: Within the bounds of the design.
-        volume: Upper bound of the filled share of the body.
-
-    Raises:
-        ValueError: On every rank, if the bound is out of range, or the body exceeds it even with
-            all variables at their lower bound.
-    """
+def filled_share(design: Design, variables: Array) -> float:
+    """The filled share of the body's area, in space of its volume."""
     domain = design.domain
-    check_volume(domain, volume)
+    return domain.sum(design.density(variables) * domain.cell_volumes) / domain.area
+
+
+def shrunk(design: Design, variables: Array, volume: float) -> Array:
+    """Variables lowered evenly until the filled share is at most ``volume``, or ValueError."""
+    check_volume(design.domain, volume)
 
     def lowered(shift: float) -> Array:
         range_ = design.upper - design.lower
         return np.asarray(np.clip(variables - shift * range_, design.lower, design.upper))
 
-    def filled(shift: float) -> float:
-        x = design.density(lowered(shift))
-        return domain.sum(x * domain.cell_volumes) / domain.area
-
-    return lowered(VolumeBisection(volume).multiplier(filled))
+    bisection = VolumeBisection(volume)
+    return lowered(bisection.multiplier(lambda shift: filled_share(design, lowered(shift))))
 
 
 def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
-    """``values`` as finite numbers, shape (size,).
-
-    Args:
-        values: What is checked.
-        size: How many there must be.
-        where: Who asks.
-        what: Their name, for the message.
-
-    Raises:
-        ValueError: If there are more or fewer, or one is not finite.
-    """
+    """``values`` as finite numbers, shape (size,), named ``what`` in messages of ``where``."""
     vector = validation.numbers(f"{where}: {what}", values)
     finite = bool(np.all(np.isfinite(vector)))
     if vector.shape != (size,) or not finite:

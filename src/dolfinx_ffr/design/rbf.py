@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Radial basis functions on scattered knots.
 
-A field is s(X) = sum_j alpha_j g(|X - X_j|) with knots X_j that know nothing of a mesh. Compactly
-supported kernels give sparse matrices and suit many knots; global kernels give dense ones.
-
 Each kernel states the least degree m of the polynomial that interpolation with it needs: -1 (none)
 for positive definite kernels, 0 (a constant) for the multiquadric, 1 (linear) for the thin plate.
 Then (-1)^(m + 1) g is conditionally positive definite of order m + 1; `ScatteredInterpolation`
@@ -21,24 +18,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 from scipy.special import xlogy
 
 from .. import validation
-
-__all__ = [
-    "ExponentialSpline",
-    "Gaussian",
-    "Kernel",
-    "Multiquadric",
-    "ThinPlate",
-    "Wendland",
-]
 
 Array = NDArray[np.float64]
 
@@ -62,15 +52,7 @@ class Kernel(Protocol):
 
 
 def check_kernel(what: str, kernel: object) -> Kernel:
-    """The kernel, or refuse what is none.
-
-    Args:
-        what: Who asks, for the message.
-        kernel: What is given for it.
-
-    Raises:
-        TypeError: If it is no kernel.
-    """
+    """The kernel, or TypeError for anything else; ``what`` names the user in the message."""
     needed = "a radial basis function, as Wendland(...)"
     found: Kernel = validation.implementation(
         f"{what}: the kernel", kernel, ("support", "minimal_degree", "__call__"), needed
@@ -83,12 +65,9 @@ class Wendland(Kernel):
     """Wendland's compactly supported C2 function (1 - s)^4 (4 s + 1), s = r / radius.
 
     Positive definite in the plane and in space.
-
-    Args:
-        radius: Support [m]; two to four knot spacings are usual.
     """
 
-    radius: float
+    radius: float  #: Support [m]; two to four knot spacings are usual
 
     def __post_init__(self) -> None:
         """Check the radius."""
@@ -96,20 +75,18 @@ class Wendland(Kernel):
 
     @property
     def support(self) -> float:
-        """The radius [m]."""
         return self.radius
 
     def __call__(self, r: Array) -> Array:
-        """G at distances ``r`` [m]."""
         s = np.minimum(np.asarray(r) / self.radius, 1.0)
         return (1.0 - s) ** 4 * (4.0 * s + 1.0)
 
 
 @dataclass(frozen=True)
 class _Global(Kernel):
-    """What kernels with a length and without an end have in common."""
+    """A kernel with a length and without an end."""
 
-    length: float
+    length: float  #: Shape parameter [m], measured by the spacing of the knots
 
     def __post_init__(self) -> None:
         """Check the length."""
@@ -123,15 +100,12 @@ class Multiquadric(_Global):
 
     Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings. The theory
     of its errors asks for a constant beside it; its matrix is nonsingular without (Micchelli 1986).
-
-    Args:
-        length: Shape parameter [m]; about one knot spacing.
+    About one knot spacing is a good length.
     """
 
     minimal_degree = 0
 
     def __call__(self, r: Array) -> Array:
-        """G at distances ``r`` [m]."""
         return np.sqrt(1.0 + (np.asarray(r) / self.length) ** 2)
 
 
@@ -140,14 +114,11 @@ class ExponentialSpline(_Global):
     """The exponential spline exp(-r / length), a global kernel that decays.
 
     Positive definite in every dimension. It has a kink at its knot, where it is not differentiable:
-    fields of it follow rough data without overshoot, and smooth data at a low order.
-
-    Args:
-        length: Distance over which the kernel falls to 1/e [m]; a few knot spacings and more.
+    fields of it follow rough data without overshoot, and smooth data at a low order. A few knot
+    spacings and more are a good length.
     """
 
     def __call__(self, r: Array) -> Array:
-        """G at distances ``r`` [m]."""
         return np.exp(-np.asarray(r) / self.length)
 
 
@@ -157,13 +128,9 @@ class Gaussian(_Global):
 
     Positive definite in every dimension and infinitely smooth; its matrix is ill-conditioned once
     the length exceeds one or two knot spacings.
-
-    Args:
-        length: Shape parameter [m]; about one knot spacing.
     """
 
     def __call__(self, r: Array) -> Array:
-        """G at distances ``r`` [m]."""
         return np.exp(-((np.asarray(r) / self.length) ** 2))
 
 
@@ -179,9 +146,22 @@ class ThinPlate(Kernel):
     minimal_degree = 1
 
     def __call__(self, r: Array) -> Array:
-        """G at distances ``r`` [m]."""
         distance = np.asarray(r)
         return distance * xlogy(distance, distance)
+
+
+def neighbours(points: Array, knots: cKDTree, reach: float) -> NDArray[Any]:
+    """Pairs of points (n, dimension) and knots within reach: numbers "i", "j", distance "v"."""
+    found: NDArray[Any] = cKDTree(points).sparse_distance_matrix(
+        knots, reach, output_type="ndarray"
+    )
+    return found
+
+
+def kernel_matrix(kernel: Kernel, points: Array, knots: cKDTree) -> csr_matrix:
+    """g(|X_i - X_j|) of points (n, dimension) and knots within the support, (n, knots)."""
+    near = neighbours(points, knots, kernel.support)
+    return csr_matrix((kernel(near["v"]), (near["i"], near["j"])), shape=(len(points), knots.n))
 
 
 @cache
@@ -196,15 +176,9 @@ def _strip(d: int) -> tuple[Array, Array]:
 
 
 def strip_width(middle: float, d: int) -> float:
-    """The width of a strip, in space a plate, of a normalised field of Wendland's functions.
+    """The width of a strip of ones, in space a plate, in a normalised field of Wendland's kernel.
 
-    Args:
-        middle: The field in the middle of the strip, whose coefficients are one within and zero
-            around it.
-        d: Dimension.
-
-    Returns:
-        The width that the value 1/2 encloses, in radii.
+    It is enclosed by the value 1/2, in radii, if the field is ``middle`` in the middle.
     """
     r, share = _strip(d)
 
@@ -216,10 +190,5 @@ def strip_width(middle: float, d: int) -> float:
 
 
 def strip_middle(width: float, d: int) -> float:
-    """The inverse of `strip_width`.
-
-    Args:
-        width: In radii.
-        d: Dimension.
-    """
+    """The inverse of `strip_width`."""
     return float(brentq(lambda middle: strip_width(middle, d) - width, 0.5001, 0.99))

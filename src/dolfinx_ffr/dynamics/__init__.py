@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
+from ..documentation import explain_fields
 from .adjoint import adjoint
 from .failures import SimulationError
-from .initial import initial_state
-from .integration.accuracy import coarser_run, run_to_tolerance
+from .integration.certificate import Certificate, Judge, Run, certified, relative_change
 from .integration.compiled import (
     INTEGRATORS,
     compile_kernels,
@@ -16,24 +16,42 @@ from .integration.compiled import (
 from .integration.generalized_alpha import GeneralizedAlpha
 from .integration.radau import RadauIIA
 from .integration.stages import stage_integrals
-from .integration.time_interval import TimeInterval
-from .memory import available_memory, check_memory, required_memory
+from .integration.time_interval import (
+    REFERENCE,
+    StepChoice,
+    TimeInterval,
+    recorded,
+    refined,
+    restored_method,
+)
+from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
+from .memory import check_memory, required_memory
 from .model import FlatModel, assemble_model, check_names
-from .simulation import integrate, restored, simulate
-from .spatial import MarkerMotion, marker_motion, marker_motion_pullback
+from .simulation import integrate, load_cells, restored, simulate
 from .trajectory import Integrator, Trajectory, TrajectoryBar
-from .validity import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
+from .validity import (
+    LargeDeformationWarning,
+    SofteningWarning,
+    TiltedAxisWarning,
+    TimeStepWarning,
+    warn_of_limits,
+)
 
 __all__ = [
     "INTEGRATORS",
+    "REFERENCE",
+    "Certificate",
     "FlatModel",
     "GeneralizedAlpha",
     "Integrator",
+    "Judge",
     "LargeDeformationWarning",
     "MarkerMotion",
     "RadauIIA",
+    "Run",
     "SimulationError",
     "SofteningWarning",
+    "StepChoice",
     "TiltedAxisWarning",
     "TimeInterval",
     "TimeStepWarning",
@@ -41,20 +59,25 @@ __all__ = [
     "TrajectoryBar",
     "adjoint",
     "assemble_model",
-    "available_memory",
+    "certified",
     "check_memory",
     "check_names",
-    "coarser_run",
     "compile_kernels",
     "compile_side_by_side",
     "compiled_functions",
-    "initial_state",
     "integrate",
+    "load_cells",
     "marker_motion",
     "marker_motion_pullback",
+    "recorded",
+    "refined",
+    "relative_change",
     "required_memory",
     "restored",
-    "run_to_tolerance",
+    "restored_method",
     "simulate",
     "stage_integrals",
+    "warn_of_limits",
 ]
+
+explain_fields(globals())

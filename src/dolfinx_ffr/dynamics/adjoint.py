@@ -9,34 +9,26 @@ import numpy as np
 
 from ..body import VolumeIntegrals
 from .initial import start_pullback
-from .kinematics import integral_bars, marker_bar, metric_bars
+from .kinematics import Samples, integral_bars, marker_bar, metric_bars
 from .memory import check_memory
-from .samples import Samples
 from .simulation import one_thread
 from .trajectory import Trajectory, TrajectoryBar
-
-__all__ = ["adjoint"]
 
 
 def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeIntegrals]:
     """Derivatives of a number with respect to the volume integrals of all bodies.
 
     The transpose of the computed time steps, of the method's first acceleration and of the start,
-    solved backward once. It is the exact derivative of what was computed, for
-    any step, and tends to the adjoint system of the continuous problem as the step tends to zero
-    (A. Held, S. Knüfer, R. Seifried, Structural sensitivity analysis of flexible multibody systems
-    modeled with the floating frame of reference approach using the adjoint variable method,
-    Multibody System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9). The cost does not depend
-    on the number of parameters.
+    solved backward once. It is the exact derivative of the computed numbers, for any step, and
+    tends to the adjoint system of the continuous problem as the step tends to zero (A. Held,
+    S. Knüfer, R. Seifried, Structural sensitivity analysis of flexible multibody systems modeled
+    with the floating frame of reference approach using the adjoint variable method, Multibody
+    System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9). The cost does not depend on the
+    number of parameters.
 
-    Args:
-        trajectory: Result of the simulation.
-        bar: Derivatives of the number with respect to the trajectory.
-
-    Returns:
-        Derivatives by name of the body, those of the markers' shape functions included. The
-        positions of the markers are data, their derivatives zero. The number's own dependence on
-        the integrals, at fixed trajectory, is not included.
+    The derivatives are by name of the body, those by the markers' positions and shape functions
+    included. The number's own dependence on the integrals, at fixed trajectory, is not
+    included.
 
     Raises:
         ValueError: If the derivatives have the wrong shape or hold NaN.
@@ -55,13 +47,12 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
     with one_thread():
         pulled = trajectory.integrator.pullback(trajectory, bar)
         samples, markers = pulled.samples, pulled.marker_bars
-        settled = start_pullback(
+        static = start_pullback(
             model, trajectory.y[0], trajectory.v[0], pulled.y_bar, pulled.v_bar, markers
         )
-        if settled is not None:
-            rest = np.zeros((1, model.size))
-            first = np.zeros(1, dtype=np.int64)
-            samples += Samples(first, trajectory.y[:1], rest, rest, settled[None])
+        if static is not None:
+            rest, first = np.zeros((1, model.size)), np.zeros(1, dtype=np.int64)
+            samples += Samples(first, trajectory.y[:1], rest, rest, static[None])
         bars = {
             name: integral_bars(model.arrays, b, model.bodies[name], samples)
             + metric_bars(model.arrays, b, model.bodies[name], *pulled.corrections)
@@ -72,7 +63,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
     for point in reversed(model.mechanism.point_masses):
         body, marker = point.marker
         bars[body] = model.bodies[body].point_mass_pullback(bars[body], marker, point.mass)
-    # Loads that point masses alone have brought are no integrals of the body.
+    # Loads of point masses alone are no integrals of the body.
     for name, bar_of_body in bars.items():
         given = model.bodies[name].stiffening.keys()
         kept = {load: part for load, part in bar_of_body.stiffening.items() if load in given}

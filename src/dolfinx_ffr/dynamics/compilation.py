@@ -22,21 +22,25 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeAlias, cast, get_type_hints
 
 import numpy as np
-from llvmlite import ir
-from numba import cfunc, njit, types
-from numba.core import cgutils, config
-from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    infer_getattr,
-    intrinsic,
-    lower_getattr_generic,
-    models,
-    register_model,
-)
-from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from ..caches import spare_directory
+from ..surroundings import working_with_numpy
+
+with working_with_numpy("numba"):
+    from llvmlite import ir
+    from numba import cfunc, njit, types
+    from numba.core import cgutils, config
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.typing.templates import AttributeTemplate
+    from numba.extending import (
+        infer_getattr,
+        intrinsic,
+        lower_getattr_generic,
+        models,
+        register_model,
+    )
+    from numba.np.arrayobj import populate_array
 
 #: Arrays of one to four dimensions, as the fields of tables are declared.
 Vector: TypeAlias = Annotated[NDArray[np.float64], 1]
@@ -46,6 +50,11 @@ Array4: TypeAlias = Annotated[NDArray[np.float64], 4]
 IntVector: TypeAlias = Annotated[NDArray[np.int64], 1]
 IntMatrix: TypeAlias = Annotated[NDArray[np.int64], 2]
 
+#: Kernels that are attributes of the classes of tables, by the name of their type. A type itself is
+#: kept on disk, and must not hold them.
+_KERNELS: dict[str, dict[str, Dispatcher]] = {}
+#: A part of compiled functions, see :func:`kernel`.
+Kernel: TypeAlias = Callable[..., Any]
 #: Entries of one field in a table: the address, and up to four lengths.
 _ENTRIES = 5
 
@@ -57,11 +66,17 @@ class TableType(types.Type):
     their own file changes, but not when that of a function that they call does: hence the digest.
     """
 
-    def __init__(self, name: str, fields: tuple[tuple[str, bool, int], ...], digest: str) -> None:
-        self.fields = fields
+    def __init__(
+        self,
+        name: str,
+        fields: tuple[tuple[str, bool, int], ...],
+        constants: dict[str, int],
+        digest: str,
+    ) -> None:
+        self.fields, self.constants = fields, constants
         super().__init__(name=f"{name}_{digest}")
 
-    def kind(self, position: int) -> types.Array:
+    def field_type(self, position: int) -> types.Array:
         """Type of a field."""
         _, real, dimensions = self.fields[position]
         return types.Array(types.float64 if real else types.int64, dimensions, "C")
@@ -77,15 +92,23 @@ class _TableModel(models.PrimitiveModel):
 class _TableFields(AttributeTemplate):
     key = TableType
 
-    def generic_resolve(self, table: TableType, name: str) -> types.Array | None:
+    def generic_resolve(self, table: TableType, name: str) -> types.Type | None:
+        if name in table.constants:
+            return types.intp
+        if name in _KERNELS[table.name]:
+            return types.Dispatcher(_KERNELS[table.name][name])
         names = [field[0] for field in table.fields]
-        return table.kind(names.index(name)) if name in names else None
+        return table.field_type(names.index(name)) if name in names else None
 
 
 @lower_getattr_generic(TableType)
 def _load_field(context: Any, builder: Any, table: TableType, pointer: Any, name: str) -> Any:
+    if name in table.constants:
+        return context.get_constant(types.intp, table.constants[name])
+    if name in _KERNELS[table.name]:
+        return context.get_dummy_value()
     position = [field[0] for field in table.fields].index(name)
-    kind = table.kind(position)
+    kind = table.field_type(position)
     entries = []
     for entry in range(1 + kind.ndim):
         where = context.get_constant(types.intp, _ENTRIES * position + entry)
@@ -120,45 +143,46 @@ def call_at(_: Any, address: Any, arguments: Any) -> tuple:
 
 @cache
 def table_type(arrays: type) -> TableType:
-    """Numba's type of a named tuple of arrays.
+    """Numba's type of a named tuple of arrays, declared as Vector, Matrix and so on.
 
-    Args:
-        arrays: The class, whose fields are declared as Vector, Matrix and so on.
+    Integers that are attributes of the class are constants of the functions that take such tables,
+    and kernels that are attributes are called as such: so a kernel serves tables of several classes
+    and leaves to each what they do in ways of their own.
     """
+    hints = get_type_hints(arrays, include_extras=True)
     fields = []
-    for name, hint in get_type_hints(arrays, include_extras=True).items():
-        (dimensions,) = hint.__metadata__
-        fields.append((name, "float64" in str(hint), int(dimensions)))
-    module = arrays.__module__.split(".")
-    here = Path(__file__).parent
-    return TableType(arrays.__name__, tuple(fields), digest(here, module[-2]))
+    for name in arrays._fields:  # type: ignore[attr-defined]
+        (dimensions,) = hints[name].__metadata__
+        fields.append((name, "float64" in str(hints[name]), int(dimensions)))
+    own = {n: v for n, v in vars(arrays).items() if n[0] != "_"}
+    constants = {n: v for n, v in own.items() if isinstance(v, int)}
+    sources = digest(Path(__file__).parent, arrays.__module__.split(".")[-2])
+    table = TableType(arrays.__name__, tuple(fields), constants, sources)
+    _KERNELS[table.name] = {n: v for n, v in own.items() if isinstance(v, Dispatcher)}
+    return table
 
 
-def digest(here: Path, folder: str) -> str:
-    """Digest of the sources of compiled functions: those of a folder, and those shared by all."""
+def sources(here: Path, folder: str) -> list[Path]:
+    """Files on which compiled functions of a folder in `here`, or of `here` itself, depend."""
     files = [here / "compilation.py", here / "equations.py"]
     if folder != here.name:
         files += sorted((here / folder).glob("*.py"))
-        # Kinds of rows and forces are numbers in compiled functions.
-        files += [here.parent / "mechanism" / name for name in ("rows.py", "elements.py")]
-    content = b"".join(file.read_bytes() for file in files if file.exists())
+        # Kinds of rows and vectors are numbers in kernels.
+        files.append(here.parent / "mechanism" / "rows.py")
+    return files
+
+
+def digest(here: Path, folder: str) -> str:
+    """Digest of the sources of compiled functions, see :func:`sources`."""
+    content = b"".join(file.read_bytes() for file in sources(here, folder))
     return sha256(content).hexdigest()[:16]
 
 
 class Table:
-    """Addresses and shapes of the arrays of a named tuple, which it keeps alive.
-
-    Raises:
-        TypeError: If an array does not have the type that its field declares, or is not
-            contiguous.
-    """
+    """Addresses and shapes of the arrays of a named tuple, which it keeps alive."""
 
     def __init__(self, arrays: NamedTuple) -> None:
-        """Look up where the arrays are.
-
-        Args:
-            arrays: The arrays, whose fields are declared as Vector, Matrix and so on.
-        """
+        """Look up where the arrays are; refuse one that is not as its field declares."""
         self.arrays = arrays
         fields = table_type(type(arrays)).fields
         self.entries = np.zeros((len(fields), _ENTRIES), dtype=np.int64)
@@ -176,7 +200,7 @@ class Table:
         self.address = int(self.entries.ctypes.data)
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel(function: Kernel) -> Kernel:
     """Compile a function as a part of the compiled functions that call it."""
     return njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
@@ -185,11 +209,9 @@ class Compiled:
     """A function that is compiled at its first use, and kept on disk where there is a place."""
 
     def __init__(self, function: Callable[..., int], *arguments: Any) -> None:
-        """Note what to compile.
+        """Note a function that gives an integer, and the types of its arguments.
 
-        Args:
-            function: The function, which gives an integer.
-            arguments: Types of its arguments: float, int, or a named tuple of arrays.
+        They are float, int, or named tuples of arrays.
         """
         self.function, self.arguments = function, arguments
 
@@ -235,11 +257,7 @@ class Compiled:
         return ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(self.address)
 
     def __call__(self, *arguments: float | Table) -> int:
-        """Result of the function.
-
-        Args:
-            arguments: Numbers and tables.
-        """
+        """Result of the function for numbers and tables."""
         return int(self._call(*(a.address if isinstance(a, Table) else a for a in arguments)))
 
 
@@ -266,9 +284,5 @@ def _without_collector() -> Iterator[None]:
 
 
 def compiled(*arguments: Any) -> Callable[[Callable[..., int]], Compiled]:
-    """Decorator that makes a compiled function.
-
-    Args:
-        arguments: Types of its arguments: float, int, or a named tuple of arrays.
-    """
+    """Decorator that makes a compiled function, see :class:`Compiled`."""
     return lambda function: Compiled(function, *arguments)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Equations of motion at one instant, as time integration asks a kind of kinematics for them.
+"""Equations of motion at one instant, the interface of time integration and kinematics.
 
     r(y, v, w) + C_y(y)^T lam = 0,    C(y, t) = 0,    C_y(y) v + C_t(y, t) = 0
 
@@ -7,9 +7,9 @@ with coordinates y, their first derivatives v and second derivatives w, and mult
 of kinematics is three compiled functions, which work on the arrays of :class:`Equations`.
 
 Where bodies turn in space, v is no derivative of y, but dy/dt = T(y)^-1 v, and w = dv/dt. A fourth
-function then changes between coordinates that add up within a step and those between steps, and a
-fifth one integrates dy/dt = T^-1 v through the stages of a step; T = 1 where a step begins.
-Derivatives with respect to y in these arrays are those to coordinates within a step, and C_y v
+function then changes between coordinates within a step, which add up, and coordinates between
+steps, and a fifth one integrates dy/dt = T^-1 v through the stages of a step; T = 1 where a step
+begins. Derivatives with respect to y in these arrays are to coordinates within a step, and C_y v
 stands for C v, C the derivative of the constraints' rate with respect to v.
 """
 
@@ -23,22 +23,24 @@ import numpy as np
 from .compilation import Array3, IntVector, Matrix, Vector, call_at, kernel
 
 #: What to evaluate; the values are added. Positions, velocities and gradients of the constraints,
-#: on which all others rest; forces and mass matrix; what is missing from their derivatives;
-#: directions of the position corrections; second derivative of the constraints in time.
+#: which all others need; forces and mass matrix; the rest of their derivatives; directions of the
+#: position corrections; second derivative of the constraints in time.
 CONSTRAINTS, FORCES, TANGENT, CORRECTIONS, ACCELERATIONS = 1, 2, 4, 8, 16
 
 #: What to transpose; the values are added. Forces r of the bodies; the other forces; constraints;
-#: adjoint times D before that.
+#: first the product of the adjoint and D.
 BODY_FORCES, OTHER_FORCES, ROWS, METRIC = 1, 2, 4, 8
 
-#: Changes of coordinates: from within the step that began at `base` to those between steps, and
-#: back; of derivatives with respect to motions of the bodies at y into those to coordinates within
-#: the step, and of those to coordinates within the step to motions of the bodies at its beginning.
-COMPOSE, LOCALISE, ENTER, LEAVE = 1, 2, 3, 4
+#: Changes of coordinates. COMPOSE: from coordinates within the step that began at `base` to
+#: coordinates between steps. ENTER: from derivatives with respect to motions of the bodies at y to
+#: derivatives with respect to coordinates within the step. LEAVE: from these to derivatives with
+#: respect to motions of the bodies at its beginning. BEGIN: a step begins at an instant, from whose
+#: angles angles are unwrapped.
+COMPOSE, ENTER, LEAVE, BEGIN = 1, 2, 3, 4
 
 
 class Equations(NamedTuple):
-    """State at one instant, and what the equations of motion are there."""
+    """State at one instant, and the equations of motion there."""
 
     y: Vector  # (n,) coordinates
     v: Vector  # (n,) velocities
@@ -47,7 +49,7 @@ class Equations(NamedTuple):
     base: Vector  # (n,) coordinates at the beginning of the step, read where bodies turn in space
     floor: Vector  # (n,) sizes below which coordinates have no less round-off
     reference: Vector  # (n,) coordinates from which to measure y
-    sizes: Vector  # (4,) of y - reference and v by mass, elastic by energy; largest turn [rad]
+    sizes: Vector  # (4,) mass norms of y - reference and v, elastic energy norm; largest turn [rad]
     r: Vector  # (n,) inertia, elastic and applied forces
     M: Matrix  # (n, n) r_w + cv r_v
     Ky: Matrix  # (n, n) derivative of r + C_y^T lam with respect to y
@@ -70,23 +72,18 @@ class Equations(NamedTuple):
     stage_shift: Matrix  # (3, n) u of rotations less h times the weighted sum of velocities
     excess: Array3  # (9, n, 3) derivatives of it, in stage i, by the accelerations of stage j
     excess_start: Array3  # (3, n, 3) and by the velocities at the beginning of the step
-    #: (7,) addresses of the three functions, of their two tables, and of the fourth and the fifth
-    #: function or 0
+    #: (7,) addresses of the functions evaluate, pullback and measure, of the two tables that they
+    #: take beside the equations, and of the functions chart and turn_stages, 0 where v = dy/dt
     kinematics: IntVector
 
 
 def equations(
     n: int, rows: int, kinematics: tuple[int, ...], turning: Sequence[int] = ()
 ) -> Equations:
-    """Arrays of zeros for a mechanism.
+    """Arrays of zeros for n coordinates and a number of scalar constraints.
 
-    Args:
-        n: Number of coordinates.
-        rows: Number of scalar constraints.
-        kinematics: Addresses of the functions evaluate, pullback and measure, of the two tables
-            that they take beside the equations, and of the functions chart and turn_stages, 0 where
-            v = dy/dt.
-        turning: Places of the rotations of bodies in space.
+    `kinematics` are the entries of the field of that name, `turning` the places of the rotations of
+    bodies in space.
     """
     of_coordinates = ("y", "v", "w", "base", "floor", "reference", "r", "adjoint", "y_bar", "v_bar")
     of_rows = ("lam", "value", "rate", "acceleration", "on_values", "on_rates", "on_accelerations")
@@ -132,7 +129,7 @@ def pullback(eq: Equations, instant: int, extent: int) -> None:
 
 @kernel
 def measure(eq: Equations) -> None:
-    """Sizes of (y - reference, v), which do not depend on the basis of elastic coordinates."""
+    """Norms of (y - reference, v), which do not depend on the basis of elastic coordinates."""
     f = eq.kinematics
     call_at(f[2], (eq, f[3], f[4]))
 

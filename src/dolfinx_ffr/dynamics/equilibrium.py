@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Static equilibrium of a mechanism under gravity and the forces at the start, and its transpose.
 
-Sought are coordinates and multipliers with
+The coordinates and multipliers solve
 
-    f(y, lam) = r(y, 0, 0) + C_y(y)^T lam = 0,      C(y, 0) = 0.
+    f(y, lam) = r(y, 0, 0) + C_y(y)^T lam = 0,      C(y, 0) = 0
 
-Newton's method on this system, with the mass matrix M times a shift mu added to f_y: mu is the
-least that makes the reduced stiffness positive and the step bounded, and zero in the end. The way
-leads downhill, and close to the equilibrium the convergence is quadratic (J. Nocedal, S. J. Wright,
-Numerical Optimization, 2nd ed., Springer 2006, section 4.3, doi:10.1007/978-0-387-40065-5).
+by Newton's method, with the mass matrix M times a shift mu added to f_y: mu is the least that makes
+the reduced stiffness positive and the step bounded, and zero in the end. The steps lead downhill,
+and close to the equilibrium the convergence is quadratic (J. Nocedal, S. J. Wright, Numerical
+Optimization, 2nd ed., Springer 2006, section 4.3, doi:10.1007/978-0-387-40065-5).
 """
 
 from __future__ import annotations
@@ -19,11 +19,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from . import spatial
-from .kinematics import ModelArrays, equations_pullback, evaluate_equations, settled
-from .model import FlatModel
-
-__all__ = ["equilibrium_pullback", "static_equilibrium"]
+from .kinematics import Kinematics, equations_pullback
+from .model import FlatModel, without
 
 Array = NDArray[np.float64]
 
@@ -43,27 +40,25 @@ class NoEquilibriumError(ValueError):
     """No static equilibrium was found, whether there is one or not."""
 
 
-def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
-    """Coordinates in equilibrium, shape (size,).
+def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array, Array]:
+    """Coordinates in equilibrium (size,) and unwrapped angles (see :meth:`Kinematics.turns`).
 
-    Args:
-        model: The compiled mechanism.
-        y: Coordinates from which to seek, shape (size,).
-        length: Size of the bodies [m].
+    The search begins at y (size,), with steps in parts of the length of the bodies [m].
 
     Raises:
         ValueError: If the mechanism still moves freely in its equilibrium.
         NoEquilibriumError: If none was found, for instance because a body is very soft.
     """
-    arrays, n = _static_arrays(model), model.size
+    arrays, n = without(model.arrays, 1, "alpha", "beta"), model.size
+    kinematics = Kinematics(arrays)
     y, lam = y.copy(), np.zeros(model.rows)
-    # one for lengths, and for angles the arc at the mechanism's size
+    # Angles count as the arc at the mechanism's size.
     size = np.where(model.rotations, length, 1.0)
-    residual, C, M, K = _evaluate(arrays, y, lam)
+    residual, C, M, K = _evaluate(kinematics, y, lam)
     lam = _multipliers(C, M, residual[:n])
     step, converged = np.zeros(n), False
     for _ in range(_MAX_ITERATIONS):
-        residual, C, M, K = _evaluate(arrays, y, lam)
+        residual, C, M, K = _evaluate(kinematics, y, lam)
         frequencies, shapes = _frequencies(C, M, K)
         neutral = _neutral(M, K)
         force = residual[:n] - C.T @ lam
@@ -80,12 +75,12 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
             if longest <= _LONGEST or least == 0.0 or not np.isfinite(longest):
                 break
             shift = max(4.0 * shift, least)
-        y, lam = settled(arrays, y, y + step), solution[n:]
+        y, lam = arrays.retract(y, y + step), solution[n:]
         small = _LAST * length * np.sqrt(np.sum(arrays.mass))
         if abs(float(step @ M @ step)) < small**2:
             converged = shift == 0.0
             break
-    residual, C, M, K = _evaluate(arrays, y, lam)
+    residual, C, M, K = _evaluate(kinematics, y, lam)
     frequencies, shapes = _frequencies(C, M, K)
     if frequencies.size and abs(frequencies[0]) <= _neutral(M, K):
         name = _moving_body(model, M, shapes[:, 0])
@@ -100,26 +95,20 @@ def static_equilibrium(model: FlatModel, y: Array, length: float) -> Array:
             f"still moves after {_MAX_ITERATIONS} iterations; hold the mechanism by a joint, a "
             "drive or a spring, or start with Assembled()"
         )
-    return y
+    return y, kinematics.turns(1)
 
 
 def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Array) -> Array:
-    """Transpose of :func:`static_equilibrium`.
+    """Transpose of :func:`static_equilibrium` at its result y; adds to the bars of the markers.
 
-    Args:
-        model: The compiled mechanism.
-        y: The equilibrium, shape (size,).
-        y_bar: Derivative with respect to it, shape (size,).
-        markers: Derivatives with respect to the markers' shape functions, to which to add.
-
-    Returns:
-        Adjoint x of the forces, shape (size,): the derivative with respect to an integral is minus
-        x . dr at this position.
+    Gives the adjoint x of the forces, shape (size,): the derivative with respect to an integral is
+    minus x . dr at this position.
     """
-    arrays, n = _static_arrays(model), model.size
-    residual, C, M, _ = _evaluate(arrays, y, np.zeros(model.rows))
+    arrays, n = without(model.arrays, 1, "alpha", "beta"), model.size
+    kinematics = Kinematics(arrays)
+    residual, C, M, _ = _evaluate(kinematics, y, np.zeros(model.rows))
     lam = _multipliers(C, M, residual[:n])
-    _, C, M, K = _evaluate(arrays, y, lam)
+    _, C, M, K = _evaluate(kinematics, y, lam)
     solution = _solve(K.T, C, M, np.concatenate([y_bar, np.zeros(model.rows)]))
     x, m2 = solution[:n].copy(), solution[n:].copy()
     adjoints = x, m2, np.zeros(model.rows)
@@ -128,36 +117,26 @@ def equilibrium_pullback(model: FlatModel, y: Array, y_bar: Array, markers: Arra
     return x
 
 
-def _static_arrays(model: FlatModel) -> ModelArrays:
-    """The mechanism without its dampers."""
-    arrays = model.arrays
-    if isinstance(arrays, spatial.ModelArrays):
-        law = arrays.law.copy()
-        law[:, 1] = 0.0
-        return arrays._replace(alpha=0.0 * arrays.alpha, beta=0.0 * arrays.beta, law=law)
-    constants = arrays.force_constants.copy()
-    constants[:, 1] = 0.0
-    return arrays._replace(
-        alpha=0.0 * arrays.alpha, beta=0.0 * arrays.beta, force_constants=constants
-    )
+def _evaluate(kinematics: Kinematics, y: Array, lam: Array) -> tuple[Array, Array, Array, Array]:
+    """Residuals at rest, constraint Jacobian, mass matrix, derivative of the forces.
 
-
-def _evaluate(arrays: ModelArrays, y: Array, lam: Array) -> tuple[Array, Array, Array, Array]:
-    """Residuals at rest, constraint Jacobian, mass matrix, derivative of the forces."""
+    Angles are unwrapped from the previous evaluation; the next one overwrites the matrices.
+    """
     rest = np.zeros(y.size)
-    residual, C, M, K = evaluate_equations(arrays, 0, y, rest, rest, lam)
+    residual, C, M, K = kinematics.evaluated(0, y, rest, rest, lam)
+    kinematics.begin(y)
     return residual, C, M, K
 
 
 def _units(C: Array, M: Array) -> tuple[Array, Array]:
-    """Units of coordinates by mass, and of multipliers by what they hold, see set_units."""
+    """Units of coordinates by mass, and of multipliers by their rows, see set_units."""
     unit = 1.0 / np.sqrt(np.diag(M))
     reach = np.max(np.abs(C * unit), axis=1, initial=np.finfo(float).tiny)
     return unit, 1.0 / reach
 
 
 def _multipliers(C: Array, M: Array, force: Array) -> Array:
-    """Multipliers that hold a force best, by mass."""
+    """Multipliers that balance a force best in the mass norm."""
     unit, unit_of_row = _units(C, M)
     matrix = unit[:, None] * C.T * unit_of_row
     return unit_of_row * np.linalg.lstsq(matrix, -unit * force, rcond=None)[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is raised when a time integration fails, and what it says."""
+"""The error of a time integration that fails, with its diagnosis."""
 
 from __future__ import annotations
 
@@ -11,40 +11,29 @@ import numpy as np
 from .integration.start import SINGULAR
 from .kinematics import evaluate_equations
 from .model import FlatModel
-from .trajectory import Integrator, Trajectory
-
-__all__ = ["SimulationError", "at_rest", "cut", "diagnosis"]
+from .trajectory import OVER_TIME, Integrator, Trajectory
 
 
 class SimulationError(RuntimeError):
-    """The time integration came to an end before its time."""
+    """The time integration came to an end before its time.
+
+    Its ``message`` tells time, body and joint.
+    """
 
     #: The trajectory up to the last good step; None where another rank alone has it.
     trajectory: Trajectory
 
     def __init__(self, message: str, trajectory: Trajectory) -> None:
-        """Keep the trajectory so far.
-
-        Args:
-            message: What happened, where and when.
-            trajectory: The trajectory up to the last good step.
-        """
         super().__init__(message)
         self.trajectory = trajectory
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What is sent to other ranks: the message; a motion may hold functions."""
+        # Other ranks get the message alone, as a trajectory may hold functions.
         return type(self), (str(self), None)
 
 
 def at_rest(model: FlatModel, steps: int, integrator: Integrator) -> Trajectory:
-    """A trajectory of zeros, to be filled in.
-
-    Args:
-        model: The compiled mechanism.
-        steps: Number of instants after the start.
-        integrator: The integration method.
-    """
+    """A trajectory of zeros at the start and a number of steps after it, to be filled in."""
     y, v, w, a = (np.zeros((steps + 1, model.size)) for _ in range(4))
     multipliers, stabilization = (np.zeros((steps + 1, model.rows)) for _ in range(2))
     iterations, beginning = np.zeros(steps, dtype=np.int64), np.zeros((4, model.size))
@@ -55,33 +44,21 @@ def at_rest(model: FlatModel, steps: int, integrator: Integrator) -> Trajectory:
 
 
 def cut(trajectory: Trajectory, last: int) -> Trajectory:
-    """The trajectory up to an instant.
-
-    Args:
-        trajectory: The whole trajectory.
-        last: Number of the last instant.
-    """
-    names = ("t", "y", "v", "w", "a", "multipliers", "stabilization")
-    parts = {name: getattr(trajectory, name)[: last + 1].copy() for name in names}
+    """The trajectory up to the instant of a number."""
+    parts = {name: getattr(trajectory, name)[: last + 1].copy() for name in OVER_TIME}
     return replace(trajectory, **parts, iterations=trajectory.iterations[:last].copy())
 
 
 def diagnosis(
     trajectory: Trajectory, k: int, where: str, iterations: int, status: int, remedy: str
 ) -> str:
-    """Say what failed in step k, from the residual of the last iterate.
+    """Message for a failed step, from the residual of its last iterate in row k.
 
-    Args:
-        trajectory: The trajectory, with the last iterate in row k.
-        k: Number of the instant that failed.
-        where: The step, in words.
-        iterations: Newton iterations of the step.
-        status: Outcome of the loop.
-        remedy: What may help.
+    `where` is the step in words, `iterations` and `status` are the outcome of its loop.
     """
     model, n = trajectory.model, trajectory.model.size
-    rows = (part[k] for part in (trajectory.y, trajectory.v, trajectory.w, trajectory.multipliers))
-    residual = evaluate_equations(model.arrays, k, *rows).residual
+    y, v, w, lam = trajectory.y[k], trajectory.v[k], trajectory.w[k], trajectory.multipliers[k]
+    residual = evaluate_equations(model.arrays, k, y, v, w, lam, trajectory.turns).residual
     size = np.nan_to_num(np.abs(residual), nan=np.inf, posinf=np.inf)
     worst = int(np.argmax(size[:n]))
     turning = model.rotations[worst]

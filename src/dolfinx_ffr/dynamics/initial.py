@@ -6,21 +6,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mechanism import ElementKind, SpatialRowKind
-from . import spatial
+from ..mechanism import RowKind
 from .equilibrium import equilibrium_pullback, static_equilibrium
 from .kinematics import (
     Kinematics,
     equations_pullback,
+    holds_axes,
     length_of,
-    place_markers,
-    settled,
-    settled_pullback,
-    ways,
+    place_vectors,
+    reversed_row,
 )
 from .model import FlatModel
-
-__all__ = ["initial_state", "start_pullback"]
 
 Array = NDArray[np.float64]
 
@@ -33,34 +29,30 @@ _RANK = 1e-9
 _RCOND = 1e-10
 
 
-def initial_state(model: FlatModel) -> tuple[Array, Array]:
-    """Coordinates and velocities at the start, such that all joints close.
+def started(model: FlatModel) -> tuple[FlatModel, Array, Array]:
+    """The model with angles unwrapped at the start, and y and v (size,) that close all joints.
 
     The placements are corrected by the Gauss-Newton method over positions and angles of the
     undeformed bodies. A given deformation shifts them once more, along the directions in which the
     joints of the undeformed bodies pull; a static equilibrium is sought from there instead. The
-    velocities are corrected by one least-squares solve. All corrections are the smallest ones that
-    do, angles counted as the arc that they sweep at the mechanism's size.
-
-    Args:
-        model: The compiled mechanism.
-
-    Returns:
-        Coordinates and velocities, shape (size,) each.
+    velocities are corrected by one least-squares solve. All corrections have the least norm, angles
+    counted as the arc that they sweep at the mechanism's size.
 
     Raises:
         ValueError: If the joints contradict each other or do not reach, naming the joint that is
             open the most; if joints are redundant, naming them; or if there is no equilibrium.
     """
     closure = _Closure(model)
-    y, v = closure.placed()
+    y, v = _placed(model)
     elastic, rate = _elastic_state(model)
     if model.mechanism.start.in_equilibrium:
         y = closure.assembled(y, refuse=False)
         if model.rows:
             _refuse_redundant(model, closure.constraints(y, v)[2])
         _refuse_without_direction(model, y)
-        y = static_equilibrium(model, y, closure.length)
+        y, turns = static_equilibrium(model, y, closure.length)
+        model = model.counting_from(turns)
+        closure = _Closure(model)
         closure.refuse_open(y, "in the equilibrium")
     else:
         y = closure.assembled(y)
@@ -71,56 +63,95 @@ def initial_state(model: FlatModel) -> tuple[Array, Array]:
         v = closure.moving(y, v)
         _refuse_redundant(model, closure.constraints(y, v)[2])
     _refuse_without_direction(model, y)
-    if isinstance(model.arrays, spatial.ModelArrays):
-        placed, here = (place_markers(model.arrays, 0, c) for c in (closure.placed()[0], y))
-        row = spatial.reversed_row(model.arrays, model.joints.values(), placed, here)
-        if row >= 0:
-            raise ValueError(
-                f"joint {model.joint_of_row(row)!r} closes with its axis reversed; the placements "
-                "are too far from a position in which it closes"
-            )
-    return y, v
+    joint = reversed_joint(model, (0, _placed(model)[0]), (0, y))
+    if joint is not None:
+        raise ValueError(
+            f"joint {joint!r} closes with its axis reversed; the placements are too far from a "
+            "position in which it closes"
+        )
+    return model, y, v
+
+
+def reversed_joint(
+    model: FlatModel, before: tuple[int, Array], after: tuple[int, Array]
+) -> str | None:
+    """Joint in space whose axis is reversed between two instants with their coordinates, if any."""
+    arrays = model.arrays
+    if not holds_axes(arrays):
+        return None
+    vectors = (place_vectors(arrays, *at) for at in (before, after))
+    row = reversed_row(arrays, model.joints.values(), *vectors)
+    return model.joint_of_row(row) if row >= 0 else None
+
+
+def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, float]]:
+    """Distance [m] and angle [rad] between each undeformed body and its placement, by the joints.
+
+    They are empty without joints. The bodies start at the coordinates y (size,) if undeformed.
+    """
+    if not model.rows:
+        return {}
+    # Gears count from the placements, also where the motion begins far from them.
+    model = model.counting_from(np.zeros((1, model.arrays.kind.size, 2)))
+    placed, found = _placed(model)[0], {}
+    if model.mechanism.start.in_equilibrium or np.any(_elastic_state(model)[0]):
+        y = _Closure(model).assembled(placed, refuse=False)
+    shift = model.arrays.difference(y[None], placed)[0]
+    for body in model.bodies:
+        where = model.coordinates(body)
+        angle = float(np.linalg.norm(shift[where.rotation]))
+        found[body] = float(np.linalg.norm(shift[where.position])), angle
+    return found
+
+
+def widest_gap(model: FlatModel) -> tuple[str, str]:
+    """Name of the joint with the widest gap in the placements, and the gap with its unit."""
+    closure = _Closure(model.counting_from(np.zeros((1, model.arrays.kind.size, 2))))
+    gap, _ = closure.residual(_placed(model)[0])
+    row = int(np.argmax(np.abs(gap)))
+    size, unit = abs(gap[row]) / closure.row[row], "rad" if model.angular[row] else "m"
+    return model.joint_of_row(row), f"{size:.3g} {unit}"
 
 
 def start_pullback(
     model: FlatModel, y: Array, v: Array, y_bar: Array, v_bar: Array, markers: Array
 ) -> Array | None:
-    """Transpose of :func:`initial_state` with respect to the integrals of the bodies.
+    """Transpose of :func:`started` with respect to the integrals of the bodies.
 
-    Args:
-        model: The compiled mechanism.
-        y: Coordinates at the start, shape (size,).
-        v: Velocities at the start, shape (size,).
-        y_bar: Derivative with respect to the coordinates, shape (size,).
-        v_bar: Derivative with respect to the velocities, shape (size,).
-        markers: Derivatives with respect to the markers' shape functions, to which to add.
-
-    Returns:
-        Adjoint x of the forces in the static equilibrium, shape (size,), or None for an assembled
-        start, which depends on nothing but the markers.
+    Gives the adjoint of the forces in the static equilibrium (size,), or None for an assembled
+    start, which depends on nothing but the markers; adds to the bars of the markers. It is exact
+    where the placements close the joints, else to the share of their gaps in the lengths.
     """
     equilibrium, closure = model.mechanism.start.in_equilibrium, _Closure(model)
     elastic, rate = _elastic_state(model)
-    if not (equilibrium or np.any(elastic) or np.any(rate)):
-        return None  # positions of markers alone, which are data
-    placed, before = closure.placed()
+    placed, before = _placed(model)
     if model.rows:
         pulled, bars = closure.moving_pullback(y, before + rate, v, v_bar)
         y_bar = y_bar + pulled
         markers += bars
     if equilibrium:
         return equilibrium_pullback(model, y, y_bar, markers)
-    if model.rows and np.any(elastic):
-        markers += closure.deformed_pullback(closure.assembled(placed), y, y_bar)
+    if model.rows:
+        undeformed = closure.assembled(placed) if np.any(elastic) else y
+        markers += closure.deformed_pullback(undeformed, y, y_bar)
     return None
 
 
 def _elastic_state(model: FlatModel) -> tuple[Array, Array]:
-    """Vectors of all coordinates and velocities, the elastic ones as given, zeros elsewhere."""
+    """Coordinates and velocities (size,) of the given deformation, zero at rigid coordinates."""
     y, v = np.zeros(model.size), np.zeros(model.size)
     for name, integrals in model.bodies.items():
         elastic = model.coordinates(name).elastic
         y[elastic], v[elastic] = model.mechanism.start.elastic_state(name, integrals.modes)
+    return y, v
+
+
+def _placed(model: FlatModel) -> tuple[Array, Array]:
+    """Coordinates and velocities of the placements."""
+    y, v = np.zeros(model.size), np.zeros(model.size)
+    for name in model.bodies:
+        rigid = model.coordinates(name).rigid
+        y[rigid], v[rigid] = model.arrays.placed(model.mechanism.placements[name])
     return y, v
 
 
@@ -137,21 +168,6 @@ class _Closure:
         self.column = np.where(model.rotations[self.rigid], 1.0 / self.length, 1.0)
         self.row = np.where(model.angular, self.length, 1.0)
 
-    def placed(self) -> tuple[Array, Array]:
-        """Coordinates and velocities of the placements."""
-        model = self.model
-        y, v = np.zeros(model.size), np.zeros(model.size)
-        for name in model.bodies:
-            where, placement = model.coordinates(name), model.mechanism.placements[name]
-            if model.dimension == 3:
-                position, rotation, velocity, spin = placement.in_space
-                y[where.rigid] = np.concatenate([position, rotation])
-                v[where.rigid] = np.concatenate([velocity, spin])
-                continue
-            y[where.position], y[where.rotation] = placement.position, placement.angle
-            v[where.position], v[where.rotation] = placement.velocity, placement.angular_velocity
-        return y, v
-
     def constraints(self, y: Array, v: Array) -> tuple[Array, Array, Array]:
         """Gaps of positions and velocities, and the constraint Jacobian."""
         zero = np.zeros(self.model.size), np.zeros(self.model.rows)
@@ -160,13 +176,14 @@ class _Closure:
         return gaps[0], gaps[1], jacobian.copy()
 
     def residual(self, y: Array, shift: Array | None = None) -> tuple[Array, Array]:
-        """Gaps and their Jacobian over the rigid coordinates, scaled to lengths.
+        """Gaps and their Jacobian with respect to the rigid coordinates, scaled to lengths.
 
-        Over a shift that has led to y, if it is given, else over turns of the bodies as they are.
+        The Jacobian is with respect to the shift that has led to y, if it is given, else to
+        rotations of the bodies at y.
         """
         value, _, jacobian = self.constraints(y, np.zeros_like(y))
         if shift is not None:
-            rows = [settled_pullback(self.model.arrays, shift, row)[0] for row in jacobian]
+            rows = [self.model.arrays.retract_pullback(shift, row)[0] for row in jacobian]
             jacobian = np.array(rows)
         return self.row * value, self.row[:, None] * jacobian[:, self.rigid] * self.column
 
@@ -184,7 +201,7 @@ class _Closure:
             while True:
                 trial = y.copy()
                 trial[self.rigid] += share * step
-                trial = settled(model.arrays, y, trial)
+                trial = model.arrays.retract(y, trial)
                 new_value, new_jacobian = self.residual(trial)
                 if np.linalg.norm(new_value) < np.linalg.norm(value) or share < 1e-4:
                     break
@@ -214,35 +231,30 @@ class _Closure:
             return moved
         left, right = self._directions(undeformed)
         for _ in range(_MAX_ITERATIONS):
-            y = settled(arrays, undeformed, moved)
+            y = arrays.retract(undeformed, moved)
             value, jacobian = self.residual(y, moved - undeformed)
             step = np.linalg.lstsq(left.T @ jacobian @ right, -left.T @ value, rcond=None)[0]
             moved[self.rigid] += self.column * (right @ step)
             if not np.max(np.abs(step)) > 1e-15 * self.length:
                 break
-        y = settled(arrays, undeformed, moved)
+        y = arrays.retract(undeformed, moved)
         self.refuse_open(y, "with the given elastic coordinates")
         return y
 
     def deformed_pullback(self, undeformed: Array, y: Array, y_bar: Array) -> Array:
-        """Transpose of :meth:`deformed` with respect to the markers' shape functions."""
+        """Transpose of :meth:`deformed` with respect to the markers' positions and shapes."""
         left, right = self._directions(undeformed)
-        shift = ways(self.model.arrays, y[None], undeformed)[0]
+        shift = self.model.arrays.difference(y[None], undeformed)[0]
         _, jacobian = self.residual(y, shift)
-        y_bar, _ = settled_pullback(self.model.arrays, shift, y_bar)
+        y_bar, _ = self.model.arrays.retract_pullback(shift, y_bar)
         pulled = right.T @ (self.column * y_bar[self.rigid])
         m2 = self.row * (left @ np.linalg.solve((left.T @ jacobian @ right).T, pulled))
         none, zero = np.zeros(self.model.rows), np.zeros_like(y)
-        return self._pullback((y, zero, none), (zero, m2, none))[1]
-
-    def _pullback(
-        self, state: tuple[Array, Array, Array], adjoints: tuple[Array, Array, Array]
-    ) -> tuple[Array, Array]:
-        """Transpose of the constraints alone, see :func:`equations_pullback`."""
-        return equations_pullback(self.model.arrays, state, adjoints, forces=False)
+        arrays, state, adjoints = self.model.arrays, (y, zero, none), (zero, m2, none)
+        return equations_pullback(arrays, state, adjoints, forces=False)[1]
 
     def _directions(self, y: Array) -> tuple[Array, Array]:
-        """Combinations of rows that joints can close, and the motions that close them."""
+        """Left and right singular vectors of the Jacobian with non-zero singular values."""
         _, jacobian = self.residual(y)
         u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
         rank = int(np.sum(s > _RCOND * s[0]))
@@ -252,12 +264,13 @@ class _Closure:
         """Velocities that close the joints."""
         v, model = v.copy(), self.model
         _, drift, full = self.constraints(y, 0.0 * v)
-        _, rate, _ = self.constraints(y, v)
         _, jacobian = self.residual(y)
         speed = float(np.max(self.row * (np.abs(full) @ np.abs(v) + np.abs(drift))))
-        step = np.linalg.lstsq(jacobian, -self.row * rate, rcond=_RCOND)[0]
-        v[self.rigid] += self.column * step
         _, rate, _ = self.constraints(y, v)
+        for _ in range(2):  # the second step removes what round-off leaves of the first
+            step = np.linalg.lstsq(jacobian, -self.row * rate, rcond=_RCOND)[0]
+            v[self.rigid] += self.column * step
+            _, rate, _ = self.constraints(y, v)
         speed = max(speed, float(np.max(self.row * (np.abs(full) @ np.abs(v)))))
         given = np.any(np.delete(v, self.rigid))
         what = "set in motion with the " + (
@@ -272,10 +285,9 @@ class _Closure:
     ) -> tuple[Array, Array]:
         """Transpose of :meth:`moving` with respect to y and the markers' shape functions.
 
-        The velocities are v = before - D C_y^T mu with C_y v + C_t = 0.
-
-        With t = -(C_y D C_y^T)^-1 C_y D v_bar and x = -D (v_bar + C_y^T t), the derivative is that
-        of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v.
+        The velocities are v = before - D C_y^T mu with C_y v + C_t = 0. The derivative is the one
+        of mu . C_y x + t . (C_y v + C_t) at fixed mu, t, x and v, with
+        t = -(C_y D C_y^T)^-1 C_y D v_bar and x = -D (v_bar + C_y^T t).
         """
         _, rate, full = self.constraints(y, before)
         _, jacobian = self.residual(y)
@@ -284,13 +296,14 @@ class _Closure:
         t = -self.row * (inverse.T @ (self.column * v_bar[self.rigid]))
         x = np.zeros_like(y)
         x[self.rigid] = -(self.column**2) * (v_bar + full.T @ t)[self.rigid]
-        return self._pullback((y, v, -mu), (x, np.zeros(self.model.rows), -t))
+        adjoints = x, np.zeros(self.model.rows), -t
+        return equations_pullback(self.model.arrays, (y, v, -mu), adjoints, forces=False)
 
 
 def _refuse_open(
     model: FlatModel, residual: Array, size: Array, limit: float, units: tuple[str, str], what: str
 ) -> None:
-    """Raise where a joint stays open, naming the worst and all that are involved."""
+    """Raise where a joint stays open, naming the widest gap and all joints involved."""
     worst = int(np.argmax(size))
     if size[worst] <= limit:
         return
@@ -306,7 +319,9 @@ def _refuse_open(
 
 def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
     """Raise where rows of the constraint Jacobian depend on each other."""
-    scaled = jacobian / np.sqrt(_diagonal_of_mass(model))
+    # The diagonal of the mass matrix makes unlike coordinates comparable.
+    mass = np.concatenate([np.diag(body.mass_matrix()) for body in model.bodies.values()])
+    scaled = jacobian / np.sqrt(mass)
     scaled /= np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), np.finfo(float).tiny)
     u, s, _ = np.linalg.svd(scaled, full_matrices=True)
     rank = int(np.sum(s > _RANK * s[0]))
@@ -322,8 +337,8 @@ def _refuse_redundant(model: FlatModel, jacobian: Array) -> None:
 
 
 def _proposal(model: FlatModel, jacobian: Array, rank: int) -> str:
-    """What could be left out of the joints of a mechanism in space, whose loops close in planes."""
-    if model.dimension == 2:
+    """Redundant rows in words, where other joints hold less; loops in space may close in planes."""
+    if not model.arrays.looser:
         return ""
     # Orthogonalised one after the other, so that the last of rows that depend on each other falls.
     kept, redundant = np.zeros((0, jacobian.shape[1])), []
@@ -341,46 +356,24 @@ def _proposal(model: FlatModel, jacobian: Array, rank: int) -> str:
     listed = [
         f"{joint!r} need not hold "
         + " and ".join(
-            f"{held.count(what)} {what}{'s' if held.count(what) > 1 else ''}"
+            f"{fixed.count(what)} {what}{'s' if fixed.count(what) > 1 else ''}"
             for what in ("position", "rotation")
-            if what in held
+            if what in fixed
         )
-        for joint, held in parts.items()
+        for joint, fixed in parts.items()
     ]
-    return (
-        f". For instance {'; '.join(listed)}: in place of a Revolute, a Spherical leaves both "
-        "rotations free, a Universal one, a Cylindrical the position along the axis"
-    )
+    return f". For instance {'; '.join(listed)}: {model.arrays.looser}"
 
 
 def _refuse_without_direction(model: FlatModel, y: Array) -> None:
-    """Raise where the markers of a spring coincide, so that it does not know where to pull."""
+    """Raise where the markers of a spring coincide, so that it has no direction."""
     arrays = model.arrays
-    if isinstance(arrays, spatial.ModelArrays):
-        return _refuse_spring_without_direction(model, arrays, y)
-    if not np.any(arrays.force_kind == ElementKind.SPRING):
+    ends, directed = arrays.side[model.rows :], arrays.kind[model.rows :] == RowKind.DISTANCE
+    if not np.any(directed):
         return
-    positions = place_markers(arrays, 0, y)
-    for kind, (a, b), label in zip(
-        arrays.force_kind, arrays.force_side, model.mechanism.force_names, strict=True
-    ):
-        gap = float(np.hypot(*(positions[a, :2] - positions[b, :2])))
-        if kind == ElementKind.SPRING and gap <= _OPEN * length_of(arrays):
-            raise ValueError(
-                f"force {label!r}: the markers coincide at the start, so that the spring has no "
-                "direction; length=0 makes it an elastic bearing"
-            )
-
-
-def _refuse_spring_without_direction(
-    model: FlatModel, arrays: spatial.ModelArrays, y: Array
-) -> None:
-    """The same in space."""
-    places = place_markers(arrays, 0, y)
-    for number, side in enumerate(arrays.side[model.rows :]):
-        if arrays.kind[model.rows + number] != SpatialRowKind.DISTANCE:
-            continue
-        gap = float(np.linalg.norm(places[side[0]] - places[side[1]]))
+    positions = place_vectors(arrays, 0, y)
+    for number in np.flatnonzero(directed):
+        gap = float(np.linalg.norm(positions[ends[number, 0]] - positions[ends[number, 1]]))
         if gap <= _OPEN * length_of(arrays):
             label = next(name for name, places in model.forces.items() if number in places)
             raise ValueError(
@@ -389,12 +382,7 @@ def _refuse_spring_without_direction(
             )
 
 
-def _diagonal_of_mass(model: FlatModel) -> Array:
-    """Diagonal of the mass matrix, weights that make unlike coordinates comparable."""
-    return np.concatenate([np.diag(body.mass_matrix()) for body in model.bodies.values()])
-
-
 def _joints_of(model: FlatModel, weight: Array) -> list[str]:
-    """Names of the joints whose rows carry a share of the weight worth naming."""
+    """Names of the joints whose rows carry a relevant share of the weight."""
     rows = np.flatnonzero(weight > 1e-3 * np.max(weight))
     return list(dict.fromkeys(model.joint_of_row(int(row)) for row in rows))

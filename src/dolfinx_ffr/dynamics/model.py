@@ -6,82 +6,63 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import (
-    ANGULAR,
-    Element,
-    Ground,
-    Marker,
-    Mechanism,
-    Motion,
-    Moving,
-    Row,
-    RowKind,
-    Undeformed,
-    marker_name,
-)
-from . import planar, spatial
-from .body_matrices import inverse_mass, padded_stiffening
-from .kinematics import Coordinates, ModelArrays, coordinates_of, is_spatial
+from ..mechanism import Mechanism, Row, Undeformed, is_zero, marker_name
+from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
 from .tables import TimeTables
-
-__all__ = ["FlatModel", "assemble_model", "check_names"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-#: Share of a step after which the accelerations are taken a second time to start the integration.
+#: Part of a step to the near-start instant, at which the accelerations are evaluated once more.
 START_OFFSET = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class FlatModel:
-    """A mechanism compiled for the kernels, with the names of what stands where."""
+    """A mechanism compiled for the kernels, with the names of its rows and coordinates."""
 
-    #: Flat arrays.
-    arrays: ModelArrays
-    #: Times, shape (steps + 1,) [s].
-    times: Array
-    #: Time from the start to the extra instant at the end of the tables [s].
-    offset: float
-    #: The mechanism.
+    arrays: ModelArrays  #: Flat arrays.
+    times: Array  #: Times, shape (steps + 1,) [s].
+    offset: float  #: Time from the start to the extra instant at the end of the tables [s].
     mechanism: Mechanism
     #: Integrals of the bodies, as given, without the point masses.
     bodies: Mapping[str, VolumeIntegrals]
     #: Place of each body marker in the arrays, by (body, marker).
     markers: Mapping[tuple[str, str], int]
-    #: Rows of each joint in the multipliers, by name of the joint.
-    joints: Mapping[str, slice]
-    #: What is prescribed over time.
-    tables: TimeTables
+    joints: Mapping[str, slice]  #: Rows of each joint in the multipliers, by name of the joint.
+    tables: TimeTables  #: Loads and prescribed motions over time.
     #: Places of each force in :func:`applied_forces`, by name of the force.
     forces: Mapping[str, Sequence[int]]
 
     def at(self, times: Array) -> FlatModel:
-        """The same mechanism, tabulated at other times.
-
-        Args:
-            times: Times, shape (instants,) [s].
-
-        Raises:
-            ValueError: If a value is NaN or infinite, or a length is not positive.
-        """
+        """The same mechanism, tabulated at other times (instants,) [s]."""
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
+
+    def counting_from(self, turns: Array) -> FlatModel:
+        """The same mechanism with angles unwrapped from given ones at the start.
+
+        They have shape (1, rows and springs, 2) [rad], or are empty.
+        """
+        if not turns.size:
+            return self
+        return replace(self, arrays=self.arrays._replace(start_angles=turns[0].copy()))
 
     @property
     def size(self) -> int:
         """Number of coordinates."""
-        return int(np.sum((6 if self.dimension == 3 else 3) + self.arrays.modes))
+        return int(np.sum(self.arrays.rigid + self.arrays.modes))
 
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return 3 if is_spatial(self.arrays) else 2
+        return self.arrays.d
 
     @property
     def rows(self) -> int:
@@ -91,35 +72,23 @@ class FlatModel:
     @cached_property
     def angular(self) -> NDArray[np.bool_]:
         """Which scalar constraints count angles, their multipliers moments, shape (rows,)."""
-        kind = self.arrays.kind
-        if isinstance(self.arrays, spatial.ModelArrays):
-            return np.isin(kind[: kind.size - len(self.arrays.law)], ANGULAR)
-        return np.asarray(kind == RowKind.ANGLE)
+        return np.array([row.angular for row, _ in self.tables.rows], dtype=bool)
+
+    @property
+    def damped(self) -> bool:
+        """Whether a body, a spring or a damper takes energy from vibrations."""
+        arrays = self.arrays
+        return any(bool(np.any(part)) for part in (arrays.alpha, arrays.beta, arrays.law[:, 1]))
 
     def coordinates(self, body: str) -> Coordinates:
-        """Places of a body's position, rotation and elastic coordinates among all coordinates.
+        """Places of a body's position, rotation and elastic coordinates among all coordinates."""
+        return self.arrays.coordinates(self.body_index(body))
 
-        Args:
-            body: Name of the body.
-
-        Raises:
-            ValueError: If there is no such body; the message lists the bodies.
-        """
-        return coordinates_of(self.arrays, self.body_index(body))
-
-    def coordinates_in_space(self, body: str) -> spatial.Coordinates:
-        """The same of a body in space.
-
-        Args:
-            body: Name of the body.
-
-        Raises:
-            ValueError: If there is no such body, or the mechanism is in the plane.
-        """
-        found = self.coordinates(body)
-        if not isinstance(found, spatial.Coordinates):
+    def coordinates_in_space(self, body: str) -> SpaceCoordinates:
+        """The same of a body in space; a ValueError if the mechanism is in the plane."""
+        if not is_spatial(self.arrays):
             raise ValueError(f"body {body!r} is in the plane, and has no coordinates in space")
-        return found
+        return self.arrays.coordinates(self.body_index(body))
 
     @cached_property
     def rigid(self) -> Integers:
@@ -136,49 +105,35 @@ class FlatModel:
         return angles
 
     def body_index(self, body: str) -> int:
-        """Number of a body.
-
-        Args:
-            body: Name of the body.
-
-        Raises:
-            ValueError: If there is no such body; the message lists the bodies.
-        """
+        """Number of a body; a ValueError lists the bodies if there is none of that name."""
         names = list(self.bodies)
         if body not in self.bodies:
             raise ValueError(f"no body {body!r}; the bodies are {names}")
         return names.index(body)
 
     def joint_of_row(self, row: int) -> str:
-        """Name of the joint to which a row belongs.
-
-        Args:
-            row: Number of the row.
-        """
+        """Name of the joint to which a row belongs."""
         return next(name for name, rows in self.joints.items() if rows.start <= row < rows.stop)
 
     def body_of_coordinate(self, index: int) -> str:
-        """Name of the body to which a coordinate belongs.
-
-        Args:
-            index: Number of the coordinate.
-        """
+        """Name of the body to which a coordinate belongs."""
         return list(self.bodies)[int(np.searchsorted(self.arrays.first, index, "right")) - 1]
+
+
+def without(arrays: ModelArrays, column: int, *fields: str) -> ModelArrays:
+    """The arrays with zero stiffness (column 0) or damping (1) of all springs, and zero fields."""
+    law = arrays.law.copy()
+    law[:, column] = 0.0
+    changed: dict[str, Any] = {field: np.zeros_like(getattr(arrays, field)) for field in fields}
+    return arrays._replace(law=law, **changed)
 
 
 def check_names(
     mechanism: Mechanism, modes: Mapping[str, int], markers: Mapping[str, Collection[str]]
 ) -> None:
-    """Refuse names in a mechanism that do not exist, listing those that do.
+    """Refuse, by a ValueError, names in a mechanism that do not exist, listing those that do.
 
-    Args:
-        mechanism: The mechanism.
-        modes: Number of elastic coordinates by name of the body.
-        markers: Names of the markers by name of the body.
-
-    Raises:
-        ValueError: If the mechanism names a body or a marker that does not exist, or lacks the
-            placement of a body.
+    The numbers of modes and the names of markers are given by name of the body.
     """
     names = list(modes)
     for what, given in (("placement", mechanism.placements), ("damping", mechanism.damping)):
@@ -193,15 +148,9 @@ def check_names(
             )
     mechanism.start.validate(modes)
     uses = [
-        (f"joint {label!r}", marker)
-        for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
-        for marker in joint.markers
-        if isinstance(marker, tuple)
-    ]
-    uses += [
-        (f"force {label!r}", marker)
-        for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
-        for marker in force.markers
+        (f"{thing.kind} {label!r}", marker)
+        for thing, label in mechanism.connections
+        for marker in thing.markers
         if isinstance(marker, tuple)
     ]
     uses += [("point mass", point.marker) for point in mechanism.point_masses]
@@ -216,15 +165,7 @@ def check_names(
 
 
 def check_dimension(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> int:
-    """Whether bodies and mechanism are in the plane (2) or in space (3).
-
-    Args:
-        mechanism: The mechanism.
-        bodies: Volume integrals of all bodies, by name.
-
-    Raises:
-        ValueError: If they are not all in the same.
-    """
+    """2 if bodies and mechanism are all in the plane, 3 if all are in space; or a ValueError."""
     where = {2: "in the plane", 3: "in space"}
     first = next(iter(bodies))
     d = bodies[first].dimension
@@ -234,21 +175,21 @@ def check_dimension(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals])
     parts += [(f"placement of body {n!r}", p.dimension) for n, p in mechanism.placements.items()]
     for what in ("gravity", "ground_acceleration"):
         given = getattr(mechanism, what)
-        still = all(not callable(s) and not isinstance(s, Motion) and s == 0.0 for s in given)
-        if not still:
+        if not is_zero(*given):
             parts.append((f"{what} with {len(given)} components", len(given)))
-    for names, things in (
-        (mechanism.joint_names, mechanism.joints),
-        (mechanism.force_names, mechanism.forces),
-    ):
-        for label, thing in zip(names, things, strict=True):
-            user = f"{thing.kind} {label!r}"
-            parts.append((user, thing.dimension))
-            parts += [
-                (f"{user}: marker {marker_name(marker)!r}", marker.dimension)
-                for marker in thing.markers
-                if not isinstance(marker, tuple)
-            ]
+    for thing, label in mechanism.connections:
+        user = f"{thing.kind} {label!r}"
+        if thing.in_the_plane and thing.dimension != d:
+            raise ValueError(
+                f"{user} is in space, but body {first!r} is in the plane; there it is "
+                f"{thing.in_the_plane}"
+            )
+        parts.append((user, thing.dimension))
+        parts += [
+            (f"{user}: marker {marker_name(marker)!r}", marker.dimension)
+            for marker in thing.markers
+            if not isinstance(marker, tuple)
+        ]
     for what, found in parts:
         if found is not None and found != d:
             raise ValueError(
@@ -265,13 +206,9 @@ def assemble_model(
     *,
     checked: bool = False,
 ) -> FlatModel:
-    """Compile a mechanism and its bodies to flat arrays, in the plane or in space.
+    """Flat arrays of a mechanism in the plane or in space at times (steps + 1,) [s].
 
-    Args:
-        mechanism: The mechanism.
-        bodies: Volume integrals of all bodies, by name.
-        times: Times, shape (steps + 1,) [s].
-        checked: Whether the derivatives of all motions are known to be right.
+    The derivatives of all motions are compared with differences unless they have been `checked`.
 
     Raises:
         ValueError: If a name does not exist, integrals are not valid, a motion is NaN or its
@@ -293,135 +230,41 @@ def assemble_model(
 
     offset = START_OFFSET * float(times[1] - times[0])
     instants = np.append(times, times[0] + offset)
-    if check_dimension(mechanism, bodies) == 3:
-        found = spatial.assemble(mechanism, bodies, effective, instants)
-        if not checked:
-            found.tables.check(float(times[0]), float(times[-1]))
-        known = found.markers, found.joints, found.tables, found.forces
-        return FlatModel(found.arrays, times, offset, mechanism, dict(bodies), *known)
-    index: dict[tuple[str, str], int] = {}
-    table: list[Marker] = []
-    prescribed: list[tuple[Ground | Moving, str]] = []
-
-    def place(marker: Marker, user: str) -> int:
-        """Number of a marker, entered in the table at its first use."""
-        if isinstance(marker, tuple):
-            if marker not in index:
-                index[marker] = len(table)
-                table.append(marker)
-            return index[marker]
-        for number, known in enumerate(table):
-            if known is marker or (isinstance(marker, Ground) and known == marker):
-                return number
-        prescribed.append((marker, f"{user}, marker {marker_name(marker)!r}"))
-        table.append(marker)
-        return len(table) - 1
-
-    positions = {
-        (name, point): marker.position
-        for name, integrals in bodies.items()
-        for point, marker in integrals.markers.items()
-    }
-    undeformed = Undeformed(mechanism.placements, positions, instants[:1])
+    dimension = check_dimension(mechanism, bodies)
+    undeformed = _undeformed(mechanism, bodies, instants[:1], dimension)
     rows: list[tuple[Row, str]] = []
     joints: dict[str, slice] = {}
-    sides: list[tuple[int, int]] = []
     for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
-        own = joint.rows(label, undeformed)
+        own = joint.rows(undeformed.of(f"joint {label!r}"))
         joints[label] = slice(len(rows), len(rows) + len(own))
-        user = f"joint {label!r}"
-        sides += [(place(row.a, user), place(row.b, user)) for row in own]
         rows += [(row, label) for row in own]
-    elements: list[tuple[Element, str]] = []
-    ends: list[tuple[int, int]] = []
-    for label, force in zip(mechanism.force_names, mechanism.forces, strict=True):
-        element = force.element(label, undeformed)
-        elements.append((element, label))
-        ends.append((place(element.a, f"force {label!r}"), place(element.b, f"force {label!r}")))
-    tables = TimeTables(mechanism, prescribed, rows, elements)
+    elements = [
+        (force.element(undeformed.of(f"force {label!r}")), label)
+        for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
+    ]
+    kind = KINDS[dimension]
+    lowering = kind.lowering(bodies, undeformed)
+    lowering.enter(rows, elements)
+    tables = TimeTables(mechanism, rows, elements, lowering)
     over_time = tables.tabulate(instants)
     if not checked:
         tables.check(float(times[0]), float(times[-1]))
-
-    arrays = _body_arrays(mechanism, effective)
-    modes = int(arrays["modes"].max())
-    shapes = np.zeros((len(table), 2, modes + 1))
-    psi = np.zeros((len(table), modes))
-    body_of, slot_of = np.full(len(table), -1), np.zeros(len(table), dtype=np.int64)
-    stiffened = np.full(len(table), -1)
-    bends: list[Array] = []
-    slots = 0
-    for number, entry in enumerate(table):
-        if isinstance(entry, tuple):
-            point_of_body = bodies[entry[0]].markers[entry[1]]
-            r = bodies[entry[0]].modes
-            shapes[number, :, : r + 1] = point_of_body.basis
-            psi[number, :r] = point_of_body.rotation
-            body_of[number] = list(bodies).index(entry[0])
-            if point_of_body.stiffening is not None and r:
-                stiffened[number] = len(bends)
-                bends.append(padded_stiffening(point_of_body.stiffening, modes))
-        else:
-            slot_of[number] = slots
-            slots += 1
-    flat = planar.ModelArrays(
-        **arrays,
-        **over_time,
-        marker_body=body_of.astype(np.int64),
-        marker_slot=slot_of,
-        shapes=shapes,
-        psi=psi,
-        marker_stiffened=stiffened.astype(np.int64),
-        marker_stiffening=np.array(bends).reshape(len(bends), 2, modes, modes),
-        kind=np.array([row.kind for row, _ in rows], dtype=np.int64),
-        side=np.array(sides, dtype=np.int64).reshape(-1, 2),
-        normal=_pairs([row.normal for row, _ in rows]),
-        ratio=np.array([row.ratio for row, _ in rows], dtype=np.float64),
-        force_kind=np.array([element.kind for element, _ in elements], dtype=np.int64),
-        force_side=np.array(ends, dtype=np.int64).reshape(-1, 2),
-        force_constants=_pairs([element.constants for element, _ in elements]),
-    )
-    forces = {label: [number] for number, label in enumerate(mechanism.force_names)}
-    names = index, joints, tables, forces
+    arrays = body_arrays(effective, mechanism.damping)
+    own_arrays = lowering.arrays(int(arrays["modes"].max()))
+    flat = kind(**arrays, **over_time, **own_arrays)
+    names = lowering.markers, joints, tables, lowering.forces
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
 
 
-def _pairs(pairs: Sequence[tuple[float, float]]) -> Array:
-    return np.array(pairs, dtype=np.float64).reshape(-1, 2)
-
-
-def _body_arrays(mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> dict[str, NDArray]:
-    """Padded arrays of all bodies, by name of the field of ModelArrays."""
-    count, modes = len(bodies), max(integrals.modes for integrals in bodies.values())
-    out = {
-        "modes": np.array([integrals.modes for integrals in bodies.values()], dtype=np.int64),
-        "mass": np.array([integrals.mass for integrals in bodies.values()]),
-        "S": np.zeros((count, modes + 1, 2)),
-        "G": np.zeros((count, modes + 1, modes + 1)),
-        "N": np.zeros((count, modes + 1, modes + 1)),
-        "K": np.zeros((count, modes, modes)),
-        "alpha": np.zeros(count),
-        "beta": np.zeros(count),
-        "stiffened": np.array([bool(b.stiffening) for b in bodies.values()], dtype=np.int64),
-        "stiffening": np.zeros((0, 4, modes, modes)),
-        "inverse": np.zeros((count, modes + 3, modes + 3)),
+def _undeformed(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], start: Array, dimension: int
+) -> Undeformed:
+    """Markers of all bodies in the placements, at the time of the start, shape (1,) [s]."""
+    points = {
+        (name, point): marker
+        for name, integrals in bodies.items()
+        for point, marker in integrals.markers.items()
     }
-    if np.any(out["stiffened"]):
-        out["stiffening"] = np.zeros((count, 4, modes, modes))
-    for b, (name, integrals) in enumerate(bodies.items()):
-        r = integrals.modes
-        if integrals.stiffening:
-            out["stiffening"][b] = padded_stiffening(integrals.stacked_stiffening, modes)
-        out["S"][b, : r + 1] = integrals.S
-        # The kernels use rows as columns: remove what round-off has left of the other part.
-        out["G"][b, : r + 1, : r + 1] = 0.5 * (integrals.G + integrals.G.T)
-        out["N"][b, : r + 1, : r + 1] = 0.5 * (integrals.N - integrals.N.T)
-        out["K"][b, :r, :r] = 0.5 * (integrals.K + integrals.K.T)
-        out["inverse"][b, :2, :2] = np.eye(2) / integrals.mass
-        out["inverse"][b, 2, 2] = 1.0 / integrals.G[0, 0]
-        out["inverse"][b, 3 : r + 3, 3 : r + 3] = inverse_mass(out["G"][b, 1 : r + 1, 1 : r + 1])
-        if name in mechanism.damping:
-            out["alpha"][b] = mechanism.damping[name].alpha
-            out["beta"][b] = mechanism.damping[name].beta
-    out["first"] = np.concatenate([[0], np.cumsum(3 + out["modes"])[:-1]]).astype(np.int64)
-    return out
+    positions = {name: marker.position for name, marker in points.items()}
+    axes = {name: marker.axes for name, marker in points.items() if marker.axes is not None}
+    return Undeformed(mechanism.placements, positions, start, dimension, axes)

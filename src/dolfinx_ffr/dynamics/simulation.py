@@ -14,17 +14,16 @@ from ..body import VolumeIntegrals
 from ..mechanism import Mechanism
 from .equilibrium import NoEquilibriumError
 from .failures import SimulationError, at_rest
-from .initial import initial_state
-from .integration.accuracy import position_error, run_to_tolerance
+from .initial import started
+from .integration.accuracy import run_to_tolerance
 from .integration.compiled import compile_kernels
 from .integration.radau import RadauIIA
 from .integration.time_interval import TimeInterval
+from .load_steps import LoadSteps, load_steps
 from .memory import check_memory
 from .model import assemble_model
 from .trajectory import Integrator, Trajectory
 from .validity import warn_of_limits
-
-__all__ = ["integrate", "one_thread", "restored", "simulate"]
 
 
 def simulate(
@@ -35,16 +34,16 @@ def simulate(
     end_time: float | None = None,
     tolerance: float | None = None,
 ) -> Trajectory:
-    """Motion of a mechanism over time, with given steps or to a given accuracy.
+    """Trajectory of a mechanism, with given steps or to a given accuracy.
 
-    With a tolerance, the steps are shortened until the positions of all material points move by
+    With a tolerance, the steps are shortened until the positions of all material points change by
     less than the tolerance when steps are twice as long: root mean square by mass, at any time,
-    relative to the longest way from the start. The trajectory's ``error`` is the change of the
-    last ones. Their error itself is smaller, by up to 31 times (Radau IIA) or 3 times (generalised
-    alpha); where unresolved vibrations make all of it, it is about as large. That of velocities,
-    deformations and multipliers, each relative to its own size, is larger; for the error of an
-    objective see :meth:`MechanicalProblem.with_tolerance`. It takes one and a half to twice the
-    time of the last steps alone.
+    relative to the largest displacement from the start. The trajectory's ``error`` is the last
+    change. The error itself is smaller, by up to 31 times (Radau IIA) or 3 times (generalised
+    alpha); where unresolved vibrations make all of it, it is about as large. The errors of
+    velocities, deformations and multipliers, each relative to its own size, are larger; for the
+    error of an objective see :meth:`MechanicalProblem.with_tolerance`. A tolerance takes one and a
+    half to twice the time of the last steps alone.
 
     Args:
         mechanism: The mechanism.
@@ -59,10 +58,10 @@ def simulate(
         The trajectory; computed alike on every rank that calls, without communication.
 
     Raises:
-        ValueError: If a name does not exist, a number is not valid, or the mechanism cannot be
-            assembled; see :func:`assemble_model` and :func:`initial_state`. Also if not exactly one
-            of integrator and duration is given, or a duration without a tolerance.
-        MemoryError: If the motion would take more memory than the machine has.
+        ValueError: If a name does not exist, a number is not valid, the mechanism cannot be
+            assembled, not exactly one of integrator and duration is given, or a duration comes
+            without a tolerance.
+        MemoryError: If the trajectory would take more memory than the machine has.
         SimulationError: If Newton's method does not converge or the mechanism becomes singular;
             it names time, body and joint and keeps the trajectory so far. Likewise if a static
             equilibrium to start from is not found, or a tolerance is not reached.
@@ -90,12 +89,8 @@ def simulate(
         if tolerance is None:
             trajectory = integrate(mechanism, bodies, method)
         else:
-            _, trajectory = run_to_tolerance(
-                method,
-                tolerance,
-                lambda chosen: integrate(mechanism, bodies, chosen),
-                position_error,
-                "positions",
+            trajectory = run_to_tolerance(
+                method, tolerance, lambda chosen: integrate(mechanism, bodies, chosen)
             )
     except SimulationError as error:
         warn_of_limits(error.trajectory, complete=False)
@@ -107,29 +102,27 @@ def simulate(
 def integrate(
     mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
 ) -> Trajectory:
-    """Motion of a mechanism with given steps, whatever becomes of it: without a warning.
-
-    Args:
-        mechanism: The mechanism.
-        bodies: Volume integrals of all bodies, by name.
-        integrator: Time integration.
-
-    Raises:
-        ValueError: As :func:`simulate` does.
-        MemoryError: As :func:`simulate` does.
-        SimulationError: As :func:`simulate` does.
-    """
+    """Trajectory with given steps, without warnings; errors are those of :func:`simulate`."""
     validation.instances_by_name("bodies", bodies, VolumeIntegrals, "VolumeIntegrals")
     space = any(body.dimension == 3 for body in bodies.values())
     check_memory(integrator, [body.modes for body in bodies.values()], space=space)
     model = assemble_model(mechanism, bodies, integrator.times)
-    compile_kernels(integrators=[type(integrator)], space=model.dimension == 3)
+    compile_kernels(integrators=[type(integrator)], space=space)
     with one_thread():
         try:
-            y0, v0 = initial_state(model)
+            model, y0, v0 = started(model)
         except NoEquilibriumError as error:
             raise SimulationError(str(error), at_rest(model, 0, integrator)) from error
         return integrator.integrate(model, y0, v0)
+
+
+def load_cells(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], end_time: float
+) -> tuple[LoadSteps, bool]:
+    """Steps that resolve loads and prescribed motions, and whether anything damps vibrations."""
+    validation.instances_by_name("bodies", bodies, VolumeIntegrals, "VolumeIntegrals")
+    model = assemble_model(mechanism, bodies, np.array([0.0, end_time]))
+    return load_steps(model.tables, end_time), model.damped
 
 
 def restored(
@@ -138,17 +131,11 @@ def restored(
     integrator: Integrator,
     numbers: Mapping[str, Any],
 ) -> Trajectory:
-    """A motion that another rank has computed.
-
-    Args:
-        mechanism: The mechanism.
-        bodies: Volume integrals of all bodies, by name.
-        integrator: The time integration that was used.
-        numbers: `Trajectory.numbers` of the motion.
-    """
+    """A trajectory that another rank has computed, from its `Trajectory.numbers`."""
     model = assemble_model(mechanism, bodies, integrator.times, checked=True)
     if not np.array_equal(model.times, numbers["t"]):  # instants within steps, or chosen ones
         model = model.at(numbers["t"])
+    model = model.counting_from(numbers["turns"][:1])
     return Trajectory(**numbers, model=model, integrator=integrator)
 
 

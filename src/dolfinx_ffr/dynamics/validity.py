@@ -5,35 +5,22 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from . import planar, spatial
-from .kinematics import (
-    coordinates_of,
-    evaluate_equations,
-    least_sizes,
-    place_markers,
-    sizes_by_mass,
-    ways,
-)
+from ..mechanism import PlacementWarning
+from .initial import placement_corrections, reversed_joint, widest_gap
+from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
+from .load_steps import FEWER_SAMPLES, load_steps
 from .trajectory import Trajectory
-
-__all__ = [
-    "LargeDeformationWarning",
-    "SofteningWarning",
-    "TiltedAxisWarning",
-    "TimeStepWarning",
-    "warn_of_limits",
-]
+from .vibrations import lost_vibrations
 
 Array = NDArray[np.float64]
+#: Kinds and texts of warnings.
+Warnings = Iterator[tuple[type[UserWarning], str]]
 
-#: Steps whose stiffness is looked at together.
-_CHUNK = 2000
 #: Largest deformation in parts of a body's length, a root mean square by mass: that of a cantilever
 #: whose end moves by a tenth of its length, or of a rod that is stretched by nine percent. The end
 #: of such a cantilever is 0.6 percent of its length, (3/5) d^2 / L, nearer than by linear theory.
@@ -44,10 +31,13 @@ LARGEST_DEFORMATION = 0.05
 #: 2 (slider-crank), 0.2 to 2 (four-bar linkage), 3 to 5 (robot) and 3 times (loader) the second.
 LARGEST_STEP_ERROR = 0.03
 LARGEST_ELASTIC_STEP_ERROR = 0.015
+#: Largest share of the mean strain energy that a motion may have lost by vibrations that its steps
+#: damp away; the integral compliance is off by as much
+LARGEST_LOSS = 0.05
 #: Square of omega h up to which a method shows its order. Beyond, a step spans a sixth of an
-#: oscillation: Radau IIA damps such vibrations away instead of following them, and what is left of
-#: them tells their size no more. With 8 and 12 steps it is off by 43 and 17 percent on the robot,
-#: where its order would promise 0.7 percent.
+#: oscillation: Radau IIA damps such vibrations away instead of following them, and the rest tells
+#: their size no more. With 8 and 12 steps it is off by 43 and 17 percent on the robot, where its
+#: order would promise 0.7 percent.
 LARGEST_RESOLVED = 1.0
 #: Angle by which a body may turn in one step about an axis that moves [rad]. With generalised-alpha
 #: a heavy top that turns by 0.15, 0.075 and 0.0375 rad a step is off by 9, 2 and 0.5 percent of its
@@ -56,6 +46,10 @@ LARGEST_TURN = 0.1
 #: Sine of the angle between the axes of two markers up to which an angle about them counts: that
 #: angle is off by a fifth of the square of this one, and a bushing's moments by half of it.
 LARGEST_TILT = 0.1
+#: Corrections of placements that are made without a word: in parts of the largest distance of a
+#: marker from the origin of its body's frame, and [rad]. That distance is half a rod's length where
+#: the frame lies in its middle, and rough placements are off by it at times.
+LARGEST_CORRECTION, LARGEST_CORRECTING_TURN = 1.2, 0.35
 #: Steps to advise at least: from a handful nothing can be told about a motion between them.
 _FEWEST_STEPS = 20
 
@@ -64,9 +58,8 @@ class SofteningWarning(UserWarning):
     """A body turns faster than its lowest frequency, where the linear theory fails.
 
     Judged by the loads of the body's own inertia, and of point masses at markers with geometric
-    stiffness. Forces of joints, springs and others at such markers may take the warning back, where
-    they hold the body; that they alone buckle a body is not reported, as this depends on how its
-    neighbours hold it.
+    stiffness. Forces of joints and springs at such markers may stabilise the body, and withdraw the
+    warning; buckling by them alone is not reported, as it depends on the neighbours.
     """
 
 
@@ -81,35 +74,61 @@ class TiltedAxisWarning(UserWarning):
 class TimeStepWarning(UserWarning):
     """The time steps are too long for the motion, or for the vibrations among its deformations.
 
-    Vibrations that the method has damped away because the steps are far too long for them leave
-    nothing to be seen; :func:`model_report` repeats the motion with longer steps.
+    Vibrations that the steps damp away leave no trace; they are predicted from the modes at the
+    start and at the known jumps.
     """
 
 
 def warn_of_limits(
     trajectory: Trajectory, *, complete: bool = True, steps_given: bool = True
 ) -> None:
-    """Warn once of each limit beyond which a motion leads.
+    """Warn once of each limit that a trajectory exceeds.
 
-    Args:
-        trajectory: The motion.
-        complete: Whether it came to its end; of one that failed, only softening and tilted axes
-            are reported, as likely reasons.
-        steps_given: Whether the caller chose the steps; those of a tolerance are what it asked for.
+    One that failed is not `complete`: only placements, softening and tilted axes are reported, as
+    likely reasons. Steps are judged if they are `steps_given` by the caller, not by a tolerance.
     """
-    reported = _warn_of_softening(trajectory)
-    _warn_of_tilted_axes(trajectory)
-    if complete:
-        _warn_of_deformation(trajectory, reported)
+    for kind, text in _exceeded(trajectory, complete, steps_given):
+        warnings.warn(text, kind, stacklevel=3)
+
+
+def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warnings:
+    yield from _placements(trajectory)
+    softening = _softening(trajectory)
+    yield from ((SofteningWarning, text) for text in softening.values())
+    yield from _tilted_axes(trajectory)
+    if not complete:
+        return
+    yield from _deformations(trajectory, softening)
+    yield from _lost_vibrations(trajectory)
+    yield from _reversed_axes(trajectory)
     method = trajectory.integrator
-    if complete and steps_given and not (method.adaptive or method.judged):
-        _warn_of_steps(trajectory)
-        _warn_of_turns(trajectory)
-        _warn_of_reversed_axes(trajectory)
+    if steps_given and not method.adaptive and method.chosen_for is None:
+        yield from _loads(trajectory)
+        yield from _steps(trajectory)
+        yield from _turns(trajectory)
 
 
-def _warn_of_deformation(trajectory: Trajectory, reported: set[str]) -> None:
-    """Warn once of each body that is deformed by more than a share of its length, others apart."""
+def _placements(trajectory: Trajectory) -> Warnings:
+    """Joints that close far from the placements."""
+    model = trajectory.model
+    found, length = placement_corrections(model, trajectory.y[0]), length_of(model.arrays)
+    if not found:
+        return
+    body = max(found, key=lambda name: max(found[name][0] / length, found[name][1]))
+    distance, angle = found[body]
+    if distance <= LARGEST_CORRECTION * length and angle <= LARGEST_CORRECTING_TURN:
+        return
+    joint, gap = widest_gap(model)
+    yield (
+        PlacementWarning,
+        f"body {body!r} starts {distance:.3g} m and {angle:.2g} rad from its "
+        f"placement, as the joints close no nearer; joint {joint!r} is open the most in the "
+        f"placements, by {gap}. Correct the placement, or the joint",
+    )
+
+
+def _deformations(trajectory: Trajectory, reported: Container[str]) -> Warnings:
+    """Bodies that are deformed by more than a share of their length, but for those reported."""
     for name, body in trajectory.model.bodies.items():
         if body.modes == 0 or name in reported:
             continue
@@ -120,82 +139,106 @@ def _warn_of_deformation(trajectory: Trajectory, reported: set[str]) -> None:
         k = int(np.argmax(squares))
         deformation = math.sqrt(max(squares[k], 0.0))
         if deformation > LARGEST_DEFORMATION * length:
-            warnings.warn(
+            yield (
+                LargeDeformationWarning,
                 f"body {name!r} is deformed by {deformation / length:.2g} of its length (root mean "
                 f"square) at t = {trajectory.t[k]:.4g} s, and linear theory holds to about "
                 f"{LARGEST_DEFORMATION:g}: loads or drives are too strong, joints fight each other "
                 "where a direction should be free, or the body is too soft",
-                LargeDeformationWarning,
-                stacklevel=4,
             )
 
 
-def _warn_of_reversed_axes(trajectory: Trajectory) -> None:
-    """Warn of a joint in space whose axis is the other way round at the end."""
-    model, last = trajectory.model, trajectory.steps
-    if not isinstance(model.arrays, spatial.ModelArrays):
-        return
-    before, after = (place_markers(model.arrays, k, trajectory.y[k]) for k in (0, last))
-    row = spatial.reversed_row(model.arrays, model.joints.values(), before, after)
-    if row >= 0:
-        warnings.warn(
-            f"joint {model.joint_of_row(row)!r} has its axis reversed at the end: a step was so "
-            "long that the joint closed the other way round; take shorter steps",
+def _reversed_axes(trajectory: Trajectory) -> Warnings:
+    """A joint in space whose axis points the other way at the end."""
+    last = trajectory.steps
+    joint = reversed_joint(trajectory.model, (0, trajectory.y[0]), (last, trajectory.y[last]))
+    if joint is not None:
+        yield (
             TimeStepWarning,
-            stacklevel=4,
+            f"joint {joint!r} has its axis reversed at the end: a step was so long that the joint "
+            "closed the other way round; take shorter steps",
         )
 
 
-def _warn_of_tilted_axes(trajectory: Trajectory) -> None:
-    """Warn of drives, gears and torsional springs in space whose axis no joint holds."""
+def _tilted_axes(trajectory: Trajectory) -> Warnings:
+    """Drives, gears and torsional springs in space whose axis no joint fixes."""
     model = trajectory.model
-    if not isinstance(model.arrays, spatial.ModelArrays):
-        return
-    found = spatial.tilts(model.arrays, trajectory.y)
-    for name, rows in model.joints.items():
-        if (tilt := float(np.max(found[rows], initial=0.0))) > LARGEST_TILT:
-            _warn_of_tilt(f"joint {name!r}", tilt)
+    found = tilts(model.arrays, trajectory.y)
     springs = found[model.rows :]
+    parts = {f"joint {name!r}": found[rows] for name, rows in model.joints.items()}
     for name, places in model.forces.items():
-        own = [springs[k] for k in places if k < len(springs)]
-        if (tilt := float(np.max(own, initial=0.0))) > LARGEST_TILT:
-            _warn_of_tilt(f"force {name!r}", tilt)
+        parts[f"force {name!r}"] = springs[[k for k in places if k < len(springs)]]
+    for what, own in parts.items():
+        tilt = float(np.max(own, initial=0.0))
+        if tilt > LARGEST_TILT:
+            yield (
+                TiltedAxisWarning,
+                f"{what}: the axes of its markers part by {math.asin(min(tilt, 1.0)):.2g} rad, and "
+                f"an angle about them means little beyond {LARGEST_TILT:g}: hold its axis by a "
+                "joint (Revolute, Cylindrical), or, of a Bushing, make it stiffer about all axes",
+            )
 
 
-def _warn_of_tilt(what: str, tilt: float) -> None:
-    angle = math.asin(min(tilt, 1.0))
-    warnings.warn(
-        f"{what}: the axes of its markers part by {angle:.2g} rad, and an angle about them means "
-        f"little beyond {LARGEST_TILT:g}: hold its axis by a joint (Revolute, Cylindrical), or, of "
-        "a Bushing, make it stiffer about all axes",
-        TiltedAxisWarning,
-        stacklevel=5,
-    )
-
-
-def _warn_of_turns(trajectory: Trajectory) -> None:
-    """Warn of a rotor in space that turns too far in one step about an axis that moves.
+def _turns(trajectory: Trajectory) -> Warnings:
+    """Rotors in space that turn too far in one step about an axis that moves.
 
     The phase of its own rotation acts on its axis then, with an error of the square of the angle.
     """
     model = trajectory.model
-    if not isinstance(model.arrays, spatial.ModelArrays) or trajectory.integrator.order > 2:
+    if trajectory.integrator.order > 2:
         return
     h, steps = np.diff(trajectory.t, prepend=trajectory.t[0]), len(trajectory.step_ends) - 1
     for b, name in enumerate(model.bodies):
-        turn = spatial.largest_turn(model.arrays, b, trajectory.y, trajectory.v, h)
+        turn = model.arrays.largest_turn(b, trajectory.y, trajectory.v, h)
         if turn > LARGEST_TURN:
-            warnings.warn(
+            yield (
+                TimeStepWarning,
                 f"body {name!r} turns by up to {turn:.2g} rad in one time step about an axis that "
                 f"moves, which takes steps below {LARGEST_TURN:g} rad to follow: take "
                 f"{math.ceil(steps * turn / LARGEST_TURN)} steps instead of {steps}",
-                TimeStepWarning,
-                stacklevel=4,
             )
 
 
-def _warn_of_steps(trajectory: Trajectory) -> None:
-    """Warn of fixed steps that do not resolve the motion, or the deformations by their own size.
+def _lost_vibrations(trajectory: Trajectory) -> Warnings:
+    """Vibrations that the start or a jump excites and that the steps damp away."""
+    lost, method = lost_vibrations(trajectory), trajectory.integrator
+    # A tolerance that was asked for may allow more than the limit without one.
+    if lost.share <= max(LARGEST_LOSS, 2.0 * (method.chosen_for or 0.0)):
+        return
+    flexible = any(body.modes for body in trajectory.model.bodies.values())
+    what = "strain energy" if flexible else "square of the accelerations"
+    where = "the start" if lost.time == 0.0 else f"the jump at t = {lost.time:.4g} s"
+    yield (
+        TimeStepWarning,
+        f"{where} excites vibrations, of {lost.frequency:.4g} Hz first of all, that would make "
+        f"{100.0 * lost.share:.2g} percent of the mean {what}: {method.in_words} damp them away, "
+        "the machine does not. Take TimeInterval(end_time, tolerance), which finds steps that keep "
+        "them, let loads and drives set in smoothly (Motion.smooth_step), begin in "
+        "StaticEquilibrium(), or give the bodies the damping that they have (RayleighDamping)",
+    )
+
+
+def _loads(trajectory: Trajectory) -> Warnings:
+    """Loads and motions that change within a step."""
+    ends, order = trajectory.step_ends, trajectory.integrator.order
+    found = load_steps(trajectory.model.tables, float(ends[-1]), FEWER_SAMPLES)
+    begins, lengths = found.ends[:-1], np.diff(found.ends)
+    middle = begins + 0.5 * lengths
+    steps = np.diff(ends)[np.clip(np.searchsorted(ends, middle) - 1, 0, ends.size - 2)]
+    short = np.flatnonzero(found.fast & (lengths < steps * (0.99 if order > 2 else 1.99)))
+    if not short.size:
+        return
+    k = short[int(np.argmin(lengths[short]))]
+    yield (
+        TimeStepWarning,
+        f"a load or a motion changes within {lengths[k]:.2g} s at t = {begins[k]:.6g} s, and the "
+        f"time steps of {steps[k]:.2g} s there do not see it as it is: take shorter ones, or "
+        "TimeInterval(end_time, tolerance), which finds steps that do",
+    )
+
+
+def _steps(trajectory: Trajectory) -> Warnings:
+    """Fixed steps that do not resolve the motion, or the deformations by their own size.
 
     A motion of frequency omega is computed by a method of order p with a relative error of about
     (omega^2 h^2 / 12)^(p/2), where omega h is less than one; beyond, no order is better than two.
@@ -214,44 +257,42 @@ def _warn_of_steps(trajectory: Trajectory) -> None:
         ]
     )
     if excess > 1.0:
-        # One order less than the method's, as of vibrations beyond the steps but a part is seen.
+        # One order less than the method's, as vibrations beyond the steps show in part only.
         more = excess ** (1.0 / (order - 1))
         if squared >= LARGEST_RESOLVED:
             more = max(more, 1.1 * math.sqrt(squared / LARGEST_RESOLVED))
         enough = max(math.ceil(steps * more), _FEWEST_STEPS)
-        warnings.warn(
+        yield (
+            TimeStepWarning,
             f"the time steps are too long for the motion: there are "
             f"{2.0 * math.pi / math.sqrt(squared):.2g} to an oscillation of its {what}, an "
             f"estimated relative error of {error(squared):.1g} in them and of "
             f"more in psi; take {enough} steps instead of {steps}, or see {remedy}",
-            TimeStepWarning,
-            stacklevel=4,
         )
 
 
 def _squared_phase(trajectory: Trajectory) -> float:
-    """Square of omega h, where a motion of frequency omega has accelerations of omega^2 its way."""
+    """(omega h)^2, with omega^2 estimated as largest acceleration over largest displacement."""
     model = trajectory.model
     h = np.repeat(np.diff(trajectory.step_ends), trajectory.integrator.stages)
-    way = ways(model.arrays, trajectory.y, trajectory.y[0])
+    displacement = model.arrays.difference(trajectory.y, trajectory.y[0])
     # Of a turning body the chord, which does not grow from turn to turn.
-    way[:, model.rotations] = 2.0 * np.sin(0.5 * way[:, model.rotations])
-    least = least_sizes(model.arrays, float(trajectory.t[-1]))[0]
-    size = max(float(np.max(sizes_by_mass(model.arrays, way))), least)
-    swing = sizes_by_mass(model.arrays, trajectory.w[1:] - trajectory.w[0])
+    displacement[:, model.rotations] = 2.0 * np.sin(0.5 * displacement[:, model.rotations])
+    floor = norm_floors(model.arrays, float(trajectory.t[-1]))[0]
+    size = max(float(np.max(mass_norm(model.arrays, displacement))), floor)
+    swing = mass_norm(model.arrays, trajectory.w[1:] - trajectory.w[0])
     return float(np.max(h**2 * swing)) / size
 
 
 def _squared_elastic_phase(trajectory: Trajectory) -> float:
-    """Square of omega h in the mean, by the strain energy of what deformations change in a step.
+    """Mean of (omega h)^2: strain energy of the change of deformations in a step over their own.
 
-    Relative to the strain energy of the deformations, static ones included. Vibrations that the
-    steps do not resolve count by their own energy, four times at most; where nothing excites them
-    they do not count, however high their frequency.
+    The latter includes static deformations. Vibrations beyond the steps count by their own energy,
+    four times at most; where nothing excites them they do not count, whatever their frequency.
     """
     model, stages = trajectory.model, trajectory.integrator.stages
     h, duration = np.diff(trajectory.step_ends), float(trajectory.t[-1])
-    change, energy = 0.0, duration * least_sizes(model.arrays, duration)[2] ** 2
+    change, energy = 0.0, duration * norm_floors(model.arrays, duration)[2] ** 2
     for name, body in model.bodies.items():
         if body.modes:
             q = trajectory.elastic(name)[::stages]
@@ -262,109 +303,47 @@ def _squared_elastic_phase(trajectory: Trajectory) -> float:
     return change / energy
 
 
-def _warn_of_softening(trajectory: Trajectory) -> set[str]:
-    """Warn once of each body whose stiffness less omega^2 G loses definiteness; their names."""
-    model, reported = trajectory.model, set()
+def _softening(trajectory: Trajectory) -> dict[str, str]:
+    """Warnings of bodies whose elastic plus inertial stiffness is indefinite, by their names."""
+    model, arrays, texts = trajectory.model, trajectory.model.arrays, {}
     for b, name in enumerate(model.bodies):
-        n = int(model.arrays.modes[b])
-        if n == 0:
+        if not arrays.modes[b]:
             continue
-        if isinstance(model.arrays, spatial.ModelArrays):
-            if _warn_of_softening_in_space(trajectory, b, name):
-                reported.add(name)
+        turning = trajectory.v[:, model.coordinates(name).rotation]
+        soft, lowest = arrays.softened(b, trajectory.y, trajectory.v, trajectory.w)
+        k = _first_unstable(trajectory, b, soft)
+        if k < 0:
             continue
-        G, K = model.arrays.G[b, 1 : n + 1, 1 : n + 1], model.arrays.K[b, :n, :n]
-        speed = np.abs(trajectory.v[:, coordinates_of(model.arrays, b).rotation])
-        if model.arrays.stiffened[b]:
-            k = _first_unheld(trajectory, b, _softening(trajectory, b))
-            if k >= 0:
-                reported.add(name)
-                warnings.warn(
-                    f"body {name!r} loses its stiffness at t = {trajectory.t[k]:.4g} s, where it "
-                    f"turns with {speed[k]:.4g} rad/s, in spite of geometric stiffening: while "
-                    "that lasts, its deformation grows without bound",
-                    SofteningWarning,
-                    stacklevel=4,
-                )
-            continue
-        lowest = scipy.linalg.eigh(K, G, eigvals_only=True, subset_by_index=[0, 0])[0]
-        fast = np.flatnonzero((speed**2 > lowest) & (lowest > 0.0))
-        k = _first_unheld(trajectory, b, fast)
-        if k >= 0:
-            reported.add(name)
-            warnings.warn(
-                f"body {name!r} turns with {speed[k]:.4g} rad/s at t = {trajectory.t[k]:.4g} s, "
-                f"faster than its lowest frequency of {math.sqrt(lowest):.4g} rad/s: without "
-                "geometric stiffening its deformation grows without bound",
-                SofteningWarning,
-                stacklevel=4,
+        at, speed = f"at t = {trajectory.t[k]:.4g} s", float(np.linalg.norm(turning[k]))
+        if lowest is not None:
+            text = (
+                f"turns with {speed:.4g} rad/s {at}, faster than its lowest frequency of "
+                f"{math.sqrt(lowest):.4g} rad/s: without geometric stiffening"
             )
-    return reported
+        else:
+            text = f"loses its stiffness {at}, where it turns with {speed:.4g} rad/s" + (
+                ", in spite of geometric stiffening: while that lasts,"
+                if arrays.stiffened[b]
+                else ": without geometric stiffening"
+            )
+        texts[name] = f"body {name!r} {text} its deformation grows without bound"
+    return texts
 
 
-def _warn_of_softening_in_space(trajectory: Trajectory, b: int, name: str) -> bool:
-    """Warn of one body in space; gives whether there was a reason."""
+def _first_unstable(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
+    """First of these steps at which forces at markers do not stabilise the body; or -1."""
     arrays = trajectory.model.arrays
-    assert isinstance(arrays, spatial.ModelArrays)
-    steps = spatial.softened(arrays, b, trajectory.y, trajectory.v, trajectory.w)
-    k = _first_unheld(trajectory, b, steps)
-    if k < 0:
-        return False
-    speed = float(np.linalg.norm(trajectory.v[k, trajectory.model.coordinates(name).rotation]))
-    reason = (
-        "in spite of geometric stiffening: while that lasts, its deformation grows without bound"
-        if arrays.stiffened[b]
-        else "without geometric stiffening its deformation grows without bound"
-    )
-    warnings.warn(
-        f"body {name!r} loses its stiffness at t = {trajectory.t[k]:.4g} s, where it turns with "
-        f"{speed:.4g} rad/s: {reason}",
-        SofteningWarning,
-        stacklevel=5,
-    )
-    return True
-
-
-def _softening(trajectory: Trajectory, b: int) -> Iterator[int]:
-    """Steps at which K + B - omega^2 G is indefinite, B the stiffness by the body's inertia."""
-    arrays = trajectory.model.arrays
-    assert isinstance(arrays, planar.ModelArrays)
-    where, n = coordinates_of(arrays, b), int(arrays.modes[b])
-    G, T = arrays.G[b, 1 : n + 1, 1 : n + 1], arrays.stiffening[b, :, :n, :n]
-    # In the basis of the modes at rest, so that no unit hides a slip.
-    frequencies, modes = scipy.linalg.eigh(arrays.K[b, :n, :n], G)
-    parts = np.concatenate([T, -np.eye(n)[None]])
-    parts[:4] = modes.T @ T @ modes
-    fall = arrays.gravity[: trajectory.steps + 1]
-    c, s = np.cos(trajectory.y[:, where.rotation]), np.sin(trajectory.y[:, where.rotation])
-    ax, ay = (trajectory.w[:, where.position] - fall).T
-    spin = trajectory.v[:, where.rotation] ** 2
-    loads = np.stack(
-        [spin, trajectory.w[:, where.rotation], c * ax + s * ay, c * ay - s * ax, spin], 1
-    )
-    for start in range(0, len(loads), _CHUNK):
-        stiffness = np.diag(frequencies) + np.tensordot(loads[start : start + _CHUNK], parts, 1)
-        soft = np.linalg.eigvalsh(stiffness)[:, 0] < min(0.0, -1e-12 * frequencies[-1])
-        yield from start + np.flatnonzero(soft)
-
-
-def _first_unheld(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int:
-    """First of these steps at which forces at markers do not hold the body either; or -1."""
-    arrays = trajectory.model.arrays
-    elastic = coordinates_of(arrays, b).elastic
-    if isinstance(arrays, spatial.ModelArrays):
-        stiffened = np.any(arrays.vector_stiffened[arrays.vector_body == b] >= 0)
-        inertia = np.diag(arrays.pairs[b, 9].reshape(arrays.K.shape[1:]))
-    else:
-        stiffened = np.any(arrays.marker_stiffened[arrays.marker_body == b] >= 0)
-        inertia = np.diag(arrays.G[b])[1:]
+    elastic = arrays.coordinates(b).elastic
+    stiffened = np.any(arrays.vector_stiffened[arrays.vector_body == b] >= 0)
+    inertia = np.diag(elastic_mass(arrays, b))
+    kinematics = Kinematics(arrays, trajectory.turns)
     for k in steps:
         if not stiffened:
             return int(k)
         y, v, w = trajectory.y[k], trajectory.v[k], trajectory.w[k]
-        Ky = evaluate_equations(arrays, int(k), y, v, w, trajectory.multipliers[k]).stiffness
+        Ky = kinematics.evaluated(int(k), y, v, w, trajectory.multipliers[k]).stiffness
         stiffness = Ky[elastic, elastic] + Ky[elastic, elastic].T
-        scale = 1.0 / np.sqrt(inertia[: len(stiffness)])
+        scale = 1.0 / np.sqrt(inertia)
         squares = np.linalg.eigvalsh(scale[:, None] * stiffness * scale)
         if squares[0] < min(0.0, -1e-12 * squares[-1]):
             return int(k)

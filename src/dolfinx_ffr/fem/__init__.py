@@ -3,13 +3,28 @@
 
 from __future__ import annotations
 
+from ..documentation import explain_fields
+from ..surroundings import working_with_numpy
+
+with working_with_numpy("petsc4py"):
+    from petsc4py import PETSc  # noqa: F401
+
 from .circles import fit_circle, fit_cylinder
-from .curves import Arc, Curve, Line, Spline, enclosed, polygon
+from .curves import Arc, Array, Curve, Line, Spline, enclosed, polygon
 from .domain import Domain
-from .elasticity import Block, CellFields, Elasticity, Matrices, rigid_fields, rotated
+from .elasticity import (
+    Block,
+    Elasticity,
+    Matrices,
+    by_dense,
+    dense_matrix,
+    kept_by,
+    rigid_fields,
+    rotated,
+    summed,
+)
 from .gathered_mesh import GatheredMesh, gathered_cells, surface_of
 from .interface import Interface
-from .lifetime import kept_by
 from .material import (
     RAMP,
     SIMP,
@@ -24,7 +39,17 @@ from .material import (
     cut_exponent,
 )
 from .mesh_checks import floating_cells
-from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces, quiet, surfaces
+from .nodes import MeshNodes, add_ghosts, gathered_nodes
+from .plane_mesh import (
+    Drawing,
+    Face,
+    LocalSizes,
+    check_size,
+    gmsh_model,
+    mesh_faces,
+    quiet,
+    surfaces,
+)
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, Tetrahedra
 
@@ -35,9 +60,9 @@ __all__ = [
     "SOLID",
     "VOID",
     "Arc",
+    "Array",
     "Block",
     "BoundMaterial",
-    "CellFields",
     "Curve",
     "Domain",
     "Drawing",
@@ -50,19 +75,26 @@ __all__ = [
     "Isotropic",
     "Line",
     "LinearMass",
+    "LocalSizes",
     "Matrices",
+    "MeshNodes",
     "PlaneStrain",
     "PlaneStress",
     "Spline",
     "StressRecovery",
     "SuppressedVoidMass",
     "Tetrahedra",
+    "add_ghosts",
+    "by_dense",
+    "check_size",
     "cut_exponent",
+    "dense_matrix",
     "enclosed",
     "fit_circle",
     "fit_cylinder",
     "floating_cells",
     "gathered_cells",
+    "gathered_nodes",
     "gmsh_model",
     "kept_by",
     "mesh_faces",
@@ -70,6 +102,9 @@ __all__ = [
     "quiet",
     "rigid_fields",
     "rotated",
+    "summed",
     "surface_of",
     "surfaces",
 ]
+
+explain_fields(globals())

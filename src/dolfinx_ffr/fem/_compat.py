@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Differences between DOLFINx releases, in one place.
 
-The package is written in the current DOLFINx spelling. Where an installed release says it
-differently, the function here says it for both. Releases are told apart by what they offer, never
-by version number, so that dropping a release means deleting lines. No other module may ask which
-DOLFINx is installed.
+The package is written in the current DOLFINx spelling, and an older one is known here alone.
+Releases are told apart by the names that they have, never by version number, so that dropping a
+release means deleting lines.
 """
 
 from __future__ import annotations
@@ -22,22 +21,6 @@ import ufl
 from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
-__all__ = [
-    "cell_geometry",
-    "cell_name",
-    "compiled_expression",
-    "coordinate_element",
-    "create_mesh",
-    "dofmap_array",
-    "entity_vertices",
-    "evaluate_expression",
-    "function_space",
-    "gmsh_model_to_mesh",
-    "interpolation_points",
-    "petsc_vector",
-    "set_form_cache",
-]
-
 
 def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
     """The Lagrange or DG space of scalars (``shape=()``) or vectors."""
@@ -50,6 +33,46 @@ def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int
     if not shape:
         return fem.FunctionSpace(domain, (name, degree))
     return fem.VectorFunctionSpace(domain, (name, degree), dim=shape[0])
+
+
+def interpolation_points(space: Any) -> NDArray[np.float64]:
+    """The reference points of an element's interpolation operator."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points
+
+
+def coordinate_space(domain: mesh.Mesh) -> Any:
+    """The space to which the positions of the mesh belong."""
+    element = domain.ufl_domain().ufl_coordinate_element()
+    made = getattr(fem, "functionspace", None) or fem.FunctionSpace
+    return made(domain, element)
+
+
+def quadrature_space(domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()) -> Any:
+    """Numbers or tensors at the points of the rule of a degree."""
+    try:
+        import basix.ufl
+
+        element = basix.ufl.quadrature_element(cell_name(domain), value_shape=shape, degree=degree)
+    except ImportError:
+        kind = ufl.TensorElement if shape else ufl.FiniteElement
+        options = {"shape": shape} if shape else {}
+        element = kind("Quadrature", domain.ufl_cell(), degree, quad_scheme="default", **options)
+    made = getattr(fem, "functionspace", None) or fem.FunctionSpace
+    return made(domain, element)
+
+
+def tabulate(element: Any, domain: mesh.Mesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of a Lagrange element's scalar shape functions, shape (points, functions)."""
+    import basix
+
+    kind = getattr(basix.CellType, cell_name(domain))
+    variant = getattr(element, "variant", None)
+    variant = basix.LagrangeVariant(int(variant)) if variant is not None else None
+    if variant is None or variant == basix.LagrangeVariant.unset:
+        variant = basix.LagrangeVariant.equispaced
+    lagrange = basix.create_element(basix.ElementFamily.P, kind, element.degree, variant)
+    return np.asarray(lagrange.tabulate(0, points)).reshape(len(points), -1)
 
 
 def cell_name(domain: mesh.Mesh) -> str:
@@ -94,33 +117,10 @@ def coordinate_element(domain: mesh.Mesh) -> Any:
     return geometry.cmap
 
 
-def interpolation_points(space: Any) -> NDArray[np.float64]:
-    """The reference points of an element's interpolation operator."""
-    points = space.element.interpolation_points
-    return points() if callable(points) else points
-
-
-def evaluate_expression(
-    expression: ufl.core.expr.Expr,
-    points: NDArray[np.float64],
-    domain: mesh.Mesh,
-    cells: NDArray[np.int32],
-) -> NDArray[np.float64]:
-    """Evaluate a UFL expression without arguments at reference points of cells.
-
-    Returns:
-        Array of shape (cells, points, components).
-    """
-    return compiled_expression(expression, points, domain)(cells)
-
-
 def compiled_expression(
     expression: ufl.core.expr.Expr, points: NDArray[np.float64], domain: mesh.Mesh
 ) -> Callable[[NDArray[np.int32]], NDArray[np.float64]]:
-    """A function that evaluates a UFL expression as `evaluate_expression` does.
-
-    It takes the values that the expression's functions have when it is called.
-    """
+    """A UFL expression at reference points, a function of cells to (cells, points, components)."""
     compiled = fem.Expression(expression, points)
     components = int(np.prod(expression.ufl_shape))
 
@@ -168,15 +168,7 @@ def set_form_cache(directory: Path) -> None:
 def create_mesh(
     comm: MPI.Comm, cells: NDArray[np.int64], x: NDArray[np.float64], cell: str, degree: int
 ) -> mesh.Mesh:
-    """A mesh from cell nodes and node positions.
-
-    Args:
-        comm: Communicator; ranks may hold no cells.
-        cells: Nodes of each cell, shape (cells, nodes per cell), DOLFINx ordering.
-        x: Node positions, shape (nodes, dimension) [m].
-        cell: Its name, as `cell_name` gives it.
-        degree: Of the geometry.
-    """
+    """A mesh of cells (cells, nodes per cell) in DOLFINx's order and positions (nodes, d) [m]."""
     import inspect
 
     try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Curves in the plane that bound a body: lines, arcs of circles, B-splines.
 
-They are what drawings hold and CAD programs take. Each knows its ends exactly, so that curves that
-follow each other share a point to the last bit; areas are exact by Green's theorem,
+Each knows its ends exactly, so that curves that follow each other share a point to the last bit.
+Areas are exact by Green's theorem,
 
     A = 1/2 oint (x dy - y dx),   A x_c = 1/2 oint x^2 dy,   A y_c = -1/2 oint y^2 dx.
 """
@@ -19,12 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-__all__ = ["Arc", "Curve", "Line", "Spline", "enclosed", "polygon"]
-
 Array = NDArray[np.float64]
 
-#: Points of the rule by which an arc of at most a quarter circle is integrated, exact to round-off
-_ARC_POINTS = 12
+#: Gauss' rule by which an arc of at most a quarter circle is integrated, exact to round-off
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 class Curve(ABC):
@@ -53,12 +51,16 @@ class Curve(ABC):
     def parameters(self, tolerance: float) -> Array:
         """Parameters between which the chord is nowhere farther away than ``tolerance`` [m]."""
 
-    def points(self, tolerance: float) -> Array:
-        """A polygon whose vertices lie on the curve, both ends exact, shape (n, 2) [m].
+    @abstractmethod
+    def moved(self, start: Array, end: Array) -> Curve:
+        """The curve between two points next to its ends."""
 
-        Args:
-            tolerance: Largest distance of the polygon from the curve [m].
-        """
+    def pieces(self) -> Sequence[Curve]:
+        """The curve in as many parts as OpenCASCADE takes for sure."""
+        return [self]
+
+    def points(self, tolerance: float) -> Array:
+        """A polygon (n, 2) within ``tolerance``, with vertices on the curve and both ends exact."""
         found = self.at(self.parameters(tolerance))
         found[0], found[-1] = self.start, self.end
         return found
@@ -66,10 +68,8 @@ class Curve(ABC):
     def moments(self) -> Array:
         """The integrals of the module's description: area, and its moments about y and x, (3,)."""
         t, w = self._quadrature
-        (x, y), (dx, dy) = self.at(t).T, self.slope(t).T
-        return np.array(
-            [0.5 * w @ (x * dy - y * dx), 0.5 * w @ (x * x * dy), -0.5 * w @ (y * y * dx)]
-        )
+        (x, y), (dx, dy), half = self.at(t).T, self.slope(t).T, 0.5 * w
+        return np.array([half @ (x * dy - y * dx), half @ (x * x * dy), -half @ (y * y * dx)])
 
     @cached_property
     def length(self) -> float:
@@ -80,11 +80,10 @@ class Curve(ABC):
     @property
     def _quadrature(self) -> tuple[Array, Array]:
         """Parameters and weights of Gauss' rule between the breaks."""
-        nodes, weights = np.polynomial.legendre.leggauss(_ARC_POINTS)
         ends = self.breaks()
         half = 0.5 * np.diff(ends)
-        t = ends[:-1, None] + half[:, None] * (nodes[None, :] + 1.0)
-        return t.ravel(), (half[:, None] * weights[None, :]).ravel()
+        t = ends[:-1, None] + half[:, None] * (_NODES[None, :] + 1.0)
+        return t.ravel(), (half[:, None] * _WEIGHTS[None, :]).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +106,10 @@ class Line(Curve):
         return np.array([0.0, 1.0])
 
     def parameters(self, tolerance: float) -> Array:
-        return np.array([0.0, 1.0])
+        return self.breaks()
+
+    def moved(self, start: Array, end: Array) -> Line:
+        return Line(start, end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +149,16 @@ class Arc(Curve):
         step = 2.0 * np.arccos(max(1.0 - tolerance / self.radius, 0.5))
         return np.linspace(0.0, 1.0, int(np.ceil(abs(self.sweep) / step)) + 1)
 
-    def pieces(self, largest: float = 2.0) -> list[Arc]:
-        """Arcs of at most ``largest`` [rad] each that make up this one.
+    def moved(self, start: Array, end: Array) -> Arc:
+        if np.array_equal(start, end):
+            return Arc(start, end, self.center + start - self.start, self.sweep)
+        # the circle through both ends on which they are as far apart as before
+        half = 0.5 * (end - start)
+        away = np.array([-half[1], half[0]]) / np.tan(0.5 * self.sweep)
+        return Arc(start, end, start + half + away, self.sweep)
 
-        Args:
-            largest: Angle [rad].
-        """
-        n = int(np.ceil(abs(self.sweep) / largest))
+    def pieces(self) -> list[Arc]:
+        n = int(np.ceil(abs(self.sweep) / 2.0))
         points = self.at(np.linspace(0.0, 1.0, n + 1))
         points[0], points[-1] = self.start, self.end
         return [Arc(a, b, self.center, self.sweep / n) for a, b in pairwise(points)]
@@ -181,15 +186,11 @@ class Spline(Curve):
     def _curve(self) -> BSpline:
         return BSpline(self.knots, self.control, self.degree)
 
-    @cached_property
-    def _slope(self) -> BSpline:
-        return self._curve.derivative()
-
     def at(self, t: Array) -> Array:
         return np.asarray(self._curve(t))
 
     def slope(self, t: Array) -> Array:
-        return np.asarray(self._slope(t))
+        return np.asarray(self._curve(t, 1))
 
     def reversed(self) -> Spline:
         return Spline(1.0 - self.knots[::-1], self.control[::-1], self.degree)
@@ -197,8 +198,15 @@ class Spline(Curve):
     def breaks(self) -> Array:
         return np.unique(self.knots)
 
-    def halves(self) -> list[Spline]:
-        """Two splines that make up this one, cut at a knot near the middle where there is one."""
+    def moved(self, start: Array, end: Array) -> Spline:
+        control = np.array(self.control)
+        control[0], control[-1] = start, end
+        return Spline(self.knots, control, self.degree)
+
+    def pieces(self) -> list[Spline]:
+        if not np.array_equal(self.start, self.end):
+            return [self]
+        # a closed one in halves, cut at a knot near the middle where there is one
         inner = self.breaks()
         middle = 0.5 if len(inner) < 3 else float(inner[len(inner) // 2])
         found = []
@@ -206,29 +214,33 @@ class Spline(Curve):
             inside = self.knots[(self.knots > a) & (self.knots < b)]
             ones = np.ones(self.degree + 1)
             knots = np.concatenate([0.0 * ones, (inside - a) / (b - a), ones])
-            found.append(Spline.of(self._stretch(a, b), knots, self.degree))
+            found.append(Spline.of(self.at, knots, self.degree, (a, b)))
         found[0].control[0], found[1].control[-1] = self.start, self.end
         found[1].control[0] = found[0].end
         return found
 
-    def _stretch(self, a: float, b: float) -> Callable[[Array], Array]:
-        """The curve between two parameters, as a function of parameters from 0 to 1."""
-        return lambda t: self.at(a + (b - a) * t)
+    @staticmethod
+    def of(
+        function: Callable[[Array], Array],
+        knots: Array,
+        degree: int,
+        part: tuple[float, float] = (0.0, 1.0),
+    ) -> Spline:
+        """The spline on given knots that a part of a function of parameters, to (n, 2), is."""
+        # Greville's points, at which a spline is determined by its values
+        where = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
+        values = function(part[0] + (part[1] - part[0]) * where)
+        found = make_interp_spline(where, values, k=degree, t=knots)
+        return Spline(knots, np.array(found.c), degree)
 
     @staticmethod
-    def of(function: Callable[[Array], Array], knots: Array, degree: int) -> Spline:
-        """A function that is a spline on given knots, as one.
-
-        Args:
-            function: Of parameters (n,) in [0, 1], shape (n, 2) [m].
-            knots: As the field `knots`.
-            degree: Of the polynomials.
-        """
-        n = len(knots) - degree - 1
-        # Greville's points, at which a spline is determined by its values
-        where = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(n)])
-        found = make_interp_spline(where, function(where), k=degree, t=knots)
-        return Spline(knots, np.array(found.c), degree)
+    def through(points: Array) -> Spline:
+        """A cubic spline through at least four points (n, 2) on a smooth curve [m]."""
+        t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        found = make_interp_spline(t / t[-1], points, k=3)
+        control = np.array(found.c)
+        control[0], control[-1] = points[0], points[-1]
+        return Spline(np.asarray(found.t), control, 3)
 
     def parameters(self, tolerance: float) -> Array:
         ends = self.breaks()
@@ -243,27 +255,23 @@ class Spline(Curve):
             middle = bend(0.5 * (ends[1:] + ends[:-1]))
             largest = np.maximum(largest, np.linalg.norm(middle, axis=1))
         counts = np.ceil(np.diff(ends) * np.sqrt(largest / (8.0 * tolerance))).astype(int)
-        parts = [
-            np.linspace(a, b, max(n, 1), endpoint=False)
-            for a, b, n in zip(ends, ends[1:], counts, strict=False)
-        ]
-        return np.concatenate([*parts, ends[-1:]])
+        spans = zip(ends, ends[1:], np.maximum(counts, 1), strict=False)
+        return np.concatenate([*(np.linspace(*span, endpoint=False) for span in spans), ends[-1:]])
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A curve of a drawing."""
+
+    curve: Curve  #: In metres
+    names: frozenset[str]  #: Layer, id, label
 
 
 def enclosed(loop: Sequence[Curve]) -> Array:
-    """Area that a closed loop encloses, counterclockwise positive, and its moments, (3,).
-
-    Args:
-        loop: Curves, each of which begins where the one before ends.
-    """
+    """Area that a closed loop encloses, counterclockwise positive, and its moments, (3,)."""
     return np.sum([curve.moments() for curve in loop], axis=0)
 
 
 def polygon(loop: Sequence[Curve], tolerance: float) -> Array:
-    """The vertices of a closed loop, the first one not repeated, shape (n, 2) [m].
-
-    Args:
-        loop: Curves, each of which begins where the one before ends.
-        tolerance: Largest distance of the polygon from the curves [m].
-    """
+    """The vertices (n, 2) of a closed loop within ``tolerance``, the first one not repeated [m]."""
     return np.concatenate([curve.points(tolerance)[:-1] for curve in loop])

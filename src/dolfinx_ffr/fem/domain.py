@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The mesh of one body with its interfaces, and its design and non-design regions.
-
-An interface is a set of boundary facets that moves as a rigid body: a bearing surface, a clamped
-end. Interfaces are named by a predicate on coordinates, by facets, or by the physical groups of a
-gmsh file.
-"""
+"""The mesh of one body with its interfaces, and its design and non-design regions."""
 
 from __future__ import annotations
 
@@ -25,16 +20,16 @@ from .. import validation
 from ..parallel import gathered, on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
-from .interface import Interface, find_interfaces
+from .interface import Array, Interface, find_interfaces
 from .mesh_checks import check_cells, check_hanging_nodes, check_held
-from .mesh_copy import MeshCopy, from_copy
-from .mesh_file import TaggedMesh, read_gmsh, read_gmsh_model
+from .mesh_copy import MeshCopy
+from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
 from .regions import Predicate, located_cells
 from .rod import rod_mesh
 
-__all__ = ["Domain"]
-
+#: Densities that leave [0, 1] by less count as 0 or 1
+_ROUND_OFF = 1e-14
 #: Cells of bodies in the plane and in space
 CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 
@@ -52,8 +47,8 @@ class Domain:
         solid: Cells that are not designed and stay solid: a predicate on coordinates (cells all of
             whose vertices fulfil it), an array of local cells or a mask over them, or None.
             Numbers and masks may count this rank's own facets and cells alone, or its ghosts too.
-        void: Cells that are not designed and stay void, likewise. They belong to the body's area,
-            of which volumes are shares, and are no material in it.
+        void: Cells that are not designed and stay void, likewise. They count in the body's area,
+            to which volumes are relative, but hold no material.
         order: Polynomial order of the displacements.
         centers: Reference points of interfaces [m]; by default the centre of the circle on which
             an interface's nodes lie (a bore, or an arc of at least a sixth of one), in space the
@@ -61,11 +56,10 @@ class Domain:
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if an interface is missing, empty, a single point, or shares
-            nodes with another or lies on void, if a number of a facet or cell does not exist on
-            its rank, if a cell is to stay solid and void or none is left to design, if a piece of
-            the mesh or of what is not void touches no interface, or if cells are inverted or
-            hanging.
+        ValueError: On every rank, if an interface is missing, empty, a single point, shares nodes
+            with another or lies on void, if a facet or cell does not exist, if a cell is to stay
+            both solid and void or none is left to design, if a piece of the mesh or of its cells
+            that are not void touches no interface, or if cells are inverted or hanging.
     """
 
     def __init__(
@@ -85,13 +79,11 @@ class Domain:
                 f"{domain.geometry.dim} dimensions; a body in the plane needs 2 in 2, one in space "
                 "3 in 3 (with gmsh, read with gdim=2 or gdim=3)"
             )
-        degree = validation.integer("domain: order", order, least=1)
+        self.order = validation.integer("domain: order", order, least=1)
         claim_form_cache(domain.comm)
         self.mesh = domain
-        self.order = degree
         dim = self.dimension = int(domain.topology.dim)  #: 2 in the plane, 3 in space
-        #: Name of its cells: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``,
-        #: ``"hexahedron"``
+        #: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``
         self.cell = _compat.cell_name(domain)
         if self.cell not in CELLS[dim - 2]:
             raise ValueError(
@@ -109,13 +101,9 @@ class Domain:
         cells = domain.topology.index_map(dim)
         #: Cells owned by this rank, cells on all ranks
         self.n_cells, self.n_cells_global = int(cells.size_local), int(cells.size_global)
-        if not np.array_equal(
-            _compat.dofmap_array(self.density_space).ravel(),
-            np.arange(cells.size_local + cells.num_ghosts),
-        ):
-            raise RuntimeError(
-                "domain: DG0 dofs are not numbered like cells in this DOLFINx release"
-            )
+        dofs = _compat.dofmap_array(self.density_space).ravel()
+        if not np.array_equal(dofs, np.arange(cells.size_local + cells.num_ghosts)):
+            raise RuntimeError("domain: this DOLFINx release numbers DG0 dofs otherwise than cells")
         check_cells(domain)
         #: Interfaces by name
         self.interfaces: dict[str, Interface] = find_interfaces(
@@ -127,11 +115,15 @@ class Domain:
         check_hanging_nodes(domain)
         check_held(domain, [part.facets for part in self.interfaces.values()])
         #: Cells owned by this rank that stay solid, and that stay void, shape (cells,)
-        self.solid_cells, self.void_cells = self._find_passive(solid, void)
+        self.solid_cells, self.void_cells = (
+            located_cells(self.mesh, f"domain: {name}", where)
+            for name, where in (("solid", solid), ("void", void))
+        )
         #: The body as it was designed, where this is a mesh of the part that came of it
         self.whole: Domain | None = None
         #: Cells owned by this rank that are designed, shape (cells,)
         self.design_cells = ~(self.solid_cells | self.void_cells)
+        self._check_passive()
 
     # ------------------------------------------------------------------ built-in and file meshes
 
@@ -163,7 +155,7 @@ class Domain:
             order: Polynomial order of the displacements.
             solid_columns: Element columns at each end that are not designed.
             solid: Further cells that stay solid, a predicate as for `Domain`.
-            void: Cells that stay void, likewise.
+            void: Cells that stay void, a predicate.
 
         Raises:
             TypeError: If an argument is of a wrong kind.
@@ -189,25 +181,11 @@ class Domain:
     ) -> Domain:
         """A straight rod along x in space, with the rigid interfaces ``"left"`` and ``"right"``.
 
-        The rod spans 0 <= x <= length, -height/2 <= y <= height/2 and -width/2 <= z <= width/2.
-        Hexahedra of order 1 lock in bending: have four or more of them across, or take order 2.
-
-        Args:
-            comm: Communicator over which the mesh is distributed.
-            length: Extent in x [m].
-            height: Extent in y [m].
-            width: Extent in z [m].
-            elements: Numbers of elements in x, y and z. With tetrahedra each of these boxes is cut
-                into six.
-            cell: ``"hexahedron"`` or ``"tetrahedron"``.
-            order: Polynomial order of the displacements.
-            solid_layers: Layers of elements at each end that are not designed.
-            solid: Further cells that stay solid, a predicate as for `Domain`.
-            void: Cells that stay void, likewise.
-
-        Raises:
-            TypeError: If an argument is of a wrong kind.
-            ValueError: If a number is out of range.
+        The rod spans 0 <= x <= ``length``, ``height`` about y = 0 and ``width`` about z = 0 [m], in
+        three numbers of ``elements``. The ``cell`` is ``"hexahedron"`` or ``"tetrahedron"``, of
+        which each box is cut into six. ``solid_layers`` of elements at each end are not designed.
+        ``comm``, ``order``, ``solid``, ``void`` and errors are those of `rectangle`. Hexahedra of
+        order 1 lock in bending: have four or more of them across, or take order 2.
         """
         sizes = (length, height, width)
         rod = rod_mesh("box", comm, sizes, elements, cell, solid_layers, solid)
@@ -220,8 +198,8 @@ class Domain:
         path: str | Path,
         *,
         interfaces: Sequence[str] = ("left", "right"),
-        solid: Sequence[str] | None = None,
-        void: Sequence[str] | None = None,
+        solid: Sequence[str] | Predicate | None = None,
+        void: Sequence[str] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> Domain:
@@ -232,21 +210,22 @@ class Domain:
             path: The file; for a body in the plane it holds physical groups of curves (interfaces)
                 and of surfaces (material), for one in space of surfaces and of volumes.
             interfaces: Names of the physical curves, in space surfaces, that are rigid interfaces.
-            solid: Names of physical surfaces, in space volumes, that are not designed; by default
-                the one that is called "solid", if the file has it.
-            void: Names of those that stay void; by default the one that is called "void", if the
-                file has it.
+            solid: Names of physical surfaces, in space volumes, that stay solid, or a predicate as
+                for `Domain`; by default the group "solid", if there is one.
+            void: Names of groups that stay void, or a predicate; by default "void", if there.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: On every rank, if the file lacks a named interface or surface (the message
-                lists the groups that are there), or is flat and leaves the plane.
+            ValueError: On every rank, if the file lacks a named group (the message lists the groups
+                that are there), has no mesh or one that is damaged, has cells in several physical
+                groups, or is flat and leaves the plane.
         """
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
-        file = validation.path("from_gmsh: path", path)
-        return cls._from_tags(read_gmsh(comm, file), interfaces, solid, void, order, centers)
+        read = read_gmsh(comm, validation.path("from_gmsh: path", path))
+        regions = {"solid": solid, "void": void}
+        return cls._from_tags(read, interfaces, regions, order=order, centers=centers)
 
     @classmethod
     def from_gmsh_model(
@@ -255,27 +234,19 @@ class Domain:
         model: Any,
         *,
         interfaces: Sequence[str] = ("left", "right"),
-        solid: Sequence[str] | None = None,
-        void: Sequence[str] | None = None,
+        solid: Sequence[str] | Predicate | None = None,
+        void: Sequence[str] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
     ) -> Domain:
         """Take a body from gmsh's current model, as `from_gmsh` does from a file.
 
-        Args:
-            comm: Communicator over which the mesh is distributed.
-            model: ``gmsh.model`` with a mesh on rank 0; not used on the others.
-            interfaces: As for `from_gmsh`.
-            solid: As for `from_gmsh`.
-            void: As for `from_gmsh`.
-            order: Polynomial order of the displacements.
-            centers: Reference points of interfaces [m]; by default as described for `Domain`.
-
-        Raises:
-            ValueError: On every rank, if the model lacks a named interface or surface, has no mesh,
-                has cells in several physical groups, or is flat and leaves the plane.
+        The ``model`` is ``gmsh.model`` with a mesh on rank 0 of ``comm``, and not used on the
+        others; ``interfaces``, ``solid``, ``void``, ``order``, ``centers`` and errors are those of
+        `from_gmsh`.
         """
-        return cls._from_tags(read_gmsh_model(comm, model), interfaces, solid, void, order, centers)
+        read, regions = read_gmsh_model(comm, model), {"solid": solid, "void": void}
+        return cls._from_tags(read, interfaces, regions, order=order, centers=centers)
 
     @classmethod
     def from_outline(
@@ -309,14 +280,17 @@ class Domain:
         Raises:
             FileNotFoundError: On every rank, if there is no such file.
             ValueError: On every rank, if curves are open, cross or touch, a layer or id is not
-                there, the file does not say its unit, or the mesh is refused by `Domain`.
+                there, the file does not say its unit, the triangles are larger than the outline
+                or more than can be made in minutes, or the mesh does not suit `Domain`.
+
+        Warns:
+            UserWarning: If the triangles are larger than the outline is across.
         """
         held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
         layers = {name: where for name, where in held.items() if isinstance(where, str)}
         degree = validation.integer("from_outline: order", order, least=1)
         read = mesh_outline(comm, outline, list(layers.values()), size, unit, min(degree, 2))
-        tags, curves = read.facet_tags, read.groups(1)
-        facets = {name: tags.indices[tags.values == curves[of]] for name, of in layers.items()}
+        facets = {name: read.tagged(1, layer) for name, layer in layers.items()}
         return cls(read.mesh, {**held, **facets}, solid, void=void, order=order, centers=centers)
 
     @classmethod
@@ -324,60 +298,40 @@ class Domain:
         cls,
         read: TaggedMesh,
         interfaces: Sequence[str],
-        solid: Sequence[str] | None,
-        void: Sequence[str] | None,
-        order: int,
-        centers: Mapping[str, Sequence[float]] | None,
+        regions: dict[str, Sequence[str] | Predicate | None],
+        **options: Any,
     ) -> Domain:
         dim = read.mesh.topology.dim
-        names = {1: "curve", 2: "surface", 3: "volume"}
-        facet, cell = names[dim - 1], names[dim]
-        curves, surfaces = read.groups(dim - 1), read.groups(dim)
-        held = validation.names(f"{read.source}: interfaces", interfaces)
-        kept, empty = (
-            validation.names(
-                f"{read.source}: {name}",
-                [each for each in (name,) if each in surfaces] if given is None else given,
-            )
-            for name, given in (("solid", solid), ("void", void))
-        )
-        for kind, argument, wanted, there in (
-            (facet, "interfaces", held, curves),
-            (cell, "solid", kept, surfaces),
-            (cell, "void", empty, surfaces),
-        ):
-            missing = [name for name in wanted if name not in there]
+
+        def tagged(d: int, argument: str, names: Any) -> dict[str, NDArray[np.int32]]:
+            wanted = validation.names(f"{read.source}: {argument}", names)
+            missing = [name for name in wanted if (d, name) not in read.numbers]
             if missing:
+                there = [f"{KINDS[k]}s {read.names(k) or 'none'}" for k in (dim - 1, dim)]
                 raise ValueError(
-                    f"{read.source}: no physical {kind} named {', '.join(map(repr, missing))}; it "
-                    f"has the physical {facet}s {sorted(curves) or 'none'} and the physical "
-                    f"{cell}s {sorted(surfaces) or 'none'}. Name the groups in gmsh, or pass "
-                    f"{argument}=[...]"
+                    f"{read.source}: no physical {KINDS[d]} named "
+                    f"{', '.join(map(repr, missing))}; it has the physical {there[0]} and the "
+                    f"physical {there[1]}. Name the groups in gmsh, or pass {argument}=[...]"
                 )
-        tags = read.facet_tags
-        facets = {name: tags.indices[tags.values == curves[name]] for name in held}
-        solid_cells, void_cells = (
-            read.cell_tags.indices[np.isin(read.cell_tags.values, [surfaces[n] for n in names])]
-            for names in (kept, empty)
-        )
-        return cls(read.mesh, facets, solid_cells, void=void_cells, order=order, centers=centers)
+            return {name: read.tagged(d, name) for name in wanted}
+
+        facets = tagged(dim - 1, "interfaces", interfaces)
+        for name, given in regions.items():
+            options[name] = given
+            if not callable(given):
+                default = [name] if (dim, name) in read.numbers else []
+                groups = tagged(dim, name, default if given is None else given)
+                options[name] = np.concatenate([np.zeros(0, dtype=np.int32), *groups.values()])
+        return cls(read.mesh, facets, **options)
 
     # ------------------------------------------------------------------ copies
 
     def __reduce__(self) -> tuple[Callable[..., Domain], tuple[Any, ...]]:
         """How pickle makes the domain anew in another process, on its own communicator."""
-        held = self.interfaces.values()
-        facets = {part.name: part.facets for part in held}
-        centers = {part.name: part.center for part in held}
-        regions = self.solid_cells, self.void_cells
-        return from_copy, (
-            type(self),
-            MeshCopy.of(self.mesh),
-            facets,
-            *regions,
-            self.order,
-            centers,
-        )
+        facets = {name: part.facets for name, part in self.interfaces.items()}
+        centers = {name: part.center for name, part in self.interfaces.items()}
+        options = {"void": self.void_cells, "order": self.order, "centers": centers}
+        return _rebuilt, (type(self), MeshCopy.of(self.mesh), facets, self.solid_cells, options)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
         """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
@@ -386,25 +340,25 @@ class Domain:
     # ------------------------------------------------------------------ geometry
 
     @cached_property
-    def cell_volumes(self) -> NDArray[np.float64]:
+    def cell_volumes(self) -> Array:
         """Area of each cell owned by this rank, in space volume, shape (cells,) [m^2], [m^3]."""
-        return self._cell_integral(1.0)
+        test = ufl.TestFunction(self.density_space)
+        form = fem.form(test * ufl.dx(domain=self.mesh))
+        return np.array(fem.assemble_vector(form).array[: self.n_cells])
 
     @cached_property
-    def centroids(self) -> NDArray[np.float64]:
+    def centroids(self) -> Array:
         """Centroid of each cell owned by this rank, shape (cells, dimension) [m]."""
         points, weights = self.quadrature_points(2)
         return np.einsum("cqd,cq->cd", points, weights)
 
     @cached_property
-    def bounding_box(self) -> NDArray[np.float64]:
+    def bounding_box(self) -> Array:
         """Lower and upper corner of the body, shape (2, dimension) [m], the same on every rank."""
         x = self.mesh.geometry.x[:, : self.dimension]
-        low = np.min(x, axis=0, initial=np.inf)
-        high = np.max(x, axis=0, initial=-np.inf)
         box = np.empty((2, self.dimension))
-        self.comm.Allreduce(low, box[0], MPI.MIN)
-        self.comm.Allreduce(high, box[1], MPI.MAX)
+        self.comm.Allreduce(np.min(x, axis=0, initial=np.inf), box[0], MPI.MIN)
+        self.comm.Allreduce(np.max(x, axis=0, initial=-np.inf), box[1], MPI.MAX)
         return box
 
     @property
@@ -417,87 +371,57 @@ class Domain:
         """Edge of a square or a cube as large as a mean cell [m], the same on every rank."""
         return float((self.area / self.n_cells_global) ** (1.0 / self.dimension))
 
-    def sum(self, values: NDArray[np.float64]) -> float:
+    def sum(self, values: Array) -> float:
         """The sum of ``values`` over all ranks, bit-identical on every rank."""
         return float(sum(gathered(self.comm, "a sum over the cells", float(np.sum(values)))))
 
     def everywhere(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values of all cells on every rank, in the order in which the mesh was made.
 
-        Args:
-            values: Of the cells owned by this rank, shape (cells, ...).
-
-        Returns:
-            Shape (cells of all ranks, ...), whatever the number of ranks.
+        The ``values`` are those of the cells owned by this rank, shape (cells, ...).
         """
         parts = gathered(self.comm, "the values of all cells", np.asarray(values))
         return np.asarray(np.concatenate(parts)[self._order[0]])
 
     def owned(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The part that this rank owns of values of all cells, the inverse of `everywhere`.
-
-        Args:
-            values: Of all cells, shape (cells of all ranks, ...).
-        """
+        """This rank's own part of the ``values`` of all cells, the inverse of `everywhere`."""
         return np.asarray(values[self._order[1]])
 
     @cached_property
     def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Where each cell stands among those sent by the ranks; where this rank's cells stand."""
+        """Positions of all cells among those gathered from the ranks, and of this rank's cells."""
         number = np.asarray(self.mesh.topology.original_cell_index)[: self.n_cells]
         parts = self.comm.allgather(number)
         order = np.argsort(np.concatenate(parts), kind="stable")
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        first = sum(len(part) for part in parts[: self.comm.rank])
-        return order, place[first : first + self.n_cells]
+        first = sum(map(len, parts[: self.comm.rank]))
+        return order, np.argsort(order)[first : first + self.n_cells]
 
-    def quadrature_points(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def quadrature_points(self, n: int) -> tuple[Array, Array]:
         """Points in each cell of this rank with weights that average over the cell.
 
-        Args:
-            n: Points in each direction (triangles, tetrahedra: a rule of degree 2 n - 1).
-
-        Returns:
-            Points of shape (cells, q, dimension) [m] and weights of shape (cells, q) with sum 1 in
-            each cell.
+        There are ``n`` points in each direction (triangles, tetrahedra: a rule of degree 2 n - 1).
+        Points are of shape (cells, q, dimension) [m]; weights (cells, q) sum to 1 in each cell.
         """
         n = validation.integer("quadrature points: n", n, least=1)
-        cell = getattr(basix.CellType, _compat.cell_name(self.mesh))
-        reference, weights = basix.make_quadrature(cell, 2 * n - 1)
-        cells = np.arange(self.n_cells, dtype=np.int32)
-        points = self._evaluate(ufl.SpatialCoordinate(self.mesh), reference, cells)
-        jacobian = self._evaluate(ufl.JacobianDeterminant(self.mesh), reference, cells)[:, :, 0]
-        averaging = weights[None, :] * np.abs(jacobian)
-        return points, averaging / averaging.sum(axis=1, keepdims=True)
-
-    def _evaluate(
-        self, expression: Any, points: NDArray[np.float64], cells: NDArray[np.int32]
-    ) -> Any:
-        return _compat.evaluate_expression(expression, np.asarray(points), self.mesh, cells)
-
-    def _cell_integral(self, integrand: Any) -> NDArray[np.float64]:
-        test = ufl.TestFunction(self.density_space)
-        form = fem.form(integrand * test * ufl.dx(domain=self.mesh))
-        return np.array(fem.assemble_vector(form).array[: self.n_cells])
+        _, points, volumes = quadrature(self, 2 * n - 1)
+        return points, volumes / volumes.sum(axis=1, keepdims=True)
 
     # ------------------------------------------------------------------ densities
 
     @cached_property
-    def passive_density(self) -> NDArray[np.float64]:
+    def passive_density(self) -> Array:
         """Density of the cells that are not designed, shape (cells,): 1 solid, 0 void.
 
-        That of designed cells, which means nothing, is 0. A density of the whole body is
+        It has zeros for designed cells. A density of the whole body is
         ``numpy.where(domain.design_cells, x, domain.passive_density)``.
         """
         return self.solid_cells.astype(np.float64)
 
-    def check_density(self, x: ArrayLike, name: str = "density") -> NDArray[np.float64]:
-        """``x`` as an array, or raise the same clear error on every rank.
+    def check_density(self, x: ArrayLike, name: str = "density") -> Array:
+        """``x`` as an array, or raise the same clear error, which calls it ``name``, on every rank.
 
-        Args:
-            x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
-            name: What the message calls it.
+        There is one density for each cell owned by this rank, shape (cells,), in [0, 1]; a value
+        that leaves it by round-off is taken as 0 or 1.
 
         Raises:
             TypeError: If it holds something else than real numbers.
@@ -508,60 +432,84 @@ class Domain:
             if array.shape != (self.n_cells,):
                 raise ValueError(
                     f"{name}: has shape {array.shape} on rank {self.comm.rank}, expected "
-                    f"({self.n_cells},), one value for "
-                    "each cell owned by the rank; start from numpy.ones(domain.n_cells)"
+                    f"({self.n_cells},), one value for each cell owned by the rank; start from "
+                    "numpy.ones(domain.n_cells)"
                 )
         bad = int(self.comm.allreduce(int(np.count_nonzero(~np.isfinite(array)))))
         if bad:
             raise ValueError(f"{name}: {bad} of {self.n_cells_global} values are NaN or infinite")
         low = self.comm.allreduce(float(np.min(array, initial=np.inf)), MPI.MIN)
         high = self.comm.allreduce(float(np.max(array, initial=-np.inf)), MPI.MAX)
-        if low < 0.0 or high > 1.0:
+        if low < -_ROUND_OFF or high > 1.0 + _ROUND_OFF:
             raise ValueError(
                 f"{name}: values from {low:.6g} to {high:.6g} leave [0, 1]; clip them first"
             )
-        return array
-
-    # ------------------------------------------------------------------ checks
+        return array if low >= 0.0 and high <= 1.0 else np.clip(array, 0.0, 1.0)
 
     def _anywhere(self, condition: Any) -> bool:
         return bool(self.comm.allreduce(bool(condition), MPI.LOR))
 
-    def _find_passive(
-        self, solid: Predicate | ArrayLike | None, void: Predicate | ArrayLike | None
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """The cells owned by this rank that stay solid, and those that stay void."""
-        solid_cells, void_cells = (
-            located_cells(self.mesh, f"domain: {name}", where)
-            for name, where in (("solid", solid), ("void", void))
+    def _check_passive(self) -> None:
+        """Refuse regions that overlap or leave nothing, and void that cuts off parts of a body."""
+        overlap = int(
+            self.comm.allreduce(int(np.count_nonzero(self.solid_cells & self.void_cells)))
         )
-        overlap = int(self.comm.allreduce(int(np.count_nonzero(solid_cells & void_cells))))
         if overlap:
             raise ValueError(
                 f"domain: {overlap} cells are in the solid region and in the void one; a cell can "
                 "stay only one of them: take them out of one region"
             )
-        if not self._anywhere(np.any(~(solid_cells | void_cells))):
+        if not self._anywhere(np.any(self.design_cells)):
             raise ValueError(
                 "domain: all cells are solid or void, nothing is left to design; make the solid "
                 "region or the void one smaller"
             )
-        self._check_void(void_cells)
-        return solid_cells, void_cells
-
-    def _check_void(self, void_cells: NDArray[np.bool_]) -> None:
-        """Refuse what only void would hold."""
-        if not self._anywhere(np.any(void_cells)):
+        if not self._anywhere(np.any(self.void_cells)):
             return
-        marked = fem.Function(self.density_space)
-        marked.x.array[: self.n_cells] = void_cells
-        marked.x.scatter_forward()
-        void = marked.x.array > 0.5
-        cells_of = self.mesh.topology.connectivity(self.dimension - 1, self.dimension)
-        for name, part in self.interfaces.items():
-            if not self._anywhere(any(not void[cells_of.links(f)[0]] for f in part.facets)):
-                raise ValueError(
-                    f"interface {name!r} lies on void cells only: nothing joins it to the body; "
-                    "leave cells along it out of the void region"
-                )
+        void = self._with_ghosts(self.void_cells)
+        for name in self._not_along(~void):
+            raise ValueError(
+                f"interface {name!r} lies on void cells only: nothing joins it to the body; "
+                "leave cells along it out of the void region"
+            )
         check_held(self.mesh, [part.facets for part in self.interfaces.values()], void)
+
+    @property
+    def designed_interfaces(self) -> list[str]:
+        """Interfaces along which no cell stays solid: a design may empty them; collective."""
+        return self._not_along(self._with_ghosts(self.solid_cells))
+
+    def _with_ghosts(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """A mask over this rank's cells, extended to ghosts."""
+        marked = fem.Function(self.density_space)
+        marked.x.array[: self.n_cells] = cells
+        marked.x.scatter_forward()
+        return np.asarray(marked.x.array > 0.5)
+
+    def _not_along(self, cells: NDArray[np.bool_]) -> list[str]:
+        """Interfaces along which none of the cells is, ghosts included."""
+        cells_of = self.mesh.topology.connectivity(self.dimension - 1, self.dimension)
+        return [
+            name
+            for name, part in self.interfaces.items()
+            if not self._anywhere(any(cells[cells_of.links(f)[0]] for f in part.facets))
+        ]
+
+
+def quadrature(domain: Domain, degree: int) -> tuple[tuple[Array, Array], Array, Array]:
+    """Reference points (q, d), weights (q,) of a degree; points (cells, q, d), sizes (cells, q)."""
+    kind = getattr(basix.CellType, domain.cell)
+    points, weights = map(np.asarray, basix.make_quadrature(kind, degree))
+    cells = np.arange(domain.n_cells, dtype=np.int32)
+    where, jacobian = (
+        _compat.compiled_expression(expression(domain.mesh), points, domain.mesh)(cells)
+        for expression in (ufl.SpatialCoordinate, ufl.JacobianDeterminant)
+    )
+    return (points, weights), where, weights * np.abs(jacobian[:, :, 0])
+
+
+def _rebuilt(
+    kind: Callable[..., Domain], copy: MeshCopy, facets: Any, solid: Any, options: dict[str, Any]
+) -> Domain:
+    """A domain as it was before it was pickled."""
+    return kind(copy.build(), facets, solid, **options)

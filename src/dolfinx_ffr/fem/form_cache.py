@@ -1,16 +1,10 @@
 # SPDX-License-Identifier: MIT
 """The directory in which DOLFINx keeps the compiled forms of this session.
 
-FFCx marks a form that is being compiled by the mere existence of its C file. When a run is killed
-meanwhile, the mark stays, and every later run waits for a compiler that is long gone until it gives
-up. Nothing in the mark tells a dead owner from one at work. Here each session therefore owns one
-directory of a small pool, ``$XDG_CACHE_HOME/dolfinx_ffr/forms-0``, ``forms-1``, ..., for as long as
-it lives: the first one that no living session holds, nearly always ``forms-0`` with the forms of
-all earlier runs. What is unfinished in a directory that nobody holds has no owner any more and is
-removed; what others have finished is linked into it, whenever a mesh is made.
-
-The hold is a lock of the operating system on an open file: it ends with the process, however that
-ends.
+FFCx marks a form that is being compiled by the existence of its C file. When a run is killed
+meanwhile, the mark stays, and every later run waits for that compiler until it gives up. So each
+session locks the first free directory of ``$XDG_CACHE_HOME/dolfinx_ffr/forms-0``, ``forms-1``, ...,
+removes the unfinished forms there, and links finished ones of the others whenever it makes a mesh.
 """
 
 from __future__ import annotations
@@ -29,9 +23,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ..caches import spare_directory
+from ..files import locked
+from ..parallel import on_every_rank
 from . import _compat
-
-__all__ = ["claim_form_cache"]
 
 #: Directory that this process uses, and on the rank that holds it the open file with the lock.
 _directory: Path | None = None
@@ -41,42 +35,27 @@ _looked_at: dict[Path, int] = {}
 
 
 def claim_form_cache(comm: MPI.Intracomm) -> Path:
-    """Make DOLFINx keep compiled forms in a directory that this session alone uses.
+    """Make DOLFINx keep compiled forms in a directory that this session alone uses; collective.
 
-    Call it before the first form on a communicator is compiled; `Domain` does. Calling it again
-    takes over what sessions beside this one have compiled since. Collective over ``comm``.
-
-    Args:
-        comm: Communicator of the mesh.
-
-    Returns:
-        The directory, the same on every rank of ``comm``. Where the user's cache directory cannot
-        be written, it is the user's among the temporary files; where there is none either, one
-        that is removed when the process ends.
-
-    Raises:
-        RuntimeError: On every rank, if not even a temporary directory can be made.
+    Calling it again takes over what other sessions have compiled since.
     """
     global _directory
     if _quiet not in logging.getLogger().filters:
         logging.getLogger().addFilter(_quiet)
     held = comm.allgather(_directory)
-    if held[0] is not None and all(other == held[0] for other in held):
+    if held[0] is not None and held == [held[0]] * len(held):
         if comm.rank == 0 and _lock is not None:
             _link_finished(held[0])
         return held[0]
-    answer: Path | str = ""
-    if comm.rank == 0:
-        try:
-            answer = _directory or _claim_first_free(_pool())
-        except OSError as error:
-            answer = f"no directory for compiled forms: {error}"
-    answer = comm.bcast(answer)
-    if isinstance(answer, str):
-        raise RuntimeError(answer)
-    _directory = answer
-    _compat.set_form_cache(answer)
-    return answer
+    with on_every_rank(comm, "the directory of compiled forms"):
+        if comm.rank == 0 and _directory is None:
+            try:
+                _directory = _claim_first_free(_pool())
+            except OSError as error:
+                raise RuntimeError(f"no directory for compiled forms: {error}") from error
+    _directory = comm.bcast(_directory)
+    _compat.set_form_cache(_directory)
+    return _directory
 
 
 class _Announcement(logging.Filter):
@@ -90,11 +69,8 @@ class _Announcement(logging.Filter):
         if "distutils" not in record.pathname or record.levelno >= logging.WARNING:
             return True
         if not self.said:
-            print(
-                f"compiling finite-element forms, {self.how_often}: about 10 s",
-                file=sys.stderr,
-                flush=True,
-            )
+            said = f"compiling finite-element forms, {self.how_often}: about 10 s"
+            print(said, file=sys.stderr, flush=True)
             self.said = True
         return False
 
@@ -102,26 +78,22 @@ class _Announcement(logging.Filter):
 _quiet = _Announcement()
 
 
+def _users_own() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dolfinx_ffr"
+
+
 def _pool() -> Path:
-    """The directory of the pool: the user's, or a temporary one where that is read-only."""
-    with contextlib.suppress(OSError, RuntimeError):
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        return _usable(Path(home) / "dolfinx_ffr")
-    spare = spare_directory()
-    with contextlib.suppress(OSError):
-        if spare is not None:
-            return _usable(spare)
+    """The pool, where files can be locked: the user's, a temporary one, or this process's alone."""
+    for place in (_users_own, spare_directory):
+        with contextlib.suppress(OSError, RuntimeError):
+            if (pool := place()) is not None:
+                pool.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryFile(dir=pool) as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return pool
     _quiet.how_often = "in each run, as no cache directory can be written (XDG_CACHE_HOME sets one)"
     pool = Path(tempfile.mkdtemp(prefix="dolfinx_ffr-"))
     atexit.register(shutil.rmtree, pool, ignore_errors=True)
-    return pool
-
-
-def _usable(pool: Path) -> Path:
-    """The directory, in which files can be made and locked."""
-    pool.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=pool) as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     return pool
 
 
@@ -131,13 +103,10 @@ def _claim_first_free(pool: Path) -> Path:
     for number in count():
         directory = pool / f"forms-{number}"
         directory.mkdir(exist_ok=True)
-        lock = os.open(directory / "lock", os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock = locked(directory / "lock")
         except BlockingIOError:
-            os.close(lock)
             continue
-        _lock = lock
         _remove_unfinished(directory)
         _link_finished(directory)
         return directory

@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 
 from ..parallel import announce, on_every_rank
 from . import _compat
-from .domain import Domain
+from .domain import Array, Domain
 
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["GatheredMesh", "gathered_cells", "surface_of"]
-
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Corners of a cell of DOLFINx in the order of VTK
@@ -30,83 +27,51 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class GatheredMesh:
-    """Points and straight-sided cells; everything on rank 0, empty arrays on the other ranks.
-
-    The cells stand in the order in which the mesh was made, so that nothing depends on the number
-    of ranks. All methods are collective.
-    """
+    """Points and straight-sided cells, as the mesh was made, on rank 0; methods are collective."""
 
     points: Array  #: (points, 3) undeformed [m]
     cells: Integers  #: (cells, 4 or 8) points of each cell, in the order of VTK
     interfaces: dict[str, NDArray[np.bool_]]  #: (points,) points of each interface
     domain: Domain  #: The body
-    _order: Integers  #: (cells,) where each cell stands among those sent by the ranks
-    _first: Integers  #: (points,) a corner of the cells, in this order, for each point
+    _order: Integers  #: (cells,) position of each cell among the cells sent by the ranks
+    _first: Integers  #: (points,) one of the corners of the ordered cells for each point
 
     @staticmethod
     def of(domain: Domain) -> GatheredMesh:
-        """Gather a body.
-
-        Args:
-            domain: Its mesh and interfaces.
-        """
+        """Gather the mesh of a body."""
         announce(domain.comm, "gathering a mesh")
         order = CORNERS[domain.cell]
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
-        corners = domain.mesh.geometry.x[nodes]
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, order]
-        held = {name: np.isin(dofs, part.dofs) for name, part in domain.interfaces.items()}
         number = np.asarray(domain.mesh.topology.original_cell_index)[: domain.n_cells]
-        sent = domain.comm.gather((number, corners, held))
-        if sent is None:
-            none = np.zeros(0, dtype=np.int64)
-            nothing = {name: np.zeros(0, dtype=bool) for name in held}
-            cells = np.zeros((0, len(order)), dtype=np.int64)
-            return GatheredMesh(np.zeros((0, 3)), cells, nothing, domain, none, none)
-        rank_order = np.argsort(np.concatenate([part[0] for part in sent]), kind="stable")
-        every = np.concatenate([part[1] for part in sent])[rank_order].reshape(-1, 3)
-        tolerance = _SAME * float(np.max(np.ptp(every, axis=0)))
+        held = [np.isin(dofs, part.dofs) for part in domain.interfaces.values()]
+        own = number, domain.mesh.geometry.x[nodes], np.stack(held, axis=2)
+        sent = domain.comm.gather(own) or [tuple(part[:0] for part in own)]
+        numbers, corners, marks = (np.concatenate(parts) for parts in zip(*sent, strict=True))
+        rank_order = np.argsort(numbers, kind="stable")
+        every = corners[rank_order].reshape(-1, 3)
+        tolerance = _SAME * float(np.max(np.ptp(domain.bounding_box, axis=0)))
         _, first, which = np.unique(
             np.round(every / tolerance), axis=0, return_index=True, return_inverse=True
         )
-        marked = {}
-        for name in held:
-            of_cells = np.concatenate([part[2][name] for part in sent])[rank_order]
-            marked[name] = of_cells.ravel()[first]
+        marks = marks[rank_order].reshape(len(every), len(held))[first]
         return GatheredMesh(
             points=every[first],
             cells=which.reshape(-1, len(order)),
-            interfaces=marked,
+            interfaces=dict(zip(domain.interfaces, marks.T, strict=True)),
             domain=domain,
             _order=rank_order,
             _first=first,
         )
 
     def cell_values(self, values: NDArray) -> NDArray:
-        """Values of all cells on rank 0.
-
-        Args:
-            values: Of the cells owned by this rank, shape (cells, ...).
-
-        Returns:
-            Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
-
-        Raises:
-            ValueError: On every rank, if one does not give a value for each of its cells.
-        """
+        """Values of all cells (cells, ...) on rank 0, empty elsewhere."""
         return gathered_cells(self.domain, values, self._order)
 
     def displacements(self, block: Array) -> Array:
-        """Displacement fields at the points on rank 0.
-
-        Args:
-            block: Fields on the displacement dofs owned by this rank, shape (dofs, columns).
-
-        Returns:
-            Shape (points, 3, columns) on rank 0, (0, 3, columns) elsewhere.
-        """
+        """Displacements at the points on rank 0, shape (points, 3, columns), empty elsewhere."""
         domain = self.domain
-        # the dofs of vertices come first among those of a cell
+        # vertices have the first dofs of a cell
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, CORNERS[domain.cell]]
         field = fem.Function(domain.space)
         values = np.empty((*dofs.shape, 3, block.shape[1]))
@@ -120,29 +85,12 @@ class GatheredMesh:
         """The cells as a grid, on rank 0."""
         import pyvista  # takes a while
 
-        count, corners = self.cells.shape
-        kind = pyvista.CellType.TETRA if corners == 4 else pyvista.CellType.HEXAHEDRON
-        return pyvista.UnstructuredGrid(
-            np.column_stack([np.full(count, corners), self.cells]).ravel(),
-            np.full(count, kind),
-            self.points,
-        )
+        kind = pyvista.CellType["TETRA" if self.cells.shape[1] == 4 else "HEXAHEDRON"]
+        return pyvista.UnstructuredGrid({kind: self.cells}, self.points)
 
 
 def gathered_cells(domain: Domain, values: NDArray, order: Integers) -> NDArray:
-    """Values of all cells on rank 0; collective.
-
-    Args:
-        domain: The body.
-        values: Of the cells owned by this rank, shape (cells, ...).
-        order: On rank 0, where each cell stands among those sent by the ranks.
-
-    Returns:
-        Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
-
-    Raises:
-        ValueError: On every rank, if one does not give a value for each of its cells.
-    """
+    """Values of all cells, put in a given order, on rank 0, and none elsewhere; collective."""
     with on_every_rank(domain.comm, "gathering values"):
         if len(values) != domain.n_cells:
             raise ValueError(
@@ -154,14 +102,7 @@ def gathered_cells(domain: Domain, values: NDArray, order: Integers) -> NDArray:
 
 
 def surface_of(grid: pyvista.UnstructuredGrid) -> pyvista.PolyData:
-    """The surface of some cells, turned outwards.
-
-    Its cells know of which cell they are by ``"vtkOriginalCellIds"``, its points of which point by
-    ``"vtkOriginalPointIds"``.
-
-    Args:
-        grid: The cells.
-    """
+    """The surface of cells, outwards, with "vtkOriginalCellIds" and "vtkOriginalPointIds"."""
     # by VTK itself: PyVista's name for it changes from release to release
     import pyvista
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter

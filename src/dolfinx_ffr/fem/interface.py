@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .circles import fit_circle, fit_cylinder
-from .mesh_checks import facet_points
+from .mesh_checks import Array, facet_points
 from .regions import Predicate, located
-
-__all__ = ["Interface", "find_interfaces"]
 
 #: Largest deviation of normals from each other that counts as none
 FLAT = 1e-6
@@ -33,32 +31,20 @@ class Interface:
     facets: NDArray[np.int32]  #: Local facets on this rank, ghosts included
     dofs: NDArray[np.int32]  #: Local (blocked) dofs on this rank, ghosts included
     #: (dimension,) reference point of the rigid motion [m], the same on every rank
-    center: NDArray[np.float64]
+    center: Array
     extent: float  #: Diagonal of the box around its nodes [m], the same on every rank
     #: (3,) unit vector along the axis of a cylinder, or normal to a plane and out of the body; the
     #: same on every rank. None for other surfaces and in the plane
-    axis: NDArray[np.float64] | None = None
+    axis: Array | None = None
 
 
 def find_interfaces(
     space: Any,
     interfaces: Mapping[str, Predicate | ArrayLike],
     centers: Mapping[str, Sequence[float]],
-    box: NDArray[np.float64],
+    box: Array,
 ) -> dict[str, Interface]:
-    """The interfaces of a body; collective.
-
-    Args:
-        space: Of the displacements.
-        interfaces: By name, predicates or facets of this rank.
-        centers: Reference points that are given [m].
-        box: Corners of the body, shape (2, dimension) [m].
-
-    Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if one is missing or empty, cannot hold the body, or shares nodes
-            with another.
-    """
+    """The interfaces of a body by name, from predicates or facets; collective."""
     if not interfaces:
         raise ValueError(
             "domain: no interfaces given; a body needs at least one rigid interface to be held by"
@@ -93,8 +79,7 @@ def find_interfaces(
                     "cannot follow two rigid motions; leave at least one free facet between them "
                     "or join them into one"
                 )
-        points = np.vstack(comm.allgather(coordinates[dofs]))
-        extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+        extent = float(np.linalg.norm(np.ptp(np.vstack(comm.allgather(coordinates[dofs])), axis=0)))
         if not extent > 0.0:
             raise ValueError(
                 f"interface {name!r} is a single point: it cannot hold the body against rotation"
@@ -103,20 +88,13 @@ def find_interfaces(
         if name in centers:
             expected = "two components" if dim == 2 else "three components"
             what = f"interface {name!r}: center"
-            given = validation.real_array(what, centers[name], (dim,), expected=expected)
-            center = np.array(given)
+            center = validation.real_array(what, centers[name], (dim,), expected=expected).copy()
         found[name] = Interface(name, facets, dofs, center, extent, axis)
     return found
 
 
-def _surface(
-    domain: mesh.Mesh, facets: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """The reference point of facets, and the axis of a cylinder or the normal of a plane.
-
-    The point is the centre of the circle, or the middle of the cylinder's axis, on which the facets
-    lie, or else their centroid.
-    """
+def _surface(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[Array, Array | None]:
+    """Reference point of facets: of a circle, a cylinder or all; and the axis or the normal."""
     dim = domain.topology.dim
     points = facet_points(domain, facets)
     if dim == 2:
@@ -130,13 +108,10 @@ def _surface(
     return (centroid, None) if cylinder is None else cylinder
 
 
-def _moments(
-    domain: mesh.Mesh, facets: NDArray[np.int32]
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _moments(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[float, Array, Array, Array]:
     """Size of facets, their centroid, and the integrals of the normal n and of n n^T."""
     dim = domain.topology.dim
-    ones = np.full(len(facets), 1, dtype=np.int32)
-    tags = mesh.meshtags(domain, dim - 1, np.sort(facets), ones)
+    tags = mesh.meshtags(domain, dim - 1, np.sort(facets), np.ones(len(facets), dtype=np.int32))
     ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
     x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
     one = fem.Constant(domain, np.float64(1.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is refused in a mesh before any long work: folded cells, hanging nodes, floating pieces.
+"""Meshes that are refused before any long work: folded cells, hanging nodes, floating pieces.
 
 All checks are collective and raise the same error on every rank.
 """
@@ -19,32 +19,20 @@ from scipy.spatial import cKDTree
 
 from . import _compat
 
-__all__ = [
-    "check_cells",
-    "check_hanging_nodes",
-    "check_held",
-    "facet_points",
-    "floating_cells",
-]
-
+Array = NDArray[np.float64]
 
 #: Sides of a facet by its number of corners; quadrilaterals are numbered as tensor products
 _SIDES = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
 
 def check_cells(domain: mesh.Mesh) -> None:
-    """Refuse cells of ``domain`` whose map from the reference cell folds over.
-
-    Raises:
-        ValueError: Naming how many there are, and where.
-    """
+    """Refuse cells of ``domain`` whose map from the reference cell folds over."""
     kind = getattr(basix.CellType, _compat.cell_name(domain))
     reference = np.vstack([basix.geometry(kind), basix.make_quadrature(kind, 3)[0]])
     dim = domain.topology.dim
     cells = np.arange(domain.topology.index_map(dim).size_local, dtype=np.int32)
-    jacobian = _compat.evaluate_expression(
-        ufl.JacobianDeterminant(domain), reference, domain, cells
-    )[:, :, 0]
+    determinant = ufl.JacobianDeterminant(domain)
+    jacobian = _compat.compiled_expression(determinant, reference, domain)(cells)[:, :, 0]
     scale = np.max(np.abs(jacobian), axis=1, initial=0.0)
     smallest = np.min(jacobian * np.sign(jacobian[:, :1]), axis=1, initial=np.inf)
     folded = smallest <= 1e-12 * scale
@@ -61,13 +49,7 @@ def check_cells(domain: mesh.Mesh) -> None:
 
 
 def check_hanging_nodes(domain: mesh.Mesh) -> None:
-    """Refuse a vertex of ``domain`` in the middle of another cell's edge.
-
-    Two cells that meet in this way only seem to be joined.
-
-    Raises:
-        ValueError: Naming the place of the first such vertex.
-    """
+    """Refuse a vertex in the middle of another cell's edge: the cells only seem to be joined."""
     segments = _boundary_segments(domain)
     middle = segments.mean(axis=1)
     direction = segments[:, 1] - segments[:, 0]
@@ -75,8 +57,7 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
     vertices = segments.reshape(-1, segments.shape[2])
     near = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
     for i, candidates in enumerate(near):
-        offset = vertices[candidates] - middle[i]
-        along = direction[i] / length[i]
+        offset, along = vertices[candidates] - middle[i], direction[i] / length[i]
         across = np.linalg.norm(offset - np.outer(offset @ along, along), axis=1)
         hits = np.flatnonzero(across < 1e-9 * length[i])
         if len(hits):
@@ -87,29 +68,16 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
 
 
 def check_held(
-    domain: mesh.Mesh,
-    facets: Sequence[NDArray[np.int32]],
-    void: NDArray[np.bool_] | None = None,
+    domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]], void: NDArray[np.bool_] | None = None
 ) -> None:
-    """Refuse pieces of a mesh that touch no interface and would float away.
-
-    Args:
-        domain: The mesh.
-        facets: Local facets of each interface on this rank.
-        void: Cells of this rank, with or without ghosts, that hold nothing together.
-
-    Raises:
-        ValueError: Naming how many pieces float.
-    """
+    """Refuse pieces of a mesh, without ``void`` cells, that touch no interface and would float."""
     n_cells = domain.topology.index_map(domain.topology.dim).size_local
     cells = np.ones(n_cells, dtype=bool) if void is None else ~void[:n_cells]
     _, floating, count = floating_cells(domain, cells, facets)
     if floating:
-        remedy = (
-            "give each piece an interface, or merge coincident nodes"
-            if void is None
-            else "leave cells out of the void region that join them to the others"
-        )
+        remedy = "give each piece an interface, or merge coincident nodes"
+        if void is not None:
+            remedy = "leave the cells that join them to the others out of the void region"
         raise ValueError(
             f"mesh: {floating} of {count} separate pieces of the body touch no interface and "
             f"would float; {remedy}"
@@ -119,19 +87,7 @@ def check_held(
 def floating_cells(
     domain: mesh.Mesh, cells: NDArray[np.bool_], facets: Sequence[NDArray[np.int32]]
 ) -> tuple[NDArray[np.bool_], int, int]:
-    """Which of some cells belong to a piece of them that touches no interface.
-
-    Cells that share a vertex belong to the same piece.
-
-    Args:
-        domain: The mesh.
-        cells: Which of the cells owned by this rank there are, shape (cells,).
-        facets: Local facets of each interface on this rank.
-
-    Returns:
-        A mask over the cells owned by this rank, shape (cells,), and the numbers of pieces that
-        float and of all pieces, the same on every rank.
-    """
+    """Those of ``cells`` without an interface; numbers of such pieces and of all; collective."""
     whole = _compat.entity_vertices(domain, domain.topology.dim)
     table = whole[: len(cells)][cells]
     vertex_map = domain.topology.index_map(0)
@@ -143,13 +99,13 @@ def floating_cells(
         held[facet_vertices[part].ravel()] = True
     # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
     rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
-    piece = _components(n_local, rows, table[:, 1:].ravel())
+    piece = components(n_local, rows, table[:, 1:].ravel())
     n = int(vertex_map.size_global)
     first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
     np.minimum.at(first, piece, global_vertices)
     comm = domain.comm
     edges = np.vstack(comm.allgather(np.column_stack([global_vertices, first[piece]])))
-    label = _components(n, edges[:, 0], edges[:, 1])
+    label = components(n, edges[:, 0], edges[:, 1])
     # a vertex without any of the cells is a component of its own, and no piece
     own = label[global_vertices[table[:, :1].ravel()]]
     pieces = np.unique(np.concatenate(comm.allgather(np.unique(own))))
@@ -160,17 +116,14 @@ def floating_cells(
     return result, int(np.count_nonzero(floats)), len(pieces)
 
 
-def _components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The number of the connected component of each of n vertices."""
+def components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The connected component of each of n vertices."""
     graph = coo_matrix((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n, n))
     return connected_components(graph, directed=False)[1]
 
 
-def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
-    """The ends of boundary edges, shape (edges, 2, dimension), the same on every rank.
-
-    In space inner ones occur once for each facet.
-    """
+def _boundary_segments(domain: mesh.Mesh) -> Array:
+    """The ends of boundary edges, shape (edges, 2, dimension), some repeated; on every rank."""
     dim = domain.topology.dim
     domain.topology.create_connectivity(dim - 1, dim)
     boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
@@ -180,31 +133,28 @@ def _boundary_segments(domain: mesh.Mesh) -> NDArray[np.float64]:
     return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :dim]))
 
 
-def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The vertices of facets, the same on every rank; some stand several times.
-
-    Args:
-        domain: The mesh.
-        facets: Local facets on this rank, ghosts included.
-
-    Returns:
-        Shape (points, dimension) [m].
-    """
+def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> Array:
+    """The vertices of facets of all ranks, some repeated, shape (points, dimension) [m]."""
     points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, : domain.topology.dim]
     return np.vstack(domain.comm.allgather(points))
 
 
+def vertex_nodes(domain: mesh.Mesh) -> NDArray[np.int32]:
+    """The geometry node at each vertex of this rank."""
+    vertices = _compat.entity_vertices(domain, domain.topology.dim)
+    node = np.zeros(vertices.max(initial=-1) + 1, dtype=np.int32)
+    # vertices come first among a cell's geometry nodes, in the same order
+    node[vertices] = _compat.cell_geometry(domain)[:, : vertices.shape[1]]
+    return node
+
+
 def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """The geometry nodes at the corners of facets, shape (facets, corners)."""
-    dim = domain.topology.dim
-    cell_vertices = _compat.entity_vertices(domain, dim)
-    node = np.zeros(cell_vertices.max(initial=-1) + 1, dtype=np.int32)
-    # vertices come first among a cell's geometry nodes, in the same order
-    node[cell_vertices] = _compat.cell_geometry(domain)[:, : cell_vertices.shape[1]]
+    dim, node = domain.topology.dim, vertex_nodes(domain)
     count = {"tetrahedron": 3, "hexahedron": 4}.get(_compat.cell_name(domain), 2)
     # a rank may hold none
     return node[_compat.entity_vertices(domain, dim - 1)[facets].reshape(-1, count)]
 
 
-def _point(point: NDArray[np.float64]) -> str:
+def _point(point: Array) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 from mpi4py import MPI
 
@@ -17,32 +15,21 @@ from numpy.typing import NDArray
 from . import _compat
 from .form_cache import claim_form_cache
 
-__all__ = ["MeshCopy", "from_copy"]
-
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, eq=False)
 class MeshCopy:
-    """A mesh of one rank as it was before DOLFINx numbered it, and how it was numbered then."""
+    """A serial mesh in input numbering, with the permutation that DOLFINx applied to it."""
 
-    cells: NDArray[np.int64]  #: (cells, nodes per cell) in the order in which the mesh was made
-    points: NDArray[np.float64]  #: (nodes, dimension) likewise [m]
+    cells: NDArray[np.int64]  #: (cells, nodes per cell) in input numbering
+    points: NDArray[np.float64]  #: (nodes, dimension) in input numbering [m]
     cell: str  #: Name of the cells, "triangle" and so on
     degree: int  #: Of the geometry
-    order: NDArray[np.int64]  #: (cells,) place of each numbered cell among `cells`
-    corners: NDArray[np.int32]  #: (cells, vertices per cell) of the numbered cells
+    order: NDArray[np.int64]  #: (cells,) input number of each cell of DOLFINx
+    corners: NDArray[np.int32]  #: (cells, vertices per cell) of the cells of DOLFINx
 
     @staticmethod
     def of(domain: mesh.Mesh) -> MeshCopy:
-        """The arrays of a mesh.
-
-        Args:
-            domain: The mesh.
-
-        Raises:
-            PicklingError: If it is distributed over several ranks.
-        """
+        """The arrays of a mesh, which must be on one rank."""
         if domain.comm.size > 1:
             raise pickle.PicklingError(
                 f"a Domain on {domain.comm.size} ranks cannot be pickled, as each rank holds a "
@@ -62,13 +49,10 @@ class MeshCopy:
         return MeshCopy(cells, points, _compat.cell_name(domain), degree, order, corners)
 
     def build(self) -> mesh.Mesh:
-        """The mesh, with the same numbers of cells and vertices, on this process alone.
-
-        Raises:
-            RuntimeError: If this release of DOLFINx numbers them otherwise.
-        """
-        shape = self.cell, self.degree
-        domain = _compat.create_mesh(MPI.COMM_SELF, self.cells, self.points, *shape)
+        """The mesh, with the same numbers of cells and vertices, on this process alone."""
+        comm = MPI.COMM_SELF
+        claim_form_cache(comm)
+        domain = _compat.create_mesh(comm, self.cells, self.points, self.cell, self.degree)
         dim = domain.topology.dim
         same = np.array_equal(domain.topology.original_cell_index, self.order)
         if not (same and np.array_equal(_compat.entity_vertices(domain, dim), self.corners)):
@@ -77,17 +61,3 @@ class MeshCopy:
                 "the mesh; make the Domain anew, as it was made there"
             )
         return domain
-
-
-def from_copy(
-    kind: Callable[..., T],
-    copied: MeshCopy,
-    facets: Mapping[str, NDArray[np.int32]],
-    solid: NDArray[np.bool_],
-    void: NDArray[np.bool_],
-    order: int,
-    centers: Mapping[str, Sequence[float]],
-) -> T:
-    """A domain as it was before it was pickled."""
-    claim_form_cache(MPI.COMM_SELF)
-    return kind(copied.build(), facets, solid, void=void, order=order, centers=centers)

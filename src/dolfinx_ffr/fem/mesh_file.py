@@ -3,7 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +16,32 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx import mesh
+from numpy.typing import NDArray
 
 from ..parallel import on_every_rank
 from . import _compat
-
-__all__ = ["TaggedMesh", "read_gmsh", "read_gmsh_model"]
+from .plane_mesh import gmsh_model
 
 #: Largest distance from the plane, relative to the size of a surface, that counts as round-off
 FLAT = 1e-6
+
+#: Program by which another process tries to read a file: if it crashes, this one does not
+_TRIAL = """
+import sys
+sys.path.append(sys.argv[1])
+import gmsh
+gmsh.initialize()
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.open(sys.argv[2])
+gmsh.model.mesh.renumberNodes()
+gmsh.model.mesh.getNodes()
+"""
+#: Time after which the other process is given up, beside a second for each megabyte [s]
+_PATIENCE = 60.0
+#: Beginnings of the environment variables that launchers of MPI set
+_RANK = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI")
+#: Curves, surfaces and volumes by their dimension
+KINDS = ("", "curve", "surface", "volume")
 
 Groups = dict[tuple[int, str], int]
 
@@ -28,54 +50,30 @@ Groups = dict[tuple[int, str], int]
 class TaggedMesh:
     """A mesh with its physical groups."""
 
-    source: str  #: What error messages call it
+    source: str  #: Its name in messages
     mesh: mesh.Mesh  #: Distributed over its communicator
     cell_tags: Any  #: Number of the physical surface, in space volume, of each cell
     facet_tags: Any  #: Number of the physical curve, in space surface, of each facet
     numbers: Groups  #: Number of each physical group by dimension and name
 
-    def groups(self, dim: int) -> dict[str, int]:
-        """The numbers of the physical curves (``dim`` 1), surfaces (2), volumes (3) by name."""
-        return {name: tag for (d, name), tag in self.numbers.items() if d == dim}
+    def names(self, dim: int) -> list[str]:
+        """The names of the physical curves (``dim`` 1), surfaces (2) or volumes (3)."""
+        return sorted(name for d, name in self.numbers if d == dim)
+
+    def tagged(self, dim: int, name: str) -> NDArray[np.int32]:
+        """The cells, or the facets where ``dim`` is one less, of a physical group on this rank."""
+        tags = self.cell_tags if dim == self.mesh.topology.dim else self.facet_tags
+        return np.asarray(tags.indices[tags.values == self.numbers[dim, name]])
 
 
 def read_gmsh(comm: MPI.Comm, path: Path) -> TaggedMesh:
-    """Read a mesh from a file: one in space, if it has physical volumes, or one in the plane.
-
-    Args:
-        comm: Communicator over which the mesh is distributed; rank 0 reads the file.
-        path: The ``.msh`` file.
-
-    Raises:
-        FileNotFoundError: On every rank, if there is no such file.
-        ValueError: On every rank, if gmsh cannot read it, it has no named physical groups, or a
-            cell belongs to several of them.
-    """
-    gmsh = None
-
-    def open_() -> Any:
-        nonlocal gmsh
-        gmsh = _open_gmsh(path)
-        return gmsh.model
-
-    try:
-        return _distribute(comm, open_, str(path))
-    finally:
-        if gmsh is not None:
-            gmsh.finalize()
+    """Read a ``.msh`` file: a mesh in space if it has physical volumes, else in the plane."""
+    with ExitStack() as stack:
+        return _distribute(comm, lambda: _opened(path, stack), str(path))
 
 
 def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
-    """Take a mesh from gmsh's current model, as `read_gmsh` does from a file.
-
-    Args:
-        comm: Communicator over which the mesh is distributed.
-        model: ``gmsh.model`` on rank 0; not used on the others.
-
-    Raises:
-        ValueError: On every rank, if the model has no mesh or no named physical groups, or a
-            cell belongs to several of them.
-    """
+    """Take a mesh from gmsh's current model on rank 0, as `read_gmsh` does from a file."""
     return _distribute(comm, lambda: model, "gmsh model")
 
 
@@ -91,93 +89,141 @@ def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMe
     return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
 
 
-def _open_gmsh(path: Path) -> Any:
+def _opened(path: Path, stack: ExitStack) -> Any:
+    """A model of gmsh with the mesh of a file, until the stack ends."""
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
+    gmsh = stack.enter_context(gmsh_model(f"reading {path} needs"))
+    _try_to_read(path, gmsh.__file__)
     try:
-        import gmsh
-    except ImportError as exc:
-        raise ImportError(
-            f"reading {path} needs gmsh's Python module (Debian: python3-gmsh)"
-        ) from exc
-    gmsh.initialize()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(path))
+        gmsh.merge(str(path))
+        tags = gmsh.model.mesh.getNodes()[0]
+        if len(tags) and np.max(tags) != len(tags):  # a mesh of DOLFINx has no gaps in them
+            gmsh.model.mesh.renumberNodes()
     except Exception as exc:
-        gmsh.finalize()
         raise ValueError(f"{path} is not a mesh that gmsh can read: {exc}") from exc
-    return gmsh
+    return gmsh.model
+
+
+def _try_to_read(path: Path, module: str) -> None:
+    """Refuse a file by which gmsh crashes or never ends: another process reads it first."""
+    patience = _PATIENCE + path.stat().st_size / 1e6
+    # the process is no rank of MPI, and must not take itself for one
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(_RANK)}
+    command = [sys.executable, "-c", _TRIAL, str(Path(module).parent), str(path)]
+    fault = ""
+    try:
+        trial = subprocess.run(command, env=clean, timeout=patience, capture_output=True)
+        if trial.returncode < 0:
+            fault = f"gmsh crashes (signal {-trial.returncode})"
+    except subprocess.TimeoutExpired:
+        fault = f"it is not done after {patience:.0f} s"
+    if fault:
+        raise ValueError(
+            f"{path} is not a mesh that gmsh can read: {fault}; the file is damaged: write it again"
+        )
 
 
 def _groups(model: Any, source: str) -> Groups:
     """The numbers of a model's physical groups, or refuse the model."""
-    groups = {(dim, model.getPhysicalName(dim, tag)): tag for dim, tag in model.getPhysicalGroups()}
-    names = {dim: [name for d, name in groups if d == dim] for dim in (1, 2, 3)}
+    try:
+        groups = {(d, model.getPhysicalName(d, tag)): tag for d, tag in model.getPhysicalGroups()}
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: a physical group has a name that is no text") from error
+    names = {dim: sorted(name for d, name in groups if d == dim) for dim in (1, 2, 3)}
     dim = 3 if names[3] else 2
-    facets, cells = (("curve", "surface"), ("surface", "volume"))[dim - 2]
+    facet, cell = KINDS[dim - 1 : dim + 1]
     if not names[dim - 1] or not names[dim]:
         raise ValueError(
-            f"{source}: needs physical groups of {facets}s (interfaces) and of {cells}s "
-            f"(material); it has the {facets}s {sorted(names[dim - 1]) or 'none'} and the {cells}s "
-            f"{sorted(names[dim]) or 'none'}"
+            f"{source}: needs physical groups of {facet}s (interfaces) and of {cell}s (material); "
+            f"it has the {facet}s {names[dim - 1] or 'none'} and the {cell}s {names[dim] or 'none'}"
         )
     for _, part in model.getEntities(dim):
-        of = [
-            model.getPhysicalName(dim, tag) for tag in model.getPhysicalGroupsForEntity(dim, part)
-        ]
-        if len(of) > 1:
+        tags = model.getPhysicalGroupsForEntity(dim, part)
+        if len(tags) > 1:
+            several = sorted(model.getPhysicalName(dim, tag) for tag in tags)
             raise ValueError(
-                f"{source}: {cells} {part} belongs to the physical {cells}s {sorted(of)}, and "
+                f"{source}: {cell} {part} belongs to the physical {cell}s {several}, and "
                 "its cells would count more than once; leave it in one of them"
             )
-        if of and not len(model.mesh.getElementTypes(dim, part)):
+        if len(tags) and not len(model.mesh.getElementTypes(dim, part)):
             raise ValueError(
-                f"{source}: {cells} {part} has no mesh; call gmsh.model.mesh.generate({dim}) first"
+                f"{source}: {cell} {part} has no mesh; call gmsh.model.mesh.generate({dim}) first"
             )
-        if of and dim == 2:
+        if len(tags) and dim == 2:
             _check_plane(model, part, source)
-    _check_kinds(model, dim, source)
+    _check_facets(model, dim, source, _checked_cells(model, dim, source))
     return groups
 
 
-def _check_kinds(model: Any, dim: int, source: str) -> None:
-    """Refuse cells of several kinds, and facets that are not those of cells."""
-    facets, cells = (("curve", "surface"), ("surface", "volume"))[dim - 2]
-
-    def parts(d: int, group: int) -> list[int]:
-        return [int(part) for part in model.getEntitiesForPhysicalGroup(d, group)]
-
-    kinds: dict[str, str] = {}
-    nodes = [np.zeros(0, dtype=np.uint64)]
+def _parts(model: Any, dim: int) -> Iterator[tuple[int, str]]:
+    """The entities in physical groups of a dimension, and the names of their groups."""
     for _, group in model.getPhysicalGroups(dim):
-        for part in parts(dim, group):
-            types, _, found = model.mesh.getElements(dim, part)
-            nodes += [np.asarray(some, dtype=np.uint64) for some in found]
-            for kind in types:
-                what = model.mesh.getElementProperties(kind)[0]
-                kinds.setdefault(what, model.getPhysicalName(dim, group))
+        for part in model.getEntitiesForPhysicalGroup(dim, group):
+            yield int(part), model.getPhysicalName(dim, group)
+
+
+def _checked_cells(model: Any, dim: int, source: str) -> NDArray[np.int64]:
+    """The nodes of the cells; cells of several kinds, or of a damaged file, are refused."""
+    kinds: dict[str, str] = {}
+    nodes, corners, sides = [], [], []
+    for part, name in _parts(model, dim):
+        for kind, found in zip(*model.mesh.getElements(dim, part)[::2], strict=True):
+            what, _, _, count, _, vertices = model.mesh.getElementProperties(kind)
+            kinds.setdefault(what, name)
+            nodes.append(np.asarray(found, dtype=np.int64))
+            corners.append(nodes[-1].reshape(-1, count)[:, :vertices])
+            if dim == 2:
+                side, width = model.mesh.getElementEdgeNodes(kind, part, primary=True), 2
+            else:
+                width = 3 if vertices == 4 else 4
+                side = model.mesh.getElementFaceNodes(kind, width, part, primary=True)
+            sides.append(np.asarray(side, dtype=np.int64).reshape(-1, width))
     if len(kinds) > 1:
         mixed = " and ".join(f"{kind} ({name!r})" for kind, name in sorted(kinds.items()))
         raise ValueError(
-            f"{source}: the mesh mixes {mixed}; mesh all {cells}s with cells of one kind and order"
+            f"{source}: the mesh mixes {mixed}; mesh all {KINDS[dim]}s with cells of one kind and "
+            "order"
         )
-    own = np.unique(np.concatenate(nodes))
-    for _, group in model.getPhysicalGroups(dim - 1):
-        for part in parts(dim - 1, group):
-            for some in model.mesh.getElements(dim - 1, part)[2]:
-                if not np.all(np.isin(some, own)):
-                    raise ValueError(
-                        f"{source}: {facets} {part} of the physical {facets} "
-                        f"{model.getPhysicalName(dim - 1, group)!r} is no boundary of the physical "
-                        f"{cells}s: a body is of {cells}s alone; leave it out, or join it to them "
-                        "(fragment) before meshing"
-                    )
+    tags, positions, _ = model.mesh.getNodes()
+    if not np.all(np.isfinite(positions)):
+        raise ValueError(f"{source}: a node has no finite position; mesh it again")
+    if not np.array_equal(np.sort(tags), np.arange(1, len(tags) + 1)):
+        raise ValueError(
+            f"{source}: the nodes are not numbered from 1 without gaps; call "
+            "gmsh.model.mesh.renumberNodes() first"
+        )
+    cells = np.sort(np.concatenate(corners), axis=1)
+    if np.any(cells[:, 1:] == cells[:, :-1]):
+        raise ValueError(f"{source}: a cell has the same node twice; mesh it again")
+    facets = np.sort(np.concatenate(sides), axis=1)
+    facets = facets[np.lexsort(facets.T)]
+    same = np.all(facets[1:] == facets[:-1], axis=1)
+    if np.any(same[1:] & same[:-1]):
+        raise ValueError(
+            f"{source}: more than two cells share a side, so some lie on each other; mesh it again"
+        )
+    return np.unique(np.concatenate(nodes))
+
+
+def _check_facets(model: Any, dim: int, source: str, nodes: NDArray[np.int64]) -> None:
+    """Refuse facets in physical groups that are no facets of cells, by the nodes of the cells."""
+    facet, cell = KINDS[dim - 1 : dim + 1]
+    for part, name in _parts(model, dim - 1):
+        for found in model.mesh.getElements(dim - 1, part)[2]:
+            if not np.all(np.isin(found, nodes)):
+                raise ValueError(
+                    f"{source}: {facet} {part} of the physical {facet} {name!r} is no boundary of "
+                    f"the physical {cell}s: a body is of {cell}s alone; leave it out, or join it "
+                    "to them (fragment) before meshing"
+                )
 
 
 def _check_plane(model: Any, surface: int, source: str) -> None:
     """Refuse a surface that is not parallel to the x-y plane: its nodes lose their z."""
     coordinates = model.mesh.getNodes(2, surface, includeBoundary=True)[1]
+    if not len(coordinates):
+        raise ValueError(f"{source}: surface {surface} has cells and no nodes; mesh it again")
     extent = np.ptp(np.reshape(coordinates, (-1, 3)), axis=0)
     if extent[2] > FLAT * max(extent):
         raise ValueError(

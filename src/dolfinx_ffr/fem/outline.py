@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Closed outlines out of loose curves: what bounds a body, and what is wrong with a drawing."""
+"""Outlines of bodies: curves of files, rings or polygons, and the faces that they bound."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +15,21 @@ from mpi4py import MPI
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..limits import MOST_CURVES, check_count
 from ..parallel import on_rank_0
-from .curves import Arc, Curve, Line, Spline, enclosed, polygon
+from .curves import Array, Curve, Drawn, Line, enclosed, polygon
+from .dxf_file import read_dxf
+from .mesh_checks import components
 from .mesh_file import TaggedMesh, read_gmsh_model
-from .outline_file import Drawn, read_outline
-from .plane_mesh import Drawing, Face, gmsh_model, mesh_faces
+from .plane_mesh import Drawing, Face, check_size, gmsh_model, mesh_faces, walked
+from .svg_file import read_svg
 
-__all__ = ["closed_outline", "mesh_outline"]
-
-Array = NDArray[np.float64]
-
+#: Units of drawings [m]
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+_READERS = {".dxf": read_dxf, ".svg": read_svg}
 #: Name of the curves that are in no other group
 _REST = "outline"
 #: Ends nearer to each other than this are one, in units of the drawing's extent
@@ -40,69 +41,117 @@ _FINE = 1e-4
 def mesh_outline(
     comm: MPI.Comm, outline: Any, named: Sequence[str], size: float, unit: str | None, order: int
 ) -> TaggedMesh:
-    """A mesh of triangles within a closed outline; collective.
-
-    Args:
-        comm: Communicator over which the mesh is distributed; rank 0 reads and meshes.
-        outline: As for `read_outline`.
-        named: Names of curves that become physical curves.
-        size: Of the triangles [m].
-        unit: As for `read_outline`.
-        order: Of the geometry.
-
-    Raises:
-        ValueError: On every rank, as for `Domain.from_outline`.
-    """
+    """A mesh of triangles within a closed outline, see `Domain.from_outline`; collective."""
     validation.instance("from_outline: comm", comm, MPI.Comm, "an MPI communicator")
     validation.number("from_outline: size", size, above=0.0, unit="m")
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
-    with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
+    gmsh = None
+    with ExitStack() as stack:
 
-        def build() -> None:
+        def build() -> str:
+            nonlocal gmsh
             drawing = closed_outline(source, read_outline(outline, unit), named)
+            check_size(source, drawing, size)
+            coarse = _coarse(source, drawing, size)
+            gmsh = stack.enter_context(gmsh_model())
             # gmsh's file needs a physical group of curves
             groups = [group or _REST for group in drawing.groups]
             mesh_faces(gmsh, replace(drawing, groups=groups), size, order=order)
+            return coarse
 
-        on_rank_0(comm, build)
+        coarse = on_rank_0(comm, build)
+        if coarse:
+            warnings.warn(coarse, stacklevel=3)
         return read_gmsh_model(comm, gmsh.model if gmsh is not None else None)
 
 
+def _coarse(source: str, drawing: Drawing, size: float) -> str:
+    """A warning of triangles as large as a body across, "" if they are smaller; or an error."""
+    extent = np.ptp(_samples(drawing.curves), axis=0)
+    sides = " x ".join(f"{side:.4g} m" for side in extent)
+    what = f"{source}: size = {size:.4g} m is larger than the outline of {sides}"
+    advised = f"{0.1 * np.min(extent):.2g}"
+    if size > np.max(extent):
+        raise ValueError(f"{what}; give the size of the triangles in metres, {advised} or less")
+    why = f" is across: with one triangle there it does not bend as it should; give {advised} m"
+    return f"{what}{why} or less" if size > np.min(extent) else ""
+
+
+def _samples(curves: Sequence[Curve]) -> Array:
+    """Five points of each curve, one after the other, shape (n, 2) [m]."""
+    return np.concatenate([curve.at(np.linspace(0.0, 1.0, 5)) for curve in curves])
+
+
+def read_outline(outline: str | Path | Any, unit: str | None) -> list[Drawn]:
+    """The curves [m] of a file, of rings of points (n, 2), or of polygons of shapely."""
+    scale = None if unit is None else UNITS[validation.choice("outline: unit", unit, UNITS)]
+    if not isinstance(outline, str | Path):
+        rings = [ring * (scale or 1.0) for ring in _rings(outline)]
+        count, remedy = sum(map(len, rings)), "take fewer (shapely.simplify)"
+        check_count("outline", count, "points", remedy, most=MOST_CURVES)
+        found = [side for ring in rings for side in _sides(ring)]
+        if not found:
+            raise ValueError("outline: it is empty; give rings of at least three points")
+        return found
+    path = Path(outline)
+    if path.suffix.lower() not in _READERS:
+        raise ValueError(f"outline {path}: give a file that ends in .dxf or .svg, or polygons")
+    if not path.is_file():
+        raise FileNotFoundError(f"outline {path} does not exist")
+    try:
+        found = _READERS[path.suffix.lower()](path, scale)
+    except RecursionError:
+        raise ValueError(
+            f"outline {path}: its groups or blocks are nested too deeply to be read; ungroup them"
+        ) from None
+    if not found:
+        raise ValueError(
+            f"outline {path}: it holds no curves that are drawn; hidden ones, and those on layers "
+            "that are off or frozen, do not count"
+        )
+    return found
+
+
+def _rings(outline: Any) -> list[Array]:
+    """The rings of polygons of shapely, or given as points."""
+    if isinstance(outline, shapely.Geometry):
+        return [shapely.get_coordinates(line) for line in shapely.get_parts(outline.boundary)]
+    if isinstance(outline, np.ndarray) and outline.ndim == 2:
+        outline = [outline]
+    rings = validation.listed("outline", outline, "a file, or rings of points (n, 2)")
+    return [validation.real_array("outline: a ring", r, (None, 2)) for r in rings]
+
+
+def _sides(points: Array) -> list[Drawn]:
+    """The sides of a ring that are not of length zero."""
+    closed = points if np.array_equal(points[:1], points[-1:]) else np.vstack([points, points[:1]])
+    sides = [Line(a, b) for a, b in pairwise(closed) if not np.array_equal(a, b)]
+    return [Drawn(side, frozenset()) for side in sides]
+
+
 def closed_outline(source: str, drawn: Sequence[Drawn], named: Collection[str]) -> Drawing:
-    """The faces that closed curves bound: outer loops, holes in them, islands in the holes.
-
-    Args:
-        source: What error messages call the drawing.
-        drawn: Its curves; one that is drawn twice counts once, with the names of both.
-        named: Names of interfaces among those of the curves.
-
-    Raises:
-        ValueError: If curves are open, cross or touch, or a name is not there.
-    """
-    known = set().union(*(each.names for each in drawn)) if drawn else set()
+    """The faces that closed curves bound, each curve once: outer loops, holes, islands in holes."""
+    known = frozenset[str]().union(*(each.names for each in drawn))
     missing = [name for name in named if name not in known]
     if missing:
         raise ValueError(
             f"{source}: no curve has the name {', '.join(map(repr, missing))}; its layers, ids and "
             f"labels are {sorted(known) or 'none'}"
         )
-    points = np.vstack([each.curve.at(np.linspace(0.0, 1.0, 5)) for each in drawn])
-    extent = float(np.max(np.ptp(points, axis=0)))
+    extent = float(np.max(np.ptp(_samples([each.curve for each in drawn]), axis=0)))
     near = JOINED * extent
     once = _once([each for each in drawn if each.curve.length > near], near)
-    curves, nodes = _joined(source, [each.curve for each in once], near)
+    curves, nodes = _joined([each.curve for each in once], near)
     groups = [next((name for name in named if name in each.names), "") for each in once]
     _refuse_open(source, curves, nodes)
-    loops = _loops(nodes)
-    faces = _faces(source, curves, loops, _FINE * extent)
+    faces = _faces(source, curves, _loops(nodes), _FINE * extent)
     return Drawing(curves, nodes, groups, faces)
 
 
 def _once(drawn: Sequence[Drawn], near: float) -> list[Drawn]:
     """Curves without those that lie on others, whose names go to these."""
-    t = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-    marks = [each.curve.at(t) for each in drawn]
-    tree = cKDTree(np.array([mark[2] for mark in marks]))
+    marks = _samples([each.curve for each in drawn]).reshape(-1, 5, 2)
+    tree = cKDTree(marks[:, 2])
     found: list[Drawn | None] = list(drawn)
     for i, j in sorted(tree.query_pairs(2.0 * near)):
         one, other = found[i], found[j]
@@ -114,58 +163,31 @@ def _once(drawn: Sequence[Drawn], near: float) -> list[Drawn]:
     return [each for each in found if each is not None]
 
 
-def _joined(
-    source: str, curves: Sequence[Curve], near: float
-) -> tuple[list[Curve], list[tuple[int, int]]]:
+def _joined(curves: Sequence[Curve], near: float) -> tuple[list[Curve], list[tuple[int, int]]]:
     """The curves with common ends, and the numbers of the ends."""
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
     pairs = cKDTree(ends).query_pairs(near, output_type="ndarray").reshape(-1, 2)
-    ones = np.ones(len(pairs), dtype=bool)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(ends), len(ends)))
-    label = connected_components(graph, directed=False)[1]
-    first = np.unique(label, return_index=True)[1]
-    found, nodes = [], []
-    for i, curve in enumerate(curves):
-        a, b = label[2 * i], label[2 * i + 1]
-        found.append(_between(curve, ends[first[a]], ends[first[b]]))
-        nodes.append((int(a), int(b)))
+    label = components(len(ends), *pairs.T)
+    positions = ends[np.unique(label, return_index=True)[1]]
+    nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
+    found = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
     return found, nodes
-
-
-def _between(curve: Curve, start: Array, end: Array) -> Curve:
-    """A curve moved a little, so that it begins and ends in given points."""
-    if isinstance(curve, Line):
-        return Line(start, end)
-    if isinstance(curve, Spline):
-        control = np.array(curve.control)
-        control[0], control[-1] = start, end
-        return Spline(curve.knots, control, curve.degree)
-    assert isinstance(curve, Arc)
-    if np.array_equal(start, end):
-        return Arc(start, end, curve.center + start - curve.start, curve.sweep)
-    # the circle through both ends on which they are as far apart as before
-    half = 0.5 * (end - start)
-    away = np.array([-half[1], half[0]]) / np.tan(0.5 * curve.sweep)
-    return Arc(start, end, start + half + away, curve.sweep)
 
 
 def _refuse_open(source: str, curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]) -> None:
     counts = np.bincount(np.array(nodes).ravel())
-    where = {
-        n: p
-        for c, ns in zip(curves, nodes, strict=True)
-        for n, p in zip(ns, (c.start, c.end), strict=True)
-    }
-    loose = [n for n in where if counts[n] == 1]
-    if loose:
-        ends = np.array([where[n] for n in loose])
+    where = {}
+    for curve, (start, end) in zip(curves, nodes, strict=True):
+        where[start], where[end] = curve.start, curve.end
+    loose = np.array([where[n] for n in where if counts[n] == 1])
+    if len(loose):
         gap = ""
-        if len(ends) > 1:
-            distance = float(cKDTree(ends).query(ends[0], k=2)[0][1])
+        if len(loose) > 1:
+            distance = float(cKDTree(loose).query(loose[0], k=2)[0][1])
             gap = f", {1e3 * distance:.3g} mm from the nearest other end"
         raise ValueError(
             f"{source}: the outline is open: {len(loose)} curves end where no other begins, the "
-            f"first at {_point(ends[0])}{gap}; close it"
+            f"first at {_point(loose[0])}{gap}; close it"
         )
     several = [n for n in where if counts[n] > 2]
     if several:
@@ -182,18 +204,15 @@ def _loops(nodes: Sequence[tuple[int, int]]) -> list[list[tuple[int, bool]]]:
         for node in pair:
             at.setdefault(node, []).append(i)
     left, found = set(range(len(nodes))), []
-    for first in range(len(nodes)):
-        if first not in left:
-            continue
-        loop, here = [], first
-        node = nodes[first][0]
+    for here, (node, _) in enumerate(nodes):
+        loop = []
         while here in left:
             left.discard(here)
             forward = nodes[here][0] == node
             loop.append((here, forward))
             node = nodes[here][1 if forward else 0]
             here = next((i for i in at[node] if i in left), -1)
-        found.append(loop)
+        found += [loop] if loop else []
     return found
 
 
@@ -201,55 +220,48 @@ def _faces(
     source: str, curves: Sequence[Curve], loops: list[list[tuple[int, bool]]], fine: float
 ) -> list[Face]:
     """Loops at even depth with the holes right in them, all with the face on the left."""
-    directed = [[_way(curves[i], forward) for i, forward in loop] for loop in loops]
-    shapes = []
-    for loop in directed:
-        ring = polygon(loop, fine)
-        shape = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
-        if not shape.is_valid or shape.is_empty:
-            raise ValueError(f"{source}: the outline {_fault(shape)}; repair it in the drawing")
-        shapes.append(shape)
-    for i, one in enumerate(shapes):
-        for j in shapely.STRtree(shapes).query(one.exterior, predicate="intersects"):
-            crossing = one.exterior.intersection(shapes[j].exterior) if j != i else None
-            if crossing is not None and not crossing.is_empty:
-                where = shapely.get_coordinates(crossing)[0]
-                raise ValueError(
-                    f"{source}: two closed curves of the outline cross or touch at "
-                    f"{_point(where)}; trim them to one boundary"
-                )
-    # each contains itself
-    depth = [sum(other.contains(one) for other in shapes) - 1 for one in shapes]
-    faces = []
-    for i, outer in enumerate(shapes):
-        if depth[i] % 2:
-            continue
-        holes = [j for j in range(len(shapes)) if depth[j] == depth[i] + 1]
-        inside = [i, *(j for j in holes if outer.contains(shapes[j]))]
-        faces.append(Face("design", [_turned(loops[j], directed[j], hole=j != i) for j in inside]))
-    return faces
+    directed = [walked(curves, loop) for loop in loops]
+    shapes = [_shape(source, polygon(loop, fine)) for loop in directed]
+    rings = [shape.exterior for shape in shapes]
+    for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
+        if i != j:
+            where = shapely.get_coordinates(rings[i].intersection(rings[j]))[0]
+            raise ValueError(
+                f"{source}: two closed curves of the outline cross or touch at "
+                f"{_point(where)}; trim them to one boundary"
+            )
+    inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
+    other = inner != outer
+    depth = np.bincount(inner[other], minlength=len(shapes))
+    holes: dict[int, list[int]] = {i: [] for i in range(len(shapes)) if depth[i] % 2 == 0}
+    for j, i in zip(inner[other], outer[other], strict=True):
+        if i in holes and depth[j] == depth[i] + 1:
+            holes[i].append(j)
+
+    def turned(i: int, hole: bool) -> list[tuple[int, bool]]:
+        """A loop counterclockwise, or clockwise around a hole."""
+        if (enclosed(directed[i])[0] > 0.0) != hole:
+            return loops[i]
+        return [(curve, not forward) for curve, forward in reversed(loops[i])]
+
+    return [
+        Face("design", [turned(i, False), *(turned(j, True) for j in sorted(inside))])
+        for i, inside in holes.items()
+    ]
 
 
-def _way(curve: Curve, forward: bool) -> Curve:
-    return curve if forward else curve.reversed()
-
-
-def _turned(
-    loop: list[tuple[int, bool]], curves: list[Curve], *, hole: bool
-) -> list[tuple[int, bool]]:
-    """A loop counterclockwise, or clockwise around a hole."""
-    if (enclosed(curves)[0] > 0.0) != hole:
-        return loop
-    return [(i, not forward) for i, forward in reversed(loop)]
-
-
-def _fault(shape: shapely.Polygon) -> str:
-    if shape.is_empty:
-        return "has a closed curve without area"
-    reason = shapely.is_valid_reason(shape)  # "Self-intersection[x y]"
-    numbers = reason.partition("[")[2].strip("]").split()
-    where = _point(np.array(numbers, dtype=float)) if len(numbers) == 2 else reason
-    return f"crosses itself at {where}"
+def _shape(source: str, ring: Array) -> shapely.Polygon:
+    """The polygon within a ring, which must not cross itself."""
+    shape = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
+    fault = "has a closed curve without area" if shape.is_empty else ""
+    if not fault and not shape.is_valid:
+        reason = shapely.is_valid_reason(shape)  # "Self-intersection[x y]"
+        numbers = reason.partition("[")[2].strip("]").split()
+        where = _point(np.array(numbers, dtype=float)) if len(numbers) == 2 else reason
+        fault = f"crosses itself at {where}"
+    if fault:
+        raise ValueError(f"{source}: the outline {fault}; repair it in the drawing")
+    return shape
 
 
 def _point(where: Array) -> str:

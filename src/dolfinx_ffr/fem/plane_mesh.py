@@ -7,26 +7,31 @@ order 2 fit them.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from .curves import Arc, Curve, Line, Spline, enclosed
-
-__all__ = ["Drawing", "Face", "gmsh_model", "mesh_faces", "quiet", "surfaces"]
-
-Array = NDArray[np.float64]
+from ..limits import MOST_CURVES, check_count
+from .curves import Arc, Array, Curve, Line, Spline, enclosed
 
 _numbers = count()
-#: Smallest Jacobian determinant of a curved cell, in units of that of the straight one
+#: Smallest Jacobian determinant of a curved cell over that of the straight cell
 _FLATTEST = 0.2
+#: Memory that gmsh takes for a triangle, at least [bytes]
+_BYTES = 800
+#: Points of the lattice of sizes at most, and how much sizes grow by the distance from a narrow
+#: member, of which so many are looked at
+_MOST_SIZES, _GROWTH, _NEAREST = 100_000, 0.3, 8
+#: The corners of a quadrilateral of the lattice
+_AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
 #: How often cells next to straightened ones are looked at again
 _ROUNDS = 10
 
@@ -36,7 +41,7 @@ class Face:
     """A connected region of a drawing."""
 
     group: str  #: Name of its physical surface
-    #: Curves of each loop, in turn, the outer loop first: number, and whether it is walked forward
+    #: Curves of each loop, the outer loop first: number, and whether it is walked forward
     loops: Sequence[Sequence[tuple[int, bool]]]
 
 
@@ -51,34 +56,23 @@ class Drawing:
 
 
 @contextmanager
-def gmsh_model() -> Iterator[Any]:
-    """Give gmsh with a new model, and leave it as it was.
-
-    Raises:
-        ImportError: If gmsh's Python module is missing.
-    """
+def gmsh_model(needed: str = "meshes of outlines and parts need") -> Iterator[Any]:
+    """Give gmsh with a new model, and leave it as it was."""
     try:
         import gmsh
     except ImportError as error:
-        raise ImportError(
-            "meshes of outlines and parts need gmsh's Python module (Debian: python3-gmsh)"
-        ) from error
-    running = _is_running(gmsh)
-    if not running:
-        gmsh.initialize()
-    before = gmsh.model.getCurrent()
-    terminal = gmsh.option.getNumber("General.Terminal")
-    gmsh.option.setNumber("General.Terminal", 0)
-    try:
+        raise ImportError(f"{needed} gmsh's Python module (Debian: python3-gmsh)") from error
+    with ExitStack() as stack:
+        if not _is_running(gmsh):
+            gmsh.initialize()
+            stack.callback(gmsh.finalize)
+        stack.callback(gmsh.model.setCurrent, gmsh.model.getCurrent())
+        terminal = gmsh.option.getNumber("General.Terminal")
+        stack.callback(gmsh.option.setNumber, "General.Terminal", terminal)
+        gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add(f"dolfinx_ffr {next(_numbers)}")
+        stack.callback(gmsh.model.remove)
         yield gmsh
-    finally:
-        if running:
-            gmsh.model.remove()
-            gmsh.model.setCurrent(before)
-            gmsh.option.setNumber("General.Terminal", terminal)
-        else:
-            gmsh.finalize()
 
 
 def _is_running(gmsh: Any) -> bool:
@@ -96,49 +90,35 @@ def _is_running(gmsh: Any) -> bool:
 def quiet() -> Iterator[None]:
     """Keep a library from printing, as OpenCASCADE does where it writes."""
     sys.stdout.flush()
-    kept = [os.dup(stream) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
+    with open(os.devnull, "wb") as nowhere, ExitStack() as stack:
         for stream in (1, 2):
-            os.dup2(nowhere, stream)
+            copy = os.dup(stream)
+            stack.callback(os.close, copy)
+            stack.callback(os.dup2, copy, stream)
+            os.dup2(nowhere.fileno(), stream)
         yield
-    finally:
-        for stream, copy in zip((1, 2), kept, strict=True):
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
 
 
 def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int], list[list[int]]]:
-    """Make the faces of a drawing in gmsh's current model.
-
-    Args:
-        gmsh: The module.
-        drawing: Curves and faces.
-        scale: Factor from metres to the unit of the model.
-
-    Returns:
-        The surface of each face, and the curves of each curve of the drawing.
-    """
+    """Make a drawing, times ``scale``, in gmsh: a surface of each face, curves of each curve."""
     occ = gmsh.model.occ
     known: dict[int, int] = {}
 
     def point(where: Array, node: int | None = None) -> int:
-        if node is not None and node in known:
-            return known[node]
-        tag = int(occ.addPoint(scale * where[0], scale * where[1], 0.0))
-        if node is not None:
-            known[node] = tag
-        return tag
+        if node is None:
+            return int(occ.addPoint(scale * where[0], scale * where[1], 0.0))
+        if node not in known:
+            known[node] = point(where)
+        return known[node]
 
     turned, first = _directions(drawing)
     tags: list[list[int]] = []
     for i, nodes in enumerate(drawing.nodes):
-        pieces = _pieces(drawing.curves[i].reversed() if turned[i] else drawing.curves[i])
+        curve = drawing.curves[i].reversed() if turned[i] else drawing.curves[i]
+        pieces = curve.pieces()
         begin, end = nodes[::-1] if turned[i] else nodes
-        ends = [point(pieces[0].start, begin)]
-        ends += [point(piece.end) for piece in pieces[:-1]]
-        ends += [point(pieces[-1].end, end)]
+        ends = [point(pieces[0].start, begin), *(point(piece.end) for piece in pieces[:-1])]
+        ends.append(point(pieces[-1].end, end))
         tags.append([_add(occ, piece, ends[k : k + 2], point) for k, piece in enumerate(pieces)])
     found = []
     for f, face in enumerate(drawing.faces):
@@ -155,11 +135,7 @@ def surfaces(gmsh: Any, drawing: Drawing, scale: float = 1.0) -> tuple[list[int]
 
 
 def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int]]:
-    """Which curves are made from their end to their start, and with which one each loop begins.
-
-    Its first curve gives a loop of OpenCASCADE its direction, which must be counterclockwise, also
-    around holes.
-    """
+    """Which curves are made backwards, and the first of each loop, which goes counterclockwise."""
     turned, settled = [False] * len(drawing.curves), set()
     first = {}
     numbered = [(f, n) for f, face in enumerate(drawing.faces) for n in range(len(face.loops))]
@@ -176,31 +152,15 @@ def _directions(drawing: Drawing) -> tuple[list[bool], dict[tuple[int, int], int
     return turned, first
 
 
-def _pieces(curve: Curve) -> Sequence[Curve]:
-    """The curve in as many parts as OpenCASCADE takes for sure."""
-    if isinstance(curve, Arc):
-        return curve.pieces()
-    if isinstance(curve, Spline) and np.array_equal(curve.start, curve.end):
-        return curve.halves()
-    return [curve]
-
-
 def _add(occ: Any, curve: Curve, ends: list[int], point: Callable[[Array], int]) -> int:
     if isinstance(curve, Line):
         return int(occ.addLine(*ends))
     if isinstance(curve, Arc):
         return int(occ.addCircleArc(ends[0], point(curve.center), ends[1]))
     assert isinstance(curve, Spline)
-    inner = [point(where) for where in curve.control[1:-1]]
-    knots, multiplicities = np.unique(curve.knots, return_counts=True)
-    return int(
-        occ.addBSpline(
-            [ends[0], *inner, ends[1]],
-            degree=curve.degree,
-            knots=knots.tolist(),
-            multiplicities=multiplicities.tolist(),
-        )
-    )
+    points = [ends[0], *map(point, curve.control[1:-1]), ends[1]]
+    knots, counts = (part.tolist() for part in np.unique(curve.knots, return_counts=True))
+    return int(occ.addBSpline(points, degree=curve.degree, knots=knots, multiplicities=counts))
 
 
 def _bend(model: Any) -> None:
@@ -226,21 +186,44 @@ def _bend(model: Any) -> None:
 
 
 def _flattest(x: Array) -> Array:
-    """The smallest Jacobian determinant of triangles of order 2, in units of the straight one's.
-
-    Args:
-        x: Corners and middles of the sides, shape (cells, 6, 2).
-    """
+    """Smallest Jacobian determinant of triangles (cells, 6, 2) over that of straight ones."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1 / 3, 1 / 3]])
     least = np.full(len(x), np.inf)
     for r, s in corners:
         t = 1.0 - r - s
         by_r = np.array([1 - 4 * t, 4 * r - 1, 0.0, 4 * (t - r), 4 * s, -4 * s])
         by_s = np.array([1 - 4 * t, 0.0, 4 * s - 1, -4 * r, 4 * r, 4 * (t - s)])
-        a, b = by_r @ x, by_s @ x
-        least = np.minimum(least, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    e, f = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    return np.asarray(least / (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]))
+        least = np.minimum(least, np.linalg.det(np.stack([by_r, by_s]) @ x))
+    return np.asarray(least / np.linalg.det(x[:, 1:3] - x[:, :1]))
+
+
+def check_size(what: str, drawing: Drawing, size: float) -> None:
+    """Refuse more triangles of a ``size`` [m], or more curves, than gmsh can take in minutes."""
+    curves = len(drawing.curves)
+    remedy = "leave out what does not bear, or take fewer points (shapely.simplify)"
+    check_count(what, curves, "curves", remedy, most=MOST_CURVES)
+    area = sum(_area(drawing, face) for face in drawing.faces)
+    around = sum(curve.length for curve in drawing.curves)
+    # equilateral ones, and at least one at each piece of the boundary
+    count = 4.0 / math.sqrt(3.0) * (area / size / size) + around / size
+    check_count(what, count, f"triangles of {size:.4g} m", "give a larger size [m]", each=_BYTES)
+
+
+def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Curve]:
+    """The curves of a loop in the direction in which it is walked."""
+    return [curves[i] if forward else curves[i].reversed() for i, forward in loop]
+
+
+def _area(drawing: Drawing, face: Face) -> float:
+    return float(sum(enclosed(walked(drawing.curves, loop))[0] for loop in face.loops))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalSizes:
+    """Points beside which triangles are smaller, and grow from there on."""
+
+    points: Array  #: (n, 2) [m]
+    sizes: Array  #: (n,) [m]
 
 
 def mesh_faces(
@@ -249,20 +232,9 @@ def mesh_faces(
     size: float,
     *,
     order: int = 1,
-    local: Callable[[float, float], float] | None = None,
+    local: LocalSizes | None = None,
 ) -> None:
-    """Mesh a drawing by triangles in gmsh's current model, with its physical groups.
-
-    Args:
-        gmsh: The module.
-        drawing: Curves and faces.
-        size: Of the triangles [m].
-        order: Of their geometry, 1 or 2; cells that would fold, as in cusps, stay straight.
-        local: Largest size at a place (x, y) [m], where it must be smaller.
-
-    Raises:
-        ValueError: If gmsh cannot mesh it.
-    """
+    """Mesh a drawing with its physical groups by triangles of a ``size``, or smaller [m]."""
     found, tags = surfaces(gmsh, drawing)
     model = gmsh.model
     for group in dict.fromkeys(face.group for face in drawing.faces):
@@ -278,46 +250,60 @@ def mesh_faces(
         "Mesh.MeshSizeFromPoints": 0,
         "Mesh.MeshSizeExtendFromBoundary": 0,
         # along curves sizes are integrated to more digits than counts of cells need
-        "Mesh.LcIntegrationPrecision": 1e-3,
+        "Mesh.LcIntegrationPrecision": 1e-2,
         # an error would be thrown within a parallel loop of gmsh, which ends the program
         "General.AbortOnError": 0,
     }
-    before = {name: gmsh.option.getNumber(name) for name in options}
-    try:
+    with ExitStack() as stack:
         for name, value in options.items():
+            stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
             gmsh.option.setNumber(name, value)
         if local is not None:
-            # releases hand on different numbers of arguments: dimension, tag, x, y, z, size
-            model.mesh.setSizeCallback(lambda *at: min(size, local(at[2], at[3])))
+            _set_sizes(gmsh, stack, local, size)
         with quiet():
             model.mesh.generate(2)
         _refuse_unmeshed(model, drawing, found, size)
         if order > 1:
             _bend(model)
-    finally:
-        for name, value in before.items():
-            gmsh.option.setNumber(name, value)
+
+
+def _set_sizes(gmsh: Any, stack: ExitStack, local: LocalSizes, size: float) -> None:
+    """Give gmsh the sizes of triangles on a lattice, within which it interpolates."""
+    low, high = local.points.min(axis=0) - size, local.points.max(axis=0) + size
+    extent, finest = high - low, float(np.min(local.sizes))
+    pitch = max(0.5 * finest, math.sqrt(extent[0] * extent[1] / _MOST_SIZES))
+    x, y = (
+        np.linspace(a, b, math.ceil((b - a) / pitch) + 1) for a, b in zip(low, high, strict=True)
+    )
+    lattice = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    nearest = np.arange(min(_NEAREST, len(local.sizes))) + 1
+    distance, which = cKDTree(local.points).query(lattice.reshape(-1, 2), k=nearest)
+    # from a narrow member on triangles may grow; between the points of the lattice is the smallest
+    sizes = np.min(local.sizes[which] + _GROWTH * distance, axis=1) - _GROWTH * 0.7 * pitch
+    sizes = np.clip(sizes, finest, size).reshape(lattice.shape[:2])
+    around = [(slice(i, i + len(x) - 1), slice(j, j + len(y) - 1)) for i, j in _AROUND]
+    columns = [np.stack([lattice[at][..., k] for at in around], axis=-1) for k in (0, 1)]
+    columns += [np.zeros_like(columns[0]), np.stack([sizes[at] for at in around], axis=-1)]
+    data = np.concatenate(columns, axis=-1).reshape(-1, 16)
+    view = gmsh.view.add("sizes")
+    stack.callback(gmsh.view.remove, view)
+    gmsh.view.addListData(view, "SQ", len(data), data.ravel())
+    field = gmsh.model.mesh.field
+    number = field.add("PostView")
+    field.setNumber(number, "ViewTag", view)
+    field.setAsBackgroundMesh(number)
 
 
 def _refuse_unmeshed(model: Any, drawing: Drawing, found: Sequence[int], size: float) -> None:
     """Refuse a mesh that does not fill the faces, as gmsh leaves it where it fails."""
-    tags, positions, _ = model.mesh.getNodes()
-    x = np.zeros((int(np.max(tags, initial=0)) + 1, 2))
-    x[np.asarray(tags, dtype=np.int64)] = np.reshape(positions, (-1, 3))[:, :2]
     for surface, face in zip(found, drawing.faces, strict=True):
-        _, nodes = model.mesh.getElementsByType(2, surface)
-        a, b, c = np.moveaxis(x[np.asarray(nodes, dtype=np.int64).reshape(-1, 3)], 1, 0)
-        e, f = b - a, c - a
-        covered = 0.5 * float(np.sum(np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])))
-        curves = [
-            drawing.curves[i] if forward else drawing.curves[i].reversed()
-            for loop in face.loops
-            for i, forward in loop
-        ]
-        whole = float(enclosed(curves)[0])
-        around = sum(curve.length for curve in curves)
+        # twice the area of each triangle
+        doubled = model.mesh.getJacobians(2, [1 / 3, 1 / 3, 0.0], surface)[1]
+        covered = 0.5 * float(np.sum(np.abs(doubled)))
+        whole = _area(drawing, face)
+        around = sum(drawing.curves[i].length for loop in face.loops for i, _ in loop)
         # chords of curves leave out, or add, less than a quarter of their length along them
-        if abs(covered - whole) > 1e-6 * whole + 0.25 * size * around or not len(a):
+        if abs(covered - whole) > 1e-6 * whole + 0.25 * size * around or not len(doubled):
             raise ValueError(
                 f"gmsh cannot mesh the outline by triangles of {size:.4g} m; give a smaller size, "
                 "or look for parts of the outline that almost touch"

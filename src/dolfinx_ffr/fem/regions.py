@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which facets or cells of a mesh are meant: by a predicate, by their numbers, or by a mask."""
+"""Facets or cells of a mesh, selected by a predicate, by their numbers, or by a mask."""
 
 from __future__ import annotations
 
@@ -12,60 +12,31 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..parallel import on_every_rank
 
-__all__ = ["Predicate", "located", "located_cells"]
-
 Predicate = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 def located(
     domain: mesh.Mesh, what: str, where: Predicate | ArrayLike, dim: int
 ) -> NDArray[np.int32]:
-    """Boundary facets or cells of this rank that are meant.
-
-    Args:
-        domain: The mesh.
-        what: Who asks, for the message.
-        where: A predicate on coordinates (those all of whose vertices fulfil it), numbers on this
-            rank, or a mask over them.
-        dim: Dimension of the cells, or one less for facets.
-
-    Returns:
-        Their numbers on this rank, shape (found,); ghosts may be among them.
-
-    Raises:
-        TypeError: On every rank, if it is something else.
-        ValueError: On every rank, if a predicate does not say yes or no for each point, or a number
-            does not exist.
-    """
+    """Numbers of boundary facets, or of cells, by dimension: by a predicate, numbers or a mask."""
     facets = dim < domain.topology.dim
-    if callable(where):
-        points = domain.geometry.x.T
-        with on_every_rank(domain.comm, what):
-            _check_predicate(what, where, points)
-        locate = mesh.locate_entities_boundary if facets else mesh.locate_entities
-        return np.asarray(locate(domain, dim, where), dtype=np.int32)
     entities = domain.topology.index_map(dim)
     sizes = entities.size_local, entities.size_local + entities.num_ghosts
-    kind = "facets" if facets else "cells"
     with on_every_rank(domain.comm, what):
-        found = _numbers_of(what, where, kind, sizes)
+        if not callable(where):
+            found = _numbers_of(what, where, "facets" if facets else "cells", sizes)
+        else:
+            _check_predicate(what, where, domain.geometry.x.T)
+    if callable(where):
+        locate = mesh.locate_entities_boundary if facets else mesh.locate_entities
+        found = np.asarray(locate(domain, dim, where), dtype=np.int32)
     return found
 
 
 def located_cells(
     domain: mesh.Mesh, what: str, where: Predicate | ArrayLike | None
 ) -> NDArray[np.bool_]:
-    """Cells owned by this rank that are meant, shape (cells,).
-
-    Args:
-        domain: The mesh.
-        what: Who asks, for the message.
-        where: As for `located`; None stands for no cell.
-
-    Raises:
-        TypeError: As `located` does.
-        ValueError: As `located` does.
-    """
+    """Mask over the cells owned by this rank, true where they are selected; None selects none."""
     dim = domain.topology.dim
     n = int(domain.topology.index_map(dim).size_local)
     chosen = np.zeros(n, dtype=bool)
@@ -93,17 +64,10 @@ def _check_predicate(what: str, predicate: Predicate, points: NDArray[np.float64
 def _numbers_of(
     what: str, given: ArrayLike, kind: str, sizes: tuple[int, int]
 ) -> NDArray[np.int32]:
-    """The numbers of facets or cells, or those where a mask is true.
-
-    Args:
-        what: Who asks, for the message.
-        given: Numbers, or a mask.
-        kind: "facets" or "cells".
-        sizes: How many the rank owns, and with its ghosts.
-    """
+    """The given numbers, or those where a mask is true; the sizes are without and with ghosts."""
     array = np.asarray(given)
-    if array.ndim == 1 and array.size == 0:  # a rank may have none
-        return np.zeros(0, dtype=np.int32)
+    if array.shape == (0,):  # a rank may have none
+        return array.astype(np.int32)
     if array.dtype == np.bool_ and array.ndim == 1:
         if array.size not in sizes:
             raise ValueError(

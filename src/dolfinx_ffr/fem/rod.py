@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from mpi4py import MPI
@@ -12,14 +13,13 @@ from dolfinx import mesh
 from numpy.typing import NDArray
 
 from .. import validation
+from ..limits import check_count
+from ..parallel import agreed_memory, on_every_rank
 from .regions import Predicate, located_cells
 
-__all__ = ["rod_mesh"]
-
-_CELLS = {
-    2: {"quadrilateral": mesh.CellType.quadrilateral, "triangle": mesh.CellType.triangle},
-    3: {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron},
-}
+#: Memory that a body takes for a cell, at least [bytes]
+_BYTES = 400
+_CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 
 
 def rod_mesh(
@@ -31,33 +31,12 @@ def rod_mesh(
     layers: int,
     solid: Predicate | None,
 ) -> tuple[mesh.Mesh, dict[str, Predicate], NDArray[np.bool_]]:
-    """A rod along x from x = 0, symmetric about the other axes.
-
-    Args:
-        what: Who asks, for messages.
-        comm: Communicator over which the mesh is distributed.
-        sizes: Length, height and in space width [m].
-        elements: Numbers of elements along each.
-        cell: Name of the cells.
-        layers: Layers of elements at each end that are not designed.
-        solid: Further cells that stay solid.
-
-    Returns:
-        The mesh, the interfaces ``"left"`` and ``"right"``, and the cells of this rank that stay
-        solid.
-
-    Raises:
-        TypeError: If an argument is of a wrong kind.
-        ValueError: If a number is out of range.
-    """
+    """A rod along x: mesh, interfaces ``"left"`` and ``"right"``, mask of cells that stay solid."""
     dim = len(sizes)
     validation.instance(f"{what}: comm", comm, MPI.Comm, "an MPI communicator")
-    high = np.array(
-        [
-            validation.number(f"{what}: {name}", size, above=0.0, unit="m")
-            for name, size in zip(("length", "height", "width"), sizes, strict=False)
-        ]
-    )
+    for name, size in zip(("length", "height", "width"), sizes, strict=False):
+        validation.number(f"{what}: {name}", size, above=0.0, unit="m")
+    high = np.array(sizes, dtype=np.float64)
     expected = "two numbers" if dim == 2 else "three numbers"
     validation.real_array(f"{what}: elements", elements, (dim,), expected=expected)
     counts = [validation.integer(f"{what}: elements", n, least=1) for n in elements]
@@ -68,7 +47,12 @@ def rod_mesh(
             f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}; "
             f"take more elements along the rod or fewer solid {pieces}"
         )
-    kind = _CELLS[dim][validation.choice(f"{what}: cell", cell, _CELLS[dim])]
+    # of triangles each rectangle is cut into four, of tetrahedra each box into six
+    count = math.prod(counts) * {"triangle": 4, "tetrahedron": 6}.get(cell, 1)
+    room = agreed_memory(comm) * comm.size
+    with on_every_rank(comm, what):
+        check_count(what, count, "cells", "take fewer elements", each=_BYTES, available=room)
+    kind = getattr(mesh.CellType, validation.choice(f"{what}: cell", cell, _CELLS[dim]))
     low = np.zeros(dim)
     high[1:] *= 0.5
     low[1:] = -high[1:]
@@ -80,15 +64,9 @@ def rod_mesh(
     length = float(high[0])
     eps = 1e-6 * length / counts[0]
     inner = layers * length / counts[0]
-
-    def at_the_ends(x: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return np.asarray((x[0] < inner + eps) | (x[0] > length - inner - eps))
-
     kept = located_cells(domain, f"{what}: solid", solid)
     if layers:
-        kept |= located_cells(domain, name, at_the_ends)
-    ends: dict[str, Predicate] = {
-        "left": lambda x: x[0] < eps,
-        "right": lambda x: x[0] > length - eps,
-    }
-    return domain, ends, kept
+        kept |= located_cells(
+            domain, name, lambda x: (x[0] < inner + eps) | (x[0] > length - inner - eps)
+        )
+    return domain, {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps}, kept

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A body in space as tetrahedra, all of them on rank 0, and a body made of such tetrahedra.
 
-They know which of their faces are interfaces and which of them are not designed, so that what is
-cut out of them knows it too.
+They carry interfaces and regions, so that parts that are cut out of them have these, too.
 """
 
 from __future__ import annotations
@@ -15,17 +14,12 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parallel import on_every_rank
 from . import _compat
 from .domain import Domain
-from .gathered_mesh import CORNERS, GatheredMesh
-
-__all__ = ["DESIGNED", "SOLID", "VOID", "Tetrahedra", "numbered"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from .gathered_mesh import CORNERS, Array, GatheredMesh, Integers
+from .mesh_checks import vertex_nodes
 
 #: Regions of a body
 DESIGNED, SOLID, VOID = 0, 1, 2
@@ -33,6 +27,8 @@ DESIGNED, SOLID, VOID = 0, 1, 2
 _FACES = np.array(
     [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [0, 3, 2, 1], [4, 5, 6, 7]]
 )
+#: Corners of the face opposite of each corner of a tetrahedron
+_OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 #: Corners of a hexahedron in the order of VTK
 _CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
@@ -50,9 +46,11 @@ _RED = np.array(
         [[0, 2], [1, 2], [1, 3], [2, 3]],
     ]
 )
-#: Most tetrahedra of a body: what is cut out of them has fewer than 2^21 points, below which three
-#: numbers of points make one of 64 bits
+#: Most tetrahedra of a body: a part that is cut out of them has fewer than 2^21 points, so that
+#: three numbers of points make one of 64 bits
 _MOST = 4_000_000
+#: Factors by which three numbers below 2^21 make one
+_KEY = np.array([2**42, 2**21, 1])
 #: Steps in which coordinates are told apart, over the size of the body
 _STEPS = 2**20
 
@@ -71,55 +69,33 @@ class Tetrahedra:
     def of(domain: Domain, finer: int = 0) -> Tetrahedra:
         """A body in space, its cells cut into tetrahedra; collective.
 
-        Faces between cells are cut in the same way from both sides.
-
-        Args:
-            domain: Of hexahedra or tetrahedra; curved cells are taken to be straight.
-            finer: 0, 1, 2, ... for ever smaller tetrahedra. Hexahedra become 12, 24, 96, 192, 324,
-                ... of them, tetrahedra 1, 8, 64, ...
-
-        Raises:
-            ValueError: On every rank, if they would be more than four millions.
+        With ``finer`` = 0, 1, 2, ... a hexahedron becomes 12, 24, 96, 192, 324, ..., a tetrahedron
+        1, 8, 64, ... of them.
         """
         Tetrahedra.check(domain, finer)
         mesh = GatheredMesh.of(domain)
         regions = np.where(domain.void_cells, VOID, np.where(domain.solid_cells, SOLID, DESIGNED))
-        regions, facets = mesh.cell_values(regions), mesh.cell_values(_facets(domain))
+        of_cells = map(mesh.cell_values, (_facets(domain), regions))
+        body = Tetrahedra(mesh.points, mesh.cells, *of_cells)
         if domain.comm.rank:
             none = np.zeros((0, 4), dtype=np.int64)
-            return Tetrahedra(mesh.points, none, none, np.zeros(0, dtype=np.int64))
-        points, cells = mesh.points, mesh.cells
-        if cells.shape[1] == 4:
+            return Tetrahedra(body.points, none, none, body.regions)
+        if domain.cell == "tetrahedron":
             for _ in range(finer):
-                weights = np.mean(np.eye(4)[_RED], axis=2)
-                points, cells, facets, regions = _divided(points, cells, facets, regions, weights)
-            return Tetrahedra(points, cells, facets, regions)
+                body = _divided(body, np.mean(np.eye(4)[_RED], axis=2))
+            return body
         if finer > 1:
-            weights = _cubes(finer // 2 + 1)
-            points, cells, facets, regions = _divided(points, cells, facets, regions, weights)
-        return _split(points, cells, facets, regions, with_faces=finer % 2 == 1)
+            body = _divided(body, _cubes(finer // 2 + 1))
+        return _split(body, with_faces=finer % 2 == 1)
 
     @staticmethod
     def size(domain: Domain, finer: int = 0) -> float:
-        """Edge of the cube that six mean tetrahedra fill [m].
-
-        Args:
-            domain: As for `of`.
-            finer: As for `of`.
-        """
+        """Edge of the cube that six mean tetrahedra fill [m]."""
         return domain.cell_size * (6.0 / Tetrahedra.each(domain, finer)) ** (1.0 / 3.0)
 
     @staticmethod
     def check(domain: Domain, finer: int) -> None:
-        """Refuse more tetrahedra than can be cut.
-
-        Args:
-            domain: As for `of`.
-            finer: As for `of`.
-
-        Raises:
-            ValueError: On every rank, if they would be more than four millions.
-        """
+        """Refuse more tetrahedra than can be cut."""
         count = domain.n_cells_global * Tetrahedra.each(domain, finer)
         if count > _MOST:
             raise ValueError(
@@ -129,12 +105,7 @@ class Tetrahedra:
 
     @staticmethod
     def each(domain: Domain, finer: int) -> int:
-        """Number of tetrahedra that a cell becomes.
-
-        Args:
-            domain: As for `of`.
-            finer: As for `of`.
-        """
+        """Number of tetrahedra that a cell becomes."""
         if domain.cell == "tetrahedron":
             return int(8**finer)
         return 12 * (1 + finer % 2) * (finer // 2 + 1) ** 3
@@ -146,84 +117,52 @@ class Tetrahedra:
         centers: Mapping[str, Sequence[float]],
         order: int,
     ) -> Domain:
-        """A body of these tetrahedra; collective. Void ones are left out.
-
-        Args:
-            comm: Communicator over which it is distributed.
-            names: Of the interfaces, by their numbers; those without a facet are left out.
-            centers: Reference points of the interfaces [m].
-            order: Polynomial order of the displacements.
-
-        Raises:
-            ValueError: On every rank, as `Domain`.
-        """
+        """A body of what is not void; facets refer to places in ``names``; collective."""
         with on_every_rank(comm, "a body of tetrahedra"):
             there = self.regions != VOID
             used, cells = np.unique(self.cells[there], return_inverse=True)
             cells = cells.reshape(-1, 4)
             tags, solid = self.facets[there], self.regions[there] == SOLID
-            sides = cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]]
+            sides = cells[:, _OPPOSITE]
             triples = {n: np.sort(sides[tags == i], axis=1) for i, n in enumerate(names)}
         triples, solid = comm.bcast((triples, solid))
         mesh = _compat.create_mesh(comm, cells, self.points[used], "tetrahedron", 1)
-        corners = _compat.entity_vertices(mesh, 3)
-        node = np.zeros(int(corners.max(initial=-1)) + 1, dtype=np.int64)
         number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-        node[corners] = number[_compat.cell_geometry(mesh)]
+        node = number[vertex_nodes(mesh)]
         sides = np.sort(node[_compat.entity_vertices(mesh, 2)], axis=1)
         held = {
-            name: np.flatnonzero(_among(sides, triple)).astype(np.int32)
+            name: np.flatnonzero(np.isin(sides @ _KEY, triple @ _KEY)).astype(np.int32)
             for name, triple in triples.items()
             if len(triple)
         }
         mine = np.asarray(mesh.topology.original_cell_index)
         chosen = solid[mine[: mesh.topology.index_map(3).size_local]]
         kept = {name: center for name, center in centers.items() if name in held}
-        # a part all of which stays solid has nothing that could be designed again
+        # a part that stays solid everywhere has nothing that could be designed again
         return Domain(mesh, held, None if np.all(solid) else chosen, order=order, centers=kept)
 
 
-def _among(rows: Integers, of: Integers) -> NDArray[np.bool_]:
-    """Which rows of three numbers below two millions are among others."""
-    scale = np.array([2**42, 2**21, 1])
-    return np.isin(rows @ scale, of @ scale)
-
-
 def _facets(domain: Domain) -> Integers:
-    """Number of the interface of each facet of the cells of this rank, -1 where it is none.
-
-    Facets of tetrahedra are numbered by the corner opposite of them, those of hexahedra as above.
-    """
+    """Number of the interface, or -1, of each facet of this rank's cells, as `_FACES` has them."""
     topology = domain.mesh.topology
-    tag = np.full(
-        topology.index_map(2).size_local + topology.index_map(2).num_ghosts, -1, dtype=np.int64
-    )
+    facets = topology.index_map(2)
+    tag = np.full(facets.size_local + facets.num_ghosts, -1, dtype=np.int64)
     for i, part in enumerate(domain.interfaces.values()):
         tag[part.facets] = i
-    sides = [list(side) for side in basix.topology(getattr(basix.CellType, domain.cell))[2]]
-    order = CORNERS[domain.cell]
-    if domain.cell == "tetrahedron":
-        wanted = [{0, 1, 2, 3} - {i} for i in range(4)]
-    else:
-        wanted = [{order[i] for i in side} for side in _FACES]
-    columns = [next(k for k, side in enumerate(sides) if set(side) == w) for w in wanted]
+    sides = [sorted(side) for side in basix.topology(getattr(basix.CellType, domain.cell))[2]]
+    wanted = np.array(CORNERS[domain.cell])[_OPPOSITE if domain.cell == "tetrahedron" else _FACES]
+    columns = [sides.index(side) for side in np.sort(wanted, axis=1).tolist()]
     of_cells = np.asarray(topology.connectivity(3, 2).array).reshape(-1, len(sides))
     return np.asarray(tag[of_cells[: domain.n_cells][:, columns]])
 
 
 def numbered(points: Array) -> tuple[Array, Integers]:
-    """Points that are told apart, and the number of each given one among them.
-
-    Args:
-        points: Shape (n, 3) [m].
-    """
+    """The different points among points (n, 3), and the number of each given point among them."""
     low = points.min(axis=0)
     step = float(np.max(np.ptp(points, axis=0))) / _STEPS
     # off the round numbers: one and the same point would be rounded to either side of a half
     whole = np.floor((points - low) / step + 0.3127).astype(np.int64)
-    _, first, which = np.unique(
-        whole @ np.array([2**42, 2**21, 1]), return_index=True, return_inverse=True
-    )
+    _, first, which = np.unique(whole @ _KEY, return_index=True, return_inverse=True)
     return points[first], which
 
 
@@ -235,33 +174,26 @@ def _cubes(n: int) -> Array:
     return np.asarray(np.prod(factors, axis=3))
 
 
-def _divided(
-    points: Array, cells: Integers, facets: Integers, regions: Integers, weights: Array
-) -> tuple[Array, Integers, Integers, Integers]:
-    """Cells divided into ones of the same kind, by weights (parts, corners, corners)."""
+def _divided(body: Tetrahedra, weights: Array) -> Tetrahedra:
+    """Cells, also hexahedra, divided into cells alike, by weights (parts, corners, corners)."""
     parts, corners = weights.shape[:2]
-    places = np.einsum("pkc,nci->npki", weights, points[cells])
-    points, which = numbered(places.reshape(-1, 3))
-    sides = _FACES if corners == 8 else np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+    positions = np.einsum("pkc,nci->npki", weights, body.points[body.cells])
+    points, which = numbered(positions.reshape(-1, 3))
+    sides = _FACES if corners == 8 else _OPPOSITE
     # a side of a part is on that side of the cell whose corners alone give its corners
-    tags = np.full((len(cells), parts, len(sides)), -1, dtype=np.int64)
+    tags = np.full((len(body.cells), parts, len(sides)), -1, dtype=np.int64)
     for part, i in product(range(parts), range(len(sides))):
         needed = np.any(weights[part, sides[i]] > 1e-12, axis=0)
         for j, side in enumerate(sides):
             if not np.any(np.delete(needed, side)):
-                tags[:, part, i] = facets[:, j]
-    return (
-        points,
-        which.reshape(-1, corners),
-        tags.reshape(-1, len(sides)),
-        np.repeat(regions, parts),
-    )
+                tags[:, part, i] = body.facets[:, j]
+    cells, facets = which.reshape(-1, corners), tags.reshape(-1, len(sides))
+    return Tetrahedra(points, cells, facets, np.repeat(body.regions, parts))
 
 
-def _split(
-    points: Array, cells: Integers, facets: Integers, regions: Integers, *, with_faces: bool
-) -> Tetrahedra:
-    """Hexahedra as 12 tetrahedra about their middle, or as 24 with those of their faces."""
+def _split(body: Tetrahedra, *, with_faces: bool) -> Tetrahedra:
+    """Hexahedra as 12 tetrahedra about their middle, or as 24 with the middles of their faces."""
+    points, cells = body.points, body.cells
     sides = cells[:, _FACES]
     middle = len(points) + np.arange(len(cells))
     every = [points, points[cells].mean(axis=1)]
@@ -283,13 +215,8 @@ def _split(
     for triangle in triangles:
         inner = np.broadcast_to(middle[:, None, None], (*triangle.shape[:2], 1))
         found.append(np.concatenate([triangle, inner], axis=2).reshape(-1, 4))
-        tag = np.full((facets.size, 4), -1, dtype=np.int64)
-        tag[:, 3] = facets.ravel()
+        tag = np.full((body.facets.size, 4), -1, dtype=np.int64)
+        tag[:, 3] = body.facets.ravel()
         tags.append(tag)
-    count = len(triangles)
-    return Tetrahedra(
-        np.vstack(every),
-        np.concatenate(found),
-        np.concatenate(tags),
-        np.tile(np.repeat(regions, 6), count),
-    )
+    regions = np.tile(np.repeat(body.regions, 6), len(triangles))
+    return Tetrahedra(np.vstack(every), np.concatenate(found), np.concatenate(tags), regions)

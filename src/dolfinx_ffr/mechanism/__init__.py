@@ -3,39 +3,51 @@
 
 from __future__ import annotations
 
-from . import forces, joints, spatial_joints
-from .elements import Element, ElementKind
-from .forces import *  # noqa: F403
+from ..documentation import explain_fields
+from .forces import AppliedForce, Bushing, Force, SpringDamper, Torque, TorsionalSpringDamper
 from .initial_conditions import Assembled, Placement, Start, StaticEquilibrium
-from .joints import *  # noqa: F403
+from .joints import (
+    Cylindrical,
+    Distance,
+    Gear,
+    Joint,
+    LinearDrive,
+    Planar,
+    PointOnLine,
+    PointOnPlane,
+    PrescribedAngle,
+    PrescribedPosition,
+    Revolute,
+    Spherical,
+    Translational,
+    Universal,
+    Weld,
+)
 from .marker import BodyPoint, Ground, Marker, Moving, Pair, Triple, marker_name
 from .mechanism import Mechanism, PointMass, RayleighDamping
-from .motion import Motion, Signal, check_signal, evaluated, sample, tabulated
-from .rotation import RotationLike, rotation_matrix, rotation_vector
-from .rows import Row, RowKind, Undeformed
-from .spatial_joints import *  # noqa: F403
-from .spatial_rows import (
-    ANGULAR,
-    BodyVector,
-    SpatialElement,
-    SpatialLoad,
-    SpatialRow,
-    SpatialRowKind,
-    SpatialSpring,
-    UndeformedInSpace,
-    VectorKind,
-)
+from .motion import Motion, Signal, check_signal, evaluated, is_zero, sample, tabulated
+from .parts import aligned, coincidence, on_line, on_plane, parallel, relative_angle, turning
+from .rotation import PlacementWarning, RotationLike, rotation_matrix, rotation_vector
+from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
 from .symbols import Line, Pin, Slider, Spring, Square, Symbol
+from .undeformed import Undeformed
 
 __all__ = [
-    "ANGULAR",
+    "AppliedForce",
     "Assembled",
     "BodyPoint",
     "BodyVector",
+    "Bushing",
+    "Cylindrical",
+    "Distance",
     "Element",
-    "ElementKind",
+    "Force",
+    "Gear",
     "Ground",
+    "Joint",
     "Line",
+    "LinearDrive",
+    "Load",
     "Marker",
     "Mechanism",
     "Motion",
@@ -43,35 +55,53 @@ __all__ = [
     "Pair",
     "Pin",
     "Placement",
+    "PlacementWarning",
+    "Planar",
     "PointMass",
+    "PointOnLine",
+    "PointOnPlane",
+    "PrescribedAngle",
+    "PrescribedPosition",
     "RayleighDamping",
+    "Revolute",
     "RotationLike",
     "Row",
     "RowKind",
     "Signal",
     "Slider",
-    "SpatialElement",
-    "SpatialLoad",
-    "SpatialRow",
-    "SpatialRowKind",
-    "SpatialSpring",
+    "Spherical",
     "Spring",
+    "SpringDamper",
+    "SpringRow",
     "Square",
     "Start",
     "StaticEquilibrium",
     "Symbol",
+    "Torque",
+    "TorsionalSpringDamper",
+    "Translational",
     "Triple",
     "Undeformed",
-    "UndeformedInSpace",
+    "Universal",
     "VectorKind",
+    "Weld",
+    "aligned",
     "check_signal",
+    "coincidence",
+    "direction",
     "evaluated",
+    "is_zero",
     "marker_name",
+    "on_line",
+    "on_plane",
+    "parallel",
+    "point",
+    "relative_angle",
     "rotation_matrix",
     "rotation_vector",
     "sample",
     "tabulated",
+    "turning",
 ]
-__all__ += forces.__all__
-__all__ += joints.__all__
-__all__ += spatial_joints.__all__
+
+explain_fields(globals())

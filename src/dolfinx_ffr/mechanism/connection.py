@@ -1,18 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""What joints and forces have in common: the markers that they connect, a name, and checks."""
+"""Base class of joints and forces: the markers that they connect, a name, and checks."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from .. import validation
-from .marker import Marker, check_marker, marker_name
+from .marker import BodyPoint, Marker, check_marker, marker_name
 from .symbols import Symbol
-
-__all__ = ["Connection"]
 
 
 @dataclass(frozen=True)
@@ -23,11 +19,9 @@ class Connection:
         TypeError: If something else stands where a marker belongs.
     """
 
-    #: What messages call it.
-    kind: ClassVar[str]
+    kind: ClassVar[str]  #: "joint" or "force", for messages.
 
     def __post_init__(self) -> None:
-        """Check the markers."""
         what = f"{self.kind} {type(self).__name__}"
         for marker in self.markers:
             check_marker(what, marker)
@@ -35,16 +29,21 @@ class Connection:
 
     @property
     def markers(self) -> tuple[Marker, ...]:
-        """The markers that it connects, or the one on which it acts."""
-        raise NotImplementedError
+        """The markers that it connects, or on which it acts: its fields declared as markers."""
+        kinds = (Marker, BodyPoint, "Marker", "BodyPoint")
+        return tuple(getattr(self, f.name) for f in fields(self) if f.type in kinds)
+
+    #: Kinds of symbols at its markers. Default: a pin for joints, nothing for forces.
+    drawn: ClassVar[tuple[type[Symbol], ...]] = ()
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
-        """What pictures show of it: of a joint a pin, of a force nothing, where nothing is said."""
-        return ()
+        """Symbols to draw."""
+        return tuple(kind(self.markers) for kind in self.drawn)
 
     #: Whether it is one in the plane only, or in space only; None where it is both.
     dimension: ClassVar[int | None] = None
+    in_the_plane: ClassVar[str] = ""  #: What to use instead in the plane.
 
     @property
     def label(self) -> str:
@@ -54,32 +53,11 @@ class Connection:
         return given or f"{type(self).__name__}({between})"
 
     def validate(self, label: str) -> None:
-        """Check the numbers.
-
-        Args:
-            label: Its name, for the message.
-
-        Raises:
-            TypeError: If an argument is of a wrong kind.
-            ValueError: If a number is out of range or no marker is on a body.
-        """
+        """Refuse wrong kinds (TypeError) and numbers (ValueError), by the name ``label``."""
         what = f"{self.kind} {label!r}"
         if not any(isinstance(marker, tuple) for marker in self.markers):
             raise ValueError(f"{what} has no marker on a body")
         self._check(what)
-        if type(self)._faults is not Connection._faults:
-            warnings.warn(
-                f"{type(self).__name__} overrides _faults, which the next release ignores: name "
-                "the method _check(self, what), and let it raise",
-                DeprecationWarning,
-                stacklevel=2,
-            )
-            for fault in self._faults():
-                raise ValueError(f"{what}{fault}")
-
-    def _faults(self) -> Iterator[str]:
-        """What `_check` was in the release before: what is wrong, as after the name."""
-        yield from ()
 
     def _check(self, what: str) -> None:
-        """Check the numbers of a joint or force, which messages call ``what``."""
+        """Refuse wrong arguments of a joint or force, which errors call ``what``."""

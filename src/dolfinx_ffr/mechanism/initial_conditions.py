@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Ways in which the motion of a mechanism begins.
+"""Initial conditions: placements, and how the start is found from them.
 
-Either way the joints close at the start: positions hold C(y, 0) = 0 and velocities dC/dt = 0, and
+The joints always close at the start: positions satisfy C(y, 0) = 0 and velocities dC/dt = 0, and
 the accelerations follow from the equations of motion.
 """
 
@@ -16,9 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .marker import Pair, Triple, check_position
-from .rotation import RotationLike, checked_rotation, rotation_matrix, rotation_vector
-
-__all__ = ["Assembled", "Placement", "Start", "StaticEquilibrium"]
+from .rotation import (
+    RotationLike,
+    ask_for_radians,
+    checked_rotation,
+    rotation_matrix,
+    rotation_vector,
+)
 
 Array = NDArray[np.float64]
 
@@ -33,30 +37,25 @@ class Placement:
 
     #: Position of the origin of the body's frame, of three components in space [m].
     position: Pair | Triple = (0.0, 0.0)
-    #: Angle of the body's frame in the plane [rad].
-    angle: float = 0.0
+    angle: float = 0.0  #: Angle of the body's frame in the plane [rad].
     #: Velocity of the origin of the body's frame, likewise [m/s].
     velocity: Pair | Triple = (0.0, 0.0)
     #: Angular velocity, in space of three components along the global axes [rad/s].
     angular_velocity: float | Triple = 0.0
     #: Rotation of the body's frame in space: a vector along its axis as long as the angle [rad], a
-    #: matrix whose columns are the axes of the frame, or a rotation of SciPy; None is none.
+    #: matrix whose columns are the axes of the frame, or a rotation of SciPy; None is none. For
+    #: torsional springs about its axis a vector is an unwrapped angle; a matrix has no full turns.
     rotation: RotationLike | None = None
 
     def validate(self, what: str) -> None:
-        """Check the numbers.
+        """Refuse, by the name ``what``, anything but finite numbers of the right count.
 
-        Args:
-            what: Name for the message.
-
-        Raises:
-            TypeError: If something else than numbers is given.
-            ValueError: If there are too many or too few, or one is NaN or infinite.
+        An angle of more than a full turn, as degrees are, brings a PlacementWarning.
         """
         spatial = self._spatial
         for part in ("position", "velocity"):
             check_position(f"{what}: {part}", getattr(self, part), spatial)
-        validation.number(f"{what}: angle", self.angle)
+        ask_for_radians(f"{what}: angle", validation.number(f"{what}: angle", self.angle))
         given = self.angular_velocity
         if np.ndim(given) == 0:
             validation.number(f"{what}: angular_velocity", given)
@@ -87,9 +86,9 @@ class Placement:
 
     @property
     def in_space(self) -> tuple[Array, Array, Array, Array]:
-        """Position [m], rotation as a vector [rad], velocity [m/s] and angular velocity [rad/s].
+        """Position [m], rotation vector [rad], velocity [m/s] and angular velocity [rad/s].
 
-        Of shape (3,) each; the angular velocity is along the axes of the body's frame.
+        Of shape (3,) each, the angular velocity along the axes of the body's frame.
         """
         position, velocity, spin = np.zeros(3), np.zeros(3), np.zeros(3)
         position[: len(self.position)] = self.position
@@ -101,36 +100,20 @@ class Placement:
 
 
 class Start:
-    """A way in which the motion begins."""
+    """How the motion begins."""
 
     #: Whether the static equilibrium is sought from the placements, instead of staying close.
     in_equilibrium: ClassVar[bool] = False
 
     def validate(self, modes: Mapping[str, int]) -> None:
-        """Refuse what does not fit the bodies.
-
-        Args:
-            modes: Number of elastic coordinates by name of the body.
-
-        Raises:
-            ValueError: If a body does not exist or has another number of elastic coordinates.
-        """
+        """Refuse, by a ValueError, what does not fit the bodies' ``modes``, given by body name."""
 
     def elastic_state(self, body: str, modes: int) -> tuple[Array, Array]:
-        """Elastic coordinates of a body at the start and their velocities, shape (modes,) each.
-
-        Args:
-            body: Name of the body.
-            modes: Number of its elastic coordinates.
-        """
+        """Elastic coordinates of a body at the start and their velocities, shape (modes,) each."""
         return np.zeros(modes), np.zeros(modes)
 
     def resized(self, modes: Mapping[str, int]) -> Start:
-        """The same start of bodies with more or fewer shape functions, the first of them alike.
-
-        Args:
-            modes: Number of elastic coordinates by name of the body.
-        """
+        """The same start for bodies with other numbers of ``modes``, the first of them alike."""
         return self
 
 
@@ -151,7 +134,6 @@ class Assembled(Start):
     elastic_velocity: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for what in ("elastic", "elastic_velocity"):
             given = validation.by_name(f"start: {what}", getattr(self, what), "arrays")
             for name, values in given.items():

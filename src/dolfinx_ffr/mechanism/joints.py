@@ -2,18 +2,15 @@
 """Joints of a mechanism, in the plane and in space.
 
 Each joint is one to six scalar constraint equations between two markers, its rows. The
-multipliers of the rows are the forces of the joint, :meth:`Trajectory.joint_force`.
+multipliers of the rows are the forces of the joint, :meth:`Trajectory.joint_force`. Most joints
+exist in the plane and in space; the last ones in this file exist in space only.
 
-Most joints are joints in space as well, where bodies are: then directions have three components,
-and axes count. Those that exist in space only stand in :mod:`.spatial_joints`.
-
-A joint is all that is known about it: a new one derives from :class:`Joint`, with its markers, its
-rows and, where a pin is not what it looks like, its symbols.
+A class is all that the package knows of a joint: a new one derives from :class:`Joint`, with its
+markers, its rows and, where pictures show something else than a pin, its symbols.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
@@ -23,107 +20,70 @@ from .. import validation
 from .connection import Connection
 from .marker import Ground, Marker, Pair, Triple, axis_vector
 from .motion import Motion
-from .rows import Row, RowKind, Undeformed
-from .spatial_parts import (
+from .parts import (
     aligned,
     coincidence,
-    in_space,
     on_line,
     on_plane,
     parallel,
+    relative_angle,
     turning,
 )
-from .spatial_rows import SpatialRow, SpatialRowKind, UndeformedInSpace, point
+from .rows import Row, RowKind, direction, point
 from .symbols import Line, Pin, Slider, Square, Symbol
+from .undeformed import Undeformed
 
-__all__ = [
-    "Distance",
-    "Gear",
-    "Joint",
-    "LinearDrive",
-    "PointOnLine",
-    "PrescribedAngle",
-    "PrescribedPosition",
-    "Revolute",
-    "Translational",
-    "Weld",
-]
+#: The global axes.
+_GROUND = Ground()
+#: Joints of two markers at one point, by dimension.
+_PINS = {2: "Revolute", 3: "Spherical"}
+#: Cosine of the angle of two axes beyond the error of rough placements.
+_ASKEW = 0.5
 
 
 @dataclass(frozen=True)
 class Joint(Connection):
-    """What all joints have in common."""
+    """Base class of all joints."""
 
     kind: ClassVar[str] = "joint"
-    #: Whether its markers cannot move against each other.
-    rigid: ClassVar[bool] = False
+    drawn: ClassVar[tuple[type[Symbol], ...]] = (Pin,)
+    rigid: ClassVar[bool] = False  #: Whether its markers cannot move against each other.
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        raise NotImplementedError
-
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        """The scalar constraint equations of the joint.
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        """The scalar constraint equations of the joint, in the plane or in space.
 
         Args:
-            label: Its name, for messages.
-            undeformed: Settles what the joint leaves to the placements.
+            undeformed: The placements, which supply what the joint leaves open, and the dimension.
 
         Raises:
-            ValueError: If its markers coincide where they must not.
+            ValueError: If its markers coincide where they must not, or an argument has no meaning
+                in the plane or in space.
         """
         raise NotImplementedError
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        """The scalar constraint equations of the joint in space.
-
-        Args:
-            label: Its name, for messages.
-            undeformed: Settles what the joint leaves to the placements.
-
-        Raises:
-            ValueError: If it is a joint in the plane only, if its markers coincide where they must
-                not, or if an argument has no meaning in space.
-        """
-        raise ValueError(f"joint {label!r}: {type(self).__name__} is a joint in the plane only")
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return (Pin(self.markers),)
 
 
 @dataclass(frozen=True)
 class _Between(Joint):
     """A joint between two markers."""
 
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        return self.a, self.b
+    a: Marker  #: First marker.
+    b: Marker  #: Second marker.
 
 
 @dataclass(frozen=True)
 class Revolute(_Between):
     """Two markers coincide: r_a - r_b = 0, two rows; in space also an axis, five rows.
 
-    In space the axis stays that of the placements on the first body, too.
+    In space the axis has the same direction on the first body as in the placements.
     """
 
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
     #: Axis in space, in the axes of the second marker and of any length.
     axis: Triple = (0.0, 0.0, 1.0)
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        _check_planar_axis(label, self.axis)
-        return _coincidence(self.a, self.b)
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        return [*coincidence(self.a, self.b), *parallel(self.a, self.b, self.axis, undeformed)]
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        shared = parallel(self.a, self.b, self.axis, undeformed)
+        return [*coincidence(self.a, self.b, undeformed), *shared]
 
     def _check(self, what: str) -> None:
         axis_vector(f"{what}: the axis", self.axis)
@@ -133,26 +93,19 @@ class Revolute(_Between):
 class Weld(_Between):
     """Two markers coincide and keep their relative angle: three rows, in space six.
 
-    In space the relative rotation is that of the placements.
+    In space they keep their relative rotation in the placements.
     """
 
-    #: Angle of the first marker minus that of the second [rad]; None takes that of the placements.
+    #: Angle of the first marker minus angle of the second [rad]; None: as in the placements.
     angle: float | None = None
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
 
     rigid: ClassVar[bool] = True
+    drawn = (Square,)
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        return [*_coincidence(self.a, self.b), _angle(self.angle, self.a, self.b, undeformed)]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        _refuse_angle(label, self.angle)
-        return [*coincidence(self.a, self.b), *aligned(self.a, self.b, (0, 0, 1), undeformed)]
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return (Square(self.markers),)
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        fixed = aligned(self.a, self.b, (0.0, 0.0, 1.0), undeformed, self.angle)
+        return [*coincidence(self.a, self.b, undeformed), *fixed]
 
     def _check(self, what: str) -> None:
         _check_angle(what, self.angle)
@@ -165,24 +118,14 @@ class PointOnLine(Joint):
     The line is fixed to the axes of its marker and turns with them.
     """
 
-    #: Marker of the point.
-    point: Marker
-    #: Marker through which the line passes.
-    line: Marker
+    point: Marker  #: Marker of the point.
+    line: Marker  #: Marker through which the line passes.
     #: Direction of the line in the axes of its marker, of any length; x, also in space.
     direction: Pair | Triple = (1.0, 0.0)
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        return self.point, self.line
-
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        return [_line(self.point, self.line, _in_plane(label, self.direction))]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        return on_line(self.point, self.line, in_space(self.direction))
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        return on_line(self.point, self.line, self.direction, undeformed)
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
@@ -197,26 +140,20 @@ class Translational(_Between):
     """A sliding joint that keeps the relative angle: two rows, in space five (a prismatic joint).
 
     The first marker stays on a line through the second, which is fixed to the axes of the second
-    and turns with them, and its angle against the second does not change. In space the relative
-    rotation stays that of the placements.
+    and turns with them, and its angle against the second does not change. In space the markers keep
+    their relative rotation in the placements.
     """
 
     #: Direction of the line in the axes of the second marker, of any length; x, also in space.
     direction: Pair | Triple = (1.0, 0.0)
-    #: Angle of the first marker minus that of the second [rad]; None takes that of the placements.
+    #: Angle of the first marker minus angle of the second [rad]; None: as in the placements.
     angle: float | None = None
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        line = _line(self.a, self.b, _in_plane(label, self.direction))
-        return [line, _angle(self.angle, self.a, self.b, undeformed)]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        _refuse_angle(label, self.angle)
-        line = in_space(self.direction)
-        rows = on_line(self.a, self.b, line)
-        return [*rows, *aligned(self.a, self.b, line, undeformed)]
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        line = undeformed.line(self.direction)
+        fixed = aligned(self.a, self.b, line, undeformed, self.angle)
+        return [*on_line(self.a, self.b, self.direction, undeformed), *fixed]
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
@@ -231,33 +168,27 @@ class Translational(_Between):
 class Gear(_Between):
     """The angle of a marker follows that of another, angle_a - ratio angle_b = constant: one row.
 
-    The constant is that of the placements. Wheels with z_a and z_b teeth that mesh from outside
+    The constant follows from the placements. Wheels with z_a and z_b teeth that mesh from outside
     have the ratio -z_b / z_a, an inner gearing and a belt have z_b / z_a; the first marker is on
-    the driven wheel, say. The bearings of the wheels are joints of their own. In space angles are
-    those about axes that the ground holds.
+    the driven wheel, say. The bearings of the wheels are joints of their own. In space the angles
+    are about axes that are fixed to the ground.
     """
 
-    #: Speed of the first marker over that of the second, negative if they turn in opposite senses.
+    #: Speed of the first marker over speed of the second, negative if they turn oppositely.
     ratio: float
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
     #: Axis in space about which the first marker turns, in the global axes and of any length.
     axis: Triple = (0.0, 0.0, 1.0)
-    #: Axis of the second one, likewise; None is that of the first.
+    #: Axis of the second one, likewise; None is the axis of the first.
     second_axis: Triple | None = None
 
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
+    drawn = ()
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
         axes = (self.axis, self.axis if self.second_axis is None else self.second_axis)
         pairs = zip((self.a, self.b), axes, strict=True)
-        vectors = [v for marker, axis in pairs for v in turning(marker, Ground(), axis, undeformed)]
-        return [SpatialRow(SpatialRowKind.GEAR, tuple(vectors), ratio=self.ratio)]
-
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        return [_angle(None, self.a, self.b, undeformed, self.ratio)]
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return ()
+        vectors = [v for marker, axis in pairs for v in turning(marker, _GROUND, axis, undeformed)]
+        return [Row(RowKind.GEAR, tuple(vectors), ratio=self.ratio)]
 
     def _check(self, what: str) -> None:
         if validation.number(f"{what}: the ratio", self.ratio) == 0.0:
@@ -274,32 +205,20 @@ class Distance(_Between):
     A rod without mass between two pins, or a hydraulic cylinder of given stroke.
     """
 
-    #: The distance [m], which must be positive; None takes that of the placements.
+    #: The distance [m], which must be positive; None: as in the placements.
     length: float | Motion | None = None
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        if isinstance(self.length, Motion):
-            return [Row(RowKind.DISTANCE, self.a, self.b, motion=self.length)]
-        length = self.length
-        if length is None:
-            what, remedy = f"joint {label!r}", "a Revolute joins them"
-            length = undeformed.distance(self.a, self.b, what, remedy)
-        return [Row(RowKind.DISTANCE, self.a, self.b, constant=length)]
+    drawn = (Pin, Line)
 
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
+    def rows(self, undeformed: Undeformed) -> list[Row]:
         ends, length = (point(self.a), point(self.b)), self.length
         if isinstance(length, Motion):
-            return [SpatialRow(SpatialRowKind.DISTANCE, ends, motion=length)]
+            return [Row(RowKind.DISTANCE, ends, motion=length)]
         if length is None:
-            what, remedy = f"joint {label!r}", "a Spherical joins them"
-            length = undeformed.distance(self.a, self.b, what, remedy)
-        return [SpatialRow(SpatialRowKind.DISTANCE, ends, constant=length)]
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return (Pin(self.markers), Line(self.markers))
+            remedy = f"a {_PINS[undeformed.dimension]} joins them"
+            length = undeformed.distance(self.a, self.b, remedy)
+        return [Row(RowKind.DISTANCE, ends, constant=length)]
 
     def _check(self, what: str) -> None:
         if self.length is None or isinstance(self.length, Motion):
@@ -315,36 +234,22 @@ class Distance(_Between):
 class PrescribedAngle(Joint):
     """The angle of a marker, against another marker or the ground, follows a motion: one row.
 
-    In space it is the angle about an axis, which a :class:`Revolute` or :class:`Cylindrical` holds:
+    In space it is the angle about an axis, which a :class:`Revolute` or :class:`Cylindrical` fixes:
     zero where the axes of the two markers agree but for a rotation of the axis.
     """
 
-    #: Marker whose angle is prescribed.
-    marker: Marker
-    #: Motion of the angle [rad].
-    motion: Motion
-    #: Marker against which the angle counts.
-    relative_to: Marker = field(default_factory=Ground)
-    #: Name for results and messages.
-    name: str = ""
+    marker: Marker  #: Marker whose angle is prescribed.
+    motion: Motion  #: Motion of the angle [rad].
+    relative_to: Marker = field(default_factory=Ground)  #: Marker against which the angle counts.
+    name: str = ""  #: Name for results and messages.
     #: Axis in space, in the axes of the other marker and of any length.
     axis: Triple = (0.0, 0.0, 1.0)
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        return self.marker, self.relative_to
+    drawn = ()
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        _check_planar_axis(label, self.axis)
-        return [Row(RowKind.ANGLE, self.marker, self.relative_to, motion=self.motion)]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        vectors = turning(self.marker, self.relative_to, self.axis, undeformed, absolute=True)
-        return [SpatialRow(SpatialRowKind.ANGLE, vectors, motion=self.motion)]
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return ()
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        ends = self.marker, self.relative_to
+        return [relative_angle(*ends, self.axis, undeformed, motion=self.motion)]
 
     def _check(self, what: str) -> None:
         _check_motion(what, self.motion)
@@ -355,29 +260,19 @@ class PrescribedAngle(Joint):
 class PrescribedPosition(Joint):
     """The position of a marker along a global axis follows a motion: one row."""
 
-    #: Marker whose position is prescribed.
-    marker: Marker
-    #: Global axis, "x" or "y", in space also "z".
-    axis: Literal["x", "y", "z"]
-    #: Motion of the position [m].
-    motion: Motion
-    #: Name for results and messages.
-    name: str = ""
+    marker: Marker  #: Marker whose position is prescribed.
+    axis: Literal["x", "y", "z"]  #: Global axis, "x" or "y", in space also "z".
+    motion: Motion  #: Motion of the position [m].
+    name: str = ""  #: Name for results and messages.
 
     @property
     def markers(self) -> tuple[Marker, Marker]:
         return self.marker, Ground()
 
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        if self.axis == "z":
-            raise ValueError(f"joint {label!r}: there is no axis z in the plane")
-        kind = RowKind.X if self.axis == "x" else RowKind.Y
-        return [Row(kind, *self.markers, motion=self.motion)]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        vectors = (point(self.marker), point(Ground()))
+    def rows(self, undeformed: Undeformed) -> list[Row]:
         x, y, z = (float(self.axis == name) for name in "xyz")
-        return [SpatialRow(SpatialRowKind.POINT, vectors, (x, y, z), motion=self.motion)]
+        ends = point(self.marker), point(_GROUND)
+        return [Row(RowKind.POINT, ends, (x, y, z), motion=self.motion)]
 
     def _check(self, what: str) -> None:
         validation.choice(f"{what}: the axis", self.axis, ("x", "y", "z"))
@@ -386,38 +281,24 @@ class PrescribedPosition(Joint):
 
 @dataclass(frozen=True)
 class LinearDrive(Joint):
-    """A linear motor or a spindle: how far a marker is along a line follows a motion, one row.
+    """A linear motor or a spindle: the position of a marker along a line follows a motion, one row.
 
-    The line passes through another marker and turns with its axes; the way counts from there. The
+    The line passes through another marker, the origin of the position, and turns with its axes. The
     drive alone leaves the marker free to move across the line, which a :class:`Translational` or a
     :class:`PointOnLine` in the same direction prevents.
     """
 
-    #: Marker that is driven.
-    point: Marker
-    #: Marker from which the way counts.
-    line: Marker
-    #: Motion of the way [m], negative against the direction.
-    motion: Motion
+    point: Marker  #: Marker that is driven.
+    line: Marker  #: Marker at the origin of the position.
+    motion: Motion  #: Motion of the position [m], negative against the direction.
     #: Direction of the line in the axes of its marker, of any length; x, also in space.
     direction: Pair | Triple = (1.0, 0.0)
-    #: Name for results and messages.
-    name: str = ""
+    name: str = ""  #: Name for results and messages.
 
-    @property
-    def markers(self) -> tuple[Marker, Marker]:
-        return self.point, self.line
-
-    def rows(self, label: str, undeformed: Undeformed) -> list[Row]:
-        # The way along a line is the distance from the line across it.
-        x, y = _in_plane(label, self.direction)
-        across = _line(self.point, self.line, (y, -x))
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        # The position along a line is the distance from the plane across it.
+        across = on_plane(self.point, self.line, undeformed.line(self.direction))
         return [replace(across, motion=self.motion)]
-
-    def spatial_rows(self, label: str, undeformed: UndeformedInSpace) -> list[SpatialRow]:
-        return [
-            replace(on_plane(self.point, self.line, in_space(self.direction)), motion=self.motion)
-        ]
 
     @property
     def symbols(self) -> tuple[Symbol, ...]:
@@ -428,25 +309,118 @@ class LinearDrive(Joint):
         _check_motion(what, self.motion)
 
 
-def _coincidence(a: Marker, b: Marker) -> list[Row]:
-    """Two markers at one point."""
-    return [Row(kind, a, b) for kind in (RowKind.X, RowKind.Y)]
+@dataclass(frozen=True)
+class Spherical(_Between):
+    """Two markers coincide: r_a - r_b = 0, three rows."""
+
+    name: str = ""  #: Name for results and messages.
+
+    dimension: ClassVar[int | None] = 3
+    in_the_plane: ClassVar[str] = "a Revolute"
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        return coincidence(self.a, self.b, undeformed)
 
 
-def _line(point: Marker, line: Marker, direction: Pair) -> Row:
-    """A marker on a line through another."""
-    length = math.hypot(*direction)
-    normal = (-direction[1] / length, direction[0] / length)
-    return Row(RowKind.LINE, point, line, normal)
+@dataclass(frozen=True)
+class Universal(_Between):
+    """A universal joint, or Hooke's: two markers coincide, and two axes stay perpendicular.
+
+    Four rows. Each axis belongs to a fork: fixed to one of the bodies, while the other body turns
+    about it.
+    """
+
+    #: Axis of the first marker's fork, in its axes and of any length.
+    axis: Triple = (0.0, 1.0, 0.0)
+    #: Axis of the second marker's fork, in its axes and of any length.
+    second_axis: Triple = (0.0, 0.0, 1.0)
+    name: str = ""  #: Name for results and messages.
+
+    dimension: ClassVar[int | None] = 3
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        here = undeformed.axes(self.a) @ np.asarray(self.axis)
+        there = undeformed.axes(self.b) @ np.asarray(self.second_axis)
+        cosine = float(here @ there / (np.linalg.norm(here) * np.linalg.norm(there)))
+        if abs(cosine) > _ASKEW:
+            angle = np.degrees(np.arccos(np.clip(abs(cosine), 0.0, 1.0)))
+            how = f"at {angle:.3g} degrees" if angle > 1e-3 else "parallel"
+            raise ValueError(
+                f"{undeformed.user}: the two axes of the universal joint must be perpendicular, "
+                f"but in the placements they are {how}; give each fork its axis, in the axes of "
+                "its own marker"
+            )
+        forks = direction(self.a, self.axis), direction(self.b, self.second_axis)
+        return [*coincidence(self.a, self.b, undeformed), Row(RowKind.DOT, forks)]
+
+    def _check(self, what: str) -> None:
+        axis_vector(f"{what}: the axis", self.axis)
+        axis_vector(f"{what}: the second axis", self.second_axis)
 
 
-def _angle(
-    given: float | None, a: Marker, b: Marker, undeformed: Undeformed, ratio: float = 1.0
-) -> Row:
-    """A relative angle that is given, or that of the placements."""
-    if given is None:
-        given = undeformed.angle(a) - ratio * undeformed.angle(b)
-    return Row(RowKind.ANGLE, a, b, ratio=ratio, constant=given)
+@dataclass(frozen=True)
+class Cylindrical(_Between):
+    """A marker slides along an axis through another and turns about it: four rows.
+
+    The axis has the same direction on the first body as in the placements.
+    """
+
+    axis: Triple = (0.0, 0.0, 1.0)  #: Axis, in the axes of the second marker and of any length.
+    name: str = ""  #: Name for results and messages.
+
+    dimension: ClassVar[int | None] = 3
+    drawn = (Slider,)
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        turned = parallel(self.a, self.b, self.axis, undeformed)
+        return [*on_line(self.a, self.b, self.axis, undeformed), *turned]
+
+    def _check(self, what: str) -> None:
+        axis_vector(f"{what}: the axis", self.axis)
+
+
+@dataclass(frozen=True)
+class Planar(_Between):
+    """A marker moves in a plane through another and turns about its normal: three rows.
+
+    The normal has the same direction on the first body as in the placements.
+    """
+
+    #: Normal of the plane, in the axes of the second marker and of any length.
+    normal: Triple = (0.0, 0.0, 1.0)
+    name: str = ""  #: Name for results and messages.
+
+    dimension: ClassVar[int | None] = 3
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        turned = parallel(self.a, self.b, self.normal, undeformed)
+        return [on_plane(self.a, self.b, self.normal), *turned]
+
+    def _check(self, what: str) -> None:
+        axis_vector(f"{what}: the normal", self.normal)
+
+
+@dataclass(frozen=True)
+class PointOnPlane(Joint):
+    """A point stays on a plane through another marker: one row.
+
+    The plane is fixed to the axes of its marker and turns with them.
+    """
+
+    point: Marker  #: Marker of the point.
+    plane: Marker  #: Marker through which the plane passes.
+    #: Normal of the plane, in the axes of its marker and of any length.
+    normal: Triple = (0.0, 0.0, 1.0)
+    name: str = ""  #: Name for results and messages.
+
+    dimension: ClassVar[int | None] = 3
+    in_the_plane: ClassVar[str] = "a PointOnLine"
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        return [on_plane(self.point, self.plane, self.normal)]
+
+    def _check(self, what: str) -> None:
+        axis_vector(f"{what}: the normal", self.normal)
 
 
 def _check_motion(what: str, motion: object) -> None:
@@ -454,41 +428,13 @@ def _check_motion(what: str, motion: object) -> None:
     validation.instance(f"{what}: the motion", motion, Motion, needed)
 
 
-def _in_plane(label: str, direction: Pair | Triple) -> Pair:
-    """A direction in the plane."""
-    if len(direction) == 3:
-        raise ValueError(
-            f"joint {label!r}: the direction of the line has three components, but the bodies are "
-            "in the plane"
-        )
-    return direction
-
-
-def _check_planar_axis(label: str, axis: Triple) -> None:
-    """Refuse an axis that is not perpendicular to the plane."""
-    if axis[0] or axis[1]:
-        raise ValueError(
-            f"joint {label!r}: the axis is perpendicular to the plane in which the bodies are, but "
-            f"it is {tuple(axis)}"
-        )
-
-
-def _refuse_angle(label: str, angle: float | None) -> None:
-    """Refuse an angle where a rotation would be needed."""
-    if angle is not None:
-        raise ValueError(
-            f"joint {label!r}: in space the relative rotation is that of the placements; leave the "
-            "angle out"
-        )
-
-
 def _check_direction(what: str, direction: Pair | Triple) -> None:
     if np.shape(direction) == (3,):
         axis_vector(f"{what}: the direction of the line", direction)
         return
-    plane = validation.plane_vector(f"{what}: the direction of the line", direction)
-    if not math.hypot(*plane) > 0.0:
-        raise ValueError(f"{what}: the direction of the line must not be zero")
+    validation.direction(
+        f"{what}: the direction of the line", direction, 2, expected="two components"
+    )
 
 
 def _check_angle(what: str, angle: float | None) -> None:

@@ -1,46 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""Markers, which joints and forces connect: on a body, on the ground, or moving as prescribed.
+"""Markers, which joints and forces connect.
 
-A marker is
+A :data:`Marker` is a name, not a shape function. It is one of
 
-* a point of a body, written ``("rod", "left")``: name of the body, name of the marker;
+* a point of a body, :data:`BodyPoint`, written ``("rod", "left")``: name of the body, name of one
+  of its markers;
 * a point of the ground, :class:`Ground`;
 * a point that moves as prescribed, :class:`Moving`: a crank of given motion is such a marker, not
   a body.
+
+What stands behind ``"left"`` is a :class:`BodyMarker`, the position and the shape functions of the
+reduced body at that point. The reduction makes it of an :class:`Interface`, boundary facets that
+move as one rigid body, or of a ``PointMarker``, a point of the mesh that deforms with the body.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .motion import Motion, tabulated
-from .rotation import RotationLike, checked_rotation, rotation_matrix
-
-__all__ = [
-    "BodyPoint",
-    "Ground",
-    "Marker",
-    "Moving",
-    "Pair",
-    "Triple",
-    "axis_vector",
-    "check_marker",
-    "check_position",
-    "marker_name",
-    "perpendicular",
-]
+from .rotation import (
+    RotationLike,
+    ask_for_radians,
+    checked_rotation,
+    rotation_matrix,
+    upright_matrix,
+)
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
-
-#: Lengths of axes below this count as zero.
-_SHORTEST = 1e-12
 
 #: Name of a body and name of one of its markers.
 BodyPoint = tuple[str, str]
@@ -58,20 +53,16 @@ class Ground:
             infinite.
     """
 
-    #: Position, of two components in the plane and of three in space [m].
-    position: Pair | Triple = (0.0, 0.0)
-    #: Angle of the marker's axes in the plane [rad].
-    angle: float = 0.0
-    #: Name for messages.
-    name: str = "ground"
+    position: Pair | Triple = (0.0, 0.0)  #: Two components in the plane, three in space [m].
+    angle: float = 0.0  #: Angle of the marker's axes in the plane [rad].
+    name: str = "ground"  #: Name for messages.
     #: Rotation of the marker's axes in space: a vector along its axis as long as the angle [rad], a
     #: matrix whose columns are the axes, or a rotation of SciPy; None is none.
     rotation: RotationLike | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         check_position("ground: position", self.position, self.rotation is not None)
-        validation.number("ground: angle", self.angle)
+        ask_for_radians("ground: angle", validation.number("ground: angle", self.angle))
         validation.name("ground: name", self.name)
         # In tuples, so that markers can be compared.
         object.__setattr__(self, "position", tuple(float(x) for x in self.position))
@@ -89,16 +80,23 @@ class Ground:
         return 2 if any(self.position) or self.angle != 0.0 else None
 
     def tabulate_in_space(self, times: Array, where: str) -> Array:
-        """Position and axes over time, see :meth:`Moving.tabulate_in_space`.
-
-        Args:
-            times: Times, shape (n,) [s].
-            where: The marker's user, for messages.
-        """
+        """Position and axes at times, see :meth:`Moving.tabulate_in_space` for ``where``."""
         table = np.zeros((times.size, 3, 4, 3))
         table[:, 0, 0, : len(self.position)] = self.position
-        table[:, 0, 1:] = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation).T
+        given = self.rotation
+        A = upright_matrix(self.angle) if given is None else rotation_matrix(given)
+        table[:, 0, 1:] = A.T
         return table
+
+    def tabulate_in_plane(self, times: Array, where: str) -> Array:
+        """Position and angle at times, see :meth:`Moving.tabulate_in_plane` for ``where``."""
+        table = np.zeros((times.size, 3, 3))
+        table[:, 0] = *self.position, self.angle
+        return table
+
+    def turns_in_space(self, times: Array, where: str) -> Array:
+        """Zeros at times, see :meth:`Moving.turns_in_space` for ``where``."""
+        return np.zeros((times.size, 3))
 
     @property
     def motions(self) -> tuple[Motion, Motion, Motion]:
@@ -115,14 +113,11 @@ class Moving:
         TypeError: If a coordinate is no Motion.
     """
 
-    #: Motion of the position along x [m].
-    x: Motion
-    #: Motion of the position along y [m].
-    y: Motion
+    x: Motion  #: Motion of the position along x [m].
+    y: Motion  #: Motion of the position along y [m].
     #: Motion of the angle of the marker's axes [rad].
     angle: Motion = field(default_factory=lambda: Motion.constant(0.0))
-    #: Name for messages.
-    name: str = "moving marker"
+    name: str = "moving marker"  #: Name for messages.
     #: Motion of the position along z [m]: the marker is one in space. None in the plane.
     z: Motion | None = None
     #: In space the axis, in the marker's own axes and of any length, about which they turn by the
@@ -132,15 +127,10 @@ class Moving:
     rotation: RotationLike | None = None
 
     def __post_init__(self) -> None:
-        """Check the motions."""
         validation.name("moving marker: name", self.name)
+        needed = "a Motion (Motion.constant(...) where it is held)"
         for part in ("x", "y", "angle", *(["z"] if self.z is not None else [])):
-            validation.instance(
-                f"{self.name}: {part}",
-                getattr(self, part),
-                Motion,
-                "a Motion (Motion.constant(...) where it is held)",
-            )
+            validation.instance(f"{self.name}: {part}", getattr(self, part), Motion, needed)
         axis_vector(f"{self.name}: axis", self.axis)
         if self.rotation is not None:
             rotation = checked_rotation(f"{self.name}: rotation", self.rotation)
@@ -154,17 +144,9 @@ class Moving:
         return 2 if self.z is None else 3
 
     def tabulate_in_space(self, times: Array, where: str) -> Array:
-        """Position and axes over time, with their two derivatives.
+        """Position [m] and the three axes at times, each with its two derivatives.
 
-        Args:
-            times: Times, shape (n,) [s].
-            where: The marker's user, for messages.
-
-        Returns:
-            Array of shape (n, 3 derivatives, 4 vectors, 3): the position [m], then the three axes.
-
-        Raises:
-            ValueError: If a value is NaN or infinite.
+        The shape is (n, 3 derivatives, 4 vectors, 3); ``where`` names the marker's user in errors.
         """
         out = np.zeros((times.size, 3, 4, 3))
         for k, motion in enumerate((self.x, self.y, self.z)):
@@ -181,12 +163,26 @@ class Moving:
             out[:, k, 1:] = part.transpose(0, 2, 1)
         return out
 
+    def tabulate_in_plane(self, times: Array, where: str) -> Array:
+        """x, y [m] and the angle [rad] at times, each with its two derivatives.
+
+        The shape is (n, 3 derivatives, 3); ``where`` names the marker's user in errors.
+        """
+        return np.stack([tabulated(motion, times, where).T for motion in self.motions], axis=2)
+
+    def turns_in_space(self, times: Array, where: str) -> Array:
+        """Unwrapped angle at times, along the axis in global axes, shape (n, 3) [rad].
+
+        ``where`` names the marker's user in errors.
+        """
+        n = np.array(self.axis) / np.linalg.norm(self.axis)
+        n = n if self.rotation is None else rotation_matrix(self.rotation) @ n
+        return tabulated(self.angle, times, where)[0][:, None] * n
+
     @property
     def motions(self) -> tuple[Motion, ...]:
         """Motions of x, y and angle, in space also of z."""
-        if self.z is not None:
-            return self.x, self.y, self.angle, self.z
-        return self.x, self.y, self.angle
+        return (self.x, self.y, self.angle) + (() if self.z is None else (self.z,))
 
     @staticmethod
     def circle(
@@ -214,84 +210,74 @@ class Moving:
         """
         length = validation.number(f"{name}: radius", radius)
         validation.instance(f"{name}: angle", angle, Motion, "a Motion")
+        spatial, what = np.shape(center) == (3,), f"{name}: center"
+        check = validation.real_array if spatial else validation.plane_vector
+        middle = check(what, center)
+        normal = axis_vector(f"{name}: axis", axis) if spatial else (0.0, 0.0, 1.0)
+        first, second = perpendicular(normal)
+        paths = []
+        for c, e, f in zip(middle, first, second, strict=False):
+            # e cos(phi) + f sin(phi) is a cosine with a phase.
+            path = _OnCircle(float(c), length * math.hypot(e, f), angle, math.atan2(f, e))
+            functions = path.value, path.velocity, path.acceleration
+            paths.append(Motion(*functions, angle.name, angle.jumps))
+        if not spatial:
+            return Moving(paths[0], paths[1], angle, name)
+        axes = np.stack([first, second, np.cross(first, second)], axis=1)
+        return Moving(paths[0], paths[1], angle, name, paths[2], rotation=axes)
 
-        def along(middle: float, phase: float) -> Motion:
-            # y is x a quarter turn later; sine and cosine of (phi - phase) serve both.
-            path = _OnCircle(middle, length, angle, phase)
-            parts = path.value, path.velocity, path.acceleration
-            return Motion(*parts, angle.name, angle.jumps)
 
-        if np.shape(center) == (3,):
-            return _circle_in_space(
-                validation.real_array(f"{name}: center", center), length, angle, name, axis
-            )
-        x, y = validation.plane_vector(f"{name}: center", center)
-        return Moving(along(x, 0.0), along(y, math.pi / 2.0), angle, name)
+Marker = BodyPoint | Ground | Moving
 
 
-def _circle_in_space(
-    center: Array, radius: float, angle: Motion, name: str, axis: Triple
-) -> Moving:
-    """A point on a circle about an axis."""
-    third = np.array(axis_vector(f"{name}: axis", axis))
-    first, second = perpendicular(third)
-    motions = []
-    for k in range(3):
-        # A sum of sine and cosine is a cosine of another phase.
-        size = radius * math.hypot(first[k], second[k])
-        path = _OnCircle(float(center[k]), size, angle, math.atan2(second[k], first[k]))
-        motions.append(
-            Motion(path.value, path.velocity, path.acceleration, angle.name, angle.jumps)
+def check_marker(what: str, marker: object) -> None:
+    """Refuse what is no marker with a TypeError."""
+    if isinstance(marker, Ground | Moving):
+        return
+    parts = marker if isinstance(marker, tuple) else ()
+    if len(parts) != 2 or not all(isinstance(part, str) for part in parts):
+        raise TypeError(
+            f'{what}: a marker must be ("body", "marker"), Ground(...) or Moving(...), but it is '
+            f"{validation.described(marker)}"
         )
-    x, y, z = motions
-    axes = np.stack([first, second, np.cross(first, second)], axis=1)
-    return Moving(x, y, angle, name, z, rotation=axes)
+
+
+def marker_name(marker: Marker) -> str:
+    """Name of a marker for messages."""
+    return ".".join(marker) if isinstance(marker, tuple) else marker.name
 
 
 def perpendicular(axis: ArrayLike) -> tuple[Array, Array]:
-    """Two unit vectors that make a right-handed triad with an axis, e_1 x e_2 = axis.
+    """Two unit vectors that make a right-handed triad with an axis (3,), e_1 x e_2 = axis.
 
     Where the axis is z, e_1 is x; where it is x, y; where it is y, z.
-
-    Args:
-        axis: The axis, shape (3,), of any length.
     """
-    n = np.asarray(axis, dtype=np.float64)
+    return _triad(*np.asarray(axis, dtype=np.float64).tolist())
+
+
+@lru_cache(maxsize=64)
+def _triad(x: float, y: float, z: float) -> tuple[Array, Array]:
+    """The two unit vectors of :func:`perpendicular`, read-only because they are cached."""
+    n = np.array([x, y, z])
     n = n / np.linalg.norm(n)
     first = np.eye(3)[(int(np.argmax(np.abs(n))) + 1) % 3]
     first = first - (first @ n) * n
     first /= np.linalg.norm(first)
-    return first, np.cross(n, first)
+    second = np.cross(n, first)
+    first.flags.writeable = second.flags.writeable = False
+    return first, second
 
 
 def axis_vector(what: str, axis: object) -> Triple:
-    """Three numbers that are not all zero.
-
-    Args:
-        what: Name of the axis, for the message.
-        axis: What is given for it.
-
-    Raises:
-        TypeError: If it holds something else than numbers.
-        ValueError: If there are not three, or all are zero.
-    """
-    x, y, z = validation.real_array(what, axis, (3,), expected="three components")
-    if not math.hypot(x, y, z) > _SHORTEST:
-        raise ValueError(f"{what} has no length; give a direction, of any length")
-    return float(x), float(y), float(z)
+    """Three numbers that are not all zero; anything else is a TypeError or ValueError."""
+    x, y, z = validation.direction(what, axis, 3, expected="three components")
+    return x, y, z
 
 
 def check_position(what: str, position: object, spatial: bool) -> None:
-    """Refuse what is no position in the plane or in space.
+    """Refuse what is no position in the plane or, if ``spatial``, in space.
 
-    Args:
-        what: Name of the position, for the message.
-        position: What is given for it.
-        spatial: Whether it must be one in space; zeros in the plane are the origin there, too.
-
-    Raises:
-        TypeError: If it holds something else than numbers.
-        ValueError: If there are too many or too few, or one is NaN or infinite.
+    Two zeros are the origin in space, too.
     """
     if np.shape(position) == (3,):  # type: ignore[arg-type]
         validation.real_array(what, position)
@@ -312,48 +298,13 @@ class _OnCircle:
     phase: float
 
     def value(self, t: Array) -> Array:
-        """The coordinate at times ``t``."""
         return self.middle + self.radius * np.cos(np.asarray(self.angle.value(t)) - self.phase)
 
     def velocity(self, t: Array) -> Array:
-        """Its first derivative at times ``t``."""
         phi = np.asarray(self.angle.value(t)) - self.phase
         return -self.radius * np.sin(phi) * self.angle.velocity(t)
 
     def acceleration(self, t: Array) -> Array:
-        """Its second derivative at times ``t``."""
         phi, rate = np.asarray(self.angle.value(t)) - self.phase, np.asarray(self.angle.velocity(t))
         bend = np.sin(phi) * self.angle.acceleration(t)
         return -self.radius * (np.cos(phi) * rate**2 + bend)
-
-
-Marker = BodyPoint | Ground | Moving
-
-
-def check_marker(what: str, marker: object) -> None:
-    """Refuse what is no marker.
-
-    Args:
-        what: Who asks, for the message.
-        marker: What is given for the marker.
-
-    Raises:
-        TypeError: If it is neither a point of a body nor of the ground nor a moving one.
-    """
-    if isinstance(marker, Ground | Moving):
-        return
-    parts = marker if isinstance(marker, tuple) else ()
-    if len(parts) != 2 or not all(isinstance(part, str) for part in parts):
-        raise TypeError(
-            f'{what}: a marker must be ("body", "marker"), Ground(...) or Moving(...), but it is '
-            f"{validation.described(marker)}"
-        )
-
-
-def marker_name(marker: Marker) -> str:
-    """Name of a marker for messages.
-
-    Args:
-        marker: The marker.
-    """
-    return ".".join(marker) if isinstance(marker, tuple) else marker.name

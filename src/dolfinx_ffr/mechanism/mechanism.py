@@ -22,35 +22,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from .. import validation
+from .connection import Connection
 from .forces import AppliedForce
 from .initial_conditions import Assembled, Placement, Start
 from .joints import Joint
 from .marker import BodyPoint, check_marker, marker_name
 from .motion import Signal, check_signal
 
-__all__ = ["Mechanism", "PointMass", "RayleighDamping"]
-
 
 @dataclass(frozen=True)
 class PointMass:
     """A point mass fixed to a marker of a body."""
 
-    #: Name of the body and name of the marker.
-    marker: BodyPoint
-    #: Mass [kg].
-    mass: float
+    marker: BodyPoint  #: Name of the body and name of the marker.
+    mass: float  #: Mass [kg].
 
 
 @dataclass(frozen=True)
 class RayleighDamping:
     """Damping of the elastic coordinates, alpha times their mass plus beta times the stiffness."""
 
-    #: Mass-proportional coefficient [1/s].
-    alpha: float = 0.0
-    #: Stiffness-proportional coefficient [s].
-    beta: float = 0.0
+    alpha: float = 0.0  #: Mass-proportional coefficient [1/s].
+    beta: float = 0.0  #: Stiffness-proportional coefficient [s].
 
 
 @dataclass(frozen=True)
@@ -62,20 +58,16 @@ class Mechanism:
         ValueError: If a number is out of range, a joint lacks a body, or a name stands twice.
     """
 
-    #: Start of every body, by name of the body.
-    placements: Mapping[str, Placement]
-    #: Joints, in the order of their rows in the multipliers.
-    joints: Sequence[Joint] = ()
-    #: Point masses.
-    point_masses: Sequence[PointMass] = ()
+    placements: Mapping[str, Placement]  #: Start of every body, by name of the body.
+    joints: Sequence[Joint] = ()  #: Joints, in the order of their rows in the multipliers.
+    point_masses: Sequence[PointMass] = ()  #: Point masses.
     #: Acceleration of free fall [m/s^2], for instance (0, -9.81), of three components in space;
     #: numbers or functions of time.
     gravity: tuple[Signal, ...] = (0.0, 0.0)
     #: Damping, by name of the body.
     damping: Mapping[str, RayleighDamping] = field(default_factory=dict)
-    #: Forces, springs and dampers.
-    forces: Sequence[AppliedForce] = ()
-    #: Acceleration of the ground [m/s^2], likewise. All positions are then counted from the moving
+    forces: Sequence[AppliedForce] = ()  #: Forces, springs and dampers.
+    #: Acceleration of the ground [m/s^2], likewise. All positions are then relative to the moving
     #: ground, on which the bodies feel the opposite acceleration.
     ground_acceleration: tuple[Signal, ...] = (0.0, 0.0)
     #: How the motion begins: assembled from the placements, or from the static equilibrium.
@@ -85,7 +77,6 @@ class Mechanism:
     jumps: Sequence[float] = ()
 
     def __post_init__(self) -> None:
-        """Check kinds and numbers."""
         for what in ("gravity", "ground_acceleration"):
             given = validation.listed(what, getattr(self, what), "a pair")
             if len(given) not in (2, 3):
@@ -118,37 +109,34 @@ class Mechanism:
         validation.instance("start", self.start, Start, "Assembled(...) or StaticEquilibrium()")
         joints = validation.instances("joints", self.joints, Joint, "joints, as Revolute(...)")
         forces = validation.instances("forces", self.forces, AppliedForce, "forces, as Force(...)")
-        for what, entries in (
+        for what, things in (
             ("joints", joints),
             ("forces", forces),
             ("point_masses", point_masses),
         ):
-            object.__setattr__(self, what, entries)
-        for joint, label in zip(self.joints, self.joint_names, strict=True):
-            joint.validate(label)
-        for force, label in zip(self.forces, self.force_names, strict=True):
-            force.validate(label)
+            object.__setattr__(self, what, things)
+        for thing, label in self.connections:
+            thing.validate(label)
 
     @property
-    def joint_names(self) -> list[str]:
-        """Names of the joints; names made from the markers are numbered where they repeat.
+    def connections(self) -> list[tuple[Connection, str]]:
+        """All joints and forces, each with its name."""
+        things: tuple[Connection, ...] = (*self.joints, *self.forces)
+        return list(zip(things, [*self.joint_names, *self.force_names], strict=True))
 
-        Raises:
-            ValueError: If two joints have been given the same name.
-        """
+    @cached_property
+    def joint_names(self) -> list[str]:
+        """Names of the joints; names made from the markers are numbered where they repeat."""
         return _names(self.joints, "joints")
 
-    @property
+    @cached_property
     def force_names(self) -> list[str]:
-        """Names of the forces; names made from the markers are numbered where they repeat.
-
-        Raises:
-            ValueError: If two forces have been given the same name.
-        """
+        """Names of the forces; names made from the markers are numbered where they repeat."""
         return _names(self.forces, "forces")
 
 
-def _names(things: Sequence[Joint] | Sequence[AppliedForce], what: str) -> list[str]:
+def _names(things: Sequence[Connection], what: str) -> list[str]:
+    """Names of all joints or all forces; a ValueError if a given name stands twice."""
     names: list[str] = []
     for thing in things:
         label, count = thing.label, 1

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -13,16 +15,31 @@ from .. import validation
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["RotationLike", "checked_rotation", "rotation_matrix", "rotation_vector"]
-
 Array = NDArray[np.float64]
 
 #: A rotation: a vector along its axis whose length is the angle [rad], shape (3,); a matrix, shape
 #: (3, 3), whose columns are the turned axes; or a rotation of SciPy.
 RotationLike: TypeAlias = "ArrayLike | Rotation"
 
-#: Largest deviation of a matrix from one of a rotation.
-_ORTHOGONAL = 1e-9
+
+class PlacementWarning(UserWarning):
+    """A placement is probably wrong.
+
+    The joints close far from where the bodies were placed, so that a placement or a joint is wrong;
+    up to 0.35 rad, and some half of the largest body's length, they are corrected without a word.
+    Or an angle is more than a full turn, as degrees are.
+    """
+
+
+def ask_for_radians(what: str, angle: float) -> None:
+    """Warn of an angle beyond a full turn, which may be one in degrees."""
+    if abs(angle) > 2.0 * math.pi:
+        warnings.warn(
+            f"{what} is {angle:.6g} rad, more than a full turn: if these are degrees, give "
+            f"np.deg2rad({angle:.6g}); if it is meant, ignore this PlacementWarning",
+            PlacementWarning,
+            stacklevel=5,
+        )
 
 
 def _plain(rotation: object) -> object:
@@ -32,53 +49,41 @@ def _plain(rotation: object) -> object:
 
 
 def checked_rotation(what: str, rotation: object) -> RotationLike:
-    """A rotation in tuples, which can be compared; what is none is refused.
+    """A rotation in tuples, which can be compared; anything else is a TypeError or ValueError.
 
-    Args:
-        what: Name of the rotation, for the message.
-        rotation: What is given for it.
-
-    Raises:
-        TypeError: If it holds something else than numbers.
-        ValueError: If it has another shape, or is a matrix but none of a rotation.
+    A vector longer than a full turn, as one in degrees is, is warned of.
     """
     given = validation.real_array(what, _plain(rotation))
     if given.shape == (3,):
+        ask_for_radians(f"the length of {what}", math.hypot(*given))
         return tuple(given.tolist())
     needed = "shape (3,), a vector along the axis as long as the angle, or (3, 3), a matrix"
     validation.real_array(what, given, (3, 3), expected=needed)
-    defect = float(np.max(np.abs(given.T @ given - np.eye(3))))
-    if defect > _ORTHOGONAL or np.linalg.det(given) < 0.0:
-        raise ValueError(
-            f"{what} must be the matrix of a rotation, whose columns are perpendicular unit "
-            f"vectors in a right-handed order, but it is {given.tolist()}"
-        )
-    return tuple(tuple(row) for row in given.tolist())
+    return tuple(tuple(row) for row in validation.rotation(what, given).tolist())
 
 
 def rotation_matrix(rotation: RotationLike) -> Array:
-    """The matrix of a rotation, shape (3, 3).
-
-    Args:
-        rotation: The rotation, see RotationLike.
-    """
+    """The matrix of a rotation, shape (3, 3)."""
     from scipy.spatial.transform import Rotation
 
     given = np.array(_plain(rotation), dtype=np.float64)
     if given.shape == (3, 3):
-        return given
+        return validation.rotation("rotation", given)
     return np.asarray(Rotation.from_rotvec(given).as_matrix())
 
 
-def rotation_vector(rotation: RotationLike) -> Array:
-    """The vector along the axis of a rotation as long as its angle, shape (3,) [rad].
+def upright_matrix(angle: float) -> Array:
+    """The matrix of a rotation about z by an angle [rad], as in the plane, shape (3, 3)."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
-    Args:
-        rotation: The rotation, see RotationLike.
-    """
+
+def rotation_vector(rotation: RotationLike) -> Array:
+    """The vector along the axis of a rotation as long as its angle, shape (3,) [rad]."""
     from scipy.spatial.transform import Rotation
 
     given = np.array(_plain(rotation), dtype=np.float64)
     if given.shape == (3,):
         return given
-    return np.asarray(Rotation.from_matrix(given).as_rotvec())
+    matrix = validation.rotation("rotation", given)
+    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())

@@ -1,127 +1,165 @@
 # SPDX-License-Identifier: MIT
-"""Joints as scalar constraint equations, the rows of the constraint Jacobian.
+"""Joints as scalar constraint equations, and forces as springs against rows and loads on vectors.
 
-A row is one equation
+Both are put together from vectors that are fixed to markers. A vector is a point of a marker, or a
+direction in its axes,
 
-    g(z_a, z_b) = constant + motion(t)
+    s = delta R + A b(q),
 
-of the coordinates z = (x, y, angle) of two markers. The compiled kernels know a few kinds of g; a
-joint is put together from rows of these kinds.
+and a row is one equation
+
+    g(s_1, s_2, ...) = constant + motion(t)
+
+of at most three of them, six for a gear, in the plane and in space alike: the plane has x and y.
+The compiled kernels know a few kinds of g; a joint is put together from rows of these kinds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from .initial_conditions import Placement
-from .marker import BodyPoint, Marker, Pair
-from .motion import Motion, right_hand_side
-
-__all__ = ["Row", "RowKind", "Undeformed"]
+from .marker import Marker, Triple
+from .motion import Motion, Signal, is_zero, sample, tabulated
 
 Array = NDArray[np.float64]
 
 
-class RowKind(IntEnum):
-    """What a row says; the first three are numbered as the coordinate of a marker."""
+class VectorKind(IntEnum):
+    """The meaning of a vector for its marker."""
 
-    #: x_a - ratio x_b.
-    X = 0
-    #: y_a - ratio y_b.
-    Y = 1
-    #: angle_a - ratio angle_b.
-    ANGLE = 2
-    #: Distance of a from a line through b, which is fixed to the axes of b.
-    LINE = 3
-    #: Distance of the two markers, which must be positive.
-    DISTANCE = 4
+    POINT = 0  #: Its position.
+    DIRECTION = 1  #: A direction in its axes, which turns with it.
+    SPIN = 2  #: Its angular velocity; on which moments alone act.
+
+
+class RowKind(IntEnum):
+    """The function g of a row, of the vectors s_1, s_2, ..."""
+
+    POINT = 0  #: n . (s_1 - s_2), n fixed in the global axes; in the plane n is x or y.
+    DOT = 1  #: s_1 . s_2, in space only.
+    PLANE = 2  #: (s_1 - s_2) . s_3; in the plane s_2 and s_3 are of one marker.
+    DISTANCE = 3  #: Length of s_1 - s_2, which must be positive.
+    ANGLE = 4  #: Angle from s_2 to s_1 about s_2 x s_3, atan2(s_1 . s_3, s_1 . s_2).
+    GEAR = 5  #: Angle of the first three less ratio times angle of the last three.
+
+
+@dataclass(frozen=True)
+class BodyVector:
+    """A vector fixed to a marker."""
+
+    marker: Marker
+    kind: VectorKind = VectorKind.POINT
+    components: Triple = (0.0, 0.0, 0.0)  #: Components of a direction in the marker's axes.
+
+
+def point(marker: Marker) -> BodyVector:
+    """The position of a marker."""
+    return BodyVector(marker)
+
+
+def direction(marker: Marker, components: ArrayLike) -> BodyVector:
+    """The unit vector along three components in the axes of a marker."""
+    x, y, z = np.asarray(components, dtype=np.float64).tolist()
+    size = math.sqrt(x * x + y * y + z * z)
+    return BodyVector(marker, VectorKind.DIRECTION, (x / size, y / size, z / size))
 
 
 @dataclass(frozen=True)
 class Row:
-    """One scalar constraint g(z_a, z_b) = constant + motion(t)."""
+    """One scalar constraint g(s_1, s_2, ...) = constant + motion(t)."""
 
-    #: The function g.
-    kind: RowKind
-    #: First marker.
-    a: Marker
-    #: Second marker.
-    b: Marker
-    #: Unit normal of the line, in the axes of the second marker; other kinds have none.
-    normal: Pair = (0.0, 0.0)
-    #: Factor of the second marker's coordinate in X, Y and ANGLE.
-    ratio: float = 1.0
-    #: Constant part of the right-hand side [m or rad].
-    constant: float = 0.0
-    #: Part of the right-hand side over time [m or rad].
-    motion: Motion | None = None
+    kind: RowKind  #: The function g.
+    vectors: tuple[BodyVector, ...]  #: The vectors s_1, s_2, ...
+    normal: Triple = (0.0, 0.0, 0.0)  #: Unit vector of POINT, in the global axes.
+    ratio: float = 1.0  #: Factor of the second angle of GEAR.
+    start_angle: float = 0.0  #: Unwrapped angle of ANGLE in the placements [rad]; 0 for GEAR.
+    constant: float = 0.0  #: Constant part of the right-hand side [m or rad].
+    motion: Motion | None = None  #: Part of the right-hand side over time [m or rad].
+
+    @property
+    def angular(self) -> bool:
+        """Whether g is an angle, so that the multiplier is a moment."""
+        return self.kind in (RowKind.DOT, RowKind.ANGLE, RowKind.GEAR)
 
     def tabulate(self, instants: Array, label: str) -> Array:
-        """Right-hand side and its two derivatives, shape (instants, 3).
-
-        Args:
-            instants: Times, shape (instants,) [s].
-            label: Name of the joint, for messages.
+        """Right-hand side and its two derivatives at times (instants,), shape (instants, 3).
 
         Raises:
-            ValueError: If a value is NaN or infinite, or a distance is not positive.
+            ValueError: If a value is NaN or infinite, or a distance is not positive; the message
+                names the joint by its label.
         """
-        length = self.kind == RowKind.DISTANCE
-        return right_hand_side(self.motion, self.constant, instants, label, positive=length)
+        table = np.zeros((instants.size, 3))
+        if self.motion is not None:
+            table += tabulated(self.motion, instants, f"joint {label!r}").T
+        table[:, 0] += self.constant
+        if self.kind == RowKind.DISTANCE and not np.min(table[:, 0]) > 0.0:
+            k = int(np.argmax(~(table[:, 0] > 0.0)))
+            raise ValueError(
+                f"joint {label!r}: the length must be positive at all times, but it is "
+                f"{table[k, 0]:.6g} m at t = {instants[k]:.6g} s"
+            )
+        return table
 
 
 @dataclass(frozen=True)
-class Undeformed:
-    """Where markers are in the placements, which settles lengths and angles that are not given."""
+class SpringRow:
+    """A spring and a damper: the force stiffness (g - rest) + damping g' against a row's g."""
 
-    #: Start of every body, by name of the body.
-    placements: Mapping[str, Placement]
-    #: Positions of the markers in the frames of their bodies, shape (2,) [m].
-    positions: Mapping[BodyPoint, Array]
-    #: Time of the start, shape (1,) [s].
-    start: Array
+    row: Row
+    stiffness: float  #: Stiffness [N/m or N m/rad].
+    damping: float  #: Damping [N s/m or N m s/rad].
+    rest: Signal = 0.0  #: Value of g without force [m or rad].
 
-    def angle(self, marker: Marker) -> float:
-        """Angle of a marker's axes [rad].
-
-        Args:
-            marker: The marker.
-        """
-        if isinstance(marker, tuple):
-            return self.placements[marker[0]].angle
-        return float(marker.motions[2].tabulate(self.start)[0, 0])
-
-    def position(self, marker: Marker) -> Array:
-        """Position of a marker, shape (2,) [m].
-
-        Args:
-            marker: The marker.
-        """
-        if not isinstance(marker, tuple):
-            return np.array([motion.tabulate(self.start)[0, 0] for motion in marker.motions[:2]])
-        placement, (x, y) = self.placements[marker[0]], self.positions[marker]
-        c, s = math.cos(placement.angle), math.sin(placement.angle)
-        return np.array(placement.position) + np.array([c * x - s * y, s * x + c * y])
-
-    def distance(self, a: Marker, b: Marker, what: str, remedy: str) -> float:
-        """Distance of two markers that must not coincide [m].
-
-        Args:
-            a: First marker.
-            b: Second marker.
-            what: What needs the distance, for the message.
-            remedy: What to do where they coincide, for the message.
+    def tabulate(self, instants: Array, label: str) -> Array:
+        """Value without force, shape (instants, 3), with zeros for its derivatives.
 
         Raises:
-            ValueError: If the markers coincide.
+            ValueError: If an entry is NaN or infinite, or a length negative; the message names the
+                force by its label.
         """
-        length = float(np.hypot(*(self.position(a) - self.position(b))))
-        if not length > 0.0:
-            raise ValueError(f"{what}: the markers coincide in the placements; {remedy}")
-        return length
+        table = np.zeros((instants.size, 3))
+        what = f"force {label!r}: {'angle' if self.row.angular else 'length'}"
+        if not is_zero(self.rest):
+            table[:, 0] = sample(self.rest, instants, what)
+        if self.row.kind == RowKind.DISTANCE and np.min(table[:, 0]) < 0.0:
+            raise ValueError(
+                f"force {label!r}: the length must not be negative, but it is "
+                f"{table[:, 0].min():g} m"
+            )
+        return table
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on a point, or a moment on a marker's spin, given over time."""
+
+    target: BodyVector  #: The point, or the spin.
+    #: Components over time [N or N m]: global ones, or along the axes below.
+    components: tuple[Signal, Signal, Signal]
+    axes: tuple[BodyVector, ...] = ()  #: Directions of the components; empty for the global axes.
+
+    def tabulate(self, instants: Array, label: str) -> Array:
+        """Components over time, shape (instants, 3).
+
+        Raises:
+            ValueError: If an entry is NaN or infinite; the message names the force by its label.
+        """
+        what = "moment about " if self.target.kind == VectorKind.SPIN else ""
+        table = np.zeros((instants.size, 3))
+        for k, signal in enumerate(self.components):
+            if not is_zero(signal):
+                table[:, k] = sample(signal, instants, f"force {label!r}: {what}{'xyz'[k]}")
+        return table
+
+
+@dataclass(frozen=True)
+class Element:
+    """The springs and loads that make up a force of a mechanism."""
+
+    springs: tuple[SpringRow, ...] = ()
+    loads: tuple[Load, ...] = ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Symbols of which the pictures of joints and forces consist."""
+"""Symbols of joints and forces in pictures."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from .marker import Marker, Pair, Triple
-
-__all__ = ["Line", "Pin", "Slider", "Spring", "Square", "Symbol"]
 
 
 @dataclass(frozen=True)
@@ -18,8 +16,7 @@ class Symbol:
     #: Sign at the first of its markers that is on a body, if there is one.
     sign: ClassVar[Literal["", "pin", "square"]] = ""
 
-    #: The markers at which it is drawn.
-    markers: tuple[Marker, ...]
+    markers: tuple[Marker, ...]  #: The markers at which it is drawn.
 
 
 @dataclass(frozen=True)

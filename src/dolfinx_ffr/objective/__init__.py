@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Objectives: a number from a motion and from the bodies, and its exact derivatives.
+"""Objectives: numbers of a trajectory and of the bodies, and their exact derivatives.
 
 Objectives can be weighted and added (``0.3 * a + b``), and bounded by a :class:`Constraint`. Those
 of several motions become one number by a :class:`Combination`.
@@ -7,15 +7,19 @@ of several motions become one number by a :class:`Combination`.
 
 from __future__ import annotations
 
+from ..documentation import explain_fields
 from .base import (
     Constraint,
     DensityField,
     Derivatives,
+    Inventory,
     Objective,
     Response,
     StressField,
     Sum,
     check_objective,
+    derivatives_of,
+    value_of,
 )
 from .combination import Combination, PowerMean, WeightedSum, WorstCase
 from .compliance import IntegralCompliance, PeakCompliance
@@ -32,6 +36,7 @@ __all__ = [
     "Derivatives",
     "Frequency",
     "IntegralCompliance",
+    "Inventory",
     "JointForce",
     "MarkerAcceleration",
     "MarkerVelocity",
@@ -48,6 +53,10 @@ __all__ = [
     "WeightedSum",
     "WorstCase",
     "check_objective",
+    "derivatives_of",
     "stress_coordinates",
+    "value_of",
     "von_mises_root",
 ]
+
+explain_fields(globals())

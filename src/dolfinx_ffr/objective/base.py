@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""What all objectives have in common: value, derivatives, weighted sums, bounds."""
+"""The base of all objectives: value, derivatives, weighted sums, bounds."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol
+from operator import add
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,108 +17,110 @@ from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory, TrajectoryBar
 
-__all__ = [
-    "Constraint",
-    "DensityField",
-    "Derivatives",
-    "Objective",
-    "Response",
-    "StressField",
-    "Sum",
-]
-
 Array = NDArray[np.float64]
 Bodies = Mapping[str, VolumeIntegrals]
-#: Derivatives with respect to the trajectory (None: it does not matter), and to the integrals of
-#: the bodies at fixed trajectory (a body that is missing does not matter).
-Bars = tuple[TrajectoryBar | None, dict[str, VolumeIntegrals]]
+T = TypeVar("T")
 
 
 def _alone(local: Array) -> list[Array]:
-    """What the ranks have, of which there is one."""
+    """All-gather on one rank: the local array in a list."""
     return [local]
 
 
 @dataclass(frozen=True, eq=False)
 class DensityField:
-    """The densities of a body's cells; each rank holds those of its own cells."""
+    """The densities of a body's cells; each rank holds its own cells."""
 
-    #: Densities, shape (cells,), in [0, 1].
-    values: Array
-    #: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3].
-    areas: Array
-    #: Centroids of the cells in the undeformed body, shape (cells, dimension) [m].
-    centroids: Array
+    values: Array  #: Densities, shape (cells,), in [0, 1]
+    areas: Array  #: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3]
+    centroids: Array  #: Centroids of the cells in the undeformed body, shape (cells, dimension) [m]
     #: Sum of an array over the cells of all ranks, the same on every rank; collective.
     sum: Callable[[Array], float]
-    #: What each rank has, of all ranks, the same on every rank; collective.
-    gathered: Callable[[Array], list[Array]] = field(default_factory=lambda: _alone)
+    #: The arrays of all ranks in a list, the same on every rank; collective.
+    gathered: Callable[[Array], list[Array]] = _alone
     #: The body as it was designed, where this is a mesh of the part that came of it: shares of
     #: volume are of its area.
     whole: DensityField | None = None
 
 
 class StressField(Protocol):
-    """The stress of a body for unit coordinates; each rank holds that of its own cells.
+    """The stress of a body for unit coordinates; each rank holds its own cells.
 
-    It is that of the solid at the strain of the cell; see :func:`stress_coordinates`.
+    The solid has it at the strain of the cell; see :func:`stress_coordinates`.
     """
 
     @property
     def n_constraint(self) -> int:
         """Number of constraint modes, the first of the elastic coordinates."""
-        ...
 
     @property
     def out_of_plane(self) -> float:
         """The stress s_z / (s_x + s_y) [-]."""
-        ...
 
     @property
     def weights(self) -> Array:
         """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
-        ...
 
     def modes(self, correction: bool) -> Array:
         """Stress s_x, s_y, t_xy, in space all six, for unit coordinates; collective.
 
-        Args:
-            correction: Whether those of the static correction follow the elastic coordinates.
-
-        Returns:
-            Shape (cells, points, 3 or 6, coordinates) [Pa].
+        With ``correction`` the coordinates of the static correction follow the elastic ones. Shape
+        (cells, points, 3 or 6, coordinates) [Pa].
         """
-        ...
 
     def sum(self, local: Array) -> Array:
-        """The sum over the ranks, bit-identical on every rank; collective.
-
-        Args:
-            local: This rank's array.
-        """
-        ...
+        """The sum of the ``local`` arrays of all ranks, bit-identical on every rank; collective."""
 
     def gathered(self, value: Any) -> list[Any]:
-        """The values of all ranks, alike on every one of them; collective.
-
-        Args:
-            value: This rank's.
-        """
-        ...
+        """The values of all ranks, this one's being ``value``, alike on every rank; collective."""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What objectives are functions of: a motion and the bodies that made it."""
+    """The arguments of objectives: a trajectory and the bodies that it belongs to."""
 
-    #: The motion; None if neither objective nor constraints need it.
-    trajectory: Trajectory | None
-    #: Volume integrals of all bodies, by name.
-    bodies: Bodies
+    simulated: Trajectory | None  #: None if neither objective nor constraints need it
+    bodies: Bodies  #: Volume integrals of all bodies, by name
     #: Densities of the bodies that have one, by name; none for bodies given by their integrals.
     densities: Mapping[str, DensityField] = field(default_factory=dict)
     #: Stress of the bodies that have a mesh, by name.
     stresses: Mapping[str, StressField] = field(default_factory=dict)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The trajectory.
+
+        Raises:
+            ValueError: If nothing was simulated.
+        """
+        if self.simulated is None:
+            raise ValueError(
+                "there is no trajectory, which the objective needs: nothing was simulated"
+            )
+        return self.simulated
+
+    @property
+    def inventory(self) -> Inventory:
+        """The names that objectives may use."""
+        return Inventory(
+            {name: body.markers for name, body in self.bodies.items()},
+            {name: body.modes for name, body in self.bodies.items()},
+            [] if self.simulated is None else list(self.simulated.model.joints),
+            self.densities,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Inventory:
+    """The names that objectives may use, for :meth:`Objective.validate`."""
+
+    #: Names of the markers by name of the body, of all bodies.
+    markers: Mapping[str, Collection[str]]
+    #: Number of elastic coordinates by name of the body, of all bodies; 0 of rigid ones.
+    modes: Mapping[str, int]
+    joints: Collection[str]  #: Names of the joints
+    #: Densities of the bodies that have one, by name; of full bodies before a design exists.
+    densities: Mapping[str, DensityField] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,54 +138,117 @@ class Derivatives:
     #: With respect to the stress of this rank's cells for unit coordinates, shape (cells, points,
     #: 3 or 6, coordinates), at fixed trajectory and densities, likewise.
     stresses: Mapping[str, Array] = field(default_factory=dict)
+    #: With respect to the areas of this rank's cells, in space volumes, shape (cells,), likewise;
+    #: they matter for derivatives with respect to the nodes of a mesh alone.
+    areas: Mapping[str, Array] = field(default_factory=dict)
+    #: With respect to the areas that the points of the stress stand for, shape (cells, points).
+    weights: Mapping[str, Array] = field(default_factory=dict)
+
+    def checked(self, what: str, response: Response) -> Derivatives:
+        """The derivatives as arrays; ``what`` they are is said in errors.
+
+        Raises:
+            TypeError: If a part is of a wrong kind.
+            ValueError: If a part is with respect to something that the ``response`` lacks, has
+                another shape, or holds NaN or infinity.
+        """
+        bar = self.trajectory
+        if bar is not None:
+            by = f"{what} by the trajectory"
+            validation.instance(by, bar, TrajectoryBar, "a TrajectoryBar of the trajectory")
+            known = validation.instance(
+                f"{by}: the trajectory", response.simulated, Trajectory, "one"
+            )
+            parts = vars(TrajectoryBar.zeros(known))
+            bar = TrajectoryBar(
+                *(
+                    validation.real_array(f"{what} by {key}", getattr(bar, key), part.shape)
+                    for key, part in parts.items()
+                )
+            )
+
+        def present(part: str, given: Mapping[str, Any], names: Collection[str], of: str) -> Any:
+            for name, own in validation.by_name(f"{what} by {part}", given, "derivatives").items():
+                said = f"{what} by the {part} of {name!r}"
+                if name not in names:
+                    raise ValueError(f"{said}, but the bodies {of} are {list(names)}")
+                yield name, own, said
+
+        bodies, fields, stresses = response.bodies, response.densities, response.stresses
+        integrals, densities, by_stress = {}, {}, {}
+        for name, own, said in present("integrals", self.integrals, bodies, "there"):
+            integrals[name] = validation.instance(said, own, VolumeIntegrals, "VolumeIntegrals")
+            body = bodies[name]
+            for key in ("S", "K", *(("G", "N") if body.P is None else ("P",))):
+                shape = getattr(body, key).shape
+                validation.real_array(f"{said}: {key}", getattr(own, key), shape)
+            if not math.isfinite(body.zeros_like().dot(own)):
+                raise ValueError(f"{said} hold NaN or infinity")
+        for name, own, said in present("density", self.densities, fields, "with a density"):
+            densities[name] = validation.real_array(said, own, fields[name].values.shape)
+        for name, own, said in present("stress", self.stresses, stresses, "with a mesh"):
+            # the stress itself is not asked for here: that takes all ranks
+            cells = len(fields[name].values) if name in fields else None
+            by_stress[name] = validation.real_array(said, own, (cells, None, None, None))
+        areas = {
+            name: validation.real_array(said, own, fields[name].areas.shape)
+            for name, own, said in present("areas", self.areas, fields, "with a density")
+        }
+        weights = {
+            name: validation.real_array(said, own, stresses[name].weights.shape)
+            for name, own, said in present("weights", self.weights, stresses, "with a mesh")
+        }
+        return Derivatives(bar, integrals, densities, by_stress, areas, weights)
 
     def scaled(self, factor: float) -> Derivatives:
-        """The derivatives times a factor.
-
-        Args:
-            factor: The factor.
-        """
+        """The derivatives times a ``factor``."""
         return Derivatives(
             None if self.trajectory is None else self.trajectory.scaled(factor),
             {name: bar.scaled(factor) for name, bar in self.integrals.items()},
-            {name: factor * bar for name, bar in self.densities.items()},
-            {name: factor * bar for name, bar in self.stresses.items()},
+            *(
+                {name: factor * bar for name, bar in part.items()}
+                for part in (self.densities, self.stresses, self.areas, self.weights)
+            ),
         )
 
+    def without_trajectory(self, through: Mapping[str, VolumeIntegrals]) -> Derivatives:
+        """The derivatives as a function of the bodies alone, with the trajectory eliminated.
+
+        Args:
+            through: With respect to the integrals of all bodies through the trajectory, by name.
+        """
+        return Derivatives(integrals=through) + replace(self, trajectory=None)
+
     def __add__(self, other: Derivatives) -> Derivatives:
-        """Sum part by part."""
         ours, theirs = self.trajectory, other.trajectory
-        integrals, densities = dict(self.integrals), dict(self.densities)
-        stresses = dict(self.stresses)
-        for name, bar in other.integrals.items():
-            integrals[name] = integrals[name] + bar if name in integrals else bar
-        for name, part in other.densities.items():
-            densities[name] = densities[name] + part if name in densities else part
-        for name, part in other.stresses.items():
-            stresses[name] = _sum_of_modes(stresses[name], part) if name in stresses else part
         return Derivatives(
             ours if theirs is None else theirs if ours is None else ours + theirs,
-            integrals,
-            densities,
-            stresses,
+            _added(self.integrals, other.integrals, add),
+            _added(self.densities, other.densities, add),
+            _added(self.stresses, other.stresses, _sum_of_modes),
+            _added(self.areas, other.areas, add),
+            _added(self.weights, other.weights, add),
         )
+
+
+def _added(a: Mapping[str, T], b: Mapping[str, T], plus: Callable[[T, T], T]) -> dict[str, T]:
+    """Sum by name of two sets of values; a missing value counts as zero."""
+    return {**a, **b, **{name: plus(a[name], b[name]) for name in a if name in b}}
 
 
 def _sum_of_modes(a: Array, b: Array) -> Array:
-    """Their sum, where one may lack the last columns, those of the static correction."""
+    """Sum of stress derivatives; either may lack the columns of the static correction."""
     more, less = (a, b) if a.shape[-1] >= b.shape[-1] else (b, a)
     total = more.copy()
     total[..., : less.shape[-1]] += less
     return total
 
 
-class Objective:
-    """A number psi of the motion, and of volume integrals, densities and stress of bodies.
+class Objective(ABC):
+    """A number psi of the trajectory and of volume integrals, densities and stress of bodies.
 
-    An objective of one's own derives from this class. If it depends on trajectory and integrals it
-    defines :meth:`value` and :meth:`pullback`; if it depends on densities or stress too, it defines
-    :meth:`evaluate` and :meth:`derivatives` instead. Objectives are added, and multiplied by
-    numbers, with the usual signs.
+    An objective of one's own derives from this class, and defines :meth:`evaluate` and
+    :meth:`derivatives`. Objectives are added, and multiplied by numbers, with the usual signs.
     """
 
     #: SI unit of the number, for reports; "" for numbers without one, and where it is not known.
@@ -189,134 +256,64 @@ class Objective:
 
     @property
     def needs_trajectory(self) -> bool:
-        """Whether the number depends on the motion; without it nothing needs to be simulated."""
+        """Whether the number depends on the trajectory, so that it must be simulated."""
         return True
 
-    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
-        """Refuse to be used where a density that the number depends on does not exist.
-
-        Args:
-            densities: Names of the bodies with a density; a problem gives a mapping to densities of
-                full bodies, by which regions of them can be checked.
+    def validate(self, inventory: Inventory) -> None:  # noqa: B027 (many have nothing to refuse)
+        """Refuse names that an ``inventory`` lacks, and bodies too rigid, before any computation.
 
         Raises:
-            ValueError: If a body has no density; the message lists those that have.
+            ValueError: If a body, marker, joint or density does not exist, with a list of those
+                that do; if a body that must deform is rigid, or has too few elastic coordinates.
         """
 
-    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
-        """Refuse bodies, markers and joints that do not exist, before anything is computed.
-
-        Args:
-            markers: Names of the markers by name of the body, of all bodies.
-            joints: Names of the joints.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
-
-    def validate_modes(self, modes: Mapping[str, int]) -> None:
-        """Refuse bodies with too few elastic coordinates, before anything is computed.
-
-        Args:
-            modes: Number of elastic coordinates by name of the body, of all bodies; 0 of rigid
-                ones. Names have been checked by :meth:`validate_names`.
-
-        Raises:
-            ValueError: If a body that must deform is rigid, or has too few coordinates.
-        """
-
+    @abstractmethod
     def evaluate(self, response: Response) -> float:
-        """The number, the same on every rank.
+        """The number at a ``response``, the same on every rank.
 
-        Args:
-            response: Motion, integrals, densities and stress; the motion is None for an objective
-                that does not need it.
+        The response's trajectory is None for an objective that does not need it.
 
         Raises:
             ValueError: If a name does not exist; the message lists those that do.
         """
-        return float(self.value(response.trajectory, response.bodies))  # type: ignore[arg-type]
 
+    @abstractmethod
     def derivatives(self, response: Response) -> Derivatives:
-        """Its partial derivatives with respect to trajectory, integrals, densities and stress.
-
-        Args:
-            response: As for :meth:`evaluate`.
+        """Its partial derivatives with respect to the parts of a ``response``.
 
         Raises:
             ValueError: As :meth:`evaluate` does.
         """
-        return Derivatives(*self.pullback(response.trajectory, response.bodies))  # type: ignore[arg-type]
 
     def calibrated(self, response: Response) -> Objective:
-        """The objective corrected at one design, where it stands for another number.
+        """The objective corrected at a ``response``, where it stands for another number.
 
         Only :class:`PeakStress` does, for the largest stress; others are returned as they are.
-
-        Args:
-            response: Of the design, as for :meth:`evaluate`.
-
-        Raises:
-            ValueError: As :meth:`evaluate` does.
         """
         return self
-
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        """The number, as a function of trajectory and integrals alone.
-
-        Args:
-            trajectory: Result of the simulation; None for an objective that does not need it.
-            bodies: Volume integrals of the bodies, by name.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
-        raise NotImplementedError(f"{type(self).__name__} defines no value of the motion alone")
-
-    def pullback(self, trajectory: Trajectory, bodies: Bodies) -> Bars:
-        """Its derivatives with respect to the trajectory, and to the integrals at fixed trajectory.
-
-        Args:
-            trajectory: Result of the simulation; None for an objective that does not need it.
-            bodies: Volume integrals of the bodies, by name.
-
-        Returns:
-            The derivative with respect to the trajectory, None where the number does not depend on
-            it, and those with respect to the integrals by name of the body; a body that does not
-            matter may be missing.
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
-        raise NotImplementedError(f"{type(self).__name__} defines no pullback to the motion alone")
 
     def _summands(self) -> list[tuple[float, Objective]]:
         """The objective as weights and terms of a sum."""
         return [(1.0, self)]
 
     def __add__(self, other: Objective) -> Sum:
-        """Sum of two objectives."""
         check_objective("sum of objectives: what is added", other)
         return Sum([*self._summands(), *other._summands()])
 
     def __radd__(self, other: float) -> Objective:
-        """Start of the built-in sum, which is zero."""
-        return self if other == 0 else NotImplemented
+        return self if other == 0 else NotImplemented  # the built-in sum begins with zero
 
     def __sub__(self, other: Objective) -> Sum:
-        """Difference of two objectives."""
         check_objective("difference of objectives: what is subtracted", other)
         return self + (-1.0) * other
 
     def __mul__(self, weight: float) -> Sum:
-        """The objective times a weight."""
         weight = validation.number("weight of an objective", weight)
         return Sum([(weight * own, objective) for own, objective in self._summands()])
 
     __rmul__ = __mul__
 
     def __neg__(self) -> Sum:
-        """The objective with the opposite sign, to be maximised."""
         return self * -1.0
 
 
@@ -351,43 +348,27 @@ class Sum(Objective):
             raise ValueError("a sum of objectives needs at least one term")
 
     def __repr__(self) -> str:
-        """The terms with their weights."""
         return " + ".join(f"{weight:g} * {objective}" for weight, objective in self.terms)
 
     @property
     def needs_trajectory(self) -> bool:
         return any(objective.needs_trajectory for _, objective in self.terms)
 
-    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
+    def validate(self, inventory: Inventory) -> None:
         for _, term in self.terms:
-            term.validate(densities)
-
-    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
-        for _, term in self.terms:
-            term.validate_names(markers, joints)
-
-    def validate_modes(self, modes: Mapping[str, int]) -> None:
-        for _, term in self.terms:
-            term.validate_modes(modes)
+            term.validate(inventory)
 
     def evaluate(self, response: Response) -> float:
-        return sum(weight * term.evaluate(response) for weight, term in self.terms)
+        return sum(weight * value_of(term, response) for weight, term in self.terms)
 
     def derivatives(self, response: Response) -> Derivatives:
-        parts = (term.derivatives(response).scaled(weight) for weight, term in self.terms)
+        parts = (derivatives_of(term, response).scaled(weight) for weight, term in self.terms)
         return sum(parts, Derivatives())
 
     def calibrated(self, response: Response) -> Sum:
         terms = [(weight, term.calibrated(response)) for weight, term in self.terms]
         same = all(new is old for (_, new), (_, old) in zip(terms, self.terms, strict=True))
         return self if same else Sum(terms)
-
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        return self.evaluate(Response(trajectory, bodies))
-
-    def pullback(self, trajectory: Trajectory, bodies: Bodies) -> Bars:
-        found = self.derivatives(Response(trajectory, bodies))
-        return found.trajectory, dict(found.integrals)
 
     def _summands(self) -> list[tuple[float, Objective]]:
         return self.terms
@@ -405,17 +386,12 @@ class Constraint:
         ValueError: If there is not exactly one bound, or if it is zero, NaN or infinite.
     """
 
-    #: What is bounded.
-    objective: Objective
-    #: Largest value allowed, in the unit of the objective.
-    upper: float | None = None
-    #: Smallest value allowed, in the unit of the objective.
-    lower: float | None = None
-    #: Name for results and messages; by default the name of the objective's class.
-    name: str = ""
+    objective: Objective  #: What is bounded
+    upper: float | None = None  #: Largest value allowed, in the unit of the objective
+    lower: float | None = None  #: Smallest value allowed, in the unit of the objective
+    name: str = ""  #: Name for results and messages; by default the name of the objective's class
 
     def __post_init__(self) -> None:
-        """Check kinds and bound."""
         check_objective("constraint: the objective", self.objective)
         validation.name("constraint: name", self.name)
         if (self.upper is None) == (self.lower is None):
@@ -432,7 +408,7 @@ class Constraint:
 
     @property
     def label(self) -> str:
-        """Name given by the user, or that of the objective's class."""
+        """Name given by the user, or the name of the objective's class."""
         return self.name or type(self.objective).__name__
 
     @property
@@ -442,48 +418,46 @@ class Constraint:
         return math.nan if bound is None else float(bound)
 
     @property
+    def limit(self) -> str:
+        """The bound in words."""
+        kind = "at least" if self.upper is None else "at most"
+        return f"{kind} {self.bound:.4g} {self.objective.unit}".rstrip()
+
+    @property
     def slope(self) -> float:
         """Derivative of g with respect to the objective."""
         return (-1.0 if self.upper is None else 1.0) / abs(self.bound)
 
     def calibrated(self, response: Response) -> Constraint:
-        """The constraint with its objective corrected at a design, see `Objective.calibrated`.
-
-        Args:
-            response: Of the design.
-        """
+        """The constraint with its objective `Objective.calibrated` at a ``response``."""
         objective = self.objective.calibrated(response)
         return self if objective is self.objective else replace(self, objective=objective)
 
     def scaled(self, psi: float) -> float:
-        """The value of g, at most zero where the bound holds.
-
-        Args:
-            psi: Value of the objective.
-        """
+        """The value of g at the objective's value ``psi``, at most zero where the bound holds."""
         return self.slope * (psi - self.bound)
 
 
+def value_of(objective: Objective, response: Response, where: str = "") -> float:
+    """The value of an objective, or a TypeError or ValueError where it is no finite real number."""
+    value = objective.evaluate(response)
+    return validation.number(f"{where}the value of {type(objective).__name__}", value)
+
+
+def derivatives_of(objective: Objective, response: Response, where: str = "") -> Derivatives:
+    """The partial derivatives of an objective, or the errors of `Derivatives.checked`."""
+    found, what = objective.derivatives(response), f"{where}the derivatives of "
+    what += type(objective).__name__
+    needed = "ffr.Derivatives(...)"
+    return validation.instance(what, found, Derivatives, needed).checked(what, response)
+
+
 def check_objective(what: str, objective: object) -> Objective:
-    """The objective, or refuse what is none.
-
-    Args:
-        what: Name of the argument, for the message.
-        objective: What is given for it.
-
-    Raises:
-        TypeError: If it is no objective.
-    """
+    """The objective, or a TypeError where it is none."""
     needed = "an objective, as IntegralCompliance()"
     return validation.instance(what, objective, Objective, needed)
 
 
 def no_body(what: str, name: str, bodies: Collection[str]) -> ValueError:
-    """Error for a body that does not exist.
-
-    Args:
-        what: Name of the objective.
-        name: Name of the missing body.
-        bodies: Names of those that exist.
-    """
+    """Error for a body that is not among ``bodies``; ``what`` is the objective."""
     return ValueError(f"{what} of body {name!r}, but the bodies are {list(bodies)}")

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""One number from the objectives of several motions.
+"""One number from the objectives of several load cases.
 
     weighted sum    psi = sum_i w_i psi_i
     power mean      psi = (1/n sum_i (w_i psi_i)^p)^(1/p),   p >= 1
     worst case      psi = max_i w_i psi_i
 
-over the n motions of positive weight. The power mean lies between the mean (p = 1) and the largest
-value (p to infinity), and is smooth. The largest value is not where several motions reach it; `MMA`
-minimises it without a max, by the bound formulation
+over the n load cases of positive weight. The power mean lies between the mean (p = 1) and the
+largest value (p to infinity), and is smooth. The largest value has kinks; `MMA` minimises it by
 
     min over z and the design of z   such that   w_i psi_i <= z.
 """
@@ -21,22 +20,20 @@ from typing import ClassVar
 
 from .. import validation
 
-__all__ = ["Combination", "PowerMean", "WeightedSum", "WorstCase"]
-
 Numbers = Mapping[str, float]
 
-#: Share of the largest value below which a motion does not bound a step: a step that raises psi by
-#: so much is taken back
+#: Share of the largest value below which a load case does not bound a step: a step that raises psi
+#: by so much is taken back
 NEAR = 0.5
 
 
 @dataclass(frozen=True)
 class Combination(ABC):
-    """How the objectives of several motions become one number.
+    """How the objectives of several load cases become one number.
 
     Args:
-        weights: By name of the motion, not negative; one for each motion, or none at all, which
-            stands for ones. A motion of weight zero counts by its constraints only.
+        weights: By name of the load case, not negative; one for each, or None, which stands for
+            ones. A load case of weight zero counts by its constraints only.
 
     Raises:
         TypeError: If the weights are no mapping from names to numbers.
@@ -49,70 +46,52 @@ class Combination(ABC):
     bounds: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check the weights."""
         what = f"{type(self).__name__}: weights"
         if self.weights is None:
             return
-        given = validation.by_name(what, self.weights, "weights")
-        for name, weight in given.items():
-            validation.number(f"{what}: that of {name!r}", weight, least=0.0)
+        given = {
+            name: validation.number(f"{what}: that of {name!r}", weight, least=0.0)
+            for name, weight in validation.by_name(what, self.weights, "weights").items()
+        }
         if not any(given.values()):
             raise ValueError(f"{what}: one at least must be positive, but they are {given}")
-        object.__setattr__(self, "weights", {name: float(w) for name, w in given.items()})
+        object.__setattr__(self, "weights", given)
 
-    def check(self, motions: Iterable[str]) -> None:
-        """Refuse weights that do not fit the motions.
-
-        Args:
-            motions: Their names.
+    def check(self, load_cases: Iterable[str]) -> None:
+        """Refuse weights that do not fit the ``load_cases``, given by name.
 
         Raises:
             ValueError: If a name is not known, or has no weight.
         """
-        names = list(motions)
+        names = list(load_cases)
         if self.weights is None:
             return
         what = f"{type(self).__name__}: weights"
         unknown = [name for name in self.weights if name not in names]
         if unknown:
-            raise ValueError(f"{what}: there is no motion {unknown[0]!r}, but {names}")
+            raise ValueError(f"{what}: there is no load case {unknown[0]!r}, but {names}")
         missing = [name for name in names if name not in self.weights]
         if missing:
             raise ValueError(
-                f"{what}: that of {missing[0]!r} is missing; a motion that is not to count has the "
-                "weight 0"
+                f"{what}: that of {missing[0]!r} is missing; a load case that does not count "
+                "has the weight 0"
             )
 
-    def weight(self, motion: str) -> float:
-        """The weight of a motion.
-
-        Args:
-            motion: Its name.
-        """
-        return 1.0 if self.weights is None else self.weights[motion]
+    def weight(self, load_case: str) -> float:
+        """The weight of a ``load_case``, by its name."""
+        return 1.0 if self.weights is None else self.weights[load_case]
 
     def weighted(self, psi: Numbers) -> dict[str, float]:
-        """The objectives times their weights, of the motions that count.
-
-        Args:
-            psi: Values of the objectives by motion.
-        """
+        """The objectives ``psi`` times their weights, where these are positive, by load case."""
         return {n: self.weight(n) * value for n, value in psi.items() if self.weight(n)}
 
     def near(self, psi: Numbers) -> list[str]:
-        """The motions whose gradients an optimiser needs beside that of psi.
-
-        Args:
-            psi: Values of the objectives by motion.
-        """
+        """Load cases whose own gradients an optimiser needs at the values ``psi``."""
         return []
 
     @abstractmethod
     def value(self, psi: Numbers) -> float:
-        """The one number.
-
-        Args:
-            psi: Values of the objectives by motion.
+        """The one number from the objectives ``psi`` by load case.
 
         Raises:
             ValueError: If it is not defined for these values.
@@ -120,19 +99,15 @@ class Combination(ABC):
 
     @abstractmethod
     def slopes(self, psi: Numbers) -> dict[str, float]:
-        """Its derivatives with respect to the objectives, by motion.
-
-        Args:
-            psi: Values of the objectives by motion.
-        """
+        """Its derivatives with respect to the objectives at values ``psi``, by load case."""
 
 
 @dataclass(frozen=True)
 class WeightedSum(Combination):
     """The sum of the objectives, each times its weight.
 
-    A fast motion has a much larger compliance than a slow one. Weights of importance over the value
-    at the start, or at the full body, make them comparable.
+    A fast machine has a much larger compliance than a slow one. Weights of importance over the
+    value at the start, or at the full body, make them comparable.
     """
 
     def value(self, psi: Numbers) -> float:
@@ -157,47 +132,39 @@ class PowerMean(Combination):
     p: float = field(default=8.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the weights and the exponent."""
         super().__post_init__()
         validation.number("PowerMean: p", self.p, least=1.0)
 
     def value(self, psi: Numbers) -> float:
-        ratios, largest = self._ratios(psi)
-        return float(largest * self._mean(ratios))
+        _, mean, largest = self._mean(psi)
+        return largest * mean
 
     def slopes(self, psi: Numbers) -> dict[str, float]:
-        ratios, _ = self._ratios(psi)
-        mean, count = self._mean(ratios), len(ratios)
-        return {
-            name: self.weight(name) / count * (ratios[name] / mean) ** (self.p - 1.0)
-            if name in ratios
-            else 0.0
-            for name in psi
-        }
+        ratios, mean, _ = self._mean(psi)
+        share = {n: (ratio / mean) ** (self.p - 1.0) / len(ratios) for n, ratio in ratios.items()}
+        return {name: self.weight(name) * share.get(name, 0.0) for name in psi}
 
-    def _mean(self, ratios: Numbers) -> float:
-        mean: float = sum(ratio**self.p for ratio in ratios.values()) / len(ratios)
-        return mean ** (1.0 / self.p)
-
-    def _ratios(self, psi: Numbers) -> tuple[dict[str, float], float]:
-        """Weighted objectives over the largest, whose powers do not overflow, and the largest."""
+    def _mean(self, psi: Numbers) -> tuple[dict[str, float], float, float]:
+        """Weighted objectives over the largest, so that no power overflows, their mean, and it."""
         weighted = self.weighted(psi)
         for name, value in weighted.items():
             if not value > 0.0:
                 raise ValueError(
-                    f"PowerMean needs positive objectives, and that of motion {name!r} is "
+                    f"PowerMean needs positive objectives, and that of load case {name!r} is "
                     f"{psi[name]:.6g}; take WeightedSum or WorstCase"
                 )
         largest = max(weighted.values())
-        return {name: value / largest for name, value in weighted.items()}, largest
+        ratios = {name: value / largest for name, value in weighted.items()}
+        mean: float = sum(ratio**self.p for ratio in ratios.values()) / len(ratios)
+        return ratios, mean ** (1.0 / self.p), largest
 
 
 @dataclass(frozen=True)
 class WorstCase(Combination):
     """The largest of the objectives, each times its weight; for `MMA`.
 
-    Its gradient is that of the motion with the largest value. Beside it each motion that comes near
-    gets a gradient of its own, with which `MMA` minimises the bound of all.
+    Its gradient is that of the load case with the largest value. Beside it each load case that
+    comes near gets a gradient of its own, with which `MMA` minimises the bound of all.
     """
 
     bounds: ClassVar[bool] = True

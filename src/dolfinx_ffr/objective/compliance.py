@@ -15,12 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..body import VolumeIntegrals
-from ..dynamics import Trajectory, TrajectoryBar
-from .base import Bodies, Objective, no_body
+from ..dynamics import TrajectoryBar
+from .base import Derivatives, Inventory, Objective, Response, no_body
 from .time_average import power_mean, time_weights
-
-__all__ = ["IntegralCompliance", "PeakCompliance"]
 
 Array = NDArray[np.float64]
 
@@ -29,13 +26,13 @@ Array = NDArray[np.float64]
 class _Compliance(Objective):
     """Sum over bodies of weight * q^T K q, as a function of time."""
 
-    #: Names of the bodies that count; None takes all.
-    bodies: Sequence[str] | None = None
+    bodies: Sequence[str] | None = None  #: Names of the bodies that count; None takes all
     #: Weights by name of the body; 1 where none is given.
     weights: Mapping[str, float] | None = None
 
+    _what: ClassVar[str]  #: Name for messages
+
     def __post_init__(self) -> None:
-        """Check bodies and weights."""
         if self.bodies is not None and not validation.names(f"{self._what}: bodies", self.bodies):
             raise ValueError(
                 f"{self._what}: bodies is an empty list, and nothing would count; leave it out to "
@@ -46,13 +43,11 @@ class _Compliance(Objective):
             for name, weight in validation.by_name(what, self.weights, "numbers").items():
                 validation.number(f"{what}: that of body {name!r}", weight)
 
-    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
-        self._terms(markers)
-
-    def validate_modes(self, modes: Mapping[str, int]) -> None:
+    def validate(self, inventory: Inventory) -> None:
+        self._terms(inventory.modes)
         for name in [*(self.bodies or ()), *(self.weights or {})]:
-            if not modes[name]:
-                flexible = [other for other, count in modes.items() if count]
+            if not inventory.modes[name]:
+                flexible = [other for other, count in inventory.modes.items() if count]
                 raise ValueError(
                     f"{self._what} of body {name!r}, which is rigid and has none; the flexible "
                     f"bodies are {flexible}"
@@ -66,23 +61,18 @@ class _Compliance(Objective):
                 raise no_body(self._what, name, bodies)
         return {name: float((self.weights or {}).get(name, 1.0)) for name in chosen}
 
-    @property
-    def _what(self) -> str:
-        """Name for messages."""
-        raise NotImplementedError
-
-    def _compliance(self, trajectory: Trajectory, bodies: Bodies) -> Array:
+    def _compliance(self, response: Response) -> Array:
         """The compliance over time, shape (steps + 1,) [J]."""
+        trajectory, bodies = response.trajectory, response.bodies
         total = np.zeros_like(trajectory.t)
         for name, weight in self._terms(bodies).items():
             q = trajectory.elastic(name)
             total += weight * np.sum((q @ bodies[name].K) * q, axis=1)
         return total
 
-    def _pullback(
-        self, trajectory: Trajectory, bodies: Bodies, bar: Array
-    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        """Transpose of the derivative of the compliance, ``bar`` of shape (steps + 1,)."""
+    def _pullback(self, response: Response, bar: Array) -> Derivatives:
+        """Transpose of the derivative of the compliance for a ``bar`` of shape (steps + 1,)."""
+        trajectory, bodies = response.trajectory, response.bodies
         out = TrajectoryBar.zeros(trajectory)
         bars = {name: integrals.zeros_like() for name, integrals in bodies.items()}
         for name, weight in self._terms(bodies).items():
@@ -91,7 +81,7 @@ class _Compliance(Objective):
             out.y[:, where.elastic] = 2.0 * scaled @ bodies[name].K
             square = q.T @ scaled
             bars[name].K[:] = 0.5 * (square + square.T)
-        return out, bars
+        return Derivatives(out, bars)
 
 
 @dataclass(frozen=True)
@@ -109,18 +99,13 @@ class IntegralCompliance(_Compliance):
     """
 
     unit: ClassVar[str] = "J s"
+    _what: ClassVar[str] = "integral compliance"
 
-    @property
-    def _what(self) -> str:
-        return "integral compliance"
+    def evaluate(self, response: Response) -> float:
+        return float(time_weights(response.trajectory) @ self._compliance(response))
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        return float(time_weights(trajectory) @ self._compliance(trajectory, bodies))
-
-    def pullback(
-        self, trajectory: Trajectory, bodies: Bodies
-    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        return self._pullback(trajectory, bodies, time_weights(trajectory))
+    def derivatives(self, response: Response) -> Derivatives:
+        return self._pullback(response, time_weights(response.trajectory))
 
 
 @dataclass(frozen=True)
@@ -137,31 +122,24 @@ class PeakCompliance(_Compliance):
     """
 
     unit: ClassVar[str] = "J"
+    _what: ClassVar[str] = "peak compliance"
 
-    #: The power p.
-    power: float = 8.0
+    power: float = 8.0  #: The power p
 
     def __post_init__(self) -> None:
-        """Check the weights and the power."""
         super().__post_init__()
         validation.number(f"{self._what}: the power", self.power, least=1.0)
         for name, weight in (self.weights or {}).items():
             if weight < 0.0:
                 raise ValueError(f"{self._what}: the weight of body {name!r} is negative: {weight}")
 
-    @property
-    def _what(self) -> str:
-        return "peak compliance"
+    def evaluate(self, response: Response) -> float:
+        return self._mean(response)[0]
 
-    def value(self, trajectory: Trajectory, bodies: Bodies) -> float:
-        return self._mean(trajectory, bodies)[0]
+    def derivatives(self, response: Response) -> Derivatives:
+        return self._pullback(response, self._mean(response)[1])
 
-    def pullback(
-        self, trajectory: Trajectory, bodies: Bodies
-    ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
-        return self._pullback(trajectory, bodies, self._mean(trajectory, bodies)[1])
-
-    def _mean(self, trajectory: Trajectory, bodies: Bodies) -> tuple[float, Array]:
+    def _mean(self, response: Response) -> tuple[float, Array]:
         # Round-off in a stiffness with a zero eigenvalue can leave a value just below zero.
-        compliance = np.maximum(self._compliance(trajectory, bodies), 0.0)
-        return power_mean(compliance, time_weights(trajectory), self.power)
+        compliance = np.maximum(self._compliance(response), 0.0)
+        return power_mean(compliance, time_weights(response.trajectory), self.power)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -16,10 +16,7 @@ from scipy.spatial import cKDTree
 
 from .. import validation
 from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
-from ..dynamics import Trajectory
-from .base import Bodies, DensityField, Derivatives, Objective, Response, no_body
-
-__all__ = ["Frequency", "Mass", "Volume"]
+from .base import DensityField, Derivatives, Inventory, Objective, Response, no_body
 
 Array = NDArray[np.float64]
 
@@ -27,8 +24,16 @@ Array = NDArray[np.float64]
 _EQUAL = 1e-6
 
 
+class _WithoutTrajectory(Objective):
+    """An objective of a body alone, for which nothing is simulated."""
+
+    @property
+    def needs_trajectory(self) -> bool:
+        return False
+
+
 @dataclass(frozen=True)
-class Mass(Objective):
+class Mass(_WithoutTrajectory):
     """Mass of a body [kg], without the point masses of the mechanism.
 
     Raises:
@@ -37,36 +42,29 @@ class Mass(Objective):
 
     unit: ClassVar[str] = "kg"
 
-    #: Name of the body.
-    body: str
+    body: str  #: Name of the body
 
     def __post_init__(self) -> None:
-        """Check the name."""
         validation.name("mass: body", self.body)
 
-    @property
-    def needs_trajectory(self) -> bool:
-        return False
+    def evaluate(self, response: Response) -> float:
+        return self._body(response).mass
 
-    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        return self._body(bodies).mass
+    def derivatives(self, response: Response) -> Derivatives:
+        bar = replace(self._body(response).zeros_like(), mass=1.0)
+        return Derivatives(integrals={self.body: bar})
 
-    def pullback(
-        self, trajectory: Trajectory | None, bodies: Bodies
-    ) -> tuple[None, dict[str, VolumeIntegrals]]:
-        return None, {self.body: replace(self._body(bodies).zeros_like(), mass=1.0)}
+    def validate(self, inventory: Inventory) -> None:
+        if self.body not in inventory.modes:
+            raise no_body("mass", self.body, inventory.modes)
 
-    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
-        if self.body not in markers:
-            raise no_body("mass", self.body, markers)
-
-    def _body(self, bodies: Bodies) -> VolumeIntegrals:
-        self.validate_names(dict.fromkeys(bodies, ()), [])
-        return bodies[self.body]
+    def _body(self, response: Response) -> VolumeIntegrals:
+        self.validate(response.inventory)
+        return response.bodies[self.body]
 
 
 @dataclass(frozen=True, eq=False)
-class Volume(Objective):
+class Volume(_WithoutTrajectory):
     """Filled share of the area of a body with a density, or of a region of it, between 0 and 1.
 
         psi = sum_cells area x / sum_cells area,    in space with the volumes of the cells.
@@ -83,8 +81,7 @@ class Volume(Objective):
             of them, when the problem is made.
     """
 
-    #: Name of the body.
-    body: str
+    body: str  #: Name of the body
     #: Cells that count: a predicate on coordinates of shape (3, cells), those of the centroids in
     #: the undeformed body [m], or a mask over the cells of this rank, shape (cells,). Regions cut
     #: at a line so share no cell and leave none out. None takes all.
@@ -93,7 +90,6 @@ class Volume(Objective):
     )
 
     def __post_init__(self) -> None:
-        """Check name and region."""
         validation.name("volume: body", self.body)
         if self.region is not None and not callable(self.region):
             mask = np.asarray(self.region)
@@ -104,30 +100,36 @@ class Volume(Objective):
                     f"{validation.described(self.region)}"
                 )
 
-    @property
-    def needs_trajectory(self) -> bool:
-        return False
-
-    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
-        if self.body not in densities:
-            raise ValueError(
-                f"volume of body {self.body!r}, but the bodies with a density are "
-                f"{sorted(densities)}; Mass is similar and needs no density"
-            )
-        if isinstance(densities, Mapping):
-            self._shares(densities[self.body])
+    def validate(self, inventory: Inventory) -> None:
+        self._shares(self._density(inventory))
 
     def evaluate(self, response: Response) -> float:
-        self.validate(list(response.densities))
-        density = response.densities[self.body]
+        density = self._density(response)
         return density.sum(density.values * self._shares(density))
 
     def derivatives(self, response: Response) -> Derivatives:
-        self.validate(list(response.densities))
-        return Derivatives(densities={self.body: self._shares(response.densities[self.body])})
+        density = self._density(response)
+        chosen, whole = self._chosen(density), density.whole
+        total = (
+            whole.sum(whole.areas * self._chosen(whole))
+            if whole
+            else density.sum(np.where(chosen, density.areas, 0.0))
+        )
+        fixed = 0.0 if whole else self.evaluate(response)
+        areas = np.where(chosen, density.values - fixed, 0.0) / total
+        return Derivatives(densities={self.body: self._shares(density)}, areas={self.body: areas})
+
+    def _density(self, of: Inventory | Response) -> DensityField:
+        """Density of the body."""
+        if self.body not in of.densities:
+            raise ValueError(
+                f"volume of body {self.body!r}, but the bodies with a density are "
+                f"{sorted(of.densities)}; Mass is similar and needs no density"
+            )
+        return of.densities[self.body]
 
     def _shares(self, density: DensityField) -> Array:
-        """Share of each cell in the area of the region, shape (cells,)."""
+        """Area of each cell in the region over the area of the region, shape (cells,)."""
         areas = np.where(self._chosen(density), density.areas, 0.0)
         whole = density.whole
         total = whole.sum(whole.areas * self._chosen(whole)) if whole else density.sum(areas)
@@ -139,7 +141,7 @@ class Volume(Objective):
         return areas / total
 
     def _chosen(self, density: DensityField) -> NDArray[np.bool_]:
-        """The cells that count, shape (cells,)."""
+        """Which cells lie in the region, shape (cells,)."""
         n, region = len(density.areas), self.region
         if region is None:
             return np.ones(n, dtype=bool)
@@ -162,24 +164,21 @@ class Volume(Objective):
 
 
 @dataclass(frozen=True)
-class Frequency(Objective):
+class Frequency(_WithoutTrajectory):
     """Natural frequency of one body from its reduced matrices [Hz].
 
         K v_i = lambda_i M v_i,     psi = sqrt(lambda) / (2 pi),
         1 / lambda = mean of 1 / lambda_i,   i = number, ..., number + cluster - 1
 
-    By default the body's frame is held, M = G without its first row and column: the support is
-    that of the reference conditions. In a tangent frame the body is clamped at one interface and
-    free otherwise; in a chord frame it is hinged at one interface while the other may slide along
-    the chord. These are not the frequencies with all interfaces held, which belong to the basis of
-    the reduction (`Evaluation.fixed_interface_frequencies`). With ``free`` nothing is held: M is
-    the mass matrix of the body with its frame, and the rigid-body motions are left out; this
-    one does not depend on the frame. Other bodies, joints and point masses of the mechanism play no
-    part.
+    By default the body's frame is fixed, M = G without its first row and column. In a tangent frame
+    the body is clamped at one interface and free otherwise; in a chord frame it is hinged at one
+    interface while the other may slide along the chord. (The basis of the reduction has others,
+    with all interfaces fixed: `Evaluation.fixed_interface_frequencies`.) With ``free`` nothing is
+    fixed: M is the mass matrix of the body with its frame, rigid-body modes are left out, and the
+    frame does not matter. The rest of the mechanism plays no part.
 
     A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
-    none as long as the cluster stays apart from the frequencies beside it; for two to four it is
-    close to the lowest of them.
+    none as long as it stays apart from others; for two to four it is close to the lowest.
 
     Raises:
         ValueError: If number or cluster is below one; when the problem is made, if the body does
@@ -192,36 +191,24 @@ class Frequency(Objective):
 
     unit: ClassVar[str] = "Hz"
 
-    #: Name of the body.
-    body: str
-    #: Number of the first frequency that counts, from 1.
-    number: int = 1
-    #: How many frequencies count.
-    cluster: int = 1
-    #: Leave the body's frame free instead of held.
-    free: bool = False
+    body: str  #: Name of the body
+    number: int = 1  #: Number of the first frequency that counts, from 1
+    cluster: int = 1  #: How many frequencies count
+    free: bool = False  #: Leave the body's frame free instead of held
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         validation.name("frequency: body", self.body)
         validation.integer("frequency: number", self.number, least=1)
         validation.integer("frequency: cluster", self.cluster, least=1)
         validation.flag("frequency: free", self.free)
 
-    @property
-    def needs_trajectory(self) -> bool:
-        return False
+    def evaluate(self, response: Response) -> float:
+        eigenvalues, _, chosen = self._eigenpairs(response)
+        return math.sqrt(1.0 / float(np.mean(1.0 / eigenvalues[chosen]))) / (2.0 * math.pi)
 
-    def value(self, trajectory: Trajectory | None, bodies: Bodies) -> float:
-        eigenvalues = self._eigenpairs(bodies)[0][self._chosen(bodies)]
-        return math.sqrt(1.0 / float(np.mean(1.0 / eigenvalues))) / (2.0 * math.pi)
-
-    def pullback(
-        self, trajectory: Trajectory | None, bodies: Bodies
-    ) -> tuple[None, dict[str, VolumeIntegrals]]:
-        eigenvalues, vectors = self._eigenpairs(bodies)
-        chosen = self._chosen(bodies)
-        self._warn_of_neighbours(eigenvalues, chosen, self._rigid(bodies))
+    def derivatives(self, response: Response) -> Derivatives:
+        eigenvalues, vectors, chosen = self._eigenpairs(response)
+        self._warn_of_neighbours(eigenvalues, chosen)
         own, v = eigenvalues[chosen], vectors[:, chosen]
         mean = 1.0 / np.mean(1.0 / own)
         # d psi = psi / (2 lambda) d lambda, d lambda_i = v_i . (dK - lambda_i dM) v_i
@@ -229,52 +216,40 @@ class Frequency(Objective):
         weights = 0.5 * psi * mean / (self.cluster * own**2)
         K = (weights * v) @ v.T
         M = -(weights * own * v) @ v.T
-        return None, {self.body: self._bar(bodies[self.body], K, M)}
+        return Derivatives(integrals={self.body: self._bar(response.bodies[self.body], K, M)})
 
-    def _chosen(self, bodies: Bodies) -> slice:
-        first = self._rigid(bodies) + self.number - 1
-        return slice(first, first + self.cluster)
-
-    def _rigid(self, bodies: Bodies) -> int:
-        """Number of rigid-body motions that count, which come first."""
-        return 3 * bodies[self.body].dimension - 3 if self.free else 0
-
-    def validate_names(self, markers: Mapping[str, Collection[str]], joints: list[str]) -> None:
-        if self.body not in markers:
-            raise no_body("frequency", self.body, markers)
-
-    def validate_modes(self, modes: Mapping[str, int]) -> None:
-        count, last = modes[self.body], self.number - 1 + self.cluster
+    def validate(self, inventory: Inventory) -> None:
+        if self.body not in inventory.modes:
+            raise no_body("frequency", self.body, inventory.modes)
+        count, last = inventory.modes[self.body], self.number - 1 + self.cluster
         if last > count:
-            wanted = (
-                f"frequencies {self.number} to {last}" if self.cluster > 1 else f"number {last}"
-            )
+            if count == 0:
+                raise ValueError(f"frequency: body {self.body!r} is rigid, and has none")
+            several = f"frequencies {self.number} to {last}"
             raise ValueError(
-                f"frequency: body {self.body!r} is rigid, and has none"
-                if count == 0
-                else f"frequency: body {self.body!r} has {count} elastic coordinates, too few for "
-                f"{wanted}; give it more modes"
+                f"frequency: body {self.body!r} has {count} elastic coordinates, too few for "
+                f"{several if self.cluster > 1 else f'number {last}'}; give it more modes"
             )
 
-    def _eigenpairs(self, bodies: Bodies) -> tuple[Array, Array]:
-        """Eigenvalues and M-orthonormal eigenvectors, in ascending order."""
-        self.validate_names(dict.fromkeys(bodies, ()), [])
-        body = bodies[self.body]
-        self.validate_modes({self.body: body.modes})
-        n = self._rigid(bodies)
+    def _eigenpairs(self, response: Response) -> tuple[Array, Array, slice]:
+        """Ascending eigenvalues, M-orthonormal eigenvectors, and the places of the cluster."""
+        self.validate(response.inventory)
+        body = response.bodies[self.body]
+        n = 3 * body.dimension - 3 if self.free else 0  # rigid-body modes, which come first
+        first = n + self.number - 1
         M = body.mass_matrix()[-n - body.modes :, -n - body.modes :]
         K = np.zeros_like(M)
         K[n:, n:] = body.K
         eigenvalues, vectors = scipy.linalg.eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-        if not eigenvalues[self._chosen(bodies).start] > 1e-12 * eigenvalues[-1]:
+        if not eigenvalues[first] > 1e-12 * eigenvalues[-1]:
             raise ValueError(
                 f"frequency: frequency {self.number} of body {self.body!r} is zero; its stiffness "
                 "is singular"
             )
-        return eigenvalues, vectors
+        return eigenvalues, vectors, slice(first, first + self.cluster)
 
-    def _warn_of_neighbours(self, eigenvalues: Array, chosen: slice, rigid: int) -> None:
-        first, last = chosen.start, chosen.stop
+    def _warn_of_neighbours(self, eigenvalues: Array, chosen: slice) -> None:
+        first, last, rigid = chosen.start, chosen.stop, chosen.start - self.number + 1
         for inside, outside in ((first, first - 1), (last - 1, last)):
             if not rigid <= outside < eigenvalues.size:
                 continue
@@ -287,7 +262,7 @@ class Frequency(Objective):
                 )
 
     def _bar(self, body: VolumeIntegrals, K: Array, M: Array) -> VolumeIntegrals:
-        """Derivatives with respect to the integrals from those to K and M."""
+        """Derivatives by the integrals from the derivatives by K and M, (n, n) each."""
         bar, n = body.zeros_like(), len(M) - body.modes
         bar.K[:] = K[n:, n:]
         if bar.P is not None:
@@ -304,7 +279,7 @@ class Frequency(Objective):
 
 
 def _bar_in_space(bar: VolumeIntegrals, M: Array) -> VolumeIntegrals:
-    """Derivatives by the integrals of a body in space, from that by its mass matrix or by G."""
+    """Derivatives by the integrals of a body in space from those by its mass matrix or by G."""
     n = len(M) - bar.modes
     S, P = np.zeros_like(bar.S), np.zeros((*bar.G.shape, 3, 3))
     P[1:, 1:] = np.multiply.outer(M[n:, n:], np.eye(3))

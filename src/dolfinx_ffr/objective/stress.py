@@ -13,7 +13,7 @@ instants are gone through in blocks, so that no more than a block of them is hel
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -22,11 +22,9 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..dynamics import Trajectory
-from .base import DensityField, Derivatives, Objective, Response, StressField
+from .base import Derivatives, Inventory, Objective, Response, StressField
 from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
 from .time_average import time_weights
-
-__all__ = ["PeakStress", "von_mises_root"]
 
 Array = NDArray[np.float64]
 
@@ -37,14 +35,9 @@ NEGLIGIBLE = 1e-18
 
 
 def von_mises_root(out_of_plane: float, components: int = 3) -> Array:
-    """The matrix R by which the von Mises stress is |R (sx, sy, txy)|.
+    """The matrix R, (components, components), by which the von Mises stress is |R (sx, sy, txy)|.
 
-    Args:
-        out_of_plane: The stress sz / (sx + sy) [-].
-        components: 3 in the plane; 6 in space, for sx, sy, sz, txy, tyz, txz.
-
-    Returns:
-        Shape (components, components).
+    ``out_of_plane`` is sz / (sx + sy); of 6 components the order is sx, sy, sz, txy, tyz, txz.
     """
     if components == 6:
         root = math.sqrt(3.0) * np.eye(6)
@@ -66,15 +59,11 @@ class PeakStress(Objective):
     jump (the relaxation of C. Le et al., Structural and Multidisciplinary Optimization 41 (2010),
     doi:10.1007/s00158-009-0440-y, with s = 1/2); void has no stress.
 
-    **What is bounded.** With ``scale`` 1 psi is never above the largest stress, and with the
-    default power it is about half of it: a constraint on psi then bounds the mean, and the largest
-    stress is higher. :meth:`calibrated` gives the objective with the scale that makes psi the
-    largest stress at one design; at other designs the two differ by as much as the ratio has
-    changed. The method of moving asymptotes does that at each design that it keeps, as Le et al.
-    do. :meth:`largest` tells the largest stress itself.
-
-    Large powers are closer to the peak, but so nonlinear that moving asymptotes get stuck; 8 is
-    usual.
+    With ``scale`` 1 psi is never above the largest stress, and about half of it with the default
+    power: a constraint on psi then bounds the mean. :meth:`calibrated` gives the objective with the
+    scale that makes psi the largest stress at one design, as `MMA` does (and Le et al.) at each
+    design that it keeps. :meth:`largest` is the largest stress itself. Larger powers are closer to
+    the peak, but so nonlinear that moving asymptotes get stuck.
 
     Raises:
         ValueError: If a number is out of range; when the problem is made, if the body has no mesh.
@@ -82,19 +71,15 @@ class PeakStress(Objective):
 
     unit: ClassVar[str] = "Pa"
 
-    #: Name of the body.
-    body: str
-    #: The power p, at least 2.
-    power: float = 8.0
+    body: str  #: Name of the body
+    power: float = 8.0  #: The power p, at least 2
     #: Exponent s of the density; zero relaxes nothing, else more than 1 / p.
     relaxation: float = 0.5
     #: Whether modes that were left out follow the inertia forces statically.
     correction: bool = True
-    #: Factor of the mean.
-    scale: float = 1.0
+    scale: float = 1.0  #: Factor of the mean
 
     def __post_init__(self) -> None:
-        """Check name and numbers."""
         what = "peak stress"
         validation.name(f"{what}: body", self.body)
         validation.number(f"{what}: the power", self.power, least=2.0)
@@ -107,11 +92,14 @@ class PeakStress(Objective):
                 "be above 1, or void has no derivative; take a larger one of both"
             )
 
-    def validate(self, densities: Collection[str] | Mapping[str, DensityField]) -> None:
-        if self.body not in densities:
+    def validate(self, inventory: Inventory) -> None:
+        self._check_body(inventory.densities)
+
+    def _check_body(self, bodies: Collection[str]) -> None:
+        if self.body not in bodies:
             raise ValueError(
                 f"peak stress of body {self.body!r}, but the bodies with a mesh and a density are "
-                f"{sorted(densities)}"
+                f"{sorted(bodies)}"
             )
 
     def evaluate(self, response: Response) -> float:
@@ -120,13 +108,8 @@ class PeakStress(Objective):
     def largest(self, response: Response) -> float:
         """The largest von Mises stress of all points and instants, times x^s [Pa]; collective.
 
-        It is that of ``worst_stress(..., relaxation=s, void=0.0)``.
-
-        Args:
-            response: As for :meth:`evaluate`, for example `Problem.response(evaluation)`.
-
-        Raises:
-            ValueError: As :meth:`evaluate` does.
+        It is that of ``worst_stress(..., relaxation=s, void=0.0)``, at a ``response``, for example
+        `Problem.response(evaluation)`; it raises what :meth:`evaluate` raises.
         """
         return math.sqrt(self._mean(self._parts(response)).largest)
 
@@ -141,9 +124,10 @@ class PeakStress(Objective):
         mean, p = self._mean(parts), self.power
         z = parts.coordinates
         z_bar, modes_bar = np.zeros_like(z), np.zeros_like(parts.modes)
-        x_bar = np.zeros(len(parts.density))
+        x_bar, weights_bar = np.zeros(len(parts.density)), np.zeros(len(parts.cell))
         if mean.value > 0.0:
             # d psi / d s_v^2 = 1/2 scale / (mean A T) weight (x^s)^p (s_v / mean)^(p - 2)
+            weights_bar -= self.scale * mean.value / (p * parts.area)
             share = (mean.highest / mean.value**2) ** (0.5 * p - 1.0)  # at least 1 at the peak
             chosen = np.flatnonzero(share > NEGLIGIBLE)
             for part, stress in parts.blocks(chosen):
@@ -152,6 +136,7 @@ class PeakStress(Objective):
                 slope = _power(squared / mean.value**2, 0.5 * p - 1.0)
                 slope *= 0.5 * self.scale / mean.value * parts.areas[part, None] * parts.times
                 through = np.einsum("pt,pt->p", slope, squared)
+                weights_bar[part] += 2.0 / p * through / (parts.areas[part] * parts.area)
                 x_bar += np.bincount(parts.cell[part], through, minlength=len(x_bar))
                 slope *= 2.0 * own
                 stress *= slope
@@ -170,15 +155,14 @@ class PeakStress(Objective):
             ),
             densities={self.body: x_bar},
             stresses={self.body: np.swapaxes(stress_bar, 2, 3)},
+            weights={self.body: weights_bar.reshape(field.weights.shape)},
         )
 
     def _parts(self, response: Response) -> _Parts:
-        """What the mean is made of."""
-        self.validate(list(response.stresses))
+        """The quantities that the mean is made of."""
+        self._check_body(response.stresses)
         field, density = response.stresses[self.body], response.densities[self.body].values
         trajectory = response.trajectory
-        if trajectory is None:
-            raise ValueError(f"peak stress of body {self.body!r}: there is no motion")
         modes, (cells, points) = field.modes(self.correction), field.weights.shape
         root = von_mises_root(field.out_of_plane, modes.shape[2])
         weighted = np.einsum("ij,cpjn->icpn", root, modes)
@@ -196,16 +180,15 @@ class PeakStress(Objective):
             times=times / np.sum(times),
             cell=cell,
             areas=field.weights.ravel() / area,
+            area=area,
             share=density[cell] ** (2.0 * self.relaxation),
         )
 
     def _mean(self, parts: _Parts) -> _Mean:
-        """The mean of all points and instants, the same on every rank.
-
-        The largest value so far is divided out, so that no power overflows.
-        """
+        """The mean over all points and instants, the same on every rank."""
         half, counts = 0.5 * self.power, parts.times > 0.0
         highest = np.zeros(len(parts.areas))
+        # the largest value so far is divided out, so that no power overflows
         largest = reference = total = 0.0
         for part, stress in parts.blocks(np.arange(len(highest))):
             squared = np.einsum("ipt,ipt->pt", stress, stress)
@@ -236,12 +219,12 @@ class _Parts:
     field: StressField
     trajectory: Trajectory
     density: Array  #: (cells,) of this rank
-    #: (3 or 6, points of all cells, coordinates) R times the stress of the solid [Pa]
-    modes: Array
+    modes: Array  #: (3 or 6, points of all cells, coordinates) R times the stress of the solid [Pa]
     coordinates: Array  #: (steps + 1, coordinates)
     times: Array  #: (steps + 1,) share of each instant in the time
     cell: NDArray[np.int64]  #: (points of all cells,) of each point
     areas: Array  #: (points of all cells,) share of each point in the area of the body
+    area: float  #: Area of the body, in space volume [m^2], [m^3]
     share: Array  #: (points of all cells,) x^(2 s)
 
     def blocks(self, chosen: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], Array]]:

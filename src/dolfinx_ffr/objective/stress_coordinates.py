@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The coordinates that the stress of a body is linear in, and their pullback to the motion.
+"""Coordinates in which the stress of a body is linear, and their pullback to the trajectory.
 
 They are the elastic ones and, with static correction, the factors of the fields that make up the
 acceleration of the body's points in its frame,
@@ -25,8 +25,6 @@ from numpy.typing import NDArray
 
 from ..dynamics import Trajectory, TrajectoryBar
 
-__all__ = ["stress_coordinates", "stress_coordinates_pullback"]
-
 Array = NDArray[np.float64]
 
 
@@ -35,15 +33,9 @@ def stress_coordinates(
 ) -> Array:
     """The coordinates z over time, shape (steps + 1, coordinates).
 
-    These are the elastic coordinates and, with static correction, the factors of the fields e_x,
-    e_y, w_0, J w_0, the constraint modes, and J times all shape functions in b; in space those of
-    e_k, w_0^l e_k, the constraint modes and e_k x w_j, k first.
-
-    Args:
-        trajectory: The motion.
-        name: Of the body.
-        n_constraint: Number of its constraint modes.
-        correction: Whether to add the factors of the static correction.
+    These are the elastic coordinates and, with static ``correction``, the factors of the fields
+    e_x, e_y, w_0, J w_0, the ``n_constraint`` constraint modes, and J times all shape functions in
+    b; in space those of e_k, w_0^l e_k, the constraint modes and e_k x w_j, k first.
     """
     q = trajectory.elastic(name)
     if not correction:
@@ -69,15 +61,7 @@ def stress_coordinates(
 def stress_coordinates_pullback(
     trajectory: Trajectory, name: str, n_constraint: int, bar: Array
 ) -> TrajectoryBar:
-    """The transpose of the derivative of `stress_coordinates`.
-
-    Args:
-        trajectory: The motion.
-        name: Of the body.
-        n_constraint: Number of its constraint modes.
-        bar: Derivative with respect to the coordinates, shape (steps + 1, coordinates); without
-            those of the static correction, that was none.
-    """
+    """The transpose of the derivative of `stress_coordinates` for a ``bar`` of the shape of z."""
     q, k = trajectory.elastic(name), n_constraint
     where, r = trajectory.model.coordinates(name), q.shape[1]
     out = TrajectoryBar.zeros(trajectory)
@@ -124,7 +108,7 @@ def _forces(trajectory: Trajectory, name: str) -> tuple[Array, Array]:
 
 
 def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
-    """The coordinates of a body in space."""
+    """The coordinates z of a body in space, with static correction."""
     where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
     q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
     omega, alpha = trajectory.v[:, where.rotation], trajectory.w[:, where.rotation]
@@ -145,7 +129,7 @@ def _in_space(trajectory: Trajectory, name: str, k: int) -> Array:
 def _add_in_space(
     out: TrajectoryBar, trajectory: Trajectory, name: str, k: int, bar: Array
 ) -> None:
-    """Add the transpose of the derivative of `_in_space`, but that of the elastic coordinates."""
+    """Add the transpose of the derivative of `_in_space`, but for its first columns, to ``out``."""
     where, steps = trajectory.model.coordinates_in_space(name), len(trajectory.t)
     q, rate = trajectory.elastic(name), trajectory.v[:, where.elastic]
     r = q.shape[1]

@@ -13,18 +13,11 @@ from numpy.typing import NDArray
 from .. import validation
 from ..dynamics import Trajectory, stage_integrals
 
-__all__ = ["check_window", "power_mean", "time_weights", "trapezoidal_weights"]
-
 Array = NDArray[np.float64]
 
 
 def check_window(what: str, window: tuple[float, float] | None) -> None:
-    """Refuse a time window that is not an interval.
-
-    Args:
-        what: Name of the objective, for the message.
-        window: Begin and end [s]; None stands for the whole motion.
-    """
+    """Refuse a time window that is no interval (begin, end); None is the whole motion."""
     if window is None:
         return
     begin, end = validation.real_array(f"{what}: the window", window, (2,), expected="two times")
@@ -37,19 +30,12 @@ def check_window(what: str, window: tuple[float, float] | None) -> None:
 def time_weights(
     trajectory: Trajectory, window: tuple[float, float] | None = None, what: str = "objective"
 ) -> Array:
-    """Weights of integrals over time, one for each instant of a trajectory [s].
+    """Weights of integrals over time, or over a window (begin, end), shape of the instants [s].
 
-    Args:
-        trajectory: Result of the simulation.
-        window: Begin and end of the time that counts [s]; None takes all. With constant steps it
-            is that of the steps inside.
-        what: Name of the objective, for the message.
-
-    Raises:
-        ValueError: If fewer than two times lie in the window.
+    With constant steps a window stands for the steps inside.
     """
     if trajectory.weights is None:
-        return trapezoidal_weights(trajectory.t, window, what)
+        return _trapezoidal_weights(trajectory.t, window, what)
     if window is None:
         return trajectory.weights
     ends = trajectory.step_ends
@@ -60,26 +46,13 @@ def time_weights(
             f"{ends[0]:g} s to {ends[-1]:g} s"
         )
     h = np.diff(ends)
-    low = np.clip((begin - ends[:-1]) / h, 0.0, 1.0)
-    high = np.clip((end - ends[:-1]) / h, 0.0, 1.0)
+    low, high = (np.clip((limit - ends[:-1]) / h, 0.0, 1.0) for limit in (begin, end))
     weights = np.zeros_like(trajectory.t)
     weights[1:] = np.ravel(h[:, None] * (stage_integrals(high) - stage_integrals(low)))
     return weights
 
 
-def trapezoidal_weights(
-    t: Array, window: tuple[float, float] | None = None, what: str = "objective"
-) -> Array:
-    """Weights of the trapezoidal rule at times t, shape of t [s].
-
-    Args:
-        t: Times, shape (n,) [s].
-        window: Begin and end of the time that counts [s]: of the steps inside; None takes all.
-        what: Name of the objective, for the message.
-
-    Raises:
-        ValueError: If fewer than two times lie in the window.
-    """
+def _trapezoidal_weights(t: Array, window: tuple[float, float] | None, what: str) -> Array:
     first, last = 0, t.size
     if window is not None:
         # Times are sums of steps: one that round-off has put outside still counts.
@@ -99,24 +72,15 @@ def trapezoidal_weights(
 
 
 def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Array]:
-    """Power mean (sum_k weight_k c_k^p / sum_k weight_k)^(1/p) and its derivative.
+    """Power mean (sum_k weight_k c_k^p / sum_k weight_k)^(1/p) and its derivative by c, shape (n,).
 
-    It lies between mean (p = 1) and maximum (p to infinity). The largest value is divided out
-    first, so that no power overflows.
-
-    Args:
-        values: Values c_k that are not negative, shape (n,).
-        weights: Weights, shape (n,).
-        power: The power p, at least 1.
-
-    Returns:
-        The mean and its derivative with respect to each value, shape (n,); zero where all values
-        are zero, where the mean of a power has a kink.
+    It lies between mean (p = 1) and maximum (p to infinity). Where all values, which are not
+    negative, are zero, the mean has a kink, and the derivative is given as zero.
     """
     share = weights / np.sum(weights)
-    # What does not count may be so large that its power overflows.
+    # a value of weight zero may be so large that its power overflows
     values = np.where(share > 0.0, values, 0.0)
-    largest = float(np.max(values))
+    largest = float(np.max(values))  # divided out, so that no power overflows
     if largest == 0.0:
         return 0.0, np.zeros_like(values)
     mean = largest * float(share @ (values / largest) ** power) ** (1.0 / power)

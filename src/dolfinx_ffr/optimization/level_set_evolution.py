@@ -4,30 +4,26 @@
 Each iteration makes one explicit step of an `Evolution` and keeps it if psi falls; otherwise the
 next step is half as long. The projection from void to solid becomes sharper in stages: at first
 derivatives reach over an element, and the final design is crisp. In the second half of the stages
-what is analysed lies a little within the boundary of the design that is made (`LevelSet.eroded`);
-bounds on volumes, psi and densities of the result are of the latter.
+an eroded design is analysed (`LevelSet.eroded`); bounds on volumes, psi and densities of the result
+are those of the nominal one.
 """
 
 from __future__ import annotations
 
-import warnings
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
 from ..design import Evolution, LevelSet
 from ..dynamics import SimulationError
 from ..problem import Evaluation
-from .loop import DesignLoop, Optimizer
-from .result import DesignWarning, Result
-
-__all__ = ["LevelSetEvolution"]
-
-Array = NDArray[np.float64]
+from .gradient import Array
+from .loop import Arrays, Bounds, DesignLoop, Designs, Optimizer
+from .result import Result, warn
 
 #: Factors of the step's size after one that was kept and one that was not
 GROW, SHRINK = 1.3, 0.5
@@ -35,8 +31,8 @@ GROW, SHRINK = 1.3, 0.5
 SHORTEST = 1e-3
 #: Iterations over which convergence is judged
 WINDOW = 5
-#: A design this many times softer than what it is compared with is in pieces: its gradient tells of
-#: the void that holds it together, and leads nowhere
+#: A design whose psi is this many times that of the reference is in pieces: its gradient is that of
+#: the void that holds it together
 APART = 1e3
 
 
@@ -47,17 +43,15 @@ class LevelSetEvolution(Optimizer):
     Args:
         evolution: How the level set moves, of several bodies by name; by default an `Evolution`
             with the volume bound of the run. One that is given brings its own bound.
-        sharpness: Steepness of the projection, one a stage. The next stage begins where one has
+        sharpness: Steepness of the projection in each stage. The next stage begins where one has
             converged, or has had its share of the iterations.
         step: Largest change of phi in one iteration, in knot spacings (CFL number); above one the
             zero line overshoots thin struts.
         tolerance: A stage has converged when psi falls by less than this, relatively, over five
             iterations.
-        reinitialize_every: Steps kept between re-initialisations to the signed distance; 0 for
-            none.
-        stage_iterations: Iterations that a stage has at most; by default those of the run are
-            shared out evenly where it begins. A number makes the way of a design independent of the
-            number of iterations, which then says only where it ends.
+        reinitialize_every: Steps between re-initialisations to the signed distance; 0 for none.
+        stage_iterations: Iterations of a stage at most; by default those of the run are shared out
+            evenly. A number makes the path of a design independent of the number of iterations.
 
     Raises:
         ValueError: If a number is out of range.
@@ -71,7 +65,6 @@ class LevelSetEvolution(Optimizer):
     stage_iterations: int | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         what = "LevelSetEvolution"
         stages = f"{what}: sharpness"
         if not len(validation.real_array(stages, self.sharpness, (None,))):
@@ -88,52 +81,29 @@ class LevelSetEvolution(Optimizer):
             kinds = (Evolution, type(None))
             validation.instance(f"{what}: evolution", evolution, kinds, "an Evolution")
 
-    @staticmethod
-    def fits(design: Any) -> bool:
-        """Whether explicit steps can move a ``design``: they move level sets only."""
-        return isinstance(design, LevelSet)
-
-    def run(
-        self,
-        loop: DesignLoop,
-        designs: Mapping[str, Any],
-        start: Mapping[str, Array],
-        volume: Mapping[str, float],
-    ) -> Result:
+    def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The level sets ``designs`` moved from ``start`` below ``volume`` in a ``loop``."""
         steps = _Steps(self, loop, designs, volume)
         with loop.running():
             data = loop.earlier(steps.identity())
             loop.plan(len(steps.stages), self.stage_iterations)
-            if data is not None:
-                state = steps.loaded(data)
-                evaluation = steps.evaluate(state)
-                loop.resumed(evaluation)
-                evaluation = steps.differentiate(evaluation, state)
-            else:
-                state, evaluation = steps.begin(start)
-                steps.record(state, evaluation)
-            while True:
-                reason = steps.ended(state) or ("interrupted" if loop.interrupted() else "")
-                if reason:
-                    break
+            state, evaluation = steps.begin(start) if data is None else steps.load(data)
+            while not (reason := steps.ended(state)):
                 if steps.stage_ended(state):
-                    narrowed = steps.next_stage(state, evaluation)
-                    if narrowed is None:
+                    if (narrowed := steps.next_stage(state, evaluation)) is None:
                         reason = "stalled"
                         break
                     state, evaluation = narrowed
                 state, evaluation, accepted, multiplier = steps.iterate(state, evaluation)
                 steps.record(state, evaluation, accepted=accepted, multiplier=multiplier)
-            made = steps.made(state, evaluation)
-        return loop.result(
-            steps.designs(state), steps.coefficients(state), made, reason, steps.bounds
-        )
+            evaluation = steps.nominal(state, evaluation)
+            designs, coefficients = steps.designs(state), steps.coefficients(state)
+            return loop.result(designs, coefficients, evaluation, reason, steps.bounds)
 
 
 @dataclass
 class _State:
-    """All that the next iteration depends on."""
+    """The state that the next iteration depends on."""
 
     phi: dict[str, Array]
     iteration: int = 0
@@ -144,17 +114,13 @@ class _State:
 
 
 class _Steps:
-    """What an iteration does."""
+    """The iterations of one run."""
 
     def __init__(
-        self,
-        options: LevelSetEvolution,
-        loop: DesignLoop,
-        designs: Mapping[str, Any],
-        volume: Mapping[str, float],
+        self, options: LevelSetEvolution, loop: DesignLoop, designs: Designs, volume: Bounds
     ) -> None:
         for name, design in designs.items():
-            if not options.fits(design):
+            if not isinstance(design, LevelSet):
                 raise ValueError(
                     f"optimize: LevelSetEvolution moves level sets, and the design of body "
                     f"{name!r} is a {type(design).__name__}; give optimizer=MMA()"
@@ -162,7 +128,7 @@ class _Steps:
         if loop.problem.combine.bounds:
             raise ValueError(
                 "optimize: LevelSetEvolution minimises one smooth number, and the largest value of "
-                "several motions (WorstCase) is none; give optimizer=MMA(), or combine the motions "
+                "several load cases (WorstCase) is none; give optimizer=MMA(), or combine them "
                 "by a PowerMean"
             )
         if loop.problem.constraints:
@@ -173,54 +139,51 @@ class _Steps:
         self.loop, self.options = loop, options
         given = options.evolution
         if given is None:
-            evolutions = {name: Evolution(ls, volume[name]) for name, ls in designs.items()}
-        else:
-            by_name = given if isinstance(given, Mapping) else dict.fromkeys(designs, given)
-            evolutions = dict(by_name)
+            given = {name: Evolution(design, volume[name]) for name, design in designs.items()}
+        evolutions = dict(given if isinstance(given, Mapping) else dict.fromkeys(designs, given))
         if list(evolutions) != list(designs) or any(
-            evolutions[name].levelset is not levelset for name, levelset in designs.items()
+            evolutions[name].levelset is not design for name, design in designs.items()
         ):
             raise ValueError("optimize: the evolution moves another level set")
         #: Of the filled shares, by name of the body
         self.bounds = {name: e.bisection.bound for name, e in evolutions.items()}
         #: Of each stage, by name of the body
-        self.stages = [
-            {
-                name: e.with_sharpness(sharpness, eroded=2 * stage >= len(options.sharpness))
-                for name, e in evolutions.items()
-            }
-            for stage, sharpness in enumerate(options.sharpness)
-        ]
-
-    # ------------------------------------------------------------------ evaluations
+        self.stages = []
+        for stage, sharp in enumerate(options.sharpness):
+            late = 2 * stage >= len(options.sharpness)
+            own = {name: e.with_sharpness(sharp, eroded=late) for name, e in evolutions.items()}
+            self.stages.append(own)
 
     def coefficients(self, state: _State) -> dict[str, Array]:
         """The coefficients of the level sets."""
         evolutions = self.stages[state.stage]
         return {name: e.variables(state.phi[name]) for name, e in evolutions.items()}
 
-    def densities(self, state: _State, *, made: bool = False) -> dict[str, Array]:
-        """The densities of this rank's cells, as they are analysed, or as they are ``made``."""
+    def densities(self, state: _State) -> dict[str, Array]:
+        """The analysed densities of this rank's cells."""
         variables, evolutions = self.coefficients(state), self.stages[state.stage]
-        return {
-            name: (e.levelset if made else e.analysed).density(variables[name])
-            for name, e in evolutions.items()
-        }
+        return {name: e.analysed.density(variables[name]) for name, e in evolutions.items()}
 
     def designs(self, state: _State) -> dict[str, LevelSet]:
-        """The level sets as they are made, as sharp as in a state."""
+        """The nominal level sets, as sharp as in a state."""
         return {name: e.levelset for name, e in self.stages[state.stage].items()}
 
-    def made(self, state: _State, evaluation: Evaluation) -> Evaluation:
-        """The evaluation of the designs as they are made."""
-        evolutions = self.stages[state.stage].values()
-        if all(e.analysed is e.levelset for e in evolutions):
+    def nominal(self, state: _State, evaluation: Evaluation) -> Evaluation:
+        """The evaluation of the nominal level sets, where eroded ones are analysed."""
+        if all(e.analysed is e.levelset for e in self.stages[state.stage].values()):
             return evaluation
-        return self.loop.value(self.densities(state, made=True))
+        variables = self.coefficients(state)
+        return self.loop.value({n: d.density(variables[n]) for n, d in self.designs(state).items()})
 
-    def evaluate(self, state: _State) -> Evaluation:
-        """The value of a state."""
-        return self.loop.value(self.densities(state))
+    def value(self, state: _State, limit: float = math.inf) -> Evaluation | None:
+        """The evaluation of a state; None where psi exceeds a limit or nothing can be simulated."""
+        try:
+            found = self.loop.value(self.densities(state))
+        except SimulationError:  # so soft that it cannot move
+            if limit == math.inf:
+                raise
+            return None
+        return found if found.psi <= limit else None
 
     def differentiate(self, evaluation: Evaluation, state: _State) -> Evaluation:
         """The evaluation of a state with its gradient."""
@@ -234,49 +197,39 @@ class _Steps:
     def begin(self, start: Mapping[str, Array]) -> tuple[_State, Evaluation]:
         """The first state with its evaluation."""
         phi = {n: evolution.start(start[n]) for n, evolution in self.stages[0].items()}
-        given = _State(phi, size=self.options.step)
+        state = _State(phi, size=self.options.step)
         flat = {n: e.bounded(np.zeros(len(phi[n]))) for n, e in self.stages[0].items()}
-        even = replace(given, phi=flat)
-        limit = APART * self.loop.value(self.densities(even)).psi
-        try:
-            evaluation = self.evaluate(given)
-            if evaluation.psi <= limit:
-                return given, self.differentiate(evaluation, given)
-        except SimulationError:  # so soft that it cannot move
-            pass
-        warnings.warn(
-            "optimize: the start design has fallen apart; the loop begins with an even density "
-            "instead. Take smaller or fewer holes, or raise the volume bound, to which the start "
-            "design is shrunk",
-            DesignWarning,
-            stacklevel=4,
-        )
-        return even, self.differentiate(self.evaluate(even), even)
+        even = replace(state, phi=flat)
+        without = self.value(even)
+        assert without is not None
+        evaluation = self.value(state, APART * without.psi)
+        if evaluation is None:
+            warn(
+                "optimize: the start design has fallen apart; the loop begins with an even density "
+                "instead. Take smaller or fewer holes, or raise the volume bound, to which the "
+                "start design is shrunk"
+            )
+            state, evaluation = even, without
+        evaluation = self.differentiate(evaluation, state)
+        self.record(state, evaluation)
+        return state, evaluation
 
     def iterate(
         self, state: _State, evaluation: Evaluation
     ) -> tuple[_State, Evaluation, bool, float]:
-        """The state after one step that was tried, its evaluation, and what became of it."""
-        if evaluation.gradient is None:
-            raise AssertionError("the design that is kept has its gradient")
-        due = bool(
-            self.options.reinitialize_every
-            and state.accepted + 1 >= self.options.reinitialize_every
-        )
+        """The next state, its evaluation, whether the step was kept, and the multiplier."""
+        gradient, every = evaluation.gradient, self.options.reinitialize_every
+        assert gradient is not None
+        due = bool(every and state.accepted + 1 >= every)
         moved, multiplier = {}, 0.0
         for name, evolution in self.stages[state.stage].items():
-            phi, found_multiplier = evolution.step(
-                state.phi[name], evaluation.gradient[name], state.size
-            )
+            phi, own = evolution.step(state.phi[name], gradient[name], state.size)
             moved[name] = evolution.reinitialize(phi) if due else phi
-            multiplier = max(multiplier, found_multiplier)
+            multiplier = max(multiplier, own)
         trial = replace(state, phi=moved, iteration=state.iteration + 1)
-        try:
-            found = self.loop.value(self.densities(trial))
-        except SimulationError:  # so soft that it cannot move: as bad as can be
-            found = None
+        found = self.value(trial, evaluation.psi)
         if found is not None and found.psi < evaluation.psi:
-            found = self.loop.with_modes(found, self.densities(trial), trial.iteration)
+            found = self.loop.accurate(found, self.densities(trial), trial.iteration)
             trial.size = min(GROW * state.size, self.options.step)
             trial.accepted = 0 if due else state.accepted + 1
             return trial, self.differentiate(found, trial), True, multiplier
@@ -284,8 +237,6 @@ class _Steps:
         if due:
             kept.accepted = 0  # the next trial does without
         return kept, evaluation, False, multiplier
-
-    # ------------------------------------------------------------------ stages
 
     def stage_ended(self, state: _State) -> bool:
         """Whether a sharper projection is due."""
@@ -298,26 +249,19 @@ class _Steps:
     def next_stage(self, state: _State, evaluation: Evaluation) -> tuple[_State, Evaluation] | None:
         """The state at the beginning of the next stage; None if it falls apart there."""
         stage = state.stage + 1
-        narrowed = replace(
-            state,
-            phi={n: evolution.bounded(state.phi[n]) for n, evolution in self.stages[stage].items()},
-            stage=stage,
-            since=state.iteration,
-            size=max(state.size, 0.3 * self.options.step),
-        )
-        try:
-            found = self.evaluate(narrowed)
-            if found.psi <= APART * evaluation.psi:
-                return narrowed, self.differentiate(found, narrowed)
-        except SimulationError:  # so soft that it cannot move
-            pass
-        return None
+        phi = {n: evolution.bounded(state.phi[n]) for n, evolution in self.stages[stage].items()}
+        size = max(state.size, 0.3 * self.options.step)
+        narrowed = replace(state, phi=phi, stage=stage, since=state.iteration, size=size)
+        found = self.value(narrowed, APART * evaluation.psi)
+        return None if found is None else (narrowed, self.differentiate(found, narrowed))
 
     def ended(self, state: _State) -> str:
         """Why the loop ends here, or nothing."""
         if state.stage + 1 == len(self.options.sharpness) and self._converged(state):
             return "converged"
-        return "iterations" if state.iteration >= self.loop.iterations else ""
+        if state.iteration >= self.loop.iterations:
+            return "iterations"
+        return "interrupted" if self.loop.interrupted() else ""
 
     def _converged(self, state: _State) -> bool:
         if state.size < SHORTEST:
@@ -330,8 +274,6 @@ class _Steps:
         # a halved step may well bring a descent that the longer one missed
         return before - now < self.options.tolerance * before and rows[-1]["accepted"] > 0
 
-    # ------------------------------------------------------------------ records
-
     def record(
         self,
         state: _State,
@@ -342,6 +284,7 @@ class _Steps:
     ) -> None:
         """Add a state to history and checkpoint."""
         fields = {k: v for k, v in vars(state).items() if k != "phi"}
+        fields |= {f"phi of {name}": phi for name, phi in state.phi.items()}
         self.loop.record(
             state.iteration,
             self.densities(state),
@@ -351,27 +294,24 @@ class _Steps:
             sharpness=max(e.levelset.sharpness for e in self.stages[state.stage].values()),
             merit=evaluation.psi,
             multiplier=multiplier,
-            state={**fields, **{f"phi of {name}": phi for name, phi in state.phi.items()}}
-            if state.iteration
-            else None,
+            state=fields if state.iteration else None,
         )
 
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint and the run that reads it have in common."""
+        """The entries that a checkpoint and the run that reads it have in common."""
         common: dict[str, Any] = {"optimizer": "LevelSetEvolution"}
         for name, evolution in self.stages[0].items():
             levelset = evolution.levelset
-            parts = {
-                **levelset.identity(),
-                "sharpness": list(self.options.sharpness),
-                "volume": evolution.bisection.bound,
-            }
+            parts = {**levelset.identity(), "sharpness": list(self.options.sharpness)}
+            parts["volume"] = evolution.bisection.bound
             common |= {f"{key} of {name}": value for key, value in parts.items()}
         return common
 
-    def loaded(self, data: Mapping[str, Any]) -> _State:
-        """The state of an earlier run."""
-        fields: dict[str, Any] = {
-            name: data[name].item() for name in _State.__dataclass_fields__ if name != "phi"
-        }
-        return _State({name: data[f"phi of {name}"] for name in self.stages[0]}, **fields)
+    def load(self, data: Mapping[str, Any]) -> tuple[_State, Evaluation]:
+        """The state of an earlier run, evaluated anew."""
+        names = [name for name in _State.__dataclass_fields__ if name != "phi"]
+        fields: dict[str, Any] = {name: data[name].item() for name in names}
+        state = _State({name: data[f"phi of {name}"] for name in self.stages[0]}, **fields)
+        evaluation = self.loop.value(self.densities(state))
+        self.loop.resumed(evaluation)
+        return state, self.differentiate(evaluation, state)

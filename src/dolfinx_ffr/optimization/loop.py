@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""What every design loop needs, whatever updates the design: history, checkpoints, interruption.
+"""The services of a design loop: evaluations, history, checkpoint, progress, interruption.
 
-An optimiser (`LevelSetEvolution`, `MMA`) decides which densities are tried next. The `DesignLoop`
-evaluates them, writes a row of the history for each, keeps a checkpoint from which a killed run
-goes on, shows the progress, calls back, and says when the user wants to stop.
+An optimiser (`LevelSetEvolution`, `MMA`) decides which design is tried next, by these services.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
+import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,32 +17,29 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ..design import Design
+from .. import validation
+from ..design import Design, Variables
+from ..dynamics import recorded, restored_method
 from ..fem import Domain
-from ..gradients import Distance, GradientErrors, GradientMethod, GradientReport
 from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
 from ..parallel import check_alike, on_every_rank, on_rank_0, same
 from ..problem import Evaluation, Problem
-from .enough_modes import EVERY, with_enough_modes
-from .result import DesignWarning, Result, gray_fraction, of_problem
+from .enough_modes import EVERY, with_enough_modes, with_steps_for
+from .gradient import Array, Distance, GradientErrors, GradientMethod, GradientReport
+from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import interruptible, warnings_above
 
-__all__ = [
-    "COLUMNS",
-    "GRADIENT_COLUMNS",
-    "DesignLoop",
-    "Optimizer",
-]
-
-Array = NDArray[np.float64]
 Row = dict[str, float]
 Callback = Callable[[int, Any, Evaluation], None]
+#: By name: designs, arrays of their variables or densities, bounds of volumes
+Designs = Mapping[str, Any]
+Arrays = Mapping[str, Array]
+Bounds = Mapping[str, float]
 
-#: Columns of the history, one row an iteration; of several bodies the worst or the sum. They tell
-#: the design as it is analysed, a level set near the end of a run a little within its boundary.
+#: Columns of the history, one row an iteration; of several bodies the worst or the sum, NaN where
+#: no density is designed. The design is the analysed one, which is eroded near the end of a run.
 COLUMNS = [
     "iteration",  # number, 0 is the start
     "psi",  # objective of the design that is kept
@@ -73,38 +68,29 @@ GRADIENT_COLUMNS = [
     "band_cosine",
     "band_worst",
 ]
-#: Columns that each of several bodies has of its own, "volume of rod"
-OF_BODY = ["volume", "frequency", "gray"]
-
-#: Columns that each of several motions has of its own, "psi of fast"
-OF_MOTION = ["psi"]
 
 #: Relative difference from which on a resumed psi counts as another problem's; the number of ranks
 #: and the release of DOLFINx change less
 SAME = 1e-6
 #: Constraints hold to this, relative to their bounds
 FEASIBLE = 1e-8
+#: Factor by which psi changes until time steps that were chosen are looked at again
+CHANGED = 2.0
 #: Steepness from which on the densities of a level set are shares of cut elements
 CRISP = 16.0
 #: Share of a body's area between void and solid from which on a design is no part yet
 GRAY = 0.1
-_UNKNOWN = GradientErrors(float("nan"), float("nan"), float("nan"))
+NAN = float("nan")
 
 
 class DesignLoop:
     """Evaluations, history, checkpoint, progress and interruption of one run.
 
-    Args:
-        problem: What is minimised.
-        domains: Of the designed bodies by name.
-        gradient: How derivatives are found.
-        iterations: Steps at most.
-        output: Folder for ``history.csv`` and ``checkpoint``; None writes nothing.
-        resume: Go on from the checkpoint in ``output``; a `DesignWarning` says if there is none.
-        progress: Show a progress bar on rank 0.
-        callback: Called after each iteration with its number, densities and evaluation.
-        mode_tolerance: Relative error of psi by the modes that a body leaves out, above which it
-            gets more; None leaves the modes as they are.
+    Its methods take a point x as `Problem.value` does, but always by name: densities of this rank's
+    cells, shape (cells,), of a design without a domain its variables. The ``domains`` are those of
+    the bodies whose density is designed, by name, ``start`` has the variables of the start design
+    where the user gives them; ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``,
+    ``progress``, ``callback`` and ``mode_tolerance`` are those of `optimize`.
     """
 
     def __init__(
@@ -118,83 +104,74 @@ class DesignLoop:
         resume: bool = False,
         progress: bool = True,
         callback: Callback | None = None,
+        start: Mapping[str, Array] | None = None,
         mode_tolerance: float | None = None,
     ) -> None:
         #: With as many modes as the design needed last
         self.problem = problem
-        self._mode_tolerance = mode_tolerance
-        self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
-        self._calibrates = False
-        self._mode_error = float("nan")
         self.domains = dict(domains)
         self.gradient = gradient
         self.iterations = iterations
-        self.comm: MPI.Comm = next(iter(self.domains.values())).comm
+        self.comm: MPI.Comm = ranks_of(problem)
         self.rows: list[Row] = []
         #: Iterations of a stage at most, see `plan`
-        self.stage_iterations = float("nan")
+        self.stage_iterations = NAN
+        self._mode_tolerance = mode_tolerance
+        self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
+        self._calibrates = False
+        self._mode_error = self._psi_of_steps = NAN
         self._columns: list[str] = []
         self._reports: dict[str, GradientReport] = {}
-        self._output, self._resume = output, resume
+        self._output, self._resume, self._other_start = output, resume, False
+        self._start = np.concatenate([np.zeros(0), *map(np.ravel, (start or {}).values())])
         self._callback = callback
-        self._interrupted: Callable[[], bool] = lambda: False
+        self._interrupted: Callable[[], int] = lambda: 0
+        #: Whether SIGTERM has ended the run, alike on every rank
+        self.terminated = False
         self._began = perf_counter()
-        self._bar = tqdm(
-            total=iterations,
-            disable=not progress or self.comm.rank > 0,
-            unit="iteration",
-            dynamic_ncols=True,
-        )
+        silent = not progress or self.comm.rank > 0
+        self._bar = tqdm(total=iterations, disable=silent, unit="iteration", dynamic_ncols=True)
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Show the progress, catch signals, and warn of each limit once within this context."""
         with self._bar, warnings_above(self._bar), interruptible(self.comm) as self._interrupted:
             yield
+            self.terminated = self._interrupted() == signal.SIGTERM
 
     def interrupted(self) -> bool:
         """Whether the user wants to stop, alike on every rank."""
-        return self._interrupted()
+        return self._interrupted() > 0
 
-    # ------------------------------------------------------------------ evaluations
+    def value(self, x: Mapping[str, Array]) -> Evaluation:
+        """Objective and constraints at ``x``; a SimulationError where it cannot move."""
+        found = self.problem.value(of_problem(x))
+        validation.number("optimize: psi of the problem", found.psi)
+        return found
 
-    def value(self, densities: Mapping[str, Array]) -> Evaluation:
-        """Objective and constraints.
+    def accurate(self, evaluation: Evaluation, x: Arrays, iteration: int) -> Evaluation:
+        """The ``evaluation`` at ``x``, which is kept, with the time steps and modes that it needs.
 
-        Args:
-            densities: Of this rank's cells by body, shape (cells,).
-
-        Raises:
-            SimulationError: On every rank, if the motion cannot be computed.
+        Steps that were chosen are judged anew where psi has changed by much since, modes at every
+        fifth ``iteration``.
         """
-        return self.problem.value(of_problem(densities))
-
-    def with_modes(
-        self, evaluation: Evaluation, densities: Mapping[str, Array], iteration: int
-    ) -> Evaluation:
-        """The evaluation of a design that is kept, with as many modes as it needs.
-
-        Args:
-            evaluation: What `value` returned.
-            densities: Of this rank's cells by body, shape (cells,).
-            iteration: Number of the iteration; every fifth one is looked at.
-        """
+        share = evaluation.psi / self._psi_of_steps
+        if not 1.0 / CHANGED <= share <= CHANGED:
+            self._psi_of_steps = evaluation.psi
+            self.problem, evaluation = with_steps_for(self.problem, x, evaluation)
         if self._mode_tolerance is None or iteration % EVERY:
             return evaluation
         self.problem, evaluation, errors = with_enough_modes(
-            self.problem, densities, evaluation, self._mode_tolerance, self._first_modes
+            self.problem, x, evaluation, self._mode_tolerance, self._first_modes
         )
-        self._mode_error = max(errors.values())
+        self._mode_error = max(errors.values(), default=NAN)
         return evaluation
 
     def calibrated(self, evaluation: Evaluation) -> Evaluation:
-        """The evaluation of a design that is kept, with objectives corrected there.
+        """The ``evaluation`` of a design that is kept, with objectives corrected there.
 
         `PeakStress` then is the largest stress, and the next designs are evaluated with its scale.
         Once done for one design it must be done for all that are kept.
-
-        Args:
-            evaluation: What `value` returned.
         """
         self._calibrates = True
         self.problem, evaluation = self.problem.calibrated(evaluation)
@@ -203,51 +180,54 @@ class DesignLoop:
     def differentiate(
         self, evaluation: Evaluation, distance: Distance, iteration: int
     ) -> Evaluation:
-        """An evaluation with its gradient, whose report goes into the history.
+        """The ``evaluation`` with its gradient, whose report goes into the history.
 
-        Args:
-            evaluation: What `value` returned, at any time.
-            distance: From the active boundary, by name of the body, see `GradientMethod`.
-            iteration: Number of the iteration.
+        ``distance`` is that from the active boundary, see `GradientMethod`, at an ``iteration``.
         """
         found, self._reports = self.gradient(self.problem, evaluation, distance, iteration)
+        given = {"psi": found.gradient}
+        given |= {f"constraint {n!r}": each.gradient for n, each in found.constraints.items()}
+        for name, gradient in given.items():
+            what = f"optimize: the gradient of {name}"
+            parts = validation.by_name(what, gradient, "numbers")  # type: ignore[arg-type]
+            for body, domain in self.domains.items():
+                validation.real_array(f"{what} by {body!r}", parts.get(body), (domain.n_cells,))
         return found
-
-    # ------------------------------------------------------------------ files
 
     def earlier(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
         """The state of the run that is to be resumed; None if there is none.
 
-        Args:
-            identity: What a checkpoint and the run that reads it must have in common.
-
-        Raises:
-            ValueError: On every rank, if what the ranks identify differs.
-            CheckpointError: On every rank, if the checkpoint is damaged or of another problem.
+        A checkpoint and the run that reads it must have the ``identity`` in common. On every rank
+        it is a ValueError if what the ranks identify differs, and a CheckpointError if the
+        checkpoint is damaged or of another problem.
         """
         check_alike(self.comm, "optimize", identity)
         self._identity = dict(identity)
-        if len(self.problem.motions) > 1:
-            self._identity["motions"] = f"{list(self.problem.motions)} by {self.problem.combine!r}"
+        if len(self.problem.load_cases) > 1:
+            cases = list(self.problem.load_cases)
+            self._identity["load_cases"] = f"{cases} by {self.problem.combine!r}"
         path = self._checkpoint
         if path is None or not self._resume:
             return None
         if not on_rank_0(self.comm, path.is_file):
-            warnings.warn(
-                f"optimize: there is no checkpoint {path} to go on from: the run begins anew",
-                DesignWarning,
-                stacklevel=4,
-            )
+            warn(f"optimize: there is no checkpoint {path} to go on from: the run begins anew")
             return None
         data = load_checkpoint(self.comm, path)
         for key, value in self._identity.items():
             if key not in data or not same(data[key], value):
                 raise self._other_problem(f"it differs in {key!r}")
         self.stage_iterations = float(data.get("stage_iterations", np.nan))
+        began = data.get("start", np.zeros(0))
+        self._other_start = bool(self._start.size and began.size) and not same(began, self._start)
+        self._start = began
         modes = dict(zip(self.problem.flexible, map(int, data["modes"]), strict=True))
         if not same(self._modes, data["modes"]):
             self.problem = self.problem.with_modes(modes)
         self._mode_error = float(data["mode_error"])
+        steps = zip(self.problem.load_cases, map(str, data.get("steps", [])), strict=False)
+        chosen = {name: restored_method(text) for name, text in steps if text}
+        if chosen:
+            self.problem = self.problem.with_integrators(chosen)
         self._columns = [str(name) for name in data["columns"]]
         self.rows = [dict(zip(self._columns, map(float, row), strict=True)) for row in data["rows"]]
         return data
@@ -255,38 +235,37 @@ class DesignLoop:
     def plan(self, stages: int, each: int | None) -> None:
         """Share out the iterations among the stages, where an earlier run has not done so.
 
-        So the stages of a run end alike, however often it is interrupted and resumed, and with
-        however many iterations.
-
-        Args:
-            stages: Their number.
-            each: Iterations of a stage at most; None shares out those of the run.
+        So the stages end alike, however often a run is resumed. There are ``stages`` of them, with
+        ``each`` iterations at most; None shares out those of the run.
         """
         if math.isnan(self.stage_iterations):
             self.stage_iterations = self.iterations / stages if each is None else float(each)
 
     def resumed(self, evaluation: Evaluation) -> None:
-        """Check that a design evaluates as it did in the earlier run, and go on with its history.
+        """Go on with the history of an earlier run, whose last design has this ``evaluation``.
 
-        Args:
-            evaluation: Of the design that was kept last.
-
-        Raises:
-            CheckpointError: On every rank, if it does not.
+        A CheckpointError on every rank if psi was another one there.
         """
         before = self.rows[-1]["psi"]
         found = self._columns
         self._columns = self._all_columns(evaluation)
         names = [set(columns) - set(GRADIENT_COLUMNS) for columns in (found, self._columns)]
         if names[0] != names[1]:
-            raise self._other_problem("it differs in the names of bodies, motions or constraints")
+            what = "the names of bodies, load cases or constraints"
+            raise self._other_problem(f"it differs in {what}")
         if not abs(evaluation.psi - before) <= SAME * abs(before):
             raise self._other_problem(
                 f"psi of its design was {before:.8g} and is {evaluation.psi:.8g} here"
             )
         # the earlier run may have approximated its gradient, or this one may begin to do so
         self._columns += [name for name in found if name not in self._columns]
-        self.rows = [{n: row.get(n, float("nan")) for n in self._columns} for row in self.rows]
+        self.rows = [{n: row.get(n, NAN) for n in self._columns} for row in self.rows]
+        if self._other_start:
+            warn(
+                f"optimize: the run goes on from the checkpoint {self._checkpoint}, and the start "
+                "that is given is not the one that it began with: it counts for nothing. Leave "
+                "resume out, or write into another folder, to begin with it"
+            )
         self._began = perf_counter() - self.rows[-1]["seconds"]
         self._bar.update(int(self.rows[-1]["iteration"]))
         self._write_history()
@@ -303,6 +282,14 @@ class DesignLoop:
         return [body.modes for body in self.problem.flexible.values()]
 
     @property
+    def _steps(self) -> list[str]:
+        """Method and steps of each load case where they were chosen, "" for others."""
+        if not isinstance(self.problem, Problem):  # one of the user's own
+            return []
+        methods = [case.integrator for case in self.problem.load_cases.values()]
+        return ["" if each.chosen_for is None else recorded(each) for each in methods]
+
+    @property
     def _checkpoint(self) -> Path | None:
         return None if self._output is None else self._output / "checkpoint"
 
@@ -310,139 +297,106 @@ class DesignLoop:
         if self._output is not None:
             write_history(self.comm, self._output / "history.csv", self._columns, self.rows)
 
-    # ------------------------------------------------------------------ records
-
     def record(
         self,
         iteration: int,
-        densities: Mapping[str, Array],
+        x: Mapping[str, Array],
         evaluation: Evaluation,
         *,
         accepted: bool,
         step: float,
         sharpness: float,
         merit: float,
-        multiplier: float = float("nan"),
+        multiplier: float = NAN,
         state: Mapping[str, Any] | None = None,
     ) -> None:
         """Add an iteration to history, checkpoint and progress, and call back.
 
-        Args:
-            iteration: Its number; 0 is the start, from which the clock runs.
-            densities: Of the design that is kept, this rank's cells by body.
-            evaluation: Of the design that is kept.
-            accepted: Whether it is the one that was tried.
-            step: Size of the step.
-            sharpness: Steepness of the projection.
-            merit: Of the design that is kept.
-            multiplier: Of the volume bound.
-            state: What a later run needs to go on; None writes no checkpoint.
+        At ``iteration`` 0, the start, the clock begins to run. ``x``, ``evaluation`` and ``merit``
+        are those of the design that is kept, which is ``accepted`` if it is the one that was tried.
+        Size of the ``step``, ``sharpness`` of the projection and ``multiplier`` of the volume bound
+        are for the history. Without a ``state``, from which a later run goes on, there is no
+        checkpoint.
         """
         if iteration == 0:
             self._began = perf_counter()
         if not self._columns:
             self._columns = self._all_columns(evaluation)
-        found = {
-            **self._row(densities, evaluation),
-            "iteration": iteration,
-            "accepted": int(accepted),
-            "step": step,
-            "sharpness": sharpness,
-            "merit": merit,
-            "multiplier": multiplier,
-            "seconds": self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0),
-        }
+        seconds = self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0)
+        found = {**self._row(x, evaluation), "iteration": iteration, "accepted": int(accepted)}
+        found |= {"step": step, "sharpness": sharpness, "merit": merit}
+        found |= {"multiplier": multiplier, "seconds": seconds}
         row = {name: found[name] for name in self._columns}
         self.rows.append(row)
         self._write_history()
-        path = self._checkpoint
-        if path is not None and state is not None:
-            table = np.array([[row[name] for name in self._columns] for row in self.rows])
-            save_checkpoint(
-                self.comm,
-                path,
-                {
-                    **state,
-                    **self._identity,
-                    "stage_iterations": self.stage_iterations,
-                    "modes": self._modes,
-                    "mode_error": self._mode_error,
-                    "columns": self._columns,
-                    "rows": table,
-                },
-            )
+        if self._checkpoint is not None and state is not None:
+            rows = np.array([[row[name] for name in self._columns] for row in self.rows])
+            common = {"stage_iterations": self.stage_iterations, "start": self._start}
+            common |= {"modes": self._modes, "mode_error": self._mode_error, "steps": self._steps}
+            common |= {"columns": self._columns, "rows": rows}
+            save_checkpoint(self.comm, self._checkpoint, {**state, **self._identity, **common})
         if iteration == 0:
             return
         self._bar.update()
-        self._bar.set_postfix_str(
-            f"psi {row['psi']:.4g}, volume {row['volume']:.3f}, "
-            f"first frequency (interfaces held) {row['frequency']:.4g} Hz"
-            + (f", gradient to {error:.1%}" if (error := found["gradient_estimate"]) else "")
-        )
-        x = dict(densities)
+        said = [f"psi {row['psi']:.4g}"]
+        if self.domains:
+            said.append(f"volume {row['volume']:.3f}")
+            said.append(f"first frequency (interfaces held) {row['frequency']:.4g} Hz")
+        if error := found["gradient_estimate"]:
+            said.append(f"gradient to {error:.1%}")
+        self._bar.set_postfix_str(", ".join(said))
         with on_every_rank(self.comm, "the callback of a design loop"):
             if self._callback is not None:
                 self._callback(iteration, of_problem(x), evaluation)
 
     def _all_columns(self, evaluation: Evaluation) -> list[str]:
         several = list(self.domains) if len(self.domains) > 1 else []
-        motions = list(evaluation.motions) if len(evaluation.motions) > 1 else []
+        cases = list(evaluation.load_cases) if len(evaluation.load_cases) > 1 else []
         return [
             *COLUMNS,
             *([] if self.gradient.exact else GRADIENT_COLUMNS),
-            *(f"{column} of {name}" for name in several for column in OF_BODY),
-            *(f"{column} of {name}" for name in motions for column in OF_MOTION),
+            *(f"{key} of {name}" for name in several for key in ("volume", "frequency", "gray")),
+            *(f"psi of {name}" for name in cases),
             *(f"constraint {label}" for label in evaluation.constraints),
         ]
 
-    def _row(self, densities: Mapping[str, Array], evaluation: Evaluation) -> Row:
-        """What a design's evaluation says, and the report of the last gradient."""
+    def _row(self, x: Mapping[str, Array], evaluation: Evaluation) -> Row:
+        """All columns that follow from an evaluation and the report of the last gradient."""
         area = {name: domain.area for name, domain in self.domains.items()}
-        gray = {
-            name: gray_fraction(domain, densities[name]) for name, domain in self.domains.items()
-        }
+        gray = {name: gray_fraction(domain, x[name]) for name, domain in self.domains.items()}
         held = evaluation.fixed_interface_frequencies
-        first = {
-            name: float(held[name][0]) if len(held[name]) else float("nan") for name in self.domains
-        }
-        total = sum(area.values())
-        several = len(self.domains) > 1
+        first = {name: float(held[name][0]) if len(held[name]) else NAN for name in area}
+
+        def mean(share: Mapping[str, float]) -> float:
+            return sum(share[n] * area[n] for n in area) / sum(area.values()) if area else NAN
+
         reports = list(self._reports.values())
-        worst = max(reports, key=lambda report: report.estimate)
-        true, band = worst.errors or _UNKNOWN, worst.band_errors or _UNKNOWN
+        worst = max(reports, key=lambda report: report.estimate, default=None)
         row = {
             "psi": evaluation.psi,
-            "volume": sum(evaluation.volume[name] * area[name] for name in area) / total,
-            "frequency": min(first.values()),
-            "gray": sum(gray[name] * area[name] for name in area) / total,
+            "volume": mean(evaluation.volume),
+            "frequency": min(first.values(), default=NAN),
+            "gray": mean(gray),
             "modes": sum(self._modes),
             "mode_error": self._mode_error,
-            "outer_gap": min(evaluation.outer_gap[name] for name in area),
+            "outer_gap": min((evaluation.outer_gap[name] for name in area), default=NAN),
             "solver_iterations": sum(evaluation.solver_iterations.values()),
             "gradient_elements": sum(report.elements for report in reports),
-            "gradient_estimate": worst.estimate,
-            "gradient_error": true.l2,
-            "gradient_cosine": true.cosine,
-            "gradient_worst": true.worst,
-            "band_error": band.l2,
-            "band_cosine": band.cosine,
-            "band_worst": band.worst,
+            "gradient_estimate": worst.estimate if worst else 0.0,
         }
-        if several:
-            for name in area:
-                row[f"volume of {name}"] = evaluation.volume[name]
-                row[f"frequency of {name}"] = first[name]
-                row[f"gray of {name}"] = gray[name]
-        if len(evaluation.motions) > 1:
-            for name, motion in evaluation.motions.items():
-                row[f"psi of {name}"] = motion.psi
-        for label, constraint in evaluation.constraints.items():
-            row[f"constraint {label}"] = constraint.value
+        for where, key in (("gradient", "errors"), ("band", "band_errors")):
+            found = getattr(worst, key, None) or GradientErrors(NAN, NAN, NAN)
+            row |= {f"{where}_error": found.l2, f"{where}_cosine": found.cosine}
+            row[f"{where}_worst"] = found.worst
+        for key, values in (("volume", evaluation.volume), ("frequency", first), ("gray", gray)):
+            row |= {f"{key} of {name}": values[name] for name in area}
+        row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
+        row |= {f"constraint {label}": c.value for label, c in evaluation.constraints.items()}
         return row
 
     def result(
         self,
-        designs: Mapping[str, Design],
+        designs: Mapping[str, Variables],
         variables: Mapping[str, Array],
         evaluation: Evaluation,
         reason: str,
@@ -450,108 +404,74 @@ class DesignLoop:
     ) -> Result:
         """The design that was kept last, with the history.
 
-        A crisp level set is evaluated once more with the law of cut elements, which is that of the
-        part its boundary encloses. A `DesignWarning` says which constraints it violates, and if
-        more than a tenth of a body is gray.
-
-        Args:
-            designs: By body, as sharp as in the last stage.
-            variables: By body.
-            evaluation: Of the design.
-            reason: Why the loop ended.
-            volume: Upper bounds of the filled shares by body, if there are any.
+        The ``designs`` are as sharp as in the last stage; they, their ``variables`` and the upper
+        bounds of the ``volume``, if there are any, are by body. The ``evaluation`` is that of the
+        design, the ``reason`` why the loop ended. A crisp level set is evaluated once more with the
+        law of cut elements. A `DesignWarning` names violated constraints, and bodies of which more
+        than a tenth is gray.
         """
-        densities = {name: design.density(variables[name]) for name, design in designs.items()}
-        cut = {
-            name: self.problem.flexible[name].with_cut_elements()
-            for name, design in designs.items()
-            if design.fills and design.sharpness >= CRISP
-        }
+        x = {name: x_of(design, variables[name]) for name, design in designs.items()}
+        dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
+        crisp = [n for n, design in dense.items() if design.fills and design.sharpness >= CRISP]
         problem, told = self.problem, evaluation
+        cut = {name: problem.flexible[name].with_cut_elements() for name in crisp}
         if any(body is not problem.flexible[name] for name, body in cut.items()):
             problem = problem.with_bodies(cut)
-            told = problem.value(of_problem(densities))
+            told = problem.value(of_problem(x))
         errors: dict[str, float] = {}
         if self._mode_tolerance is not None:
             problem, told, errors = with_enough_modes(
-                problem, densities, told, self._mode_tolerance, self._first_modes
+                problem, x, told, self._mode_tolerance, self._first_modes
             )
+        problem, told = with_steps_for(problem, x, told)
         if self._calibrates:
             problem, told = problem.calibrated(told)
-        over = {
-            f"volume of {name}": told.volume[name] / bound - 1.0
-            for name, bound in (volume or {}).items()
-        }
+        bounds = dict(volume or {})
+        over = {f"volume of {n}": told.volume[n] / bound - 1.0 for n, bound in bounds.items()}
         over |= {name: found.value for name, found in told.constraints.items()}
         # what is not a number is no value below a bound
         violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
         if violations:
             reason = "interrupted" if reason == "interrupted" else "infeasible"
             said = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
-            warnings.warn(
+            warn(
                 f"optimize: the design violates {said} of the bound, after "
                 f"{int(self.rows[-1]['iteration'])} iterations ({reason}): relax the bound, give "
-                "more volume or more iterations",
-                DesignWarning,
-                stacklevel=4,
+                "more volume or more iterations"
             )
-        history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
-        if reason != "interrupted":
-            self._warn_of_gray(designs, densities)
-        return Result(
-            densities,
-            dict(variables),
-            told,
-            history,
-            reason,
-            dict(designs),
-            problem,
-            violations,
-            errors,
-        )
-
-    def _warn_of_gray(self, designs: Mapping[str, Design], densities: Mapping[str, Array]) -> None:
-        """Say which bodies are no parts yet, and what helps."""
-        for name, design in designs.items():
-            gray = gray_fraction(design.domain, densities[name])
-            # of a crisp level set that is what the boundary cuts
-            crisp = design.fills and design.sharpness >= CRISP
-            if gray > GRAY and not crisp:
-                unfinished = design.sharpness < design.at(1.0).sharpness
-                warnings.warn(
-                    f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
-                    "and no part can be cut out of that: "
-                    + (
-                        "give more iterations, as the run ended before the design was sharp "
-                        "(resume=True goes on from here)"
-                        if unfinished
-                        else "take smaller elements, or ask for larger minimum sizes"
-                    ),
-                    DesignWarning,
-                    stacklevel=5,
+        densities = {name: x[name] for name in dense}
+        # gray cells of a crisp level set are cut by its boundary
+        unsure = set() if reason == "interrupted" else dense.keys() - crisp
+        for name in (name for name in dense if name in unsure):
+            gray, design = gray_fraction(dense[name].domain, densities[name]), dense[name]
+            remedy = "take smaller elements, or ask for larger minimum sizes"
+            if design.sharpness < design.at(1.0).sharpness:
+                remedy = (
+                    "give more iterations, as the run ended before the design was sharp "
+                    "(resume=True goes on from here)"
                 )
+            if gray > GRAY:
+                warn(
+                    f"optimize: {100.0 * gray:.0f} % of {name!r} is gray, neither void nor solid, "
+                    f"and no part can be cut out of that: {remedy}"
+                )
+        history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
+        end = (reason, dict(designs), problem, violations, errors, bounds)
+        return Result(densities, dict(variables), told, history, *end)
+
+
+def x_of(design: Variables, variables: Array) -> Array:
+    """The argument of a problem: a density, shape (cells,), or variables without a domain."""
+    return design.density(variables) if isinstance(design, Design) else variables
 
 
 class Optimizer(Protocol):
     """Updates designs, by the services of a `DesignLoop`."""
 
-    def run(
-        self,
-        loop: DesignLoop,
-        designs: Mapping[str, Any],
-        start: Mapping[str, Array],
-        volume: Mapping[str, float],
-    ) -> Result:
-        """The last design that was kept.
+    def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
+        """The last design that was kept, with the services of a ``loop``.
 
-        Args:
-            loop: Evaluates and records.
-            designs: By name of the body.
-            start: Variables by name of the body.
-            volume: Upper bound of the filled share by name of the body.
-
-        Raises:
-            ValueError: On every rank, if the parts do not fit each other.
-            SimulationError: On every rank, if not even the motion of the start can be computed.
+        The ``designs``, their ``start`` variables and the upper bounds of ``volume`` are by name.
+        On every rank a ValueError if these do not fit each other, and a SimulationError if not even
+        the motion of the start can be computed.
         """
-        ...

@@ -4,26 +4,24 @@
     min over z of log psi(z) + penalty(z)   such that   g_k(z) <= 0,   lower <= z <= upper,
 
 where the g_k are the volume bound of each body and the constraints of the problem, and the penalty
-is that of the design (a `LevelSet` asks for a minimum size by it). One value and one gradient an
-iteration; along the run the design becomes crisp, see `Design.at`.
+is that of the design. One value and one gradient an iteration; the design becomes crisp by and by.
 
-Near the end a level set is analysed a little within its boundary: psi and the slopes of the
-problem's constraints are those of the design that is analysed, the values of all constraints those
-of the design that is made (`Design.nominal`), as are psi and densities of the result. Where the
-problem has constraints, that takes a second value an iteration.
+Near the end an eroded level set is analysed: psi and the slopes of the problem's constraints are
+those of the eroded design, the values of all constraints those of the nominal one
+(`Design.nominal`), as are psi and densities of the result. Where the problem has constraints, that
+takes a second value an iteration.
 
-Steps are not safeguarded by a line search, so that a constraint may be violated by a little along
-the way. Near the end the constraints that are violated are tightened by as much, so that the
-designs come to lie on the feasible side; the best feasible crisp design is the result. A design
-that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken back,
-and the next step is half as long.
+There is no line search. Near the end the constraints that are violated are tightened by as much, so
+that the designs come to lie on the feasible side; the best feasible crisp design is the result. A
+design that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken
+back, and the next step is half as long.
 
-Of several motions the largest value is minimised (`WorstCase`) by the bound formulation: log of
-each weighted psi is bounded by a variable of its own, which is minimised in the place of log psi.
+For `WorstCase` log of each weighted psi is bounded by a variable, which is minimised in the place
+of log psi.
 
-`PeakStress` stands for the largest stress. It is corrected to it at each design that is kept, and
-its slope has the same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which
-design is best, are judged by the largest stress itself.
+`PeakStress` is corrected to the largest stress at each design that is kept, and its slope has the
+same scale (Le et al., doi:10.1007/s00158-009-0440-y): constraints, and which design is best, are
+judged by the largest stress itself.
 """
 
 from __future__ import annotations
@@ -34,19 +32,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
-from ..design import Design, shrunk
+from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..problem import Evaluation
-from .loop import FEASIBLE, DesignLoop, Optimizer
+from .gradient import Array
+from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer, x_of
 from .moving_asymptotes import Asymptotes
 from .result import Result
-
-__all__ = ["MMA"]
-
-Array = NDArray[np.float64]
 
 #: Iterations over which convergence is judged
 WINDOW = 8
@@ -62,20 +56,30 @@ STUCK = 8
 RECOVER = 1.5
 #: Violation, relative, from which on psi may rise so that a constraint is met
 VIOLATED = 1e-3
+#: Arrays of the asymptotes in a checkpoint, besides x
+STATE = ("before", "earlier", "reach")
+#: Numbers of a point in a checkpoint, and their kinds
+NUMBERS: dict[str, type] = {
+    "iteration": int,
+    "progress": float,
+    "rejected": int,
+    "held": bool,
+    "merit": float,
+    "best_merit": float,
+}
 
 
 @dataclass(frozen=True)
 class MMA(Optimizer):
-    """Method of moving asymptotes, for level sets and densities.
+    """Method of moving asymptotes, for any bounded variables.
 
     Args:
         move: Largest change of a variable in an iteration, in shares of its range.
         tolerance: The run has converged when, with a crisp design, log psi and the penalty fall by
             less than this over eight iterations. Zero makes use of all iterations.
         length: Iterations over which the design becomes crisp; by default those of the run that
-            begins. A number makes the way of a design independent of the number of iterations,
-            which then says only where it ends; a run that is resumed keeps the length it began
-            with.
+            begins. A number makes the path of a design independent of the number of iterations; a
+            run that is resumed keeps the length it began with.
 
     Raises:
         ValueError: If a number is out of range.
@@ -86,48 +90,30 @@ class MMA(Optimizer):
     length: int | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         validation.number("MMA: move", self.move, above=0.0, most=1.0)
         validation.number("MMA: tolerance", self.tolerance, least=0.0)
         if self.length is not None:
             validation.integer("MMA: length", self.length, least=1)
 
-    @staticmethod
-    def fits(design: Any) -> bool:
-        """Whether the method can move a ``design``: any whose variables are bounded."""
-        return isinstance(design, Design)
-
-    def run(
-        self,
-        loop: DesignLoop,
-        designs: Mapping[str, Design],
-        start: Mapping[str, Array],
-        volume: Mapping[str, float],
-    ) -> Result:
+    def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The best crisp ``designs`` from ``start`` below ``volume`` in a ``loop``."""
         run = _Run(self, loop, designs, volume)
         with loop.running():
             data = loop.earlier(run.identity())
             loop.plan(1, self.length)
-            if data is None:
-                point, now = run.begin(start)
-            else:
-                point, now = run.load(data)
+            point, now = run.begin(start) if data is None else run.load(data)
             while not (reason := run.ended(point)):
                 point, now = run.iterate(point, now)
-            chosen = run.chosen(point)
-            return loop.result(
-                run.designs(point.progress, nominal=True),
-                run.split(chosen),
-                run.evaluation(point, now, chosen),
-                reason,
-                volume,
-            )
+            # the best feasible crisp design, or else the last one
+            chosen = point.asymptotes.x if point.best is None else point.best
+            made = run.designs(point.progress, nominal=True)
+            told = run.evaluation(point, now, chosen)
+            return loop.result(made, run.split(chosen), told, reason, volume)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """All that the next iteration depends on, but the evaluation of the design that is kept."""
+    """All that the next iteration depends on, besides the evaluation of the design kept."""
 
     asymptotes: Asymptotes
     margins: Array  #: By how much constraints are tightened, shape (m,)
@@ -142,15 +128,9 @@ class _Point:
 
 
 class _Run:
-    """What an iteration does."""
+    """The iterations of one run; x are densities by body, or variables of a design without any."""
 
-    def __init__(
-        self,
-        options: MMA,
-        loop: DesignLoop,
-        designs: Mapping[str, Design],
-        volume: Mapping[str, float],
-    ) -> None:
+    def __init__(self, options: MMA, loop: DesignLoop, designs: Designs, volume: Bounds) -> None:
         self.options, self.loop = options, loop
         self._designs, self.volume = dict(designs), dict(volume)
         self.sizes = {name: design.size for name, design in designs.items()}
@@ -159,44 +139,36 @@ class _Run:
             for side in ("lower", "upper")
         )
 
-    # ------------------------------------------------------------------ variables
-
-    def designs(self, progress: float, *, nominal: bool = False) -> dict[str, Design]:
-        """The designs as sharp as at a progress, as they are analysed or as they are made."""
+    def designs(self, progress: float, *, nominal: bool = False) -> dict[str, Variables]:
+        """The designs as sharp as at a progress, as analysed or ``nominal``."""
         found = {name: design.at(progress) for name, design in self._designs.items()}
-        return {name: d.nominal for name, d in found.items()} if nominal else found
+        return {n: _nominal(d) for n, d in found.items()} if nominal else found
 
     def split(self, variables: Array) -> dict[str, Array]:
-        """The variables of each body."""
+        """The variables of each design."""
         ends = np.cumsum(list(self.sizes.values()))[:-1]
         return dict(zip(self.sizes, np.split(variables, ends), strict=True))
 
-    def shrunk(self, variables: Mapping[str, Array], progress: float) -> Array:
-        """All variables, lowered until the volume bounds hold."""
-        designs = self.designs(progress)
-        return np.concatenate([shrunk(d, variables[n], self.volume[n]) for n, d in designs.items()])
-
-    def densities(
-        self, variables: Array, progress: float, *, nominal: bool = False
-    ) -> dict[str, Array]:
-        """The densities of this rank's cells."""
+    def x(self, variables: Array, progress: float, *, nominal: bool = False) -> dict[str, Array]:
+        """The point at which the problem is evaluated."""
         parts, designs = self.split(variables), self.designs(progress, nominal=nominal)
-        return {name: design.density(parts[name]) for name, design in designs.items()}
-
-    # ------------------------------------------------------------------ iterations
+        return {name: x_of(design, parts[name]) for name, design in designs.items()}
 
     def begin(self, start: Mapping[str, Array]) -> tuple[_Point, Evaluation]:
-        """The first point with its evaluation."""
-        variables = self.shrunk({n: d.begin(start[n]) for n, d in self._designs.items()}, 0.0)
-        state = Asymptotes(self.lower, self.upper, variables, self.options.move)
-        densities = self.densities(variables, 0.0)
-        now = self.loop.with_modes(self.loop.value(densities), densities, 0)
-        now = self.loop.calibrated(now)
+        """The first point, lowered until the volume bounds hold, with its evaluation."""
+        first = {name: design.begin(start[name]) for name, design in self._designs.items()}
+        for name, design in self.designs(0.0).items():
+            if isinstance(design, Design):
+                first[name] = shrunk(design, first[name], self.volume[name])
+        variables = np.concatenate(list(first.values()))
+        x = self.x(variables, 0.0)
+        now = self.loop.calibrated(self.loop.accurate(self.loop.value(x), x, 0))
         bounds = self.bounds(variables, self.made(variables, now, 0.0), 0.0)
+        state = Asymptotes(self.lower, self.upper, variables, self.options.move)
         merit = self.merit(variables, now, 0.0)
         point = _Point(state, np.zeros(len(bounds)), bounds, merit=merit)
         now = self.differentiate(now, point)
-        self.record(point, now, densities, accepted=True, step=0.0, multiplier=0.0)
+        self.record(point, now, x, accepted=True, step=0.0, multiplier=0.0)
         return point, now
 
     def iterate(self, point: _Point, now: Evaluation) -> tuple[_Point, Evaluation]:
@@ -204,92 +176,70 @@ class _Run:
         state = point.asymptotes
         slope, slopes = self.functions(point, now)
         peaks, peak_slopes = self.peaks(point, now)
-        tried, multipliers = state.step(
-            slope,
-            np.concatenate([peaks, point.bounds + point.margins]),
-            np.vstack([peak_slopes, slopes]),
-            bounded=len(peaks),
-        )
-        multipliers = multipliers[len(peaks) :]
+        values = np.concatenate([peaks, point.bounds + point.margins])
+        every = np.vstack([peak_slopes, slopes])
+        tried, multipliers = state.step(slope, values, every, bounded=len(peaks))
         # every rank has computed the same, and its own last bits may decide nothing
         tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
-        iteration = point.iteration + 1
-        progress = self.next_progress(point)
-        densities = self.densities(tried.x, progress)
+        iteration, progress = point.iteration + 1, point.progress
+        if not point.held:  # else sharpening may have broken a constraint
+            progress = min(iteration / self.loop.stage_iterations, 1.0)
+        # the largest change of a variable as a share of its range
+        size = float(np.max(np.abs(tried.x - state.x) / (self.upper - self.lower)))
+        own = multipliers[len(peaks) :]
+        said = {"step": size, "multiplier": float(own[0]) if len(own) else 0.0}
+        x = self.x(tried.x, progress)
         try:
-            found = self.loop.value(densities)
+            found = self.loop.value(x)
         except SimulationError:  # so soft that it cannot move
             found = None
-        limit, broken = now.psi + APART * abs(now.psi), False
-        if found is None or not math.isfinite(found.psi):
-            apart = True
-        else:
-            # psi may rise where that brings a violated constraint nearer
-            bounds = self.bounds(tried.x, found, progress)
-            worst, then = float(np.max(point.bounds)), float(np.max(bounds))
-            pays = worst > VIOLATED and then < worst
-            broken = then > max(worst, 0.0) + BROKEN
-            rises = found.psi > limit and not pays
-            if rises and not broken:  # what becoming sharper alone brings is no fault of the step
-                before = self.psi(state.x, progress)
-                rises = found.psi > before + APART * abs(before)
-            apart = broken or rises
+        apart, broken = self.judged(point, now, tried.x, found, progress)
         if found is None or apart:
-            kept = replace(
-                point,
-                asymptotes=tried.retreat(state),
-                iteration=iteration,
-                rejected=point.rejected + 1,
-                held=broken,
-            )
-            self.record(
-                kept,
-                now,
-                self.densities(state.x, point.progress),
-                accepted=False,
-                step=self.relative_step(tried.x - state.x),
-                multiplier=float(multipliers[0]),
-            )
+            kept = replace(point, iteration=iteration, rejected=point.rejected + 1, held=broken)
+            kept = replace(kept, asymptotes=tried.retreat(state))
+            self.record(kept, now, self.x(state.x, point.progress), accepted=False, **said)
             return kept, now
-        found = self.loop.calibrated(self.loop.with_modes(found, densities, iteration))
+        found = self.loop.calibrated(self.loop.accurate(found, x, iteration))
         bounds = self.bounds(tried.x, self.made(tried.x, found, progress), progress)
-        moved = replace(
-            point,
-            asymptotes=replace(tried, move=min(RECOVER * tried.move, self.options.move)),
-            bounds=bounds,
-            iteration=iteration,
-            progress=progress,
-            rejected=0,
-            held=False,
-            merit=self.merit(tried.x, found, progress),
-        )
+        merit = self.merit(tried.x, found, progress)
+        after = replace(tried, move=min(RECOVER * tried.move, self.options.move))
+        moved = replace(point, asymptotes=after, bounds=bounds, merit=merit, rejected=0, held=False)
+        moved = replace(moved, iteration=iteration, progress=progress)
         if progress >= CRISP:
             # tightened by what is violated, relaxed slowly where nothing is
             margins = np.where(bounds > 0.0, point.margins + bounds, 0.9 * point.margins)
             moved = replace(moved, margins=margins)
-            if np.max(bounds) <= FEASIBLE and moved.merit < point.best_merit:
+            if _largest(bounds) <= FEASIBLE and moved.merit < point.best_merit:
                 moved = replace(moved, best=tried.x, best_merit=moved.merit)
         if iteration < self.loop.iterations:
             found = self.differentiate(found, moved)
-        self.record(
-            moved,
-            found,
-            densities,
-            accepted=True,
-            step=self.relative_step(tried.x - state.x),
-            multiplier=float(multipliers[0]),
-        )
+        self.record(moved, found, x, accepted=True, **said)
         return moved, found
 
-    def next_progress(self, point: _Point) -> float:
-        """The progress of the next trial, or that of the design kept where a constraint broke."""
-        if point.held:
-            return point.progress
-        return min((point.iteration + 1) / self.loop.stage_iterations, 1.0)
-
-    def relative_step(self, difference: Array) -> float:
-        """The largest change of a variable as a share of its bounds."""
-        return float(np.max(np.abs(difference) / (self.upper - self.lower)))
+    def judged(
+        self,
+        point: _Point,
+        now: Evaluation,
+        tried: Array,
+        found: Evaluation | None,
+        progress: float,
+    ) -> tuple[bool, bool]:
+        """Whether a step to variables ``tried`` is taken back, and whether for a constraint."""
+        if found is None or not math.isfinite(found.psi):
+            return True, False
+        worst = _largest(point.bounds)
+        then = _largest(self.bounds(tried, found, progress))
+        # psi may rise where that brings a violated constraint nearer
+        pays = worst > VIOLATED and then < worst
+        broken = then > max(worst, 0.0) + BROKEN
+        rises = found.psi > now.psi + APART * abs(now.psi) and not pays
+        if rises and not broken:  # what becoming sharper alone brings is no fault of the step
+            try:
+                before = self.loop.value(self.x(point.asymptotes.x, progress)).psi
+            except SimulationError:
+                before = math.inf
+            rises = found.psi > before + APART * abs(before)
+        return broken or rises, broken
 
     def merit(self, variables: Array, evaluation: Evaluation, progress: float) -> float:
         """Log psi and the penalties; psi itself where it has no logarithm."""
@@ -298,51 +248,42 @@ class _Run:
         psi = evaluation.psi
         return penalty + (math.log(psi) if psi > 0.0 else psi)
 
-    def psi(self, variables: Array, progress: float) -> float:
-        """Psi as it is analysed at a progress; infinite where nothing can be simulated."""
-        try:
-            return self.loop.value(self.densities(variables, progress)).psi
-        except SimulationError:
-            return math.inf
-
     def made(self, variables: Array, analysed: Evaluation, progress: float) -> Evaluation:
-        """The evaluation whose constraints are those of the designs as they are made."""
-        same = all(design.nominal is design for design in self.designs(progress).values())
-        if same or not analysed.constraints:
+        """Evaluation at the nominal design rather than the eroded one, for its constraints."""
+        if not analysed.constraints or not self.eroded(progress):
             return analysed
         try:
-            found = self.loop.value(self.densities(variables, progress, nominal=True))
+            found = self.loop.value(self.x(variables, progress, nominal=True))
         except SimulationError:  # what is analysed moves, and has a little less material
             return analysed
         # by its own largest stress; the scale of the next designs is that of the analysed one
         return self.loop.problem.calibrated(found)[1]
 
+    def eroded(self, progress: float) -> bool:
+        """Whether a design is analysed in the place of the nominal one."""
+        return any(_nominal(design) is not design for design in self.designs(progress).values())
+
     def bounds(self, variables: Array, made: Evaluation, progress: float) -> Array:
-        """G of all constraints: the volumes of the bodies as made, and those of the problem."""
-        densities, domains = self.densities(variables, progress, nominal=True), self.loop.domains
-        filled = {n: d.sum(densities[n] * d.cell_volumes) / d.area for n, d in domains.items()}
-        volumes = [filled[name] / self.volume[name] - 1.0 for name in self.sizes]
+        """G of all constraints, (m,): volumes of nominal bodies, and those of the problem."""
+        x, domains = self.x(variables, progress, nominal=True), self.loop.domains
+        filled = {n: d.sum(x[n] * d.cell_volumes) / d.area for n, d in domains.items()}
+        volumes = [filled[name] / bound - 1.0 for name, bound in self.volume.items()]
         return np.array([*volumes, *(c.value for c in made.constraints.values())])
 
     def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
-        """The slope of the merit, and those of the constraints.
+        """The slope of the merit, (n,), and those of the constraints, (m, n).
 
         Where the largest of several values is minimised, the slope is that of the penalty alone.
         """
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
-        rows: list[Any] = []
-        for moving in designs:
-            rows.append(
-                {
-                    n: d.domain.cell_volumes / d.domain.area / self.volume[n]
-                    if n == moving
-                    else np.zeros(d.domain.n_cells)
-                    for n, d in designs.items()
-                }
-            )
-        slopes = self.pulled_back(point, rows, nominal=True)
+        nominal = self.designs(point.progress, nominal=True)
+        volumes = np.zeros((len(self.volume), len(self.lower)))
+        for row, (name, bound) in zip(volumes, self.volume.items(), strict=True):
+            domain = self.loop.domains[name]
+            share = domain.cell_volumes / domain.area / bound
+            self.split(row)[name][:] = _by_variables(name, nominal[name], parts[name], share)
         others = [constraint.gradient for constraint in evaluation.constraints.values()]
-        slopes = np.vstack([slopes, *self.pulled_back(point, others)])
+        slopes = np.vstack([volumes, self.pulled_back(point, others)])
         slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
         if not self.loop.problem.combine.bounds:
             psi = evaluation.psi
@@ -351,49 +292,46 @@ class _Run:
         return slope, slopes
 
     def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
-        """The functions whose largest value is minimised, with their slopes; none but then.
+        """The functions whose largest value is minimised, and their slopes; of `WorstCase` alone.
 
-        They are the logs of the weighted psi of the motions that come near the largest one, or
-        these themselves, relative to the largest, where one is not positive.
+        They are the logs of the weighted psi of the load cases that come near the largest one;
+        where one is not positive, the weighted psi relative to the largest.
         """
-        combine = self.loop.problem.combine
+        combine, cases = self.loop.problem.combine, evaluation.load_cases
         if not combine.bounds:
             return np.zeros(0), np.zeros((0, len(self.lower)))
-        motions = evaluation.motions
-        psi = {name: motion.psi for name, motion in motions.items()}
-        near = combine.near(psi)
-        weighted = np.array([combine.weight(name) * psi[name] for name in near])
-        slopes = self.pulled_back(point, [motions[name].gradient for name in near])
+        near = combine.near({name: case.psi for name, case in cases.items()})
         weights = np.array([combine.weight(name) for name in near])
+        weighted = weights * np.array([cases[name].psi for name in near])
+        slopes = self.pulled_back(point, [cases[name].gradient for name in near])
         if np.all(weighted > 0.0):
             return np.log(weighted), slopes * (weights / weighted)[:, None]
         scale = float(np.max(np.abs(weighted))) or 1.0
         return weighted / scale, slopes * (weights / scale)[:, None]
 
-    def pulled_back(
-        self, point: _Point, rows: Sequence[Mapping[str, Array] | None], *, nominal: bool = False
-    ) -> Array:
-        """Derivatives with respect to the variables from those by densities, shape (rows, n)."""
-        parts = self.split(point.asymptotes.x)
-        designs = self.designs(point.progress, nominal=nominal)
-        found = []
+    def pulled_back(self, point: _Point, rows: Sequence[Mapping[str, Array] | None]) -> Array:
+        """Derivatives by the variables, shape (rows, n), from those by x."""
+        parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
+        found = [np.zeros((0, len(self.lower)))]
         for row in rows:
             if row is None:
                 raise ValueError(
                     "MMA: this way to the gradient gives none of the constraints, and of several "
-                    "motions only that of all together; take ExactAdjoint"
+                    "load cases only that of all together; take ExactAdjoint"
                 )
-            found.append(np.concatenate([d.pullback(parts[n], row[n]) for n, d in designs.items()]))
-        return np.array(found)
+            own = [_by_variables(n, d, parts[n], row.get(n)) for n, d in designs.items()]
+            found.append(np.concatenate(own)[None])
+        return np.concatenate(found)
 
     def differentiate(self, evaluation: Evaluation, point: _Point) -> Evaluation:
         """An evaluation with its gradient."""
         parts, designs = self.split(point.asymptotes.x), self.designs(point.progress)
-        return self.loop.differentiate(
-            evaluation, lambda name: designs[name].distance(parts[name]), point.iteration
-        )
 
-    # ------------------------------------------------------------------ end
+        def distance(name: str) -> Array | None:
+            design = designs[name]
+            return design.distance(parts[name]) if isinstance(design, Design) else None
+
+        return self.loop.differentiate(evaluation, distance, point.iteration)
 
     def ended(self, point: _Point) -> str:
         """Why the run ends here, or nothing."""
@@ -413,25 +351,17 @@ class _Run:
         rows = self.loop.rows[-1 - WINDOW :]
         return rows[0]["merit"] - rows[-1]["merit"] < self.options.tolerance
 
-    def chosen(self, point: _Point) -> Array:
-        """The variables of the result: the best feasible crisp ones, or else the last ones."""
-        return point.asymptotes.x if point.best is None else point.best
-
     def evaluation(self, point: _Point, now: Evaluation, chosen: Array) -> Evaluation:
-        """That of the result."""
-        analysed = self.designs(point.progress).values()
-        if chosen is point.asymptotes.x and all(d.nominal is d for d in analysed):
+        """The evaluation of the result."""
+        if chosen is point.asymptotes.x and not self.eroded(point.progress):
             return now
-        densities = self.densities(chosen, point.progress, nominal=True)
-        return self.loop.calibrated(self.loop.value(densities))
-
-    # ------------------------------------------------------------------ records
+        return self.loop.calibrated(self.loop.value(self.x(chosen, point.progress, nominal=True)))
 
     def record(
         self,
         point: _Point,
         evaluation: Evaluation,
-        densities: Mapping[str, Array],
+        x: Mapping[str, Array],
         *,
         accepted: bool,
         step: float,
@@ -439,68 +369,58 @@ class _Run:
     ) -> None:
         """Add a point to history and checkpoint."""
         state = point.asymptotes
-        arrays = {"x": state.x, "margins": point.margins}
-        arrays |= {
-            name: np.zeros(0) if value is None else value
-            for name, value in (
-                ("before", state.before),
-                ("earlier", state.earlier),
-                ("reach", state.reach),
-                ("best", point.best),
-            )
-        }
-        numbers = {
-            name: getattr(point, name)
-            for name in ("iteration", "progress", "rejected", "held", "merit", "best_merit")
-        }
+        kept = {name: getattr(state, name) for name in STATE} | {"best": point.best}
+        kept = {name: np.zeros(0) if value is None else value for name, value in kept.items()}
+        kept |= {name: getattr(point, name) for name in ("margins", *NUMBERS)}
+        designs = self.designs(point.progress).values()
         self.loop.record(
             point.iteration,
-            densities,
+            x,
             evaluation,
             accepted=accepted,
             step=step,
             merit=point.merit,
-            sharpness=max(d.sharpness for d in self.designs(point.progress).values()),
+            sharpness=max((d.sharpness for d in designs if isinstance(d, Design)), default=1.0),
             multiplier=multiplier,
-            state={**arrays, **numbers, "move": state.move} if point.iteration else None,
+            state={**kept, "x": state.x, "move": state.move} if point.iteration else None,
         )
 
     def load(self, data: Mapping[str, Any]) -> tuple[_Point, Evaluation]:
         """The point of an earlier run, evaluated anew."""
-
-        def given(name: str) -> Array | None:
-            return np.asarray(data[name]) if len(data[name]) else None
-
-        progress = float(data["progress"])
-        state = Asymptotes(
-            self.lower,
-            self.upper,
-            np.asarray(data["x"]),
-            float(data["move"]),
-            given("before"),
-            given("earlier"),
-            given("reach"),
-        )
-        now = self.loop.calibrated(self.loop.value(self.densities(state.x, progress)))
-        point = _Point(
-            state,
-            np.asarray(data["margins"]),
-            self.bounds(state.x, self.made(state.x, now, progress), progress),
-            best=given("best"),
-            iteration=int(data["iteration"]),
-            progress=progress,
-            rejected=int(data["rejected"]),
-            held=bool(data["held"]),
-            merit=float(data["merit"]),
-            best_merit=float(data["best_merit"]),
-        )
+        arrays = {n: np.asarray(data[n]) if len(data[n]) else None for n in (*STATE, "best")}
+        best, x, progress = arrays.pop("best"), np.asarray(data["x"]), float(data["progress"])
+        state = Asymptotes(self.lower, self.upper, x, float(data["move"]), **arrays)
+        now = self.loop.calibrated(self.loop.value(self.x(x, progress)))
+        numbers = {name: kind(data[name]) for name, kind in NUMBERS.items()}
+        bounds = self.bounds(x, self.made(x, now, progress), progress)
+        point = _Point(state, np.asarray(data["margins"]), bounds, best=best, **numbers)
         self.loop.resumed(now)
         return point, self.differentiate(now, point)
 
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint and the run that reads it have in common."""
+        """The entries that a checkpoint and the run that reads it have in common."""
         common: dict[str, Any] = {"optimizer": repr(self.options)}
         for name, design in self._designs.items():
-            parts = {**design.identity(), "volume": self.volume[name]}
+            parts = design.identity()
+            if name in self.volume:
+                parts = {**parts, "volume": self.volume[name]}
             common |= {f"{key} of {name}": value for key, value in parts.items()}
         return common
+
+
+def _nominal(design: Variables) -> Variables:
+    """The nominal design, where another one may be analysed in its place."""
+    return design.nominal if isinstance(design, Design) else design
+
+
+def _by_variables(name: str, design: Variables, variables: Array, bar: Array | None) -> Array:
+    """The derivative by the variables, shape (size,), from that by the density or by them."""
+    what = f"optimize: the derivative by {name!r}"
+    if isinstance(design, Design):
+        return design.pullback(variables, validation.real_array(what, bar))
+    return validation.real_array(what, bar, (design.size,))
+
+
+def _largest(bounds: Array) -> float:
+    """The largest of the constraints; minus infinity without any."""
+    return float(np.max(bounds, initial=-math.inf))

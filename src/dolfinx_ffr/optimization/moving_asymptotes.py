@@ -6,8 +6,7 @@
 Each function is replaced by r_i + sum_j p_ij / (U_j - x_j) + q_ij / (x_j - L_j), which has its
 value and gradient at the present variables. The asymptotes L and U draw near where a variable
 swings, and move away where it keeps on. The separable convex problem is solved by its dual, which
-has one variable for each constraint. There is no line search: each step costs one value and one
-gradient.
+has one variable for each constraint.
 
 The largest of several functions is minimised by bounding them,
 
@@ -29,12 +28,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["Asymptotes"]
-
-Array = NDArray[np.float64]
+from .gradient import Array
 
 #: Distance of the asymptotes in shares of the range: at first, at least, at most
 FIRST, LEAST, MOST = 0.5, 0.01, 10.0
@@ -53,14 +49,7 @@ WEAK = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Asymptotes:
-    """Present variables with what the next step needs; it is not changed by a step.
-
-    Args:
-        lower: Bounds, shape (n,).
-        upper: Bounds, shape (n,).
-        x: Present variables, shape (n,).
-        move: Largest change of a variable in a step, in shares of its range.
-    """
+    """Present variables with what the next step needs; it is not changed by a step."""
 
     lower: Array
     upper: Array
@@ -73,14 +62,11 @@ class Asymptotes:
     def step(
         self, slope: Array, values: Array, slopes: Array, bounded: int = 0
     ) -> tuple[Asymptotes, Array]:
-        """The state at the next variables, and the multipliers of the constraints.
+        """The state at the next variables, and the multipliers of the constraints, shape (m,).
 
-        Args:
-            slope: Gradient of the objective, shape (n,), of any scale: multipliers share it.
-            values: f_i, shape (m,).
-            slopes: Gradients of the f_i, shape (m, n).
-            bounded: How many of them, the first ones, are bounded by z, which is minimised beside
-                the objective; they should be of the size of one.
+        ``slope`` (n,) is the gradient of the objective, of any scale: multipliers share it.
+        ``values`` (m,) are the f_i, ``slopes`` (m, n) their gradients. The first ``bounded`` of
+        them, of the size of one, are bounded by z, which is minimised beside the objective.
         """
         x, width = self.x, self.upper - self.lower
         reach = self._reach()
@@ -96,22 +82,14 @@ class Asymptotes:
         if bounded:  # z from its present value, the largest of the functions
             r[:bounded] -= np.max(values[:bounded])
         found, multipliers = _Subproblem(low, high, alpha, beta, x, p, q, r, bounded).solve()
-        return (
-            replace(self, x=found, before=x, earlier=self.before, reach=reach),
-            multipliers,
-        )
+        return replace(self, x=found, before=x, earlier=self.before, reach=reach), multipliers
 
     def retreat(self, kept: Asymptotes) -> Asymptotes:
-        """The state ``kept`` from which this one was reached, with half its reach.
-
-        Args:
-            kept: The state before the step that is taken back.
-        """
+        """The state ``kept`` from which this one was reached, with half its reach."""
         assert self.reach is not None
         # at the next step, before and earlier alike, the reach stays as it is set here
-        return replace(
-            kept, move=0.5 * kept.move, before=kept.x, earlier=kept.x, reach=0.5 * self.reach
-        )
+        kept = replace(kept, before=kept.x, earlier=kept.x, reach=0.5 * self.reach)
+        return replace(kept, move=0.5 * kept.move)
 
     def _reach(self) -> Array:
         """The distance of both asymptotes from the present variables."""
@@ -209,16 +187,11 @@ class _Subproblem:
 
 
 def _ascent(hessian: Array, gradient: Array, multipliers: Array) -> Array:
-    """Newton's direction to the maximum of the dual's quadratic model over multipliers >= 0.
+    """Newton's direction to the maximum of the dual's quadratic model over multipliers >= 0, (m,).
 
     The sum of the bounded functions' multipliers hardly changes, so that cutting Newton's direction
     off where one multiplier reaches zero would spoil it for the others. With H = R^T R the model
     is at its maximum where |R m - R^-T (g + H m_0)| is smallest.
-
-    Args:
-        hessian: Negative second derivative, positive definite, shape (m, m).
-        gradient: Of the dual, shape (m,).
-        multipliers: Where it is, shape (m,).
     """
     root = np.linalg.cholesky(hessian).T
     aim = np.linalg.solve(root.T, gradient + hessian @ multipliers)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a design loop ends with: the design, its history, and what it falls short of."""
+"""The result of a design loop: the design, its history, violated bounds, and its parts."""
 
 from __future__ import annotations
 
@@ -9,38 +9,39 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
-from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from .. import validation
-from ..design import Design
+from ..boundary import Boundary
+from ..design import Design, Variables
 from ..dynamics import SimulationError
 from ..fem import Domain
+from ..files import file_names
 from ..part import Part, Solid, Verification, verify
 from ..plotting import plot_part
 from ..problem import Evaluation, Problem
-
-__all__ = ["DesignWarning", "Result", "gray_fraction", "of_problem", "only"]
-
-Array = NDArray[np.float64]
+from .gradient import Array
+from .running import alone_in
 
 
 class DesignWarning(UserWarning):
     """A run that began otherwise than it was asked to, or a result that is not what was wanted."""
 
 
+def warn(text: str, stacklevel: int = 4) -> None:
+    """Warn of a run or its result, at the line that called `optimize`."""
+    warnings.warn(text, DesignWarning, stacklevel=stacklevel + 1)
+
+
 def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9) -> float:
-    """The share of the body's area whose density is neither void nor solid.
+    """The share of a body's area whose density is neither void nor solid; collective.
 
-    Args:
-        domain: The body.
-        x: Density of this rank's cells, shape (cells,).
-        low: Densities up to this one count as void.
-        high: Densities from this one on count as solid.
-
-    Raises:
-        TypeError: If an argument is of a wrong kind.
-        ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1].
+    Densities ``x`` of this rank's cells of the ``domain``, shape (cells,), count as void up to
+    ``low``, and as solid from ``high`` on. A ValueError on every rank if they have the wrong size,
+    are NaN or leave [0, 1].
     """
     validation.instance("gray fraction: domain", domain, Domain, "a Domain")
     validation.number("gray fraction: low", low)
@@ -50,32 +51,78 @@ def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9)
     return domain.sum(domain.cell_volumes * gray) / domain.area
 
 
+@dataclass(frozen=True, eq=False)
+class BoundaryResult:
+    """What moving boundaries has come to."""
+
+    boundaries: dict[str, Boundary]  #: The best ones, by body
+    problem: Problem  #: On the meshes that fit them
+    evaluation: Evaluation  #: There
+    #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
+    #: ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a bound, ``step``
+    #: [m], ``cells``, ``modes``, the ``rejected`` trials before it, and the struts and holes that
+    #: were ``removed``
+    history: dict[str, Array]
+    #: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by SIGTERM
+    reason: str
+    #: Estimated relative error of psi by the normal modes that each body leaves out
+    mode_errors: dict[str, float]
+    #: What the boundaries enclose at each step of the history, as polygons [m], by body
+    materials: dict[str, list[BaseGeometry]]
+
+    @property
+    def psi(self) -> float:
+        """Of the parts."""
+        return self.evaluation.psi
+
+    @property
+    def boundary(self) -> Boundary:
+        """Where one body is designed, its boundary."""
+        found: Boundary = only(self.boundaries)
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """The last row of the history, and how it ended, for `Result.summary`."""
+        last = {key: float(column[-1]) for key, column in self.history.items()}
+        return last | {
+            "psi": self.psi,
+            "steps": len(self.history["psi"]) - 1,
+            "reason": self.reason,
+        }
+
+    def part(self, name: str | None = None) -> Part:
+        """The part of the body ``name``, by default of the only one."""
+        boundary: Boundary = only(self.boundaries) if name is None else self.boundaries[name]
+        return boundary.part
+
+
 @dataclass(frozen=True)
 class Result:
-    """A design and how it came about."""
+    """A design and its history."""
 
     densities: dict[str, Array]  #: Of this rank's cells by body, shape (cells,)
-    #: By body, the same on every rank: coefficients of a level set, shape (knots,), or design
-    #: variables of a `DensityDesign`, shape (designed cells,)
-    variables: dict[str, Array]
-    #: psi and motion of the design, by `problem`
-    evaluation: Evaluation = field(repr=False)
+    variables: dict[str, Array]  #: By body, the same on every rank, shape (size of the design,)
+    evaluation: Evaluation = field(repr=False)  #: psi and trajectory of the design, by `problem`
     history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
     #: Why the loop ended: "converged", "iterations" (none were left), "interrupted", "stalled" (the
     #: design would fall apart with a narrower Heaviside function), or "infeasible" (without a
     #: design that fulfils all constraints)
     reason: str
     #: By body, as sharp as at the end: its `Design.density` of the variables is the density
-    designs: dict[str, Design] = field(repr=False)
-    #: The one that evaluates the design: of a crisp level set with the law of cut elements, of
-    #: anything else the one that was given
+    designs: dict[str, Variables] = field(repr=False)
+    #: The problem that evaluates the design: for a crisp level set with the law of cut elements
     problem: Problem = field(repr=False)
-    #: Constraints that the design violates, by name (that of a volume bound is "volume of rod"), by
-    #: how much relative to their bounds
+    #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume)
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for, NaN where it cannot be estimated
     mode_errors: dict[str, float] = field(default_factory=dict)
+    #: Upper bounds of the filled shares by body, as `optimize` was given them
+    bounds: dict[str, float] = field(default_factory=dict)
+    #: Whether SIGTERM, as of a batch system, arrived during the run: `finish` then makes no parts
+    terminated: bool = False
+    #: What moving the boundaries of the parts has come to, None where they were not moved
+    moved: BoundaryResult | None = field(default=None, repr=False)
     _parts: dict[str, Part | Solid] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -87,6 +134,7 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """How the run ended, for `write_summary`."""
+        errors = [error for error in self.mode_errors.values() if not np.isnan(error)]
         return {
             "psi": self.psi,
             "reason": self.reason,
@@ -96,10 +144,8 @@ class Result:
             "volume": self.evaluation.volume,
             "gray": float(self.history["gray"][-1]),
             "modes": {name: body.modes for name, body in self.problem.flexible.items()},
-            "mode_error": max(
-                (error for error in self.mode_errors.values() if not np.isnan(error)), default=None
-            ),
-        }
+            "mode_error": max(errors, default=None),
+        } | ({"boundary": self.moved.summary()} if self.moved else {})
 
     @property
     def x(self) -> Array:
@@ -111,110 +157,93 @@ class Result:
         """Coefficients of the level set, shape (knots,), where one body is designed."""
         return only(self.variables)
 
-    def part(self, name: str | None = None) -> Part:
+    def part(self, name: str | None = None) -> Part | Solid:
         """The part that a designed body encloses, of the body's material; collective.
 
-        Args:
-            name: Of the body; by default the only one.
-
-        Raises:
-            ValueError: On every rank, if no body of this name was designed, several are and none is
-                named, or the part cannot be made (`Part`).
-
-        Warns:
-            PartWarning: Of loose pieces and lost interfaces, see `Part`.
+        A `Part` of a body in the plane, a `Solid` of one in space; `Enclosed` describes both. It is
+        made once and kept, as it takes seconds; where its boundary was `moved`, it is that of this
+        boundary. The ``name`` is that of the body, by default the only one. Errors and warnings are
+        those of `Part` and `Solid`; a ValueError on every rank if no body of this name was
+        designed, or several are and none is named.
         """
-        found = self._part("part", Part, name)
-        assert isinstance(found, Part)
-        return found
-
-    def solid(self, name: str | None = None) -> Solid:
-        """The solid that a designed body in space encloses, of the body's material; collective.
-
-        Args:
-            name: Of the body; by default the only one.
-
-        Raises:
-            ValueError: On every rank, if no body of this name was designed, several are and none is
-                named, the body is in the plane, or the solid cannot be made (`Solid`).
-
-        Warns:
-            PartWarning: Of loose pieces and lost interfaces, see `Solid`.
-        """
-        found = self._part("solid", Solid, name)
-        assert isinstance(found, Solid)
-        return found
-
-    def _part(self, what: str, kind: type[Part] | type[Solid], name: str | None) -> Part | Solid:
-        """What a designed body encloses, of a kind; kept, as it takes seconds."""
+        designs = self._designs_of_density
         if name is None:
-            name = only({body: body for body in self.designs})
-        validation.choice(f"result: {what}", name, self.designs)
-        if not isinstance(self._parts.get(name), kind):
-            material = self.problem.flexible[name].material
-            design, variables = self.designs[name], self.variables[name]
-            self._parts[name] = kind.of(design, variables, material=material)
+            name = only({body: body for body in designs})
+        validation.choice("result: part", name, designs)
+        if self.moved is not None:
+            return self.moved.part(name)
+        if name not in self._parts:
+            design, material = designs[name], self.problem.flexible[name].material
+            kind: type[Part] | type[Solid] = Solid if design.domain.dimension == 3 else Part
+            self._parts[name] = kind.of(design, self.variables[name], material=material)
         return self._parts[name]
 
-    def _enclosed(self, name: str) -> Part | Solid:
-        """The part of a body in the plane, the solid of one in space."""
-        space = self.designs[name].domain.dimension == 3
-        return self.solid(name) if space else self.part(name)
-
     def verify(self, **options: Any) -> Verification:
-        """Evaluate the problem with all designed bodies as parts or solids that fit; collective.
+        """Evaluate the problem with all designed bodies as parts that fit; collective.
 
-        Args:
-            options: Those of `verify`.
-
-        Raises:
-            ValueError: As `part` and `verify`.
-            SimulationError: On every rank, if the motion of the parts cannot be computed.
+        The ``options`` are those of `verify`; its ``volume`` is that of the run by default. Errors
+        and warnings are those of `part` and `verify`.
         """
-        parts = {name: self._enclosed(name) for name in self.designs}
-        return verify(self.problem, parts, self.evaluation, **options)
+        validation.keywords("result.verify", options, verify)
+        parts = {name: self.part(name) for name in self._designs_of_density}
+        told = self.moved or self
+        return verify(told.problem, parts, told.evaluation, **{"volume": self.bounds, **options})
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
-        """Leave the parts of all designed bodies: files for CAD, a picture, psi again; collective.
+        """Write the parts of all designed bodies for CAD, draw them, and evaluate them; collective.
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
-                ``solid.stl`` and ``solid.png``, where one body is designed; where several are, for
-                folders with their names.
+                ``solid.stl`` and ``solid.png``; of several bodies for folders with their names.
             options: Those of `verify`.
 
         Returns:
-            What the parts are worth; None if the design encloses no part that can be moved.
+            The verification; None if the design encloses no part that can be moved, or the run was
+            `terminated`, when nothing is computed or written.
 
         Raises:
-            OSError: On every rank, if a file cannot be written.
+            TypeError: On every rank, before anything is computed, if the folder is no path.
+            OSError: On every rank, if a file cannot be written; before anything is computed, if the
+                folder is a file or another program writes there.
 
         Warns:
-            DesignWarning: Where there is no such part, with the reason.
+            DesignWarning: Where there is no verification, with the reason.
+            PartWarning: As `verify`, of every bound that the parts exceed.
         """
-        found = None
-        try:
-            found = self.verify(**options)
-        except (ValueError, SimulationError) as error:
-            warnings.warn(f"no part comes of this design: {error}", DesignWarning, stacklevel=2)
-        for name, own in self._folders(folder).items():
-            part = self._parts.get(name)
-            solid = isinstance(part, Solid)
-            if part is None or (found is None and not solid):
-                continue
-            # the surface of a solid is worth a look in any case
-            part.write(own / "solid.stl" if solid else own)
-            what, title = "solid" if solid else "part", name
-            if found is not None:
-                title += f": psi of the {what} is {found.psi / self.psi:.3f} of that of the design"
-            plot_part(part, own / f"{what}.png", title=title)
+        place = validation.path("finish: folder", folder)
+        validation.keywords("result.finish", options, verify)
+        if self.terminated:
+            warn(
+                "finish: no part is made of this design, as SIGTERM has ended its run: go on with "
+                "optimize(..., resume=True)",
+                2,
+            )
+            return None
+        with alone_in(ranks_of(self.problem), place, "finish: folder"):
+            found = None
+            try:
+                found = self.verify(**options)
+            except (ValueError, SimulationError) as error:
+                warn(f"no part comes of this design: {error}", 2)
+            several = len(self._designs_of_density) > 1
+            for name, own in file_names(self._designs_of_density).items():
+                part, title = self._parts.get(name), name
+                if self.moved is not None:
+                    part = self.moved.part(name)
+                # the surface of a solid is worth a look in any case
+                if part is None or (found is None and not isinstance(part, Solid)):
+                    continue
+                if found is not None:
+                    ratio = 1.0 + found.difference
+                    title += f": psi of the {part.kind} is {ratio:.3f} of that of the design"
+                at = place / own if several else place
+                part.write(at)
+                plot_part(part, at / f"{part.kind}.png", title=title)
         return found
 
-    def _folders(self, folder: str | Path) -> dict[str, Path]:
-        """Where the files of each body go."""
-        if len(self.designs) == 1:
-            return dict.fromkeys(self.designs, Path(folder))
-        return {name: Path(folder) / name.replace(" ", "_") for name in self.designs}
+    @property
+    def _designs_of_density(self) -> dict[str, Design]:
+        return {name: design for name, design in self.designs.items() if isinstance(design, Design)}
 
     @property
     def psi(self) -> float:
@@ -227,15 +256,14 @@ class Result:
         return int(self.history["iteration"][-1])
 
 
+def ranks_of(problem: Problem) -> MPI.Comm:
+    """The ranks that evaluate a problem, which may be a user's own."""
+    bodies = problem.flexible.values()
+    return next((body.domain.comm for body in bodies), None) or problem.comm
+
+
 def only(by_name: Mapping[str, Any]) -> Any:
-    """The value of a mapping with one name.
-
-    Args:
-        by_name: Values by body.
-
-    Raises:
-        ValueError: If there are several.
-    """
+    """The value for the only body, or a ValueError."""
     if len(by_name) > 1:
         raise ValueError(
             f"several bodies are designed ({sorted(by_name)}): ask by name, for example "
@@ -245,9 +273,5 @@ def only(by_name: Mapping[str, Any]) -> Any:
 
 
 def of_problem(densities: Mapping[str, Array]) -> Any:
-    """Densities as `Problem.value` takes them: by name, or those of the only body.
-
-    Args:
-        densities: By body.
-    """
+    """The argument of `Problem.value`: values by name, or the value of the only body."""
     return dict(densities) if len(densities) > 1 else only(densities)

@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -17,15 +18,17 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from ..dynamics import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
+from ..files import locked, unlocked
+from ..mechanism import PlacementWarning
+from ..parallel import gathered, on_rank_0
 from ..postprocessing import LocalModesWarning
 from ..reduction import RoundOffWarning
 
-__all__ = ["interruptible", "warnings_above"]
-
-#: Warnings that speak of one motion, and hardly differ from design to design
+#: Warnings of one trajectory, which hardly differ from design to design
 LIMITS = (
     LargeDeformationWarning,
     LocalModesWarning,
+    PlacementWarning,
     RoundOffWarning,
     SofteningWarning,
     TiltedAxisWarning,
@@ -39,7 +42,7 @@ _NUMBER = re.compile(r"('[^']*')|\d[\d.]*(?:e[-+]?\d+)?")
 def warnings_above(bar: tqdm) -> Iterator[None]:
     """Context in which warnings stand on lines of their own, above the progress bar.
 
-    What the motion of each design says anew, with other numbers, is shown once.
+    A warning of a limit that differs in numbers only is shown once.
     """
     show = warnings.showwarning
     known: set[tuple[type[Warning], str]] = set()
@@ -62,21 +65,57 @@ def warnings_above(bar: tqdm) -> Iterator[None]:
 
 
 @contextmanager
-def interruptible(comm: MPI.Comm) -> Iterator[Callable[[], bool]]:
-    """Give a function that tells, alike on every rank, whether the user wants to stop."""
-    asked = threading.Event()
+def alone_in(comm: MPI.Comm, folder: Path | None, what: str) -> Iterator[None]:
+    """Context in which no other program that asks for it writes into a folder, which is made.
+
+    A lock of the operating system on the file ``.lock`` in it, held by rank 0, says so; it ends
+    with the process. Where the file system has no locks, nothing is said. Raises an OSError on
+    every rank if another program writes there, or the folder cannot be made.
+    """
+    if folder is None:
+        yield
+        return
+
+    def take() -> int | None:
+        if folder.is_file():
+            raise NotADirectoryError(f"{what}: {str(folder)!r} is a file; give a folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            return locked(folder / ".lock")
+        except BlockingIOError:
+            raise BlockingIOError(
+                f"{what}: another program, or another call, is writing into {str(folder)!r}: wait "
+                "until it has ended, or give another folder"
+            ) from None
+        except OSError as error:
+            if error.filename is not None:
+                raise
+            return None  # a file system without locks
+
+    held = on_rank_0(comm, take)
+    try:
+        yield
+    finally:
+        if comm.rank == 0 and held is not None:
+            unlocked(folder / ".lock", held)
+
+
+@contextmanager
+def interruptible(comm: MPI.Comm) -> Iterator[Callable[[], int]]:
+    """Give a function that tells, alike on every rank, the signal that asks to stop; 0 for none."""
+    asked: list[int] = []
     previous: dict[signal.Signals, Any] = {}
 
     def handle(number: int, frame: Any) -> None:
-        if asked.is_set():
+        asked.append(number)
+        if len(asked) > 1:
             raise KeyboardInterrupt
-        asked.set()
 
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             previous[number] = signal.signal(number, handle)
     try:
-        yield lambda: bool(comm.allreduce(asked.is_set(), MPI.LOR))
+        yield lambda: max(gathered(comm, "a design loop", max(asked, default=0)))
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

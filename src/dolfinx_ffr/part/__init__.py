@@ -3,21 +3,23 @@
 
 from __future__ import annotations
 
-from .part import Part
-from .shape import LoosePiece, PartWarning, Shape
+from ..documentation import explain_fields
+from .part import LoosePiece, Part
 from .solid import Solid
-from .verify import BodyFigures, Figures, Verification, verify
+from .verify import BodyFigures, Enclosed, Figures, PartWarning, Verification, verify
 from .widths import Width
 
 __all__ = [
     "BodyFigures",
+    "Enclosed",
     "Figures",
     "LoosePiece",
     "Part",
     "PartWarning",
-    "Shape",
     "Solid",
     "Verification",
     "Width",
     "verify",
 ]
+
+explain_fields(globals())

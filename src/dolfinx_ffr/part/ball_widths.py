@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Thinnest member and narrowest gap of a solid, by balls that do not fit.
 
-`widths` says what a member is in the plane, and it is the same in space: a *neck*, where the
-centres of the balls of diameter d that fit hang together otherwise than the solid does, or a
-*finger*, which ends freely, farther than d from all balls that fit and still as wide as 0.7 d.
-Edges of more than 39 degrees are neither. The thinnest member is the smallest d at which there is
-one; the narrowest gap is the thinnest member of what is not material.
+A member is what `widths` says, with balls for discs; a *finger* is farther than d from all balls
+that fit and still as wide as 0.7 d.
 
 The distance from the surface is sampled on a lattice, and how it hangs together is told by its
 pieces and its Euler number. Where the member is, the way across it is measured on the surface
@@ -20,9 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from .widths import Width
-
-__all__ = ["narrowest_gap_in_space", "thinnest_member_in_space"]
+from .widths import Width, least_width
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -38,49 +33,23 @@ _RATIO = 1.2
 _FULL = 0.7
 #: Spacings by which balls are smaller that show where a neck is
 _PASSING = 1.0
-#: Spacings by which the way across may differ from the ball's diameter, and places that are tried
+#: Spacings by which the way across may differ from the ball's diameter, and points that are tried
 _NEAR, _TRIED = 2.0, 64
 
 
-def thinnest_member_in_space(
-    points: Array, triangles: NDArray[np.int64], size: float
+def thinnest_in_space(
+    points: Array, triangles: Integers, size: float, *, around: bool
 ) -> Width | None:
-    """The thinnest member of what a closed surface encloses.
+    """The thinnest member inside a closed surface, or the narrowest gap or hole around it.
 
-    Args:
-        points: Vertices of the surface, shape (points, 3) [m].
-        triangles: Vertices of each triangle, shape (triangles, 3).
-        size: Spacing of the lattice [m]; a larger one where its points would be too many. Members
-            thinner than it are not seen.
-
-    Returns:
-        None, if no member is thinner than the solid's least extent.
+    Members thinner than the lattice, whose spacing is ``size`` [m] or more, are not seen; None if
+    there is none below the least extent.
     """
-    return _Lattice(points, triangles, size, around=False).thinnest()
-
-
-def narrowest_gap_in_space(
-    points: Array, triangles: NDArray[np.int64], size: float
-) -> Width | None:
-    """The narrowest gap or hole: the thinnest member of what is not material.
-
-    Args:
-        points: As for `thinnest_member_in_space`.
-        triangles: As for `thinnest_member_in_space`.
-        size: As for `thinnest_member_in_space`.
-    """
-    return _Lattice(points, triangles, size, around=True).thinnest()
+    return _Lattice(points, triangles, size, around=around).thinnest()
 
 
 class _Lattice:
-    """Distances from a surface on a lattice, on its inside or around it.
-
-    Args:
-        points: Vertices of the surface [m].
-        triangles: Vertices of each triangle.
-        size: Spacing [m].
-        around: Whether the outside counts, up to the least extent of the box around the surface.
-    """
+    """Distances from a surface, on a lattice inside it or around it, up to its least extent."""
 
     def __init__(self, points: Array, triangles: Integers, size: float, *, around: bool) -> None:
         self._corners = points[triangles]
@@ -91,15 +60,13 @@ class _Lattice:
         self.h = max(size, float(np.prod(high - low) / MOST_POINTS) ** (1.0 / 3.0))
         counts = np.ceil((high - low) / self.h).astype(int) + 1
         first = 0.5 * (low + high) - 0.5 * self.h * (counts - 1)
-        axes = [
-            start + self.h * np.arange(count) for start, count in zip(first, counts, strict=True)
-        ]
-        self._places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        axes = [a + self.h * np.arange(count) for a, count in zip(first, counts, strict=True)]
+        self._positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         self.inside = self._enclosed(axes) != around
         tree = cKDTree(self._samples(0.5 * self.h))
         self.distance = np.zeros(self.inside.shape)
         most = 0.5 * self.largest + self.h
-        found = tree.query(self._places[self.inside], distance_upper_bound=most)[0]
+        found = tree.query(self._positions[self.inside], distance_upper_bound=most)[0]
         self.distance[self.inside] = np.minimum(found, most)
 
     def _samples(self, spacing: float) -> Array:
@@ -146,31 +113,22 @@ class _Lattice:
         whole = _connected(self.distance > 0.5 * LEAST * self.h)
         # not more than the least extent, which edges and lattice would confound with a member
         thick, most = LEAST * self.h, self.largest - (_NEAR + 1.0) * self.h
-        thin = _RATIO * thick
-        while self._member(thin, whole) is None:
-            if thin >= most:
-                return None
-            thick, thin = thin, min(_RATIO * thin, most)
-        while thin - thick > ACCURACY * self.h:
-            middle = 0.5 * (thick + thin)
-            if self._member(middle, whole) is None:
-                thick = middle
-            else:
-                thin = middle
-        places = self._member(thin, whole)
-        assert places is not None
-        for place in places:
-            ends = self._across(place)
+        accurate = ACCURACY * self.h
+        sizes = (thick, _RATIO * thick, most, _RATIO)
+        thin = least_width(lambda d: self._member(d, whole), *sizes, lambda d: accurate)
+        if thin is None:
+            return None
+        positions = self._member(thin, whole)
+        assert positions is not None
+        for position in positions:
+            ends = self._across(position)
             if ends is not None and abs(_length(ends) - thin) < _NEAR * self.h:
                 return Width(_length(ends), ends)
         # between edges no way leads straight from face to face
-        return Width(thin, np.stack([places[0], places[0]]))
+        return Width(thin, np.stack([positions[0], positions[0]]))
 
     def _member(self, d: float, whole: tuple[int, int]) -> Array | None:
-        """Points in the middle of a member thinner than a diameter, the likeliest first, or None.
-
-        Shape (points, 3).
-        """
+        """Points (n, 3) amid a member thinner than a diameter, the likeliest first, or None."""
         fits = self.distance > 0.5 * d
         if not np.any(fits):
             return self._middle(self.inside)
@@ -180,7 +138,7 @@ class _Lattice:
             passing = (self.distance > 0.5 * (d - _PASSING * self.h)) & ~fits
             slope = np.linalg.norm(np.gradient(self.distance, self.h), axis=0)
             ridge = np.argsort(np.where(passing, slope, np.inf), axis=None, kind="stable")
-            return np.asarray(self._places.reshape(-1, 3)[ridge[:_TRIED]])
+            return np.asarray(self._positions.reshape(-1, 3)[ridge[:_TRIED]])
         away = ndimage.distance_transform_edt(~fits) * self.h
         far = self.inside & (away > 1.5 * d) & (self.distance >= 0.5 * _FULL * d)
         return self._middle(far) if np.any(far) else None
@@ -188,21 +146,16 @@ class _Lattice:
     def _middle(self, region: Mask) -> Array:
         """The point of a region that is farthest from the surface, shape (1, 3)."""
         at = np.argmax(np.where(region, self.distance, -1.0))
-        return np.asarray(self._places.reshape(-1, 3)[at : at + 1])
+        return np.asarray(self._positions.reshape(-1, 3)[at : at + 1])
 
     def _across(self, middle: Array) -> Array | None:
-        """Two points of the surface on both sides of a point, along the way to the nearest one.
-
-        None where the surface is on one side only.
-        """
-        a, b, c = np.moveaxis(self._corners, 1, 0)
-        normals = np.cross(b - a, c - a)
+        """Two points of the surface on both sides of a point, along the shortest way; or None."""
         tree = cKDTree(self._corners.mean(axis=1))
-        near = tree.query(middle, k=min(12, len(a)))[1]
-        near = np.atleast_1d(near)
-        unit = normals[near] / np.maximum(np.linalg.norm(normals[near], axis=1), 1e-300)[:, None]
+        near = np.atleast_1d(tree.query(middle, k=min(12, len(self._corners)))[1])
+        a, b, c = np.moveaxis(self._corners[near], 1, 0)
+        normals = np.cross(b - a, c - a)
         best: Array | None = None
-        for direction in unit:
+        for direction in normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]:
             there, back = self._hit(middle, direction), self._hit(middle, -direction)
             if np.isfinite(there + back) and (best is None or there + back < _length(best)):
                 best = np.stack([middle + there * direction, middle - back * direction])
@@ -229,14 +182,10 @@ def _length(ends: Array) -> float:
 def _connected(mask: Mask) -> tuple[int, int]:
     """Number of pieces, and Euler number of the cubes, squares and edges between points."""
     euler = 0
-    for i in range(8):
+    for steps in np.ndindex(2, 2, 2):
         part = mask
-        steps = [(i >> axis) & 1 for axis in range(3)]
-        for axis, step in enumerate(steps):
-            if step:
-                low = [slice(None)] * 3
-                high = [slice(None)] * 3
-                low[axis], high[axis] = slice(None, -1), slice(1, None)
-                part = part[tuple(low)] & part[tuple(high)]
+        for axis in np.flatnonzero(steps):
+            along = np.moveaxis(part, axis, 0)
+            part = np.moveaxis(along[:-1] & along[1:], 0, axis)
         euler += (-1) ** sum(steps) * int(np.count_nonzero(part))
     return int(ndimage.label(mask)[1]), euler

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Arc, Curve, Line
-from .cut import Field, Segments
+from .cut import Segments
+from .field import Array, Field, Integers, cross, turns
 from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
 
-__all__ = ["Side", "boundary", "loops"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+#: Nodes along a chain, and its marks
+Chain = tuple[list[int], Integers]
 
 #: Sides of the mesh that turn by less belong to one straight line [rad]
 _STRAIGHT = 1e-6
@@ -34,7 +33,7 @@ _THIN = 0.35
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A curve, what it separates and where it comes from."""
+    """A curve between two regions, and where it comes from."""
 
     curve: Curve  #: Directed so that material is on the left
     nodes: tuple[int, int]  #: Numbers of its ends; curves that meet share them
@@ -45,26 +44,17 @@ class Side:
 
     def reversed(self) -> Side:
         """The same side, seen from its right."""
-        return replace(
-            self,
-            curve=self.curve.reversed(),
-            nodes=self.nodes[::-1],
-            left=self.right,
-            right=self.left,
-        )
+        curve, nodes = self.curve.reversed(), self.nodes[::-1]
+        return replace(self, curve=curve, nodes=nodes, left=self.right, right=self.left)
 
 
 def boundary(
     lattice: Lattice, segments: Segments, field: Field, step: float, tolerance: float
 ) -> list[Side]:
-    """The curves of which segments are pieces.
+    """Join the segments between the regions of a body to curves.
 
-    Args:
-        lattice: Of the body.
-        segments: Between its regions.
-        field: Whose zero line they follow.
-        step: Length of the sides of the lattice [m].
-        tolerance: Largest distance of a curve from the ends of its segments [m].
+    ``step`` is the length of the lattice's sides [m]; no curve is farther than the tolerance [m]
+    from the ends of its segments.
     """
     primitive, circles = _primitives(lattice)
     on = np.where(segments.edge < 0, -1, primitive[segments.edge])
@@ -77,33 +67,18 @@ def boundary(
     numbers = count(len(points))  # of corners of the zero line
     for chain, mark in chains:
         left, right, which, name = (int(m) for m in mark)
-        common = {"left": left, "right": right, "interface": name, "field": which < 0}
-        for nodes, curve in _curves(
-            points,
-            chain,
-            which,
-            circles,
-            lattice,
-            segments.zero,
-            numbers,
-            field,
-            step,
-            tolerance,
-        ):
-            sides.append(Side(curve, nodes, **common))  # type: ignore[arg-type]
+        if which < 0:
+            found = _zero_line(points, chain, segments.zero, numbers, field, step, tolerance)
+        else:
+            found = [_side_of_mesh(points, chain, circles.get(which), lattice, tolerance)]
+        sides += [Side(curve, nodes, left, right, name, which < 0) for nodes, curve in found]
     return sides
 
 
 def _onto_circles(
-    points: Array,
-    chains: Sequence[tuple[list[int], Integers]],
-    circles: dict[int, Array],
-    step: float,
+    points: Array, chains: Sequence[Chain], circles: dict[int, Array], step: float
 ) -> None:
-    """Move the ends of chains from the chords of circles to the circles themselves.
-
-    Where the zero line ends on a circle, it goes on straight until it meets it.
-    """
+    """Move the ends of chains from chords onto their circles, straight on along the zero line."""
     along: dict[int, Array] = {}
     for chain, mark in chains:
         if mark[2] < 0 and chain[0] != chain[-1]:
@@ -117,7 +92,6 @@ def _onto_circles(
             continue
         for node in {chain[0], chain[-1]}:
             out = points[node] - circle[:2]
-            gap = circle[2] - float(np.hypot(*out))
             normal = out / np.hypot(*out)
             ray = along.get(node, normal)
             # |out + s ray| = radius, the solution nearer to the chord
@@ -125,40 +99,35 @@ def _onto_circles(
             if abs(ray @ normal) > 0.2 and b * b > c:
                 root = np.sqrt(b * b - c)
                 s = min(-b - root, -b + root, key=abs)
-                points[node] = points[node] + s * ray
-            else:
-                points[node] = points[node] + gap * normal
-            # to the last bit
-            out = points[node] - circle[:2]
+                out = out + s * ray
+            # on the circle to the last bit
             points[node] = circle[:2] + circle[2] / np.hypot(*out) * out
 
 
-def _curves(
+def _side_of_mesh(
+    points: Array, chain: list[int], circle: Array | None, lattice: Lattice, tolerance: float
+) -> tuple[tuple[int, int], Curve]:
+    """The curve of a chain along the mesh, and the nodes at its ends."""
+    x, ends = points[chain], (chain[0], chain[-1])
+    if circle is not None:
+        angles = np.unwrap(np.arctan2(*(x - circle[:2]).T[::-1]))
+        return ends, Arc(x[0], x[-1], circle[:2], float(angles[-1] - angles[0]))
+    if lattice.curved:
+        return ends, fitted(x, 1e-3 * tolerance, closed=chain[0] == chain[-1])
+    return ends, Line(x[0], x[-1])
+
+
+def _zero_line(
     points: Array,
     chain: list[int],
-    which: int,
-    circles: dict[int, Array],
-    lattice: Lattice,
     zero: NDArray[np.bool_],
     numbers: Iterator[int],
     field: Field,
     step: float,
     tolerance: float,
 ) -> Iterable[tuple[tuple[int, int], Curve]]:
-    """The curves of one chain, with the nodes at their ends."""
-    x = points[chain]
-    closed = chain[0] == chain[-1]
-    if which >= 0:
-        if which in circles:
-            center = circles[which][:2]
-            angles = np.unwrap(np.arctan2(*(x - center).T[::-1]))
-            curve: Curve = Arc(x[0], x[-1], center, float(angles[-1] - angles[0]))
-        elif lattice.curved:
-            curve = fitted(x, 1e-3 * tolerance, closed=closed)
-        else:
-            curve = Line(x[0], x[-1])
-        yield (chain[0], chain[-1]), curve
-        return
+    """The curves of a chain along the zero line, with the nodes at their ends."""
+    x, closed = points[chain], chain[0] == chain[-1]
     # where short segments were contracted, a point is near the zero line, but not on it
     exact = zero[chain]
     exact[[0, -1]] = True
@@ -178,19 +147,14 @@ def _curves(
     # corners are nodes of their own
     inner = [next(numbers) for _ in cuts]
     inner[0], inner[-1] = (inner[0], inner[0]) if closed else (chain[0], chain[-1])
-    for i in range(len(cuts) - 1):
-        some = kept[cuts[i] : cuts[i + 1] + 1]
-        yield (inner[i], inner[i + 1]), followed(some, field, tolerance)
-
-
-# ---------------------------------------------------------------------- sides of the mesh
+    for nodes, (first, last) in zip(pairwise(inner), pairwise(cuts), strict=True):
+        yield nodes, followed(kept[first : last + 1], field, tolerance)
 
 
 def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
-    """Which line, circle or free curve each side of the mesh between regions belongs to.
+    """For each edge of the mesh the number of its line, circle or free curve, and the circles.
 
-    Returns:
-        A number for each edge of the mesh, and centre and radius of those that are circles.
+    A circle is its centre and radius, shape (3,) [m].
     """
     features = np.flatnonzero(lattice.sides[:, 0] != lattice.sides[:, 1])
     number = np.arange(len(lattice.edges))  # by itself, if nothing else is found
@@ -206,53 +170,43 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
         bulge = np.linalg.norm(halves - 0.5 * (x[1:] + x[:-1]), axis=1)
         length = np.linalg.norm(np.diff(x, axis=0), axis=1)
         straight = bulge < _STRAIGHT * length
-        for first, last, kind, circle in _runs(x, halves, straight, lattice.curved):
+        for first, last, circle in _runs(x, halves, straight, lattice.curved):
             number[edges[first:last]] = edges[first]
-            if kind == "circle":
+            if circle is not None:
                 circles[int(edges[first])] = circle
     return number, circles
 
 
 def _runs(
     x: Array, halves: Array, straight: NDArray[np.bool_], curved: bool
-) -> Iterable[tuple[int, int, str, Array]]:
-    """Runs of sides of a chain that make up one line, circle or smooth curve."""
+) -> Iterable[tuple[int, int, Array | None]]:
+    """Runs of sides of a chain that make up one line, circle (which is given) or smooth curve."""
     n = len(x) - 1
-    d = np.diff(x, axis=0)
-    cross = d[:-1, 0] * d[1:, 1] - d[:-1, 1] * d[1:, 0]
-    turn = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", d[:-1], d[1:])))
+    turn = np.abs(turns(np.diff(x, axis=0)))
     smooth = (turn < _ROUND) & (turn >= _STRAIGHT)
-    nothing = np.zeros(3)
     first = 0
     while first < n:
-        last, kind, circle = first + 1, "line", nothing
+        last, circle = first + 1, None
         while last < n and turn[last - 1] < _STRAIGHT and straight[last] and straight[first]:
             last += 1
         if last == first + 1:
-            last, found = _longest_circle(x, halves, smooth, first, curved)
-            if found is not None:
-                kind, circle = "circle", found
-            elif curved and not straight[first]:
-                kind, last = "free", first + 1
+            last, circle = _longest_circle(x, halves, smooth, first, curved)
+            if circle is None and curved and not straight[first]:
                 while last < n and turn[last - 1] < _ROUND and not straight[last]:
                     if _longest_circle(x, halves, smooth, last, curved)[1] is not None:
                         break
                     last += 1
-        yield first, last, kind, circle
+        yield first, last, circle
         first = last
 
 
 def _longest_circle(
     x: Array, halves: Array, smooth: NDArray[np.bool_], first: int, curved: bool
 ) -> tuple[int, Array | None]:
-    """The end of the longest run of sides from ``first`` on a circle, and the circle.
+    """The end of the longest run of sides from ``first`` on a circle, and the circle, if any.
 
-    Args:
-        x: Vertices of the chain, shape (n + 1, 2) [m].
-        halves: Points in the middle of its sides, shape (n, 2) [m].
-        smooth: Where the chain turns, but has no corner, at inner vertices, shape (n - 1,).
-        first: Side to begin with.
-        curved: Whether the points in the middle are on the curve, as the vertices are.
+    Of the vertices x (n + 1, 2), the inner ones (n - 1,) are ``smooth`` where the chain turns
+    without a corner; if ``curved``, the middles of the sides, ``halves`` (n, 2), are on the curve.
     """
     fewest = _FEWEST_CURVED if curved else _FEWEST
     end = first + 1
@@ -292,21 +246,10 @@ def _circle(x: Array) -> Array | None:
     return np.array([*(middle + size * solution[:2]), size * radius])
 
 
-# ---------------------------------------------------------------------- chains and loops
+def _chains(ends: Integers, marks: Integers, *, directed: bool = True) -> Iterable[Chain]:
+    """Chains of segments (segments, 2) with the same marks, between nodes where others meet them.
 
-
-def _chains(
-    ends: Integers, marks: Integers, *, directed: bool = True
-) -> Iterable[tuple[list[int], Integers]]:
-    """Chains of segments with the same marks, between nodes at which others meet them.
-
-    Args:
-        ends: Nodes of the segments, shape (segments, 2).
-        marks: Shape (segments, marks).
-        directed: Whether segments may only be walked from their first to their second node.
-
-    Yields:
-        The nodes along a chain, the first one again at the end of a closed one, and its marks.
+    The first node of a closed one is its last, too. Directed segments are only walked forwards.
     """
     at: dict[int, list[int]] = {}
     for i, (a, b) in enumerate(ends.tolist()):
@@ -322,13 +265,8 @@ def _chains(
         other = met[0] if met[1] == segment else met[1]
         return other if keys[other] == keys[segment] else None
 
-    left = set(range(len(pairs)))
-    starts = [
-        i
-        for i in range(len(pairs))
-        for node in pairs[i][: 1 if directed else 2]
-        if follows(node, i) is None
-    ]
+    left, most = set(range(len(pairs))), 1 if directed else 2
+    starts = [i for i, pair in enumerate(pairs) for n in pair[:most] if follows(n, i) is None]
     for start in [*starts, *range(len(pairs))]:
         if start not in left:
             continue
@@ -346,14 +284,7 @@ def _chains(
 
 
 def loops(sides: Sequence[Side]) -> list[list[int]]:
-    """Closed loops of directed sides; where several meet in a node, material is not joined by it.
-
-    Args:
-        sides: Each region's boundary is closed.
-
-    Returns:
-        Numbers of the sides of each loop, in turn.
-    """
+    """Numbers of directed sides along each closed loop; a node alone does not join material."""
     leaving: dict[int, list[int]] = {}
     for i, side in enumerate(sides):
         leaving.setdefault(side.nodes[0], []).append(i)
@@ -381,5 +312,5 @@ def loops(sides: Sequence[Side]) -> list[list[int]]:
 
 def _clockwise(a: Array, b: Array) -> float:
     """The clockwise angle from one direction to another, in (0, 2 pi]."""
-    angle = -np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    angle = -np.arctan2(cross(a, b), a @ b)
     return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)

@@ -11,8 +11,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+from mpi4py import MPI
 
 import numpy as np
 import shapely
@@ -20,43 +23,47 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..fem import Arc, Curve, Drawing, Face, Line, Spline, gmsh_model, quiet, surfaces
+from ..files import check_room, whole_file
 from ..parallel import on_rank_0
-from .shape import Shape
-
-__all__ = ["write"]
 
 Array = NDArray[np.float64]
+#: Curves that follow each other, each with the interface that it is, "" for none
+Loop = list[tuple[Curve, str]]
 
 #: Units of drawings in metres, and their codes in DXF
 UNITS = {"mm": 1e-3, "m": 1.0}
 _INSUNITS = {"mm": 4, "m": 6}
 #: Layer or path of what is no interface
 PART = "part"
-_SVG = "http://www.w3.org/2000/svg"
+_SVG = """<?xml version='1.0' encoding='utf-8'?>
+<svg xmlns="http://www.w3.org/2000/svg" version="1.1" {size} viewBox="{box}">\
+<path id="{part}" d="{outline}" fill="#c9d1d9" fill-rule="evenodd" stroke="#22272e" \
+stroke-width="{line}" />\
+<g id="interfaces" fill="none" stroke="#0b62a4" stroke-width="{line}">{interfaces}</g></svg>"""
 #: What names of layers may not have
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
 
 
-def write(part: Shape, path: str | Path, *, unit: str = "mm") -> list[Path]:
-    """Write a part for CAD and machines; collective, rank 0 writes.
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A part as files show it."""
 
-    Args:
-        part: The part; .step and .stl need its thickness.
-        path: A file ending in .svg, .dxf, .step or .stl, or a folder for all four, "part.svg" and
-            so on.
-        unit: Of .svg, .dxf and .stl, "mm" or "m".
+    pieces: list[list[Loop]]  #: For each piece the outer loop, counterclockwise, then its holes
+    interfaces: list[str]
+    polygon: shapely.MultiPolygon  #: That stands for the curves where curves are not known
+    thickness: Callable[[], float]  #: [m], or says that it is not known
 
-    Returns:
-        The files, on every rank.
+    @property
+    def loops(self) -> list[Loop]:
+        """All loops; curves that go on are joined."""
+        return [_joined(loop) for loops in self.pieces for loop in loops]
 
-    Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if the kind of file or the unit is not known, or the part has no
-            thickness.
-    """
+
+def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path]:
+    """Write a part, see `Enclosed.write`."""
     given = validation.path("part: file", path)
     validation.choice("part: unit", unit, UNITS)
-    suffix = given.suffix.lower()
+    suffix = "" if on_rank_0(comm, given.is_dir) else given.suffix.lower()
     suffix = {".stp": ".step"}.get(suffix, suffix)
     if suffix and suffix not in _WRITERS:
         raise ValueError(
@@ -65,23 +72,19 @@ def write(part: Shape, path: str | Path, *, unit: str = "mm") -> list[Path]:
         )
     files = {suffix: given} if suffix else {kind: given / f"part{kind}" for kind in _WRITERS}
     if {".step", ".stl"} & set(files):
-        _ = part.thickness  # says what is missing
+        part.thickness()  # says what is missing
 
     def on_disk() -> None:
         for kind, file in files.items():
             file.parent.mkdir(parents=True, exist_ok=True)
-            _WRITERS[kind](part, file, unit)
+            with whole_file(file) as beside:
+                _WRITERS[kind](part, beside, unit)
 
-    on_rank_0(part.body.comm, on_disk)
+    on_rank_0(comm, on_disk)
     return list(files.values())
 
 
-def _loops(part: Shape) -> list[list[tuple[Curve, str]]]:
-    """All loops with the interface of each curve; curves that go on are joined."""
-    return [_joined([(c, part.group(c)) for c in loop]) for ls in part.outlines for loop in ls]
-
-
-def _joined(loop: list[tuple[Curve, str]]) -> list[tuple[Curve, str]]:
+def _joined(loop: Loop) -> Loop:
     """A loop in which lines and arcs that go on are one."""
     if len(loop) < 2:
         return loop
@@ -114,47 +117,30 @@ def _common(one: tuple[Curve, str], other: tuple[Curve, str]) -> Curve | None:
     return None
 
 
-# ---------------------------------------------------------------------- SVG
-
-
-def _write_svg(part: Shape, path: Path, unit: str) -> None:
+def _write_svg(part: Sheet, path: Path, unit: str) -> None:
     scale = 1.0 / UNITS[unit]
     x0, y0, x1, y1 = (scale * v for v in part.polygon.bounds)
     margin = 0.02 * max(x1 - x0, y1 - y0)
     width, height = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
-    real = width * UNITS[unit] * 1e3, height * UNITS[unit] * 1e3
-    root = ElementTree.Element(
-        "svg",
-        xmlns=_SVG,
-        version="1.1",
-        width=f"{real[0]:.12g}mm",
-        height=f"{real[1]:.12g}mm",
-        viewBox=f"{x0 - margin:.12g} {-y1 - margin:.12g} {width:.12g} {height:.12g}",
-    )
-    line = f"{0.002 * width:.3g}"
-    loops = _loops(part)
-    texts = [_svg_path([curve for curve, _ in loop], scale) + " Z" for loop in loops]
-    ElementTree.SubElement(
-        root,
-        "path",
-        {
-            "id": PART,
-            "d": " ".join(texts),
-            "fill": "#c9d1d9",
-            "fill-rule": "evenodd",
-            "stroke": "#22272e",
-            "stroke-width": line,
-        },
-    )
-    marks = ElementTree.SubElement(
-        root, "g", {"id": "interfaces", "fill": "none", "stroke": "#0b62a4", "stroke-width": line}
-    )
-    for name in part.body.interfaces:
+    millimetres = 1e3 * UNITS[unit]
+    loops = part.loops
+    outline = " ".join(_svg_path([curve for curve, _ in loop], scale) + " Z" for loop in loops)
+    marks = {}
+    for name in part.interfaces:
         own = [curve for loop in loops for curve, group in loop if group == name]
-        if own:
-            text = " ".join(_svg_path([curve], scale) for curve in own)
-            ElementTree.SubElement(marks, "path", {"id": name, "d": text})
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+        marks[name] = " ".join(_svg_path([curve], scale) for curve in own)
+    paths = "".join(f"<path id={quoteattr(n)} d={quoteattr(d)} />" for n, d in marks.items() if d)
+    path.write_text(
+        _SVG.format(
+            size=f'width="{millimetres * width:.12g}mm" height="{millimetres * height:.12g}mm"',
+            box=f"{x0 - margin:.12g} {-y1 - margin:.12g} {width:.12g} {height:.12g}",
+            part=PART,
+            outline=outline,
+            line=f"{0.002 * width:.3g}",
+            interfaces=paths,
+        ),
+        encoding="utf-8",
+    )
 
 
 def _svg_path(curves: Sequence[Curve], scale: float) -> str:
@@ -182,19 +168,12 @@ def _svg_path(curves: Sequence[Curve], scale: float) -> str:
     return " ".join(found)
 
 
-# ---------------------------------------------------------------------- DXF
-
-
 def layer(name: str) -> str:
-    """The name of the layer of an interface: DXF forbids some characters.
-
-    Args:
-        name: Of the interface.
-    """
+    """The name of the layer of an interface: DXF forbids some characters."""
     return _FORBIDDEN.sub("_", name)
 
 
-def _write_dxf(part: Shape, path: Path, unit: str) -> None:
+def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
     import ezdxf
 
     scale = 1.0 / UNITS[unit]
@@ -202,39 +181,30 @@ def _write_dxf(part: Shape, path: Path, unit: str) -> None:
     drawing.header["$INSUNITS"] = _INSUNITS[unit]
     drawing.header["$MEASUREMENT"] = 1
     drawing.layers.add(PART)
-    for color, name in enumerate(part.body.interfaces, 1):
+    for color, name in enumerate(part.interfaces, 1):
         drawing.layers.add(layer(name), color=color % 6 + 1)
     space = drawing.modelspace()
-    for loop in _loops(part):
+    for loop in part.loops:
         for curve, group in loop:
             how = {"layer": layer(group) if group else PART}
             if isinstance(curve, Line):
                 space.add_line(scale * curve.start, scale * curve.end, dxfattribs=how)
             elif isinstance(curve, Arc):
-                _add_arc(space, curve, scale, how)
+                center, radius = scale * curve.center, scale * curve.radius
+                first = curve if curve.sweep > 0.0 else curve.reversed()
+                if abs(first.sweep - 2.0 * np.pi) < 1e-9:
+                    space.add_circle(center, radius, dxfattribs=how)
+                else:
+                    start, end = np.degrees([first.angle, first.angle + first.sweep])
+                    space.add_arc(center, radius, start, end, dxfattribs=how)
             elif isinstance(curve, Spline):
                 spline = space.add_spline(degree=curve.degree, dxfattribs=how)
-                spline.control_points = scale * np.column_stack(
-                    [curve.control, np.zeros(len(curve.control))]
-                )
+                spline.control_points = scale * np.pad(curve.control, ((0, 0), (0, 1)))
                 spline.knots = curve.knots.tolist()
     drawing.saveas(path)
 
 
-def _add_arc(space: object, curve: Arc, scale: float, how: dict[str, str]) -> None:
-    center, radius = scale * curve.center, scale * curve.radius
-    if abs(abs(curve.sweep) - 2.0 * np.pi) < 1e-9:
-        space.add_circle(center, radius, dxfattribs=how)  # type: ignore[attr-defined]
-        return
-    first = curve if curve.sweep > 0.0 else curve.reversed()
-    angles = np.degrees([first.angle, first.angle + first.sweep])
-    space.add_arc(center, radius, *angles, dxfattribs=how)  # type: ignore[attr-defined]
-
-
-# ---------------------------------------------------------------------- solids
-
-
-def _whole(part: Shape) -> Drawing:
+def _whole(part: Sheet) -> Drawing:
     """The pieces of the part as faces, solid regions not told apart."""
     curves: list[Curve] = []
     faces: list[Face] = []
@@ -244,10 +214,10 @@ def _whole(part: Shape) -> Drawing:
     def node(where: Array) -> int:
         return known.setdefault((np.asarray(where) + 0.0).tobytes(), len(known))
 
-    for rings in part.outlines:
+    for rings in part.pieces:
         loops = []
         for ring in rings:
-            joined = [curve for curve, _ in _joined([(curve, "") for curve in ring])]
+            joined = [curve for curve, _ in _joined([(curve, "") for curve, _ in ring])]
             loops.append([(len(curves) + i, True) for i in range(len(joined))])
             curves += joined
             nodes += [(node(curve.start), node(curve.end)) for curve in joined]
@@ -255,41 +225,40 @@ def _whole(part: Shape) -> Drawing:
     return Drawing(curves, nodes, [""] * len(curves), faces)
 
 
-def _write_step(part: Shape, path: Path, unit: str) -> None:
+def _write_step(part: Sheet, path: Path, unit: str) -> None:
     millimetres = 1e3  # which stand in the file, whatever the unit of other drawings
     with gmsh_model() as gmsh:
         found, _ = surfaces(gmsh, _whole(part), millimetres)
         below = [(2, tag) for tag in found]
-        gmsh.model.occ.extrude(below, 0.0, 0.0, millimetres * part.thickness)
+        gmsh.model.occ.extrude(below, 0.0, 0.0, millimetres * part.thickness())
         gmsh.model.occ.synchronize()
         with quiet():
             gmsh.write(str(path))
 
 
-def _write_stl(part: Shape, path: Path, unit: str) -> None:
+def _write_stl(part: Sheet, path: Path, unit: str) -> None:
     import pyvista  # takes a while
 
-    scale, thickness = 1.0 / UNITS[unit], part.thickness
+    scale, up = 1.0 / UNITS[unit], np.array([0.0, 0.0, part.thickness()])
+
+    def flat(ring: shapely.Geometry) -> Array:
+        return np.pad(shapely.get_coordinates(ring), ((0, 0), (0, 1)))
+
     triangles = []
-    for piece in part.polygon.geoms:
-        flat = shapely.get_parts(shapely.constrained_delaunay_triangles(piece))
-        corners = np.array([shapely.get_coordinates(shapely.orient_polygons(t))[:3] for t in flat])
-        zero = np.zeros((*corners.shape[:2], 1))
-        triangles.append(np.concatenate([corners, zero + thickness], axis=2))
-        triangles.append(np.concatenate([corners, zero], axis=2)[:, ::-1])
-        turned = shapely.orient_polygons(piece)
-        for ring in (turned.exterior, *turned.interiors):
-            x = shapely.get_coordinates(ring)
-            a, b = (np.column_stack([p, np.zeros(len(p))]) for p in (x[:-1], x[1:]))
-            up = np.array([0.0, 0.0, thickness])
-            triangles.append(np.stack([a, b, b + up], axis=1))
-            triangles.append(np.stack([a, b + up, a + up], axis=1))
+    for piece in shapely.orient_polygons(part.polygon).geoms:
+        faces = shapely.get_parts(shapely.constrained_delaunay_triangles(piece))
+        below = np.array([flat(face)[:3] for face in shapely.orient_polygons(faces)])
+        triangles += [below + up, below[:, ::-1]]
+        for ring in (piece.exterior, *piece.interiors):
+            a, b = flat(ring)[:-1], flat(ring)[1:]
+            triangles += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
     corners = scale * np.concatenate(triangles)
-    faces = np.column_stack([np.full(len(corners), 3), np.arange(3 * len(corners)).reshape(-1, 3)])
-    pyvista.PolyData(corners.reshape(-1, 3), faces.ravel()).clean().save(path)
+    numbers = np.arange(3 * len(corners)).reshape(-1, 3)
+    check_room(path, 100 + 50 * len(corners))  # VTK says nothing of a full disk
+    pyvista.PolyData.from_regular_faces(corners.reshape(-1, 3), numbers).clean().save(path)
 
 
-_WRITERS: dict[str, Callable[[Shape, Path, str], None]] = {
+_WRITERS: dict[str, Callable[[Sheet, Path, str], None]] = {
     ".svg": _write_svg,
     ".dxf": _write_dxf,
     ".step": _write_step,

@@ -10,15 +10,10 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
 from ..fem import Curve, Line, Spline
-from .cut import Field, evaluated
-
-__all__ = ["corners", "fitted", "followed", "thinned"]
-
-Array = NDArray[np.float64]
+from .field import Array, Field, cross, evaluated, turns
 
 #: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
 _CORNER = 0.7
@@ -28,12 +23,7 @@ _AXES = np.eye(2)
 
 
 def thinned(points: Array, least: float) -> Array:
-    """Points of a chain without those nearer than ``least`` to the one before; both ends stay.
-
-    Args:
-        points: Shape (n, 2) [m].
-        least: Distance [m].
-    """
+    """Points (n, 2) of a chain without those nearer than ``least`` to the one before, ends kept."""
     kept = [0]
     for i in range(1, len(points) - 1):
         near_end = np.hypot(*(points[-1] - points[i])) < least
@@ -43,38 +33,29 @@ def thinned(points: Array, least: float) -> Array:
 
 
 def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[int]]:
-    """Where a chain of zeros of a field has corners.
+    """A chain of zeros of a field with its corners added, shape (m, 2) [m], and their numbers.
 
     A side of the chain cuts a corner off. It is where the sides before and after it would meet, if
     the field there is much nearer to zero than in the middle of the side; on a smooth curve it is
-    not.
-
-    Args:
-        points: Shape (n, 2) [m]; the last one is the first one where it is closed.
-        field: Of positions (n, 2) [m].
-        closed: Whether the chain is closed.
-
-    Returns:
-        The chain with the corners, shape (m, 2) [m], and their numbers, ends left out; of a closed
-        chain 0 stands for both ends.
+    not. Ends are no corners; of a closed chain, whose last point is the first, 0 stands for both.
     """
     ring = np.vstack([points[-2:-1], points, points[1:3]]) if closed else points
     d = np.diff(ring, axis=0)
-    turn = np.arctan2(_cross(d[:-1], d[1:]), np.einsum("ij,ij->i", d[:-1], d[1:]))
-    shift = 1 if closed else 0
+    turn = turns(d)
+    n, shift = len(points) - 1, 1 if closed else 0
     # side i + 1 of the ring, between the vertices i + 1 and i + 2, with the sides i and i + 2
     both = np.abs(turn[:-1] + turn[1:])
     sharp = (np.abs(turn) > _CORNER).nonzero()[0] + 1 - shift
     candidate = np.flatnonzero(both > _CORNER)
     # a chain that turns back on itself has sides that never meet
-    apart = np.abs(_cross(d[candidate], d[candidate + 2]))
+    apart = np.abs(cross(d[candidate], d[candidate + 2]))
     lengths = np.linalg.norm(d[candidate], axis=1) * np.linalg.norm(d[candidate + 2], axis=1)
     candidate = candidate[apart > 1e-3 * lengths]
-    added: dict[int, Array] = {}
+    cut_off, added = np.zeros(0, dtype=np.int64), np.zeros((0, 2))
     if len(candidate):
         p, q = ring[candidate + 1], ring[candidate + 2]
         before, after = d[candidate], d[candidate + 2]
-        s = _cross(q - p, after) / _cross(before, after)
+        s = cross(q - p, after) / cross(before, after)
         meet = p + s[:, None] * before
         ahead = (s > 0.0) & (np.einsum("ij,ij->i", q - meet, after) > 0.0)
         near = np.linalg.norm(meet - p, axis=1) < 2.0 * np.linalg.norm(q - p, axis=1)
@@ -84,40 +65,24 @@ def corners(points: Array, field: Field, *, closed: bool) -> tuple[Array, list[i
         for i in np.flatnonzero(accepted):
             beside = accepted & (np.abs(candidate - candidate[i]) == 1)
             accepted[i] = not np.any(both[candidate[beside]] > both[candidate[i]])
-        n = len(points) - 1
-        added = {
-            int(i + 1 - shift) % n if closed else int(i + 1): where
-            for i, where in zip(candidate[accepted], meet[accepted], strict=True)
-        }
-    cut_off = {i for side in added for i in (side, side + 1)}
+        sides = candidate[accepted] + 1
+        if closed:
+            sides = (sides - shift) % n
+        cut_off, first = np.unique(sides, return_index=True)
+        added = meet[accepted][first]
+    ends = np.concatenate([cut_off, cut_off + 1])
     if closed:
-        cut_off = {i % (len(points) - 1) for i in cut_off}
-        sharp = np.unique(sharp % (len(points) - 1))
-    chain: list[Array] = []
-    at: list[int] = []
-    for i, where in enumerate(points):
-        last = i == len(points) - 1
-        if i in sharp and i not in cut_off and not (last and closed) and (closed or 0 < i):
-            at.append(len(chain))
-        chain.append(where)
-        if i in added and not last:
-            at.append(len(chain))
-            chain.append(added[i])
-    return np.array(chain), at
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        ends, sharp = ends % n, sharp % n
+    sharp = np.setdiff1d(sharp, ends)
+    at = [*(sharp + np.searchsorted(cut_off, sharp)), *(cut_off + 1 + np.arange(len(cut_off)))]
+    return np.insert(points, cut_off + 1, added, axis=0), sorted(map(int, at))
 
 
 def followed(points: Array, field: Field, tolerance: float, *, closed: bool = False) -> Curve:
-    """A curve along the zero line of a field, through points on it and more where it bends.
+    """A curve through points (n, 2) on the zero line of a field, and through more where it bends.
 
-    Args:
-        points: Shape (n, 2), in turn [m]; the last one is the first one where it is closed.
-        field: Of positions (n, 2) [m].
-        tolerance: Largest distance from the zero line [m].
-        closed: Whether the curve has no corner where it closes.
+    The tolerance is its largest distance from the zero line [m]; a closed one has no corner where
+    it closes.
     """
     # the line may pass through a corner of the lattice, which two of its cells then find
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-3 * tolerance
@@ -137,13 +102,9 @@ def followed(points: Array, field: Field, tolerance: float, *, closed: bool = Fa
 
 
 def projected(points: Array, field: Field, reach: Array) -> Array:
-    """The points of the zero line of a field next to given ones, by Newton's method.
+    """The points of the zero line next to given ones (n, 2), by Newton's method.
 
-    Args:
-        points: Shape (n, 2) [m].
-        field: Of positions (n, 2) [m].
-        reach: How far they may be [m]; the distance at which the field is differentiated is a
-            thousandth of it.
+    They are no farther than ``reach`` (n,) [m]; differences are taken over a thousandth of it.
     """
     found = points.copy()
     h = 1e-3 * reach[:, None]
@@ -166,16 +127,7 @@ def _chord_lengths(points: Array) -> Array:
 
 
 def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
-    """A curve that passes points at less than a distance, and ends in the first and the last.
-
-    Args:
-        points: Shape (n, 2), in turn [m]; the last one is the first one where it is closed.
-        tolerance: Largest distance of a point [m].
-        closed: Whether the curve has no corner where it closes.
-
-    Raises:
-        ValueError: If all points are the same.
-    """
+    """A curve from the first to the last of points (n, 2), at most a tolerance [m] from all."""
     start, end = points[0], points[-1]
     chord = end - start
     length = float(np.hypot(*chord))

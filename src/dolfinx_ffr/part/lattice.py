@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+
+from mpi4py import MPI
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from ..fem import Domain, _compat
-from ..parallel import announce
+from ..limits import check_count
+from ..parallel import announce, on_every_rank
+from .field import Array, Integers, cross
 
-__all__ = ["DESIGN", "SOLID", "VOID", "Lattice"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
+#: Most points, which take a minute without those of the field
+MOST_POINTS = 20_000_000
+#: Memory that a point takes, at least [bytes]
+_BYTES = 300
 #: What a cell is: outside of the body or empty for ever, designed, material for ever
 VOID, DESIGN, SOLID = 0, 1, 2
 
@@ -41,51 +42,52 @@ class Lattice:
 
     @staticmethod
     def of(domain: Domain, largest: float) -> Lattice | None:
-        """Gather a body; collective.
+        """The lattice of a body on rank 0, None elsewhere; collective.
 
-        Args:
-            domain: Its mesh.
-            largest: Length of the longest side of a triangle in straight cells [m].
-
-        Returns:
-            The lattice on rank 0, None on the other ranks.
+        ``largest`` is the length of the longest side of a triangle in straight cells [m].
         """
         announce(domain.comm, "the boundary of a part")
-        kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
-        sent = domain.comm.gather(_local(domain, kind))
+        mesh, n = domain.mesh, domain.n_cells
+        kind = getattr(basix.CellType, _compat.cell_name(mesh))
+        ends = np.array(basix.topology(kind)[1])
+        nodes = _compat.cell_geometry(mesh)[:n]
+        x = mesh.geometry.x[nodes][:, :, :2]
+        sides = np.linalg.norm(x[:, ends[:, 0]] - x[:, ends[:, 1]], axis=2)
+        longest = domain.comm.allreduce(float(np.max(sides, initial=0.0)), MPI.MAX)
+        with on_every_rank(domain.comm, "part"), np.errstate(over="ignore"):
+            count = domain.n_cells_global * float(np.float64(longest / largest + 1.0) ** 2)
+            what = f"points of a lattice of {largest:.4g} m"
+            remedy = "give a larger spacing [m], or a smaller resolution"
+            share = 0.5 if len(ends) == 3 else 1.0
+            check_count("part", share * count, what, remedy, each=_BYTES, most=MOST_POINTS)
+        facets = mesh.topology.connectivity(2, 1).array.reshape(-1, len(ends))[:n]
+        interface = np.full(facets.shape, -1, dtype=np.int64)
+        for i, part in enumerate(domain.interfaces.values()):
+            interface[np.isin(facets, part.facets)] = i
+        own = (
+            np.asarray(mesh.topology.original_cell_index)[:n],
+            np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[nodes],
+            x,
+            np.select([domain.void_cells, domain.solid_cells], [VOID, SOLID], DESIGN),
+            interface,
+        )
+        sent = domain.comm.gather(own)
         if sent is None:
             return None
-        order = np.argsort(np.concatenate([part[0] for part in sent]), kind="stable")
-        nodes, x, kinds, marks = (
-            np.concatenate([part[i] for part in sent])[order] for i in range(1, 5)
-        )
-        degree = int(_compat.coordinate_element(domain.mesh).degree)
-        return _lattice(kind, degree, nodes, x, kinds, marks, largest)
-
-
-def _local(domain: Domain, kind: basix.CellType) -> tuple[Any, ...]:
-    """Of the cells owned by this rank: order, nodes, positions, kinds, interfaces of the sides."""
-    mesh, n = domain.mesh, domain.n_cells
-    nodes = _compat.cell_geometry(mesh)[:n]
-    sides = len(basix.topology(kind)[1])
-    facets = mesh.topology.connectivity(2, 1).array.reshape(-1, sides)[:n]
-    marks = np.full((n, sides), -1, dtype=np.int64)
-    for i, part in enumerate(domain.interfaces.values()):
-        marks[np.isin(facets, part.facets)] = i
-    kinds = np.select([domain.void_cells, domain.solid_cells], [VOID, SOLID], DESIGN)
-    number = np.asarray(mesh.topology.original_cell_index)[:n]
-    names = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[nodes]
-    return number, names, mesh.geometry.x[nodes][:, :, :2], kinds, marks
+        number, *others = (np.concatenate(parts) for parts in zip(*sent, strict=True))
+        order = np.argsort(number, kind="stable")
+        degree = int(_compat.coordinate_element(mesh).degree)
+        return _lattice(kind, degree, largest, *(values[order] for values in others))
 
 
 def _lattice(
     kind: basix.CellType,
     degree: int,
+    largest: float,
     nodes: Integers,
     x: Array,
     kinds: Integers,
     marks: Integers,
-    largest: float,
 ) -> Lattice:
     reference = basix.geometry(kind)[:, :2]
     corners, ends = len(reference), np.array(basix.topology(kind)[1])
@@ -120,7 +122,7 @@ def _lattice(
     points[numbers] = positions
 
     triangles = numbers[:, pattern]
-    turn = _cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) < 0.0
+    turn = cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) < 0.0
     triangles[turn] = triangles[turn][:, :, ::-1]
     flat = edge.ravel()
     met = np.argsort(flat, kind="stable")
@@ -129,16 +131,8 @@ def _lattice(
     sides[flat[met], np.arange(len(met)) - first[flat[met]]] = np.repeat(kinds, len(ends))[met]
     interface = np.full(len(edges), -1, dtype=np.int64)
     np.maximum.at(interface, flat, marks.ravel())
-    return Lattice(
-        points=points,
-        triangles=triangles.reshape(-1, 3),
-        kinds=np.repeat(kinds, len(pattern)),
-        edges=edges,
-        chains=chains,
-        sides=sides,
-        interface=interface,
-        curved=degree > 1,
-    )
+    triangles, kinds = triangles.reshape(-1, 3), np.repeat(kinds, len(pattern))
+    return Lattice(points, triangles, kinds, edges, chains, sides, interface, degree > 1)
 
 
 def _pattern(corners: int, n: int) -> tuple[Integers, Integers]:
@@ -155,7 +149,3 @@ def _pattern(corners: int, n: int) -> tuple[Integers, Integers]:
         elif None not in (a, b, c, d):
             found += [[a, b, c], [a, c, d]] if (i + j) % 2 else [[a, b, d], [b, c, d]]
     return np.array(where, dtype=np.int64), np.array(found, dtype=np.int64)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -5,48 +5,60 @@ A field phi(X), positive in material, and the cells that stay solid give
 
     part = ({phi > 0} in designed cells) and (solid cells),   without pieces that nothing holds.
 
-The zero line is found on a lattice that divides the cells of the mesh (`cut`), as are the places in
-which it meets the outline. Splines follow it at less than a given distance (`fitting`). The outline
-of the mesh stays what it is: lines and arcs of circles are recognised, other sides of curved cells
-become splines, and straight sides of straight cells stay. Sides of straight cells whose vertices
-are on a circle become arcs of this circle.
+The zero line is found on a lattice that divides the cells of the mesh (`cut`). Splines follow it at
+less than a given distance (`fitting`). The outline of the mesh stays what it is: lines and arcs are
+recognised, also of straight cells with vertices on a circle; other curved sides become splines.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import nullcontext
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..design import Design
-from ..fem import Curve, Domain, Drawing, ElasticMaterial, gmsh_model, mesh_faces, polygon
+from ..fem import (
+    Curve,
+    Domain,
+    Drawing,
+    ElasticMaterial,
+    LocalSizes,
+    check_size,
+    enclosed,
+    gmsh_model,
+    mesh_faces,
+    polygon,
+)
 from ..parallel import on_rank_0
-from ..problem import Evaluation, Problem
-from .boundary import Side, boundary
-from .cut import Field, cut, evaluated
-from .export import write
+from .boundary import boundary
+from .cut import cut
+from .export import Sheet, write
+from .field import Array, Field, evaluated
 from .lattice import Lattice
-from .pieces import Piece, drawing, held, outlines, pieces
-from .shape import LoosePiece, PartWarning, Shape
-from .verify import Verification, verify
-from .widths import member_widths
+from .pieces import Piece, attached, drawing, outlines, pieces
+from .verify import Enclosed, Found, PartWarning
+from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
-__all__ = ["Part"]
-
-Array = NDArray[np.float64]
+#: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
+Outlines = list[list[list[Curve]]]
 
 #: How much finer lattices are tried where curves cross
-_FINER = (2, 4)
-#: Accuracy of the polygons by which crossings are found, in spacings
-_CROSSING = 1e-4
+_FINER = (1, 2, 4)
+#: Accuracy of the polygons that stand for curves, and by which crossings are found, in spacings
+_ACCURACY, _CROSSING = 1e-3, 1e-4
+#: Size of the first triangles of order 2, in spacings
+_FIRST = 2.0
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
 #: Sizes that are tried where gmsh fails, in units of what was asked for
@@ -56,21 +68,27 @@ _SMALLEST = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """What rank 0 has found, for all ranks."""
+class LoosePiece:
+    """A piece of a design that nothing holds, and that is left out of the part."""
+
+    area: float  #: [m^2]
+    center: Array  #: (2,) of its area [m]
+    outline: list[list[Curve]]  #: Its outer loop, counterclockwise, then its holes, clockwise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found(Found):
+    """The boundary and warnings, found on rank 0 and sent to all ranks."""
 
     drawing: Drawing  #: Designed and solid faces
-    outlines: list[list[list[Curve]]]  #: For each piece the outer loop, then the holes
-    on_field: list[bool]  #: Of each curve, whether it is the zero line of the field
+    outlines: Outlines
+    interfaces: list[list[list[str]]]  #: Interface of each curve of the outlines, "" if none
     deviation: float  #: Largest distance of curves from the zero line [m]
-    said: list[str]  #: Warnings
-    loose: list[LoosePiece]  #: What is left out
-    lost: list[str]  #: Interfaces without material
+    loose: list[LoosePiece]
     crossing: str  #: Where curves cross, "" if they do not
-    groups: list[str]  #: Interface of each curve of all outlines, "" if it is none
 
 
-class Part(Shape):
+class Part(Enclosed):
     """What is to be made of a design: one flat part, bounded by smooth curves.
 
     Every rank holds all of it.
@@ -87,13 +105,20 @@ class Part(Shape):
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if a number is out of range, the field is not finite, no material
-            touches an interface, or interfaces are not connected by material.
+        ValueError: On every rank, if a number is out of range, the field is not finite or zero over
+            more than lines, no material touches an interface, or interfaces are not connected by
+            material.
 
     Warns:
         PartWarning: If loose pieces are left out, an interface has lost material, or only
             interfaces hold pieces together.
     """
+
+    kind = "part"
+    elements = "triangles"
+    tolerance = 2e-3
+    most = 5
+    dimension = 2
 
     def __init__(
         self,
@@ -105,64 +130,56 @@ class Part(Shape):
         resolution: int = 6,
         tolerance: float = 1e-5,
     ) -> None:
-        self.body = validation.instance("part: domain", domain, Domain, "a Domain")
-        if domain.dimension == 3:
-            raise ValueError("part: the body is in space; Solid is for such bodies")
-        validation.function("part: field", field, "positions")
+        self._keep(domain, field, material, "thickness")
         if spacing is None:
             spacing = float(np.sqrt(domain.area / domain.n_cells_global))
         #: Length on which the field varies [m]
         self.spacing = validation.number("part: spacing", spacing, above=0.0, unit="m")
         steps = validation.integer("part: resolution", resolution, least=2)
         share = validation.number("part: tolerance", tolerance, above=0.0, below=0.1)
-        if material is not None:
-            validation.implementation(
-                "part: material", material, ["thickness"], "an elastic material"
-            )
-        self.material = material
-        self.accuracy = 1e-3 * self.spacing
-        self.field = field  #: Positive in the material, of positions (n, 2) [m]
-        found = self._found_on(self.spacing / steps, share)
+        #: Of the polygons that stand for the curves [m]
+        self.accuracy = _ACCURACY * self.spacing
+        names = list(domain.interfaces)
         for finer in _FINER:
+            step = self.spacing / (finer * steps)
+            lattice = Lattice.of(domain, step)
+            find = partial(_find, lattice, field, self.spacing, step, share, names)
+            found: _Found = on_rank_0(domain.comm, find)
             if not found.crossing:
                 break
-            found = self._found_on(self.spacing / (finer * steps), share)
-        if found.crossing:
+        else:
             raise ValueError(
                 f"part: curves cross near {found.crossing} mm, where members or gaps are thinner "
                 "than the lattice on which they are looked for; give a larger resolution, or take "
                 "a design without hairlines"
             )
-        self._found = found
-        self.drawing, self.outlines = found.drawing, found.outlines
-        every = (curve for loops in self.outlines for loop in loops for curve in loop)
-        self._groups = {id(c): group for c, group in zip(every, found.groups, strict=True)}
-        for text in found.said:
+        self._found: _Found = found
+        #: Curves, and the faces between them in designed and solid cells
+        self.drawing = found.drawing
+        #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
+        self.outlines = found.outlines
+        for text in found.warnings:
             warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
 
-    def _found_on(self, step: float, share: float) -> _Found:
-        """What is found on a lattice of sides of a length [m]."""
-        lattice, names = Lattice.of(self.body, step), list(self.body.interfaces)
-        found: _Found = on_rank_0(
-            self.body.comm,
-            lambda: _find(lattice, self.field, self.spacing, step, share, names),
-        )
-        return found
+    def redrawn(self, drawing: Drawing) -> Part:
+        """The part of the same body between the curves of a ``drawing``, one piece in all."""
+        made = copy(self)
+        for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap"):
+            made.__dict__.pop(name, None)
+        around = outer_loops(drawing)
+        curves = [[curve for curve, _ in loop] for loop in around]
+        names = [[name for _, name in loop] for loop in around]
+        made.drawing, made.outlines = drawing, [curves]
+        found = replace(self._found, drawing=drawing, outlines=[curves], interfaces=[names])
+        made._found = replace(found, loose=[], deviation=0.0)
+        # the curves are exact; the field that they came from is another one
+        made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
+        return made
 
-    @classmethod
-    def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Part:
-        """The part that a design encloses; collective.
-
-        Args:
-            design: A level set, whose zero line is the boundary, or densities, whose boundary is
-                where a smooth mean of them is one half (`density_field`).
-            variables: At which it ended, as ``Result.variables``.
-            options: Those of `Part`.
-        """
-        validation.instance("part: design", design, Design, "a LevelSet or a DensityDesign")
-        return cls(design.domain, design.level(design.check(variables)), **options)
-
-    # ------------------------------------------------------------------ what it is
+    @property
+    def holes(self) -> int:
+        """Number of holes in all pieces."""
+        return sum(len(loops) - 1 for loops in self.outlines)
 
     @property
     def deviation(self) -> float:
@@ -178,54 +195,95 @@ class Part(Shape):
         """The pieces that nothing holds and that are left out."""
         return self._found.loose
 
+    def interface(self, name: str) -> list[Curve]:
+        """The curves that are the interface ``name``, which must be one of the body's."""
+        validation.choice("part: interface", name, self.body.interfaces)
+        drawn = self.drawing
+        return [c for c, group in zip(drawn.curves, drawn.groups, strict=True) if group == name]
+
+    def measures(self) -> dict[str, Width | int | None]:
+        return {"holes": self.holes, **super().measures()}
+
+    @cached_property
+    def _moments(self) -> Array:
+        return np.sum([enclosed(loop) for loops in self.outlines for loop in loops], axis=0)
+
     @property
-    def lost_interfaces(self) -> list[str]:
-        """Interfaces that are left without material."""
-        return self._found.lost
+    def area(self) -> float:
+        """Area between the curves [m^2], exact for them."""
+        return float(self._moments[0])
 
-    # ------------------------------------------------------------------ what becomes of it
+    @property
+    def center(self) -> Array:
+        """Centre of the area, shape (2,) [m]."""
+        return np.asarray(self._moments[1:] / self._moments[0])
 
-    def write(self, path: str | Path, **options: Any) -> list[Path]:
-        """Write the part for CAD and machines; see `export.write`.
+    @property
+    def thickness(self) -> float:
+        """Extent perpendicular to the plane [m]; a ValueError without a material."""
+        return float(self._made_of("its thickness").thickness)
 
-        Args:
-            path: A file ending in .svg, .dxf, .step or .stl, or a folder for all four.
-            options: ``unit``, "mm" by default.
-        """
-        return write(self, path, **options)
+    @property
+    def volume(self) -> float:
+        return self.area * self.thickness
 
-    def domain(self, size: float, order: int = 2) -> Domain:
-        """A mesh of triangles that fits the part; collective.
+    @cached_property
+    def polygon(self) -> shapely.MultiPolygon:
+        """Polygons within `accuracy` of the curves, one a piece."""
+        return _polygons(self.outlines, self.accuracy)
 
-        It has the interfaces of the body, with the same centres, and its solid regions. Thin
-        members get smaller triangles, about two across.
+    @cached_property
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member, by discs that do not fit; None if it is as wide as the part."""
+        return thinnest_member(self.polygon, 10.0 * self.accuracy, self._widest)
 
-        Args:
-            size: Of the triangles [m].
-            order: Polynomial order of the displacements; from 2 on cells at curves are curved.
+    @cached_property
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole; None if there is none narrower than the part."""
+        return narrowest_gap(self.polygon, 10.0 * self.accuracy, self._widest)
 
-        Raises:
-            ValueError: On every rank, if gmsh cannot mesh the part, or a number is out of range.
+    @property
+    def _widest(self) -> float:
+        low, high = np.reshape(self.polygon.bounds, (2, 2))
+        return float(np.min(high - low))
+
+    def _write(self, path: str | Path, *, unit: str = "mm") -> list[Path]:
+        pieces = [
+            [list(zip(*loop, strict=True)) for loop in zip(*piece, strict=True)]
+            for piece in zip(self.outlines, self._found.interfaces, strict=True)
+        ]
+        names = list(self.body.interfaces)
+        sheet = Sheet(pieces, names, self.polygon, lambda: self.thickness)
+        return write(sheet, path, unit, self.body.comm)
+
+    def sizes(self, size: float | None, count: int) -> list[float]:
+        first = _FIRST * self.spacing if size is None else size
+        return [first / 2**halving for halving in range(count)]
+
+    def domain(self, size: float, order: int = 2, *, across: float = _ACROSS) -> Domain:
+        """A mesh of triangles that fits the part, see `Enclosed.domain`; collective.
+
+        The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
+        units of its width: thin members get smaller ones, by default about two across. From an
+        ``order`` of 2 on cells at curves are curved. A ValueError on every rank if gmsh cannot mesh
+        the part, or a number is out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
+        validation.number("part: across", across, above=0.0)
         degree = validation.integer("part: order", order, least=1)
         comm = self.body.comm
-        with gmsh_model() if comm.rank == 0 else _nothing() as gmsh:
-            on_rank_0(comm, lambda: self._build(gmsh, size, degree))
+        with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
+            on_rank_0(comm, lambda: self._mesh(gmsh, size, degree, across))
             kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
-            centers = {n: self.body.interfaces[n].center.tolist() for n in kept}
-            return Domain.from_gmsh_model(
-                comm,
-                gmsh.model if gmsh is not None else None,
-                interfaces=kept,
-                order=degree,
-                centers=centers,
-            )
+            how: dict[str, Any] = {"interfaces": kept, "order": degree}
+            how["centers"] = {n: self.body.interfaces[n].center.tolist() for n in kept}
+            return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
 
-    def _build(self, gmsh: Any, size: float, degree: int) -> None:
+    def _mesh(self, gmsh: Any, size: float, degree: int, across: float) -> None:
+        check_size("part: the mesh", self.drawing, size)
         for attempt in _SMALLER:
             try:
-                local = self._local_size(attempt * size)
+                local = self._local_sizes(attempt * size, across)
                 mesh_faces(gmsh, self.drawing, attempt * size, order=min(degree, 2), local=local)
                 return
             except ValueError:
@@ -234,46 +292,38 @@ class Part(Shape):
             gmsh.model.remove()
             gmsh.model.add("dolfinx_ffr again")
 
-    def _local_size(self, size: float) -> Callable[[float, float], float] | None:
-        """The largest size at a place: less than the width of the member there."""
+    def _local_sizes(self, size: float, across: float) -> LocalSizes | None:
+        """Sizes in narrow members, less than their width; None where there are none."""
         rings = [polygon(loop, self.accuracy) for loops in self.outlines for loop in loops]
-        places, widths = member_widths(rings, 0.1 * size, 1.5 * size)
-        narrow = _ACROSS * widths < size
+        positions, widths = member_widths(rings, 0.1 * size, 1.5 * size)
+        narrow = across * widths < size
         if not np.any(narrow):
             return None
-        sizes = np.maximum(_ACROSS * widths[narrow], _SMALLEST * size)
-        tree = cKDTree(places[narrow])
-        count = min(8, len(sizes))
-
-        def local(x: float, y: float) -> float:
-            distance, which = tree.query([x, y], k=count)
-            # from a narrow place on cells may grow
-            return float(np.min(sizes[which] + 0.3 * distance))
-
-        return local
-
-    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
-        """Evaluate a problem of one designed body with the part in its place; see `verify`.
-
-        Args:
-            problem: With the body that was designed.
-            evaluation: Of the design, what was reported.
-            options: Those of `verify`.
-
-        Raises:
-            ValueError: If the problem has several bodies with a density.
-        """
-        return verify(problem, {self._only_body(problem): self}, evaluation, **options)
+        return LocalSizes(positions[narrow], np.maximum(across * widths[narrow], _SMALLEST * size))
 
 
-class _nothing:
-    """What other ranks have in place of gmsh."""
+def outer_loops(drawing: Drawing) -> list[list[tuple[Curve, str]]]:
+    """The loops around all faces of one piece, the outer one first, each curve with its interface.
 
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, *_: object) -> None:
-        return None
+    The material is on their left.
+    """
+    walked = [each for face in drawing.faces for loop in face.loops for each in loop]
+    uses, sides = Counter(i for i, _ in walked), {}
+    for i, forward in walked:
+        if uses[i] == 1:
+            start, end = drawing.nodes[i] if forward else drawing.nodes[i][::-1]
+            curve = drawing.curves[i] if forward else drawing.curves[i].reversed()
+            sides[start] = end, (curve, drawing.groups[i])
+    found = []
+    while sides:
+        first = node = next(iter(sides))
+        loop_found = []
+        while node in sides:
+            node, side = sides.pop(node)
+            loop_found.append(side)
+        assert node == first
+        found.append(loop_found)
+    return sorted(found, key=lambda loop: -float(enclosed([curve for curve, _ in loop])[0]))
 
 
 def _find(
@@ -285,76 +335,73 @@ def _find(
     names: Sequence[str],
 ) -> _Found:
     assert lattice is not None  # on rank 0
-    segments = cut(lattice, field, spacing)
+    accuracy, segments = _ACCURACY * spacing, cut(lattice, field, spacing)
     sides = boundary(lattice, segments, field, step, share * spacing)
-    found = pieces(sides, 1e-3 * spacing)
-    full = np.zeros(len(names))
-    ends = lattice.points[lattice.chains]
-    along = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
-    marked = lattice.interface >= 0
-    np.add.at(full, lattice.interface[marked], along[marked])
-    left = np.zeros(len(names))
-    for i in range(len(names)):
-        mine = segments.edge >= 0
-        mine[mine] = lattice.interface[segments.edge[mine]] == i
-        pair = segments.points[segments.ends[mine]]
-        left[i] = np.linalg.norm(pair[:, 1] - pair[:, 0], axis=1).sum()
-    stay, said = held(
-        found, dict(zip(names, full, strict=True)), dict(zip(names, left, strict=True))
-    )
-    drawn = drawing(sides, stay, names)
-    on_field = [sides[i].field for piece in stay for i in piece.sides]
-    bounds = outlines(sides, stay, 1e-3 * spacing)
-    around = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
-    every = [side.interface for loops in bounds for loop in loops for side in loop]
+    found = pieces(sides, accuracy)
+
+    def lengths(points: Array, interface: NDArray[np.int64]) -> dict[str, float]:
+        """Length of each interface, of chains (n, points, 2) on them."""
+        along = np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1)
+        on = interface >= 0
+        total = np.bincount(interface[on], along[on], len(names))
+        return dict(zip(names, total.tolist(), strict=True))
+
+    before = lengths(lattice.points[lattice.chains], lattice.interface)
+    of = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
+    left = lengths(segments.points[segments.ends], of)
+    stay, said = attached(found, before, left)
+
+    def curves_of(kept: Sequence[Piece]) -> tuple[Outlines, list[list[list[str]]]]:
+        """The outlines of pieces, and the interface of each curve."""
+        bounds, known = outlines(sides, kept, accuracy), [*names, ""]  # -1 for none
+        curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
+        return curves, [[[known[s.interface] for s in loop] for loop in ls] for ls in bounds]
+
+    around, interfaces = curves_of(stay)
+    alone = [piece for piece in found if not piece.interfaces]
+    on_field = [sides[i].curve for piece in stay for i in piece.sides if sides[i].field]
     return _Found(
-        drawn,
-        around,
-        on_field,
-        _deviation(drawn, on_field, field, spacing),
-        said,
-        [_loose(sides, piece, spacing) for piece in found if not piece.interfaces],
-        [name for name, length in zip(names, left, strict=True) if length == 0.0],
-        _crossing(around, _CROSSING * spacing),
-        ["" if i < 0 else names[i] for i in every],
+        pieces=len(around),
+        drawing=drawing(sides, stay, names),
+        outlines=around,
+        interfaces=interfaces,
+        deviation=_deviation(on_field, field, spacing),
+        warnings=said,
+        loose=[LoosePiece(p.area, p.center, curves_of([p])[0][0]) for p in alone],
+        lost=[name for name, length in left.items() if length == 0.0],
+        crossing=_crossing(around, _CROSSING * spacing),
     )
 
 
-def _crossing(around: list[list[list[Curve]]], fine: float) -> str:
+def _polygons(around: Outlines, accuracy: float) -> shapely.MultiPolygon:
+    rings = [[polygon(loop, accuracy) for loop in loops] for loops in around]
+    return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+
+
+def _crossing(around: Outlines, accuracy: float) -> str:
     """Where the curves of outlines cross [mm], "" if they do not."""
-    rings = [[polygon(loop, fine) for loop in loops] for loops in around]
-    shape = shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
+    shape = _polygons(around, accuracy)
     if shape.is_valid:
         return ""
     numbers = shapely.is_valid_reason(shape).partition("[")[2].strip("]").split()
     return "(" + ", ".join(f"{1e3 * float(number):.5g}" for number in numbers[:2]) + ")"
 
 
-def _loose(sides: Sequence[Side], piece: Piece, spacing: float) -> LoosePiece:
-    (outline,) = outlines(sides, [piece], 1e-3 * spacing)
-    curves = [[side.curve for side in loop] for loop in outline]
-    return LoosePiece(piece.area, piece.center, curves)
-
-
-def _deviation(drawn: Drawing, on_field: Sequence[bool], field: Field, spacing: float) -> float:
+def _deviation(curves: Sequence[Curve], field: Field, spacing: float) -> float:
     """Largest distance of curves from the zero line of a field [m], corners left out."""
-    points, ends = [], []
-    for curve, chosen in zip(drawn.curves, on_field, strict=True):
-        if chosen:
-            knots = curve.breaks()
-            t = (knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(8) + 0.5) / 8).ravel()
-            points.append(curve.at(t))
-            ends += [curve.start, curve.end]
-    if not points:
+    if not curves:
         return 0.0
+    points = []
+    for curve in curves:
+        knots = curve.breaks()
+        t = knots[:-1, None] + np.diff(knots)[:, None] * (np.arange(8) + 0.5) / 8
+        points.append(curve.at(t.ravel()))
     x = np.vstack(points)
-    x = x[cKDTree(np.array(ends)).query(x)[0] > 0.1 * spacing]
+    ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
+    x = x[cKDTree(ends).query(x)[0] > 0.1 * spacing]
     if not len(x):
         return 0.0
     step = 1e-4 * spacing
-    gradient = [
-        (evaluated(field, x + step * e) - evaluated(field, x - step * e)) / (2.0 * step)
-        for e in np.eye(2)
-    ]
-    slope = np.maximum(np.hypot(*gradient), 1e-300)
+    change = [evaluated(field, x + step * e) - evaluated(field, x - step * e) for e in np.eye(2)]
+    slope = np.maximum(np.hypot(*(np.array(change) / (2.0 * step))), 1e-300)
     return float(np.max(np.abs(evaluated(field, x)) / slope))

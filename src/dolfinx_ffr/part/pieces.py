@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which curves bound a connected piece of material, and which pieces are held."""
+"""Which curves bound a connected piece of material, and which pieces touch an interface."""
 
 from __future__ import annotations
 
@@ -8,17 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..fem import Curve, Drawing, Face, enclosed, polygon
 from .boundary import Side, loops
+from .field import Array, connected
 from .lattice import DESIGN, SOLID
-
-__all__ = ["Piece", "drawing", "held", "outlines", "pieces"]
-
-Array = NDArray[np.float64]
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
 
@@ -35,11 +29,9 @@ class Piece:
 
 
 def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
-    """The connected pieces between the sides, the largest first.
+    """The connected pieces between the sides of all regions, the largest first.
 
-    Args:
-        sides: Of all regions.
-        tolerance: Of the polygons by which holes are found in their faces [m].
+    The tolerance is that of the polygons by which holes are found in their faces [m].
     """
     faces: list[tuple[Face, Array]] = []
     for kind, group in _GROUPS.items():
@@ -47,24 +39,20 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
         backward = [i for i, side in enumerate(sides) if side.right == kind]
         around = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
         numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
-        closed = [
-            ([around[i].curve for i in loop], [numbers[i] for i in loop]) for loop in loops(around)
-        ]
-        for nest in _nested([curves for curves, _ in closed], tolerance):
-            moments = np.sum([enclosed(closed[i][0]) for i in nest], axis=0)
-            faces.append((Face(group, [closed[i][1] for i in nest]), moments))
+        closed = loops(around)
+        curves = [[around[i].curve for i in loop] for loop in closed]
+        for nest in _nested(curves, tolerance):
+            moments = np.sum([enclosed(curves[n]) for n in nest], axis=0)
+            faces.append((Face(group, [[numbers[i] for i in closed[n]] for n in nest]), moments))
     of_side: dict[int, list[int]] = {}
     for f, (face, _) in enumerate(faces):
-        for loop in face.loops:
-            for i, _ in loop:
-                of_side.setdefault(i, []).append(f)
+        for i in (i for loop in face.loops for i, _ in loop):
+            of_side.setdefault(i, []).append(f)
     pairs = np.array([[fs[0], fs[-1]] for fs in of_side.values()]).reshape(-1, 2)
-    ones = np.ones(len(pairs), dtype=bool)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(faces), len(faces)))
-    label = connected_components(graph, directed=False)[1]
+    label = connected(pairs, len(faces))
     found = []
-    for name in range(label.max(initial=-1) + 1):
-        mine = np.flatnonzero(label == name)
+    for number in range(label.max(initial=-1) + 1):
+        mine = np.flatnonzero(label == number)
         moments = np.sum([faces[f][1] for f in mine], axis=0)
         around_it = sorted({i for f in mine for loop in faces[f][0].loops for i, _ in loop})
         touched = frozenset(sides[i].interface for i in around_it) - {-1}
@@ -82,9 +70,7 @@ def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[in
         if area > 0.0:
             continue
         inside = shapes[i].representative_point()
-        around = [
-            j for j in nests if areas[j] > -area and shapely.Polygon(shapes[j]).covers(inside)
-        ]
+        around = [j for j in nests if areas[j] > -area and shapes[j].covers(inside)]
         if around:
             nests[min(around, key=lambda j: areas[j])].append(i)
     return list(nests.values())
@@ -92,8 +78,7 @@ def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[in
 
 def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
     found = polygon(loop, tolerance)
-    while len(found) < 3:  # two curves that are almost straight
-        tolerance *= 0.1
+    if len(found) < 3:  # two curves that are almost straight
         found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
     return found
 
@@ -101,13 +86,7 @@ def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
 def outlines(
     sides: Sequence[Side], kept: Sequence[Piece], tolerance: float
 ) -> list[list[list[Side]]]:
-    """The boundary of pieces: for each the outer loop, and those of its holes.
-
-    Args:
-        sides: Of all regions.
-        kept: The pieces.
-        tolerance: Of the polygons by which holes are found in their pieces [m].
-    """
+    """The boundary of pieces: for each the outer loop, then its holes."""
     walked = [each for p in kept for face in p.faces for loop in face.loops for each in loop]
     both = set(walked)
     # what bounds one face alone, from this face
@@ -122,13 +101,7 @@ def outlines(
 
 
 def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) -> Drawing:
-    """The pieces as faces between numbered curves.
-
-    Args:
-        sides: Of all regions.
-        kept: The pieces.
-        names: Of the interfaces.
-    """
+    """The pieces as faces between numbered curves, with the names of their interfaces."""
     number = {i: n for n, i in enumerate(i for piece in kept for i in piece.sides)}
     chosen = [sides[i] for i in number]
     return Drawing(
@@ -143,18 +116,12 @@ def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) 
     )
 
 
-def held(
+def attached(
     found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]
 ) -> tuple[list[Piece], list[str]]:
-    """The pieces that touch an interface, and what is to be said of the others.
+    """The pieces that touch an interface, and warnings, or refuse interfaces that nothing connects.
 
-    Args:
-        found: All pieces.
-        lengths: Of each interface in the body [m], by name in the order of their numbers.
-        kept: Of what is left of it [m].
-
-    Raises:
-        ValueError: If no piece touches an interface, or interfaces are not connected.
+    The lengths of interfaces [m] in the body and in the pieces are by name, in their order.
     """
     names = list(lengths)
     stay = [piece for piece in found if piece.interfaces]
@@ -164,39 +131,31 @@ def held(
             "is the field positive in the material?"
         )
     said = []
-    loose = [piece for piece in found if not piece.interfaces]
-    if loose:
+    if loose := [piece for piece in found if not piece.interfaces]:
         shown = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         more = ", ..." if len(loose) > 5 else ""
         said.append(
             f"{len(loose)} loose pieces touch no interface and are left out: {shown}{more}; the "
             "part has less material than the design"
         )
-    lost = [name for name in names if kept[name] == 0.0]
-    if lost:
+    if lost := [name for name in names if kept[name] == 0.0]:
         said.append(
             f"the interfaces {', '.join(map(repr, lost))} are left without material; make the "
             "cells at them solid, or leave them out of the mechanism"
         )
-    cut = [n for n in names if 0.0 < kept[n] < (1.0 - 1e-6) * lengths[n]]
-    if cut:
+    if cut := [n for n in names if 0.0 < kept[n] < (1.0 - 1e-6) * lengths[n]]:
         shown = ", ".join(f"{100 * kept[n] / lengths[n]:.3g} % of {n!r}" for n in cut)
         said.append(
             f"of some interfaces only a share is left, {shown}; make the cells at them solid to "
             "keep all of it"
         )
-    groups: list[set[int]] = []
-    for piece in stay:
-        joined = set(piece.interfaces)
-        for group in [g for g in groups if g & joined]:
-            groups.remove(group)
-            joined |= group
-        groups.append(joined)
+    pairs = np.array([(i, len(names) + k) for k, p in enumerate(stay) for i in p.interfaces])
+    label = connected(pairs, len(names) + len(stay))
+    groups: dict[int, list[str]] = {}
+    for i in np.unique(pairs[:, 0]):
+        groups.setdefault(int(label[i]), []).append(repr(names[i]))
     if len(groups) > 1:
-        shown = " and ".join(
-            "{" + ", ".join(repr(names[i]) for i in group) + "}"
-            for group in sorted(map(sorted, groups))
-        )
+        shown = " and ".join("{" + ", ".join(group) + "}" for group in groups.values())
         raise ValueError(
             f"part: no material connects the interfaces {shown}; the design is torn, or too thin "
             "for the distance at which the field is given (take a design with thicker members)"

@@ -6,38 +6,30 @@ A field phi(X), positive in material, and the cells that stay solid give
     solid = ({phi > 0} in designed cells) and (solid cells),   without pieces that nothing holds.
 
 The cells of the body are cut into tetrahedra, and these along the zero surface
-(`tetrahedral_cut`): what is left is the solid, as a mesh and as a closed surface. The outline of
-the body, its interfaces and its regions stay what they are. It is as fine as the mesh of the body,
-or finer.
+(`tetrahedral_cut`): what is left is the solid, as a mesh and as a closed surface.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import validation
-from ..design import Design
 from ..fem import Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinder
-from ..files import named_in_errors
+from ..files import check_room, whole_file
 from ..parallel import on_rank_0
-from ..problem import Evaluation, Problem
-from .ball_widths import narrowest_gap_in_space, thinnest_member_in_space
-from .shape import Enclosed, PartWarning
-from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, pieces, volumes
-from .verify import Verification, verify
+from .ball_widths import thinnest_in_space
+from .export import UNITS
+from .field import Array, Field, connected
+from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
+from .verify import Enclosed, Found, PartWarning
 from .widths import Width
-
-__all__ = ["Solid"]
-
-Array = NDArray[np.float64]
 
 #: Files that can be written
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
@@ -47,16 +39,14 @@ _SURFACE = {"hexahedron": 1, "tetrahedron": 0}
 _LATTICE = 0.25
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What rank 0 has found, for all ranks but the tetrahedra."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found(Found):
+    """The surface and warnings, found on rank 0 and sent to all ranks."""
 
-    points: Array
-    triangles: NDArray[np.int64]
-    volume: float
-    pieces: int
-    loose: list[float]
-    lost: list[str]
+    points: Array  #: (points, 3) vertices of the surface [m]
+    triangles: NDArray[np.int64]  #: (triangles, 3)
+    volume: float  #: [m^3]
+    loose: list[float]  #: Volumes of what is left out [m^3]
 
 
 class Solid(Enclosed):
@@ -73,91 +63,40 @@ class Solid(Enclosed):
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if the body is in the plane, the field is not finite, or no
-            material touches an interface.
+        ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
+            more than faces, or no material touches an interface.
 
     Warns:
-        PartWarning: If loose pieces are left out, or an interface has no material.
+        PartWarning: If loose pieces are left out, an interface has no material, or the surface
+            touches itself, as where regions that are not designed meet in an edge only.
     """
 
+    kind = "solid"
     elements = "tetrahedra"
     tolerance = 5e-3
     most = 2
+    dimension = 3
 
     def __init__(
-        self,
-        domain: Domain,
-        field: Callable[[Array], ArrayLike],
-        *,
-        material: ElasticMaterial | None = None,
+        self, domain: Domain, field: Field, *, material: ElasticMaterial | None = None
     ) -> None:
-        self.body = validation.instance("solid: domain", domain, Domain, "a Domain")
-        if domain.dimension != 3:
-            raise ValueError("solid: the body is in the plane; Part is for such bodies")
-        validation.function("solid: field", field, "positions")
-        self.field = field  #: Positive in the material, of positions (n, 3) [m]
-        self.material = material
-        _, found = self._cut(_SURFACE[domain.cell])
+        self._keep(domain, field, material, "on")
+        self._found: _Found = self._cut(_SURFACE[domain.cell])[1]
         #: Vertices of the surface, shape (points, 3) [m]
-        self.points = found.points
+        self.points = self._found.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
-        self.triangles = found.triangles
-        self.volume = found.volume  #: [m^3]
-        self._pieces = found.pieces
-        self.loose = found.loose  #: Volumes of the pieces that are left out [m^3]
-        self._lost = found.lost
-        if found.loose:
-            warnings.warn(
-                f"solid: {len(found.loose)} pieces of {sum(found.loose):.3g} m^3 touch no "
-                "interface and are left out",
-                PartWarning,
-                stacklevel=2,
-            )
-        if found.lost:
-            warnings.warn(
-                f"solid: the interfaces {found.lost} have no material; keep the cells along them "
-                "solid",
-                PartWarning,
-                stacklevel=2,
-            )
-
-    @staticmethod
-    def of(
-        design: Design, variables: ArrayLike, *, material: ElasticMaterial | None = None
-    ) -> Solid:
-        """The solid of a design.
-
-        Args:
-            design: A `DensityDesign` or `LevelSet` of a body in space.
-            variables: Shape (size,).
-            material: Of the solid, for its mass.
-        """
-        validation.instance("solid: design", design, Design, "a design, as DensityDesign(...)")
-        return Solid(design.domain, design.level(design.check(variables)), material=material)
-
-    # ------------------------------------------------------------------ what it is
+        self.triangles = self._found.triangles
+        for text in self._found.warnings:
+            warnings.warn(f"solid: {text}", PartWarning, stacklevel=2)
 
     @property
-    def pieces(self) -> int:
-        """Number of connected pieces of material."""
-        return self._pieces
+    def loose(self) -> list[float]:
+        """Volumes of the pieces that nothing holds and that are left out [m^3]."""
+        return self._found.loose
 
     @property
-    def lost_interfaces(self) -> list[str]:
-        """Interfaces that are left without material."""
-        return self._lost
-
-    @property
-    def mass(self) -> float:
-        """Mass [kg].
-
-        Raises:
-            ValueError: If no material was given.
-        """
-        density = getattr(self.material, "density", None)
-        if density is None:
-            raise ValueError("solid: without a material there is no mass; give material=...")
-        return float(density) * self.volume
+    def volume(self) -> float:
+        return self._found.volume
 
     @cached_property
     def thinnest_member(self) -> Width | None:
@@ -166,42 +105,28 @@ class Solid(Enclosed):
         It takes seconds, and is kept. What is thinner than the spacing of a lattice is not seen: a
         quarter of a cell, or more where that would be too many points for a large body.
         """
-        return thinnest_member_in_space(self.points, self.triangles, self._lattice)
+        return self._thinnest(around=False)
 
     @cached_property
     def narrowest_gap(self) -> Width | None:
         """The narrowest gap or hole; None if there is none narrower than the solid."""
-        return narrowest_gap_in_space(self.points, self.triangles, self._lattice)
+        return self._thinnest(around=True)
 
-    @property
-    def _lattice(self) -> float:
-        return _LATTICE * self.body.cell_size
-
-    def measures(self) -> dict[str, Width | int | None]:
-        return {"thinnest member": self.thinnest_member, "narrowest gap": self.narrowest_gap}
+    def _thinnest(self, *, around: bool) -> Width | None:
+        size = _LATTICE * self.body.cell_size
+        return thinnest_in_space(self.points, self.triangles, size, around=around)
 
     def surface(self) -> Any:
         """The surface as a mesh of PyVista (`pyvista.PolyData`)."""
         import pyvista  # takes a while
 
-        faces = np.column_stack([np.full(len(self.triangles), 3), self.triangles])
-        return pyvista.PolyData(self.points, faces.ravel())
+        return pyvista.PolyData.from_regular_faces(self.points, self.triangles)
 
-    # ------------------------------------------------------------------ what becomes of it
-    def write(self, path: str | Path) -> Path:
-        """Write the surface, for a printer or another program; collective.
-
-        Args:
-            path: File that ends in .stl, .ply, .vtp or .obj, lengths in metres.
-
-        Returns:
-            The path, on every rank.
-
-        Raises:
-            ValueError: If the kind of file is not known.
-            OSError: On every rank, if it cannot be written.
-        """
-        file = validation.path("solid: path", path)
+    def _write(self, path: str | Path, *, unit: str = "m") -> list[Path]:
+        given = validation.path("solid: file", path)
+        validation.choice("solid: unit", unit, UNITS)
+        folder = on_rank_0(self.body.comm, given.is_dir) or not given.suffix
+        file = given / "solid.stl" if folder else given
         if file.suffix.lower() not in _KINDS:
             raise ValueError(
                 f"solid: the kind {file.suffix!r} of {str(file)!r} is not known; end the name in "
@@ -210,59 +135,34 @@ class Solid(Enclosed):
 
         def save() -> None:
             file.parent.mkdir(parents=True, exist_ok=True)
-            with named_in_errors(file):
-                self.surface().save(str(file))
+            with whole_file(file) as beside:
+                check_room(beside, 200 * len(self.triangles))  # VTK says nothing of a full disk
+                surface = self.surface()
+                surface.points = surface.points / UNITS[unit]  # not in place: they are ours
+                surface.save(str(beside))
 
         on_rank_0(self.body.comm, save)
-        return file
+        return [file]
 
     def sizes(self, size: float | None, count: int) -> list[float]:
-        """Sizes of the meshes on which the solid is evaluated, each finer than the last.
-
-        Args:
-            size: Largest size of the first one [m]; by default the coarsest is the first.
-            count: How many.
-
-        Raises:
-            ValueError: On every rank, if the last one has more than four million tetrahedra.
-        """
         first = 0 if size is None else self._finer(size)
         Tetrahedra.check(self.body, first + count - 1)
         return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
     def domain(self, size: float, order: int = 2) -> Domain:
-        """A mesh of tetrahedra that fits the solid; collective.
+        """A mesh of tetrahedra that fits the solid, see `Enclosed.domain`; collective.
 
-        It has the interfaces of the body, with the same centres, and its solid regions. The cells
-        of the body are divided as often as the size asks for; its own size is the largest.
-
-        Args:
-            size: Of the tetrahedra, the edge of a cube that six of them fill [m].
-            order: Polynomial order of the displacements.
-
-        Raises:
-            ValueError: On every rank, if a number is out of range, or a mesh of this size has no
-                material at the interfaces or more than four million tetrahedra.
+        The ``size`` is the edge of a cube that six tetrahedra fill [m]: the cells of the body are
+        divided as often as it asks for. ``order`` is that of the displacements. A ValueError on
+        every rank if a number is out of range, or the mesh has no material at the interfaces or
+        more than four million tetrahedra.
         """
         validation.number("solid: size", size, above=0.0, unit="m")
         degree = validation.integer("solid: order", order, least=1)
-        comm, held = self.body.comm, self.body.interfaces
+        comm, interfaces = self.body.comm, self.body.interfaces
         cut, _ = self._cut(self._finer(size))
-        centers = {name: part.center.tolist() for name, part in held.items()}
-        return cut.domain(comm, list(held), centers, degree)
-
-    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
-        """Evaluate a problem of one designed body with the solid in its place; see `verify`.
-
-        Args:
-            problem: With the body that was designed.
-            evaluation: Of the design, what was reported.
-            options: Those of `verify`.
-
-        Raises:
-            ValueError: If the problem has several bodies with a density.
-        """
-        return verify(problem, {self._only_body(problem): self}, evaluation, **options)
+        centers = {name: part.center.tolist() for name, part in interfaces.items()}
+        return cut.domain(comm, list(interfaces), centers, degree)
 
     def _finer(self, size: float) -> int:
         """How often cells are divided for tetrahedra of a size [m]."""
@@ -273,15 +173,14 @@ class Solid(Enclosed):
         return finer
 
     def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:
-        """The solid of tetrahedra of the body, which rank 0 has, and what was found."""
+        """The tetrahedra of the solid, on rank 0, and its surface, on all ranks; collective."""
         body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)
         kept: list[Tetrahedra] = []
 
         def cut() -> _Found:
             left = cut_tetrahedra(body, self.field)
-            for bore in _bores(mesh):
-                bore.round(left)
-            left, found = _held(left, list(self.body.interfaces))
+            _round_bores(left, mesh)
+            left, found = _attached(left, list(self.body.interfaces))
             kept.append(left)
             return found
 
@@ -289,12 +188,12 @@ class Solid(Enclosed):
         return (kept[0] if kept else body), found
 
 
-def _held(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
-    """The pieces that touch an interface, and what they are."""
+def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
+    """The pieces that touch an interface, and their surface."""
     if not len(cut.cells):
         raise ValueError("solid: there is no material; the field is negative everywhere")
     _, _, pairs = outer_faces(cut.cells)
-    piece = pieces(cut.cells, pairs)
+    piece = connected(pairs, len(cut.cells))
     size = volumes(cut.points, cut.cells)
     touches = np.zeros(piece.max() + 1, dtype=bool)
     touches[piece[np.any(cut.facets >= 0, axis=1)]] = True
@@ -306,46 +205,51 @@ def _held(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     left = Tetrahedra(cut.points[used], cells, cut.facets[stays], cut.regions[stays])
     triangles, _, _ = outer_faces(cells)
     seen, corners = np.unique(triangles, return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    surface = left.points[seen]
+    lost = [name for i, name in enumerate(names) if not np.any(left.facets == i)]
+    loose = [float(v) for v in np.bincount(piece, size)[~touches]]
+    said = []
+    if loose:
+        said.append(
+            f"{len(loose)} pieces of {sum(loose):.3g} m^3 touch no interface and are left out"
+        )
+    meeting = surface[touching(corners)]
+    if len(meeting):
+        x, y, z = meeting[0]
+        said.append(
+            f"the surface touches itself at {len(meeting)} points, the first at "
+            f"({x:.4g}, {y:.4g}, {z:.4g}) m, where parts of the solid region or of the body meet "
+            "in an edge or a point only; join them, or keep them apart by a cell"
+        )
+    if lost:
+        said.append(f"the interfaces {lost} have no material; keep the cells along them solid")
     found = _Found(
-        points=left.points[seen],
-        triangles=corners.reshape(-1, 3),
+        points=surface,
+        triangles=corners,
         volume=float(np.sum(size[stays])),
         pieces=int(np.count_nonzero(touches)),
-        loose=[float(v) for v in np.bincount(piece, size)[~touches]],
-        lost=[name for i, name in enumerate(names) if not np.any(left.facets == i)],
+        loose=loose,
+        lost=lost,
+        warnings=said,
     )
     return left, found
 
 
-@dataclass(frozen=True, eq=False)
-class _Bore:
-    """An interface that is a cylinder."""
-
-    number: int  #: Of the interface
-    center: Array  #: (3,) of its axis [m]
-    axis: Array  #: (3,) unit vector
-    radius: float  #: [m]
-
-    def round(self, cut: Tetrahedra) -> None:
-        """Move points on the sides of its polygon onto the cylinder."""
-        cells, opposite = np.nonzero(cut.facets == self.number)
-        points = np.unique(cut.cells[cells[:, None], SIDES[opposite]])
-        offset = cut.points[points] - self.center
-        radial = offset - np.outer(offset @ self.axis, self.axis)
-        away = np.linalg.norm(radial, axis=1, keepdims=True)
-        cut.points[points] += (self.radius / away - 1.0) * radial
-
-
-def _bores(mesh: GatheredMesh) -> list[_Bore]:
-    """Interfaces that are cylinders."""
-    found = []
+def _round_bores(cut: Tetrahedra, mesh: GatheredMesh) -> None:
+    """Move points on interfaces that are cylinders from the sides of polygons onto them."""
     for number, (name, part) in enumerate(mesh.domain.interfaces.items()):
-        points = mesh.points[mesh.interfaces[name]]
-        if part.axis is None or np.ptp(points @ part.axis) < 1e-6 * part.extent:
+        given = mesh.points[mesh.interfaces[name]]
+        if part.axis is None or np.ptp(given @ part.axis) < 1e-6 * part.extent:
             continue
-        cylinder = fit_cylinder(points, part.axis)
-        if cylinder is not None:
-            center, axis = cylinder
-            radius = float(np.mean(np.linalg.norm(np.cross(points - center, axis), axis=1)))
-            found.append(_Bore(number, center, axis, radius))
-    return found
+        cylinder = fit_cylinder(given, part.axis)
+        if cylinder is None:
+            continue
+        center, axis = cylinder
+        radius = float(np.mean(np.linalg.norm(np.cross(given - center, axis), axis=1)))
+        cells, opposite = np.nonzero(cut.facets == number)
+        points = np.unique(cut.cells[cells[:, None], SIDES[opposite]])
+        offset = cut.points[points] - center
+        radial = offset - np.outer(offset @ axis, axis)
+        away = np.linalg.norm(radial, axis=1, keepdims=True)
+        cut.points[points] += (radius / away - 1.0) * radial

@@ -1,94 +1,93 @@
 # SPDX-License-Identifier: MIT
 """Tetrahedra of a body cut along the zero surface of a field, without slivers.
 
-What is left fits the surface, and is cells of finite elements at the same time: corners next to
-the surface are moved onto it, then the tetrahedra that it passes are cut (isosurface stuffing,
-F. Labelle and J. R. Shewchuk, doi:10.1145/1276377.1276448, on the tetrahedra of the body instead
-of a lattice). Corners on the outline of the body, and of regions that are not designed, move within
-it only: edges and interfaces stay where they are. So interfaces need not be found again, and a
-topology that a mesher of surfaces could not follow is cut like any other.
+Corners next to the surface are moved onto it, then the tetrahedra that it passes are cut
+(isosurface stuffing, F. Labelle and J. R. Shewchuk, doi:10.1145/1276377.1276448, on the tetrahedra
+of the body instead of a lattice). Corners on the outline of the body, and of regions that are not
+designed, move within it only: edges and interfaces stay where they are.
+
+A surface that runs through corners can touch itself in them, or in edges between them, where it is
+no surface of a solid. Such corners are counted as outside, and what is around them is cut off at a
+quarter of the edges: the zero surface of a field that is zero at no corner does not touch itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
-from .. import validation
 from ..fem import DESIGNED, SOLID, VOID, Tetrahedra
-
-__all__ = ["SIDES", "cut_tetrahedra", "outer_faces", "pieces", "volumes"]
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+from .field import Array, Field, Integers, connected, evaluated, refuse_zero, zeros_between
 
 #: Corners closer than this to the surface are moved onto it, in units of the edge on which it is
 _NEAR = 0.25
+#: Level of corners that are counted as outside, which only its sign matters of
+_SMALLEST = 1e-300
 #: Corners that cannot move count as on the surface if they are closer than this
 _ON_IT = 0.05
 #: Smallest volume of a tetrahedron whose corners have moved, in units of what it was
 _FLAT = 0.15
-#: Steps in which the zero of the field on an edge is found
-_STEPS = 8
+#: Times that corners are looked for at which the surface touches itself
+_ROUNDS = 20
 #: Faces opposite of the corners, turned outwards
 SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+#: By numbers of corners inside and outside, which are the first and the last, tetrahedra inside: of
+#: corners, and of zeros between an inner and an outer one
+_TEMPLATES: dict[tuple[int, int], list[tuple[int | tuple[int, int], ...]]] = {
+    (1, 1): [(0, 1, 2, (0, 3))],
+    (1, 2): [(0, 1, (0, 2), (0, 3))],
+    (1, 3): [(0, (0, 1), (0, 2), (0, 3))],
+    (2, 1): [(0, 1, 2, (1, 3)), (0, (0, 3), 2, (1, 3))],
+    (3, 1): [(0, (0, 3), (1, 3), (2, 3)), (0, 1, (1, 3), (2, 3)), (0, 1, 2, (2, 3))],
+    (2, 2): [(0, 1, (1, 2), (1, 3))],
+}
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
-def cut_tetrahedra(body: Tetrahedra, field: Callable[[Array], ArrayLike]) -> Tetrahedra:
-    """The part of tetrahedra in which a field is positive, and those that stay solid.
-
-    Args:
-        body: All tetrahedra of a body.
-        field: Positive in material: a function of positions (n, 3) [m] that gives (n,) numbers.
-
-    Raises:
-        ValueError: If the field is not finite.
-    """
-
-    def level_at(x: Array) -> Array:
-        return validation.real_array("solid: field", field(x), (len(x),)).copy()
-
+def cut_tetrahedra(body: Tetrahedra, field: Field) -> Tetrahedra:
+    """The part of a body's tetrahedra in which a field is positive, and those that stay solid."""
     points, cells = body.points.copy(), body.cells
-    level = level_at(points)
-    edges = _unique_edges(cells[body.regions != VOID])
-    edges = edges[level[edges[:, 0]] * level[edges[:, 1]] < 0.0]
-    share = _zeros(points, edges, level, level_at)
-    places = points[edges[:, 0]] + share[:, None] * (points[edges[:, 1]] - points[edges[:, 0]])
-    _move_near(points, level, edges, share, places, cells, _patches(body))
+    level = evaluated(field, points)
+    refuse_zero("solid", level, cells[body.regions == DESIGNED])
+    every = _unique_edges(cells[body.regions != VOID])
+    edges = every[level[every[:, 0]] * level[every[:, 1]] < 0.0]
+    start, end = points[edges.T]
+    share = zeros_between(field, start, end, *level[edges.T])
+    zeros = start + share[:, None] * (end - start)
+    _move_near(points, level, edges, share, zeros, cells, _patches(body))
     still = level[edges[:, 0]] * level[edges[:, 1]] < 0.0
-    edges, places = edges[still], places[still]
-    return _cut(body, points, level, edges, places, level_at)
+    edges, zeros = edges[still], zeros[still]
+    for _ in range(_ROUNDS):
+        found, used = _cut(body, points, level, edges, zeros, field)
+        corners = used[touching(outer_faces(found.cells)[0])]
+        corners = corners[corners < len(points)]
+        corners = corners[level[corners] == 0.0]
+        if not len(corners):
+            break
+        level[corners] = -_SMALLEST
+        outside = np.isin(every, corners)
+        new = np.any(outside, axis=1) & np.any(level[every] > 0.0, axis=1)
+        # from the corner to the one inside
+        pairs, turned = every[new], outside[new][:, 1:]
+        start, end = points[np.where(turned, pairs[:, ::-1], pairs)].swapaxes(0, 1)
+        edges = np.concatenate([edges, pairs])
+        zeros = np.concatenate([zeros, start + _NEAR * (end - start)])
+        order = np.lexsort((edges[:, 1], edges[:, 0]))
+        edges, zeros = edges[order], zeros[order]
+    return found
 
 
 def volumes(points: Array, cells: Integers) -> Array:
-    """Volume of tetrahedra, negative where the corners are turned, shape (cells,) [m^3].
-
-    Args:
-        points: Shape (points, 3) [m].
-        cells: Shape (cells, 4).
-    """
+    """Volume of tetrahedra (cells, 4), negative where the corners are turned, (cells,) [m^3]."""
     a, b, c, d = np.moveaxis(points[cells], 1, 0)
     return np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)) / 6.0
 
 
 def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
-    """Faces that belong to one cell only, and which cells meet in a face.
+    """Faces that belong to one of some tetrahedra (cells, 4) only, and which cells share a face.
 
-    Args:
-        cells: Corners of positive tetrahedra, shape (cells, 4).
-
-    Returns:
-        Corners of the faces, turned outwards, (faces, 3); the cell and the corner opposite of it of
-        each, as 4 times the cell plus the corner, (faces,); pairs of cells, (pairs, 2).
-
-    Raises:
-        ValueError: If there are too many corners for their numbers to be told apart.
+    Corners of the faces, turned outwards, (faces, 3); for each 4 times its cell plus the corner
+    opposite of it, (faces,); pairs of cells, (pairs, 2).
     """
     if cells.max(initial=0) >= 2**21:
         raise ValueError(
@@ -107,50 +106,31 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
     return faces[alone], alone, pairs
 
 
-def pieces(cells: Integers, pairs: Integers) -> Integers:
-    """Number of the connected piece of each cell: cells hold together by faces, (cells,).
-
-    Args:
-        cells: Shape (cells, 4).
-        pairs: Of cells that share a face, shape (pairs, 2).
-    """
-    n = len(cells)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1])
+def touching(triangles: Integers) -> Integers:
+    """Vertices at which a closed surface touches itself: it is no 2-manifold there, (vertices,)."""
+    # each corner of a triangle with both of its edges
+    corner = triangles.ravel()
+    first = np.repeat(np.arange(len(triangles)), 3) * 3
+    zero_of = np.tile(np.arange(3), len(triangles))
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    key = sides @ np.array([2**32, 1])
+    order = np.argsort(key, kind="stable")
+    _, start, count = np.unique(key[order], return_index=True, return_counts=True)
+    odd = np.unique(sides[order[start[count != 2]]])
+    one, other = order[start[count == 2]], order[start[count == 2] + 1]
+    # an edge of a corner and the next one, with the other triangle's, in which it runs backwards
+    after = first + (zero_of + 1) % 3
+    rows, columns = np.concatenate([one, after[one]]), np.concatenate([after[other], other])
+    fan = connected(np.column_stack([rows, columns]), len(corner))
+    pairs = np.unique(np.column_stack([corner, fan]), axis=0)
+    vertices, fans = np.unique(pairs[:, 0], return_counts=True)
+    return np.union1d(odd, vertices[fans > 1])
 
 
 def _unique_edges(cells: Integers) -> Integers:
     """Pairs of corners, the smaller number first, (edges, 2)."""
     key = np.unique(np.sort(cells[:, _EDGES].reshape(-1, 2), axis=1) @ np.array([2**32, 1]))
     return np.column_stack([key // 2**32, key % 2**32])
-
-
-def _zeros(
-    points: Array, edges: Integers, level: Array, level_at: Callable[[Array], Array]
-) -> Array:
-    """Where on each edge the field is zero, as a share of it: regula falsi, Illinois' way."""
-    if not len(edges):
-        return np.zeros(0)
-    start, way = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
-    low, high = np.zeros(len(edges)), np.ones(len(edges))
-    at_low, at_high = level[edges[:, 0]].copy(), level[edges[:, 1]].copy()
-    share = at_low / (at_low - at_high)
-    side = np.zeros(len(edges))
-    for _ in range(_STEPS):
-        value = level_at(start + share[:, None] * way)
-        left = value * at_low > 0.0
-        at_high = np.where(left, np.where(side > 0, 0.5 * at_high, at_high), value)
-        at_low = np.where(left, value, np.where(side < 0, 0.5 * at_low, at_low))
-        low, high = np.where(left, share, low), np.where(left, high, share)
-        side = np.where(left, 1.0, -1.0)
-        apart = at_low - at_high
-        share = np.where(
-            apart == 0.0,
-            share,
-            (at_low * high - at_high * low) / np.where(apart == 0.0, 1.0, apart),
-        )
-        share = np.clip(share, low, high)
-    return np.asarray(share)
 
 
 def _patches(body: Tetrahedra) -> csr_matrix:
@@ -185,7 +165,7 @@ def _move_near(
     level: Array,
     edges: Integers,
     share: Array,
-    places: Array,
+    zeros: Array,
     cells: Integers,
     patches: csr_matrix,
 ) -> None:
@@ -193,10 +173,9 @@ def _move_near(
     if not len(edges):
         return
     # both directions of each edge
-    point = np.concatenate([edges[:, 0], edges[:, 1]])
-    other = np.concatenate([edges[:, 1], edges[:, 0]])
+    point, other = edges.T.ravel(), edges.T[::-1].ravel()
     away = np.concatenate([share, 1.0 - share])
-    place = np.vstack([places, places])
+    zero_of = np.vstack([zeros, zeros])
     common = np.asarray(patches[point].multiply(patches[other]).sum(axis=1)).ravel()
     free = common == np.asarray(patches.sum(axis=1)).ravel()[point]
     before, given = points.copy(), level.copy()
@@ -204,14 +183,13 @@ def _move_near(
     # the nearest of its zeros
     order = np.flatnonzero(near)[np.argsort(away[near], kind="stable")]
     chosen, first = np.unique(point[order], return_index=True)
-    points[chosen] = place[order[first]]
+    points[chosen] = zero_of[order[first]]
     level[chosen] = 0.0
-    size = np.abs(volumes(before, cells))
+    size = volumes(before, cells)
     moved = np.zeros(len(points), dtype=bool)
     moved[chosen] = True
-    turned = np.sign(volumes(before, cells))
     while True:
-        flat = turned * volumes(points, cells) < _FLAT * size
+        flat = np.sign(size) * volumes(points, cells) < _FLAT * np.abs(size)
         back = np.unique(cells[flat])
         back = back[moved[back]]
         if not len(back):
@@ -222,21 +200,16 @@ def _move_near(
 
 
 def _cut(
-    body: Tetrahedra,
-    points: Array,
-    level: Array,
-    edges: Integers,
-    places: Array,
-    level_at: Callable[[Array], Array],
-) -> Tetrahedra:
-    """What is left of the tetrahedra at given zeros of their edges."""
-    every = np.vstack([points, places])
+    body: Tetrahedra, points: Array, level: Array, edges: Integers, zeros: Array, field: Field
+) -> tuple[Tetrahedra, Integers]:
+    """The tetrahedra cut at given zeros of their edges, and the old numbers of their points."""
+    every = np.vstack([points, zeros])
     sign = np.sign(level)
     cells, facets, regions = body.cells, body.facets, body.regions
     signs = sign[cells]
     flat = np.flatnonzero(np.all(signs == 0.0, axis=1))
     if len(flat):
-        signs[flat] = np.sign(level_at(every[cells[flat]].mean(axis=1)))[:, None]
+        signs[flat] = np.sign(evaluated(field, every[cells[flat]].mean(axis=1)))[:, None]
     above, below = np.any(signs > 0.0, axis=1), np.any(signs < 0.0, axis=1)
     passed = above & below & (regions != VOID)
     whole = np.where(regions == SOLID, ~passed, above & ~below & (regions == DESIGNED))
@@ -244,30 +217,23 @@ def _cut(
     # of solid tetrahedra both sides stay: so they meet the designed ones in whole faces
     for region, side in ((DESIGNED, 1.0), (SOLID, 1.0), (SOLID, -1.0)):
         chosen = np.flatnonzero(passed & (regions == region))
-        corners, tags = _one_side(
-            cells[chosen], facets[chosen], side * signs[chosen], edges, len(points), every
-        )
+        own = cells[chosen], facets[chosen], side * signs[chosen]
+        corners, tags = _one_side(*own, edges, len(points), every)
         found.append((corners, tags, np.full(len(corners), region)))
     cells, facets, regions = (np.concatenate(part) for part in zip(*found, strict=True))
     turned = volumes(every, cells) < 0.0
     cells[turned] = cells[turned][:, [1, 0, 2, 3]]
     facets[turned] = facets[turned][:, [1, 0, 2, 3]]
     used, cells = np.unique(cells, return_inverse=True)
-    return Tetrahedra(every[used], cells.reshape(-1, 4), facets, regions)
+    return Tetrahedra(every[used], cells.reshape(-1, 4), facets, regions), used
 
 
 def _one_side(
     cells: Integers, facets: Integers, signs: Array, edges: Integers, first: int, points: Array
 ) -> tuple[Integers, Integers]:
-    """Tetrahedra on the positive side, and their interfaces, of ones with both signs.
+    """Tetrahedra on the positive side of some with both signs, and their interfaces, (cells, 4).
 
-    Args:
-        cells: Shape (cells, 4).
-        facets: Interfaces, shape (cells, 4).
-        signs: Of the corners, shape (cells, 4).
-        edges: That have a zero, sorted, shape (edges, 2).
-        first: Number of the zero of the first edge.
-        points: Of corners and zeros [m].
+    The ``first`` of the points is the zero of the first of the edges (edges, 2), which are sorted.
     """
     key = edges @ np.array([2**32, 1])
     found, tags = [np.zeros((0, 4), dtype=np.int64)], [np.zeros((0, 4), dtype=np.int64)]
@@ -282,8 +248,7 @@ def _one_side(
         pair = np.sort(cells[chosen][:, [i, j]], axis=1) @ np.array([2**32, 1])
         return first + np.searchsorted(key, pair)
 
-    def add(chosen: Integers, corners: list[int | tuple[int, int]]) -> None:
-        """Tetrahedra by corners of theirs, and zeros between an inner and an outer one."""
+    def add(chosen: Integers, corners: tuple[int | tuple[int, int], ...]) -> None:
         new = [cells[chosen, c] if isinstance(c, int) else zero(chosen, *c) for c in corners]
         made_of = [{c} if isinstance(c, int) else set(c) for c in corners]
         tag = np.full((len(chosen), 4), -1, dtype=np.int64)
@@ -297,24 +262,16 @@ def _one_side(
     def where(p: int, n: int) -> Integers:
         return np.flatnonzero((inside == p) & (outside == n))
 
-    add(where(1, 1), [0, 1, 2, (0, 3)])
-    add(where(1, 2), [0, 1, (0, 2), (0, 3)])
-    add(where(1, 3), [0, (0, 1), (0, 2), (0, 3)])
-    pyramid = where(2, 1)
-    add(pyramid, [0, 1, 2, (1, 3)])
-    add(pyramid, [0, (0, 3), 2, (1, 3)])
-    prism = where(3, 1)
-    add(prism, [0, (0, 3), (1, 3), (2, 3)])
-    add(prism, [0, 1, (1, 3), (2, 3)])
-    add(prism, [0, 1, 2, (2, 3)])
+    for (p, n), tetrahedra in _TEMPLATES.items():
+        for corners in tetrahedra:
+            add(where(p, n), corners)
     wedge = where(2, 2)
-    add(wedge, [0, 1, (1, 2), (1, 3)])
     # of the quadrilateral on the surface the shorter diagonal
     one = points[zero(wedge, 0, 2)] - points[zero(wedge, 1, 3)]
     two = points[zero(wedge, 0, 3)] - points[zero(wedge, 1, 2)]
     shorter = np.einsum("ij,ij->i", one, one) < np.einsum("ij,ij->i", two, two)
-    add(wedge[shorter], [0, (0, 2), (0, 3), (1, 3)])
-    add(wedge[shorter], [0, (0, 2), (1, 3), (1, 2)])
-    add(wedge[~shorter], [0, (0, 2), (0, 3), (1, 2)])
-    add(wedge[~shorter], [0, (0, 3), (1, 3), (1, 2)])
+    add(wedge[shorter], (0, (0, 2), (0, 3), (1, 3)))
+    add(wedge[shorter], (0, (0, 2), (1, 3), (1, 2)))
+    add(wedge[~shorter], (0, (0, 2), (0, 3), (1, 2)))
+    add(wedge[~shorter], (0, (0, 3), (1, 3), (1, 2)))
     return np.concatenate(found), np.concatenate(tags)

@@ -1,26 +1,27 @@
 # SPDX-License-Identifier: MIT
-"""What a design is worth as a part: the problem evaluated again on meshes that fit the boundary."""
+"""What a design encloses, and what it is worth: evaluated again on meshes that fit the boundary."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from .. import validation
-from ..fem import Domain
+from ..design import Design
+from ..fem import Domain, ElasticMaterial
 from ..parallel import on_every_rank
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
-from .shape import Enclosed, PartWarning
+from .field import Field
 from .widths import Width
-
-__all__ = ["BodyFigures", "Figures", "Verification", "verify"]
 
 #: Share by which psi of the parts may exceed the reported one, and a constraint its bound, before
 #: that is said
@@ -29,15 +30,181 @@ SOFTER = 0.02
 _SHOWN = 3
 
 
+class PartWarning(UserWarning):
+    """What is drawn as a part is not all of the design, or not held as it should be."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """Found on rank 0, of a part or a solid, and sent to all ranks."""
+
+    pieces: int
+    lost: list[str]  #: Interfaces without material
+    warnings: list[str]
+
+
+class Enclosed(ABC):
+    """What a design encloses, to be made: a `Part` in the plane, a `Solid` in space.
+
+    Both have the members below, and `Result.part` gives the one that fits the body.
+    """
+
+    kind: ClassVar[str]  #: "part" or "solid", also the name of its files
+    elements: ClassVar[str]  #: What its meshes are made of
+    #: Largest change of psi from one of its meshes to the next that counts as none, by default
+    tolerance: ClassVar[float]
+    most: ClassVar[int]  #: Number of meshes that are tried by default
+    dimension: ClassVar[int]  #: Of its body
+    _found: Found
+
+    def _keep(
+        self, domain: Domain, field: Field, material: ElasticMaterial | None, needed: str
+    ) -> None:
+        """Check and keep the arguments; the material needs a certain attribute."""
+        #: The body that was designed
+        self.body = validation.instance(f"{self.kind}: domain", domain, Domain, "a Domain")
+        if domain.dimension != self.dimension:
+            where, fitting = ("space", "Solid") if domain.dimension == 3 else ("the plane", "Part")
+            raise ValueError(f"{self.kind}: the body is in {where}; {fitting} is for such bodies")
+        validation.function(f"{self.kind}: field", field, "positions")
+        #: Positive in the material, of positions (n, dimension) [m]
+        self.field = field
+        if material is not None:
+            what = f"{self.kind}: material"
+            validation.implementation(what, material, [needed], "an elastic material")
+        #: What it is made of, for its mass
+        self.material = material
+
+    @classmethod
+    def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Self:
+        """What a ``design`` encloses at its ``variables``; ``options`` as of the class; collective.
+
+        The boundary is the zero line or surface of a level set, of densities that where a smooth
+        mean of them is one half (`density_field`).
+        """
+        needed = "a LevelSet or a DensityDesign"
+        validation.instance(f"{cls.kind}: design", design, Design, needed)
+        validation.keywords(f"{cls.__name__}.of", options, cls)
+        field = design.level(design.check(variables))
+        return cls(design.domain, field, **options)  # type: ignore[call-arg]
+
+    @property
+    def pieces(self) -> int:
+        """Number of connected pieces of material."""
+        return self._found.pieces
+
+    @property
+    def lost_interfaces(self) -> list[str]:
+        """Interfaces that are left without material."""
+        return self._found.lost
+
+    @property
+    @abstractmethod
+    def volume(self) -> float:
+        """Volume [m^3]; in the plane area times thickness, which is that of a material."""
+
+    @property
+    def mass(self) -> float:
+        """Mass [kg]; a ValueError without a material that tells its density."""
+        material = self._made_of("its mass")
+        if not self.weighs:
+            raise ValueError(
+                f"{self.kind}: its material {type(material).__name__} has no attribute density "
+                "[kg/m^3], which its mass needs"
+            )
+        return self.volume * float(material.density)
+
+    @property
+    def weighs(self) -> bool:
+        """Whether its mass is known: whether it has a material that tells its density."""
+        return getattr(self.material, "density", None) is not None
+
+    @property
+    @abstractmethod
+    def thinnest_member(self) -> Width | None:
+        """The thinnest member, by discs or balls that do not fit; None if there is none."""
+
+    @property
+    @abstractmethod
+    def narrowest_gap(self) -> Width | None:
+        """The narrowest gap or hole, likewise."""
+
+    def measures(self) -> dict[str, Width | int | None]:
+        """What summaries tell of it beside its pieces."""
+        return {"thinnest member": self.thinnest_member, "narrowest gap": self.narrowest_gap}
+
+    def _made_of(self, what: str) -> ElasticMaterial:
+        """The material, which a number asks for."""
+        if self.material is None:
+            raise ValueError(
+                f"{self.kind}: {what} is that of a material; make it with "
+                f"{type(self).__name__}(..., material=)"
+            )
+        return self.material
+
+    def write(self, path: str | Path, **options: Any) -> list[Path]:
+        """Write it for CAD, printers and machines; collective, rank 0 writes.
+
+        Args:
+            path: A file: of a part .svg, .dxf, .step or .stl, of a solid .stl, .ply, .vtp or .obj.
+                Or a folder, for "part.svg" and all others of a part, for "solid.stl" of a solid.
+            options: ``unit`` of lengths, "mm" or "m"; by default "mm" of a part, "m" of a solid.
+                Files .step are in millimetres and say so.
+
+        Returns:
+            The files, on every rank.
+
+        Raises:
+            ValueError: On every rank, if kind of file or unit are not known, or a part has no
+                thickness.
+            OSError: On every rank, if a file cannot be written; older ones stay.
+        """
+        validation.keywords(f"{self.kind}.write", options, self._write)
+        return self._write(path, **options)
+
+    @abstractmethod
+    def _write(self, path: str | Path, *, unit: str) -> list[Path]:
+        """See `write`."""
+
+    @abstractmethod
+    def sizes(self, size: float | None, count: int) -> list[float]:
+        """Sizes of ``count`` meshes to evaluate it on, each finer than the last [m].
+
+        The first ``size`` is by default one that suits it.
+        """
+
+    @abstractmethod
+    def domain(self, size: float, order: int = 2) -> Domain:
+        """A mesh with cells of a ``size`` [m] that fits it, for displacements of an ``order``.
+
+        It has the interfaces of the body, with the same centres, and its solid regions; collective.
+        """
+
+    def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
+        """Evaluate a ``problem`` of one designed body with this in its place, see `verify`.
+
+        The ``evaluation`` is that of the design, the ``options`` are those of `verify`; a
+        ValueError if several bodies are designed.
+        """
+        validation.keywords(f"{self.kind}.verify", options, verify)
+        names = list(problem.flexible)
+        if len(names) != 1:
+            raise ValueError(
+                f"{self.kind}: the problem designs the bodies {sorted(names)}; verify them "
+                f"together by verify(problem, {{name: {self.kind}, ...}}, evaluation)"
+            )
+        return verify(problem, {names[0]: self}, evaluation, **options)
+
+
 @dataclass(frozen=True, eq=False)
 class BodyFigures:
-    """What is known of one body."""
+    """Measures and frequencies of one body."""
 
     cells: int  #: Of its mesh
     mass: float  #: [kg]
     volume: float  #: Material, as a share of the area of the body that was designed
-    frequencies: NDArray[np.float64]  #: With all interfaces held [Hz]
-    stress: float | None  #: Largest von Mises stress in the motion [Pa]; None without a motion
+    frequencies: NDArray[np.float64]  #: With all interfaces fixed [Hz]
+    stress: float | None  #: Largest von Mises stress over the trajectory [Pa]; None without one
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +212,34 @@ class Figures:
     """One line of the table: a problem with certain meshes."""
 
     size: float | None  #: Of the cells [m]; None for the design as it was reported
-    psi: float  #: Value of the objective
-    constraints: dict[str, float]  #: Values of the constrained objectives
+    #: Value of the objective; where that stands for another number (`PeakStress`), of that number
+    psi: float
+    constraints: dict[str, float]  #: Values of the constrained objectives, likewise
     bodies: dict[str, BodyFigures]  #: Of the designed bodies
-    #: Value of the objective of each motion by its name; empty where there is one
-    motions: dict[str, float] = field(default_factory=dict)
-    #: By how much constraints exceed their bounds, relative to these; negative where they hold
+    #: Value of the objective of each load case by its name; empty where there is one
+    load_cases: dict[str, float] = field(default_factory=dict)
+    #: By how much constraints and volumes ("volume of rod") exceed their bounds, relative to these;
+    #: negative where they hold
     excesses: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Constraints, and volumes as shares of the bodies that were designed, by name."""
+        volumes = {f"volume of {name}": body.volume for name, body in self.bodies.items()}
+        return volumes | self.constraints
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What was reported of a design, and what its parts are worth."""
+    """The figures of a design as reported, and of its parts on finer and finer meshes."""
 
-    reported: Figures  #: Of the densities
+    reported: Figures  #: Of the design
     fitted: list[Figures]  #: Of the parts, each time on finer meshes
     tolerance: float  #: Largest change of psi from one mesh to the next that counts as none
     modes: dict[str, int]  #: Number of normal modes of each part
     parts: Mapping[str, Enclosed]  #: By name of the body
+    #: Bounds of constraints and volumes in words, by name
+    limits: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def psi(self) -> float:
@@ -71,8 +248,9 @@ class Verification:
 
     @property
     def difference(self) -> float:
-        """How much larger psi of the parts is than the reported one, relative to it."""
-        return self.psi / self.reported.psi - 1.0
+        """How much larger psi of the parts is than the reported one, relative to its size."""
+        before = self.reported.psi
+        return (self.psi - before) / abs(before) if before else 0.0
 
     @property
     def change(self) -> float:
@@ -86,11 +264,22 @@ class Verification:
         """Whether psi stands still."""
         return self.change <= self.tolerance
 
+    @property
+    def violations(self) -> dict[str, float]:
+        """Constraints and volumes that are more than 2 % beyond their bounds, by how much."""
+        # what is not a number is no value below a bound
+        return {n: over for n, over in self.fitted[-1].excesses.items() if not over <= SOFTER}
+
+    def _told(self, name: str) -> str:
+        """A constraint or a volume of the design and of the part beside its bound."""
+        before, last = (row.values[name] for row in (self.reported, self.fitted[-1]))
+        return f"{before:.4g} of the design, {last:.4g} of the part, {self.limits[name]}"
+
     def summary(self) -> str:
         """The table as text."""
         lines = [f"{'':24s} {'psi':>12s} {'vs reported':>12s}"]
         for row in (self.reported, *self.fitted):
-            name = "reported (densities)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
+            name = "reported (design)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
             lines.append(f"{name:24s} {row.psi:12.5e} {row.psi / self.reported.psi:12.4f}")
         still = "stands still" if self.converged else "still changes"
         lines.append(
@@ -99,74 +288,65 @@ class Verification:
         )
         last = self.fitted[-1]
         for name, body in last.bodies.items():
-            before = self.reported.bodies[name]
+            lines += self._told_of_body(name, self.reported.bodies[name], body)
+        for name, psi in last.load_cases.items():
+            before = self.reported.load_cases[name]
+            share = f"{psi / before:.4f} of that"
+            lines.append(f"load case {name}: psi {before:.5e} -> {psi:.5e}, {share}")
+        for name, over in last.excesses.items():
+            beyond = f", {100 * over:.1f} % beyond its bound" if over > 0.0 else ""
             lines.append(
-                f"{name}: {body.cells} {self.parts[name].elements}, {self.modes[name]} modes; "
-                "reported -> part"
-            )
-            measures = self.parts[name].measures()
-            holes = ""
-            if "holes" in measures:
-                holes = f", with {measures['holes']} hole{'s' * (measures['holes'] != 1)}"
-            lines.append(f"  pieces       {self.parts[name].pieces}{holes}")
-            for what, width in measures.items():
-                if isinstance(width, Width):
-                    lines.append(f"  {what}: {1e3 * width.value:.3g} mm")
-            lines.append(f"  mass         {before.mass:.5g} -> {body.mass:.5g} kg")
-            lines.append(f"  volume       {before.volume:.4f} -> {body.volume:.4f}")
-            for i in range(min(_SHOWN, len(before.frequencies), len(body.frequencies))):
-                lines.append(
-                    f"  frequency {i + 1}  {before.frequencies[i]:.5g} -> "
-                    f"{body.frequencies[i]:.5g} Hz"
-                )
-            if before.stress is not None and body.stress is not None:
-                lines.append(
-                    f"  stress       {before.stress / 1e6:.4g} -> {body.stress / 1e6:.4g} MPa"
-                )
-        for name, psi in last.motions.items():
-            before_of = self.reported.motions[name]
-            lines.append(
-                f"motion {name}: psi {before_of:.5e} -> {psi:.5e}, {psi / before_of:.4f} of that"
-            )
-        for name, value in last.constraints.items():
-            over = last.excesses[name]
-            lines.append(
-                f"constraint {name}: {self.reported.constraints[name]:.4g} -> {value:.4g}"
-                + (f", {100 * over:.1f} % beyond its bound" if over > 0.0 else "")
+                f"constraint {name}: {self.reported.values[name]:.4g} -> {last.values[name]:.4g}, "
+                f"{self.limits[name]}{beyond}"
             )
         return "\n".join(lines)
+
+    def _told_of_body(self, name: str, before: BodyFigures, after: BodyFigures) -> list[str]:
+        """The lines of the summary on one body."""
+        part, measures = self.parts[name], self.parts[name].measures()
+        holes = measures.get("holes")
+        told = "" if holes is None else f", with {holes} hole{'s' * (holes != 1)}"
+        lines = [
+            f"{name}: {after.cells} {part.elements}, {self.modes[name]} modes; reported -> part",
+            f"  pieces       {part.pieces}{told}",
+        ]
+        widths = {what: w.value for what, w in measures.items() if isinstance(w, Width)}
+        lines += [f"  {what}: {1e3 * value:.3g} mm" for what, value in widths.items()]
+        lines.append(f"  mass         {before.mass:.5g} -> {after.mass:.5g} kg")
+        lines.append(f"  volume       {before.volume:.4f} -> {after.volume:.4f}")
+        pairs = zip(before.frequencies[:_SHOWN], after.frequencies, strict=False)
+        for i, (old, new) in enumerate(pairs, 1):
+            lines.append(f"  frequency {i}  {old:.5g} -> {new:.5g} Hz")
+        if before.stress is not None and after.stress is not None:
+            old, new = before.stress / 1e6, after.stress / 1e6
+            lines.append(f"  stress       {old:.4g} -> {new:.4g} MPa")
+        return lines
 
     def record(self) -> dict[str, Any]:
         """What the parts are worth and measure, for `write_summary`; lengths in metres.
 
-        Values of bodies are numbers where one is designed, and by its name where several are.
+        Values of bodies are numbers where one is designed, and by name where several are.
         """
 
         def of_each(values: Mapping[str, Any]) -> Any:
             return next(iter(values.values())) if len(values) == 1 else dict(values)
 
-        parts = self.parts
-        measures = {name: part.measures() for name, part in parts.items()}
-        told = {what for of in measures.values() for what in of}
-
-        def measure(what: str) -> Any:
-            found = {name: of.get(what) for name, of in measures.items()}
-            return of_each({n: v.value if isinstance(v, Width) else v for n, v in found.items()})
-
-        def by_name(what: str, key: str) -> dict[str, Any]:
-            return {key: measure(what)} if what in told else {}
-
-        return {
-            "psi_part": self.psi,
-            **({"psi_part_by_motion": self.fitted[-1].motions} if self.reported.motions else {}),
-            "part_difference": self.difference,
-            "part_change": self.change,
-            "part_pieces": of_each({name: part.pieces for name, part in parts.items()}),
-            **by_name("holes", "part_holes"),
-            "part_mass": of_each({n: body.mass for n, body in self.fitted[-1].bodies.items()}),
-            **by_name("thinnest member", "thinnest_member"),
-            **by_name("narrowest gap", "narrowest_gap"),
-        }
+        last = self.fitted[-1]
+        record: dict[str, Any] = {"psi_part": self.psi}
+        if self.reported.load_cases:
+            record["psi_part_by_load_case"] = last.load_cases
+        for key in ("difference", "change", "violations"):
+            record[f"part_{key}"] = getattr(self, key)
+        record["part_pieces"] = of_each({name: part.pieces for name, part in self.parts.items()})
+        record["part_mass"] = of_each({name: body.mass for name, body in last.bodies.items()})
+        measures = {name: part.measures() for name, part in self.parts.items()}
+        keys = {"holes": "part_holes"}
+        for what in dict.fromkeys(what for measured in measures.values() for what in measured):
+            found = {name: measured.get(what) for name, measured in measures.items()}
+            record[keys.get(what, what.replace(" ", "_"))] = of_each(
+                {name: v.value if isinstance(v, Width) else v for name, v in found.items()}
+            )
+        return record
 
     def __str__(self) -> str:
         """The table as text."""
@@ -183,14 +363,17 @@ def verify(
     tolerance: float | None = None,
     order: int = 2,
     most: int | None = None,
+    volume: float | Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> Verification:
     """Evaluate a problem with parts in the place of designed bodies; collective.
 
     Each part is meshed by triangles, each solid by tetrahedra that fit its boundary, all of full
-    density, and the whole motion is computed again; on finer meshes, until psi stands still. What
-    then is left between it and the reported psi is the difference between the densities and the
-    part.
+    density, and the whole motion is computed again; on finer meshes, until psi stands still. Its
+    difference to the reported psi is then that between the densities and the part.
+
+    Objectives that stand for other numbers are corrected at the densities and anew at each mesh
+    (`Problem.calibrated`): a `PeakStress` is the largest stress of the part itself.
 
     Args:
         problem: As it was designed.
@@ -206,141 +389,131 @@ def verify(
             2e-3 in the plane, 5e-3 in space.
         order: Polynomial order of the displacements.
         most: Largest number of meshes; by default 5 in the plane, 2 in space.
+        volume: Upper bound of the filled share of the bodies as they were designed, one for all or
+            by name; by default none, and of a `Result` that which it was designed with.
         progress: Show a progress bar on rank 0.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if a name is not that of a flexible body, a part has lost an
             interface that the problem uses, or cannot be meshed.
         SimulationError: On every rank, if the motion of the parts cannot be computed.
 
     Warns:
-        PartWarning: If psi does not stand still, or is more than 2 % above the reported one, or a
-            constraint is more than 2 % beyond its bound.
+        PartWarning: If psi does not stand still, is more than 2 % above the reported one, or a
+            constraint or a volume is more than 2 % beyond its bound.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
     validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
     validation.instance("verify: evaluation", evaluation, Evaluation, "an Evaluation")
     if tolerance is None:
         tolerance = max((part.tolerance for part in parts.values()), default=1.0)
-    validation.number("verify: tolerance", tolerance, above=0.0)
     if most is None:
         most = max((part.most for part in parts.values()), default=2)
+    validation.number("verify: tolerance", tolerance, above=0.0)
     if size is not None:
         validation.number("verify: size", size, above=0.0, unit="m")
     meshes = validation.integer("verify: most", most, least=2)
     validation.flag("verify: progress", progress)
-    unknown = sorted(set(parts) - set(problem.flexible))
-    if unknown or not parts:
-        raise ValueError(
-            f"verify: parts for {sorted(parts)}, but the flexible bodies are "
-            f"{sorted(problem.flexible)}"
-        )
+    shares = dict(volume) if isinstance(volume, Mapping) else dict.fromkeys(parts, volume)
+    there = f"but the flexible bodies are {sorted(problem.flexible)}"
+    if unknown := sorted(set(shares) - set(problem.flexible) - set(parts)):
+        raise ValueError(f"verify: volume is given for {unknown}, {there}")
+    bounds = {
+        name: validation.number(f"verify: volume of {name!r}", share, above=0.0)
+        for name, share in shares.items()
+        if name in parts and share is not None
+    }
+    if not parts or set(parts) - set(problem.flexible):
+        raise ValueError(f"verify: parts for {sorted(parts)}, {there}")
     for name, part in parts.items():
         if part.lost_interfaces:
             raise ValueError(
                 f"verify: the part {name!r} has no material at the interfaces "
                 f"{part.lost_interfaces}, by which the problem holds it"
             )
-    if modes is None or isinstance(modes, Mapping):
-        given = dict(modes or {})
-    else:
-        given = dict.fromkeys(parts, modes)
-    wanted = {name: given.get(name, problem.flexible[name].modes) for name in parts}
-    reported = _figures(None, problem, evaluation, parts)
+    given = modes if isinstance(modes, Mapping) else dict.fromkeys(parts, modes)
+    wanted = {name: problem.flexible[name].modes for name in parts}
+    wanted |= {n: number for n, number in given.items() if n in wanted and number is not None}
+    limits = {f"volume of {name}": f"at most {bound:.4g}" for name, bound in bounds.items()}
+    limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
+    reported = _figures(None, *problem.calibrated(evaluation), parts, bounds)
     fitted: list[Figures] = []
     every = {name: part.sizes(size, meshes) for name, part in parts.items()}
     silent = not progress or problem.comm.rank > 0
     for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=silent):
         sizes = {name: of[mesh] for name, of in every.items()}
         domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
+        bodies = dict(problem.bodies)
         for name, domain in domains.items():
-            domain.whole = problem.flexible[name].domain
-        again = _with_parts(problem, domains, wanted)
+            given_domain = problem.flexible[name].domain
+            domain.whole = given_domain.whole or given_domain
+            bodies[name] = problem.flexible[name].with_domain(domain).with_modes(wanted[name])
+        again = problem.with_bodies(bodies)
         densities = {
             name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
             for name, body in again.flexible.items()
         }
-        fitted.append(_figures(max(sizes.values()), again, again.value(densities), parts))
-        found = Verification(reported, fitted, tolerance, wanted, parts)
+        own = again.calibrated(again.value(densities))
+        fitted.append(_figures(max(sizes.values()), *own, parts, bounds))
+        found = Verification(reported, fitted, tolerance, wanted, parts, limits)
         if found.converged:
             break
-    if not found.converged:
-        before, last = (1e3 * (row.size or 0.0) for row in fitted[-2:])
-        warnings.warn(
-            f"verify: psi still changes by {100 * found.change:.2g} % from "
-            f"{next(iter(parts.values())).elements} of {before:.3g} mm to "
-            f"{last:.3g} mm; give a smaller size or more meshes (most=), or look "
-            "for members thinner than that",
-            PartWarning,
-            stacklevel=2,
-        )
-    excess = (found.psi - reported.psi) / abs(reported.psi) if reported.psi else 0.0
-    if excess > SOFTER:
-        warnings.warn(
-            f"verify: psi is {100 * excess:.1f} % above what was reported: elements "
-            "bridge a member that is broken or thinner than they are, or are coarse themselves. "
-            "Look at the picture of the part; design with a larger minimum_member, on smaller "
-            "elements, or from another start",
-            PartWarning,
-            stacklevel=2,
-        )
-    for name, over in fitted[-1].excesses.items():
-        if not over <= SOFTER:
-            before = reported.excesses[name]
-            remedy = (
-                "design with a bound that much tighter"
-                if before <= SOFTER
-                else f"the design exceeds it by {100 * before:.1f} % itself: more iterations, "
-                "another start or another bound"
-            )
-            warnings.warn(
-                f"verify: the part violates {name!r} by {100 * over:.1f} % of the bound; {remedy}",
-                PartWarning,
-                stacklevel=2,
-            )
+    for text in _doubts(found):
+        warnings.warn(f"verify: {text}", PartWarning, stacklevel=2)
     return found
 
 
-def _with_parts(
-    problem: Problem, domains: Mapping[str, Domain], modes: Mapping[str, int]
-) -> Problem:
-    """The problem with other meshes and numbers of modes of some bodies."""
-    bodies = {
-        name: problem.flexible[name].with_domain(domains[name]).with_modes(modes[name])
-        if name in domains
-        else body
-        for name, body in problem.bodies.items()
-    }
-    return problem.with_bodies(bodies)
+def _doubts(found: Verification) -> Iterator[str]:
+    """Warnings: where psi still changes, is larger than reported, or a bound is exceeded."""
+    if not found.converged:
+        before, last = (1e3 * (row.size or 0.0) for row in found.fitted[-2:])
+        elements = next(iter(found.parts.values())).elements
+        yield (
+            f"psi still changes by {100 * found.change:.2g} % from {elements} of {before:.3g} mm "
+            f"to {last:.3g} mm; give a smaller size or more meshes (most=), or look for members "
+            "thinner than that"
+        )
+    if found.difference > SOFTER:
+        yield (
+            f"psi is {100 * found.difference:.1f} % above what was reported: elements bridge a "
+            "member that is broken or thinner than they are, or are coarse themselves. Look at "
+            "the picture of the part; design with a larger minimum_member, on smaller elements, "
+            "or from another start"
+        )
+    for name, over in found.violations.items():
+        before = found.reported.excesses[name]
+        remedy = (
+            "design with a bound that much tighter"
+            if before <= SOFTER
+            else f"the design exceeds it by {100 * before:.1f} % itself: more iterations, another "
+            "start or another bound"
+        )
+        yield (
+            f"the part violates {name!r} by {100 * over:.1f} % of the bound "
+            f"({found._told(name)}); {remedy}"
+        )
 
 
 def _figures(
-    size: float | None, problem: Problem, evaluation: Evaluation, parts: Mapping[str, Enclosed]
+    size: float | None,
+    problem: Problem,
+    evaluation: Evaluation,
+    parts: Mapping[str, Enclosed],
+    bounds: Mapping[str, float],
 ) -> Figures:
+    """The figures of one problem; ``bounds`` are those of the bodies' volumes."""
     bodies = {}
     for name, part in parts.items():
-        body = problem.flexible[name]
-        stress = None
-        if evaluation.moves:
-            stress = worst_stress(body, evaluation, name).largest
-        domain = body.domain
-        filled = domain.sum(evaluation.bodies[name].density * domain.cell_volumes)
-        bodies[name] = BodyFigures(
-            cells=domain.n_cells_global,
-            mass=evaluation.bodies[name].integrals.mass,
-            volume=filled / part.body.area,
-            frequencies=evaluation.fixed_interface_frequencies[name],
-            stress=stress,
-        )
+        body, reduced = problem.flexible[name], evaluation.bodies[name]
+        domain, mass = body.domain, reduced.integrals.mass
+        stress = worst_stress(body, evaluation, name).largest if evaluation.moves else None
+        share = domain.sum(reduced.density * domain.cell_volumes) / part.body.area
+        held = evaluation.fixed_interface_frequencies[name]
+        bodies[name] = BodyFigures(domain.n_cells_global, mass, share, held, stress)
     constraints = {name: float(value.psi) for name, value in evaluation.constraints.items()}
-    motions = {name: float(motion.psi) for name, motion in evaluation.motions.items()}
+    excesses = {f"volume of {n}": bodies[n].volume / bound - 1.0 for n, bound in bounds.items()}
+    excesses |= {name: float(value.value) for name, value in evaluation.constraints.items()}
+    load_cases = {name: float(case.psi) for name, case in evaluation.load_cases.items()}
+    several = load_cases if len(load_cases) > 1 else {}
     with on_every_rank(problem.comm, "verify"):
-        return Figures(
-            size,
-            float(evaluation.psi),
-            constraints,
-            bodies,
-            motions if len(motions) > 1 else {},
-            {name: float(value.value) for name, value in evaluation.constraints.items()},
-        )
+        return Figures(size, float(evaluation.psi), constraints, bodies, several, excesses)

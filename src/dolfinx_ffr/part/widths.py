@@ -4,33 +4,27 @@
 A member thinner than d is one of two things.
 
 * A *neck*: the centres of the discs of diameter d that fit into the shape (its erosion) hang
-  together otherwise than the shape does. A strut or an isthmus that no disc passes splits a piece
-  in two, or opens a closed frame; a piece into which no disc fits is gone. Corners, however sharp,
-  do not do this.
+  together otherwise than the shape does: a piece is split in two or gone, or a frame is opened.
 * A *finger*, which ends freely: a connected part that is not reached by the discs that fit (what
-  the opening leaves out), longer than d and on average wider than 0.7 d. At a corner the discs
-  leave out a cap as well: but caps of angles above 39 degrees are shorter than d, and those of
-  sharper ones, feather edges, are triangles and on average half as wide as d.
+  the opening leaves out), longer than d and on average wider than 0.7 d. What discs leave out at
+  corners is none: above 39 degrees it is shorter than d, below it is half as wide as d on average.
 
-The thinnest member is the smallest d at which there is one. The narrowest gap is the thinnest
-member of what is not material: a milling cutter up to this diameter reaches all of the outline but
-the inner corners.
+The thinnest member is the smallest d at which there is one, the narrowest gap the thinnest member
+of what is not material: a milling cutter up to this diameter reaches all but inner corners.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["Width", "member_widths", "narrowest_gap", "thinnest_member"]
-
-Array = NDArray[np.float64]
+from .field import Array
 
 #: Relative accuracy of a width
 ACCURACY = 2e-3
@@ -51,33 +45,39 @@ class Width:
     ends: Array
 
 
-def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width | None:
-    """The thinnest member of a shape, as the module's description defines it.
+def least_width(
+    find: Callable[[float], object | None],
+    thick: float,
+    thin: float,
+    most: float,
+    ratio: float,
+    accurate: Callable[[float], float],
+) -> float | None:
+    """The least width, up to ``most``, at which something is found; None where there is none.
 
-    Args:
-        shape: Polygons [m].
-        least: Accuracy of the shape itself [m]; thinner members are taken to be as thin.
-        largest: Width from which on members are of no interest [m].
-
-    Returns:
-        None, if no member is thinner than ``largest``.
+    At ``thick`` there is nothing. From ``thin`` on widths grow by a ratio until something is found,
+    and the last interval is halved until it is no longer than what is accurate.
     """
-    whole = _connected(shape)
-    thick = 0.0
-    thin = least
-    while _member(shape, thin, whole) is None:
-        if thin >= largest:
+    while find(thin) is None:
+        if thin >= most:
             return None
-        thick, thin = thin, min(_RATIO * thin, largest)
-    while thick > 0.0 and thin - thick > ACCURACY * thin:
+        thick, thin = thin, min(ratio * thin, most)
+    while thick > 0.0 and thin - thick > accurate(thin):
         middle = 0.5 * (thick + thin)
-        if _member(shape, middle, whole) is None:
-            thick = middle
-        else:
-            thin = middle
-    if thin >= (1.0 - 2.0 * ACCURACY) * largest:
+        thick, thin = (middle, thin) if find(middle) is None else (thick, middle)
+    return thin
+
+
+def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width | None:
+    """The thinnest member of polygons; None if there is none below the ``largest`` width [m].
+
+    ``least`` is the accuracy of the polygons [m]; thinner members are taken to be as thin.
+    """
+    find = partial(_member, shape, _connected(shape))
+    thin = least_width(find, 0.0, least, largest, _RATIO, lambda d: ACCURACY * d)
+    if thin is None or thin >= (1.0 - 2.0 * ACCURACY) * largest:
         return None
-    member = _member(shape, thin, whole)
+    member = find(thin)
     assert member is not None
     ends = _across(shape, member)
     across = float(np.hypot(*(ends[1] - ends[0])))
@@ -86,13 +86,7 @@ def thinnest_member(shape: BaseGeometry, least: float, largest: float) -> Width 
 
 
 def narrowest_gap(shape: BaseGeometry, least: float, largest: float) -> Width | None:
-    """The narrowest gap between members, or hole: the thinnest member of what is not material.
-
-    Args:
-        shape: Polygons [m].
-        least: As for `thinnest_member`.
-        largest: As for `thinnest_member`.
-    """
+    """The narrowest gap between members, or hole: the thinnest member of what is not material."""
     around = shapely.box(*shape.bounds).buffer(3.0 * largest, join_style="mitre")
     return thinnest_member(around.difference(shape), least, largest)
 
@@ -103,7 +97,7 @@ def _connected(shape: BaseGeometry) -> tuple[int, int]:
     return len(parts), sum(len(part.interiors) for part in parts)
 
 
-def _member(shape: BaseGeometry, d: float, whole: tuple[int, int]) -> BaseGeometry | None:
+def _member(shape: BaseGeometry, whole: tuple[int, int], d: float) -> BaseGeometry | None:
     """A member of a shape that is thinner than d, a point or line along its middle, or None."""
     centers = shape.buffer(-0.5 * d, quad_segs=_SIDES)
     if _connected(centers) != whole:
@@ -153,15 +147,9 @@ def _across(shape: BaseGeometry, middle: BaseGeometry) -> Array:
 
 
 def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[Array, Array]:
-    """The way through the material from points of its boundary to the opposite boundary.
+    """Points of the boundary (n, 2) [m], and from each the way (n,) through the material [m].
 
-    Args:
-        rings: Closed polygons with material on the left, the first vertex not repeated [m].
-        step: Distance of the points [m], which is the accuracy of the widths.
-        largest: Width from which on they are not told apart [m].
-
-    Returns:
-        Points, shape (n, 2) [m], and widths, shape (n,) [m].
+    The rings have it on their left. Points stand a ``step`` apart, the accuracy of the widths.
     """
     points, inward = [], []
     for ring in rings:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Diagrams over iterations and over time, and of radial basis functions."""
+"""Diagrams over iterations and over time, of radial basis functions, of designs in load cases."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -20,29 +22,26 @@ from ..design import Kernel
 from ..dynamics import Trajectory
 from ..io import read_history
 from ..mechanism import Motion, Moving
-from .style import (
-    ACCENTS,
-    BLUE,
-    GRAY,
-    KINDS,
-    RED,
-    prefixed,
-    save,
-    styled_figure,
-    tidy,
-    writable,
-    written,
-)
-
-__all__ = [
-    "plot_crank_motion",
-    "plot_curves",
-    "plot_gradient_histories",
-    "plot_history",
-    "plot_kernel",
-]
+from . import style
 
 Array = NDArray[np.float64]
+
+#: Excess over the best design from which on a field of a table has the last colour
+_WORST = 1.0
+#: Heading and unit of each panel, by the name of the column
+_COLUMNS = {
+    "psi": ("objective ψ", ""),
+    "volume": ("volume, share of the body", ""),
+    "frequency": ("first frequency, interfaces held", "Hz"),
+    "sharpness": ("steepness of the projection", ""),
+    "modes": ("normal modes", ""),
+    "mode_error": ("estimated error, modes left out", "%"),
+    "step": ("size of the step", ""),
+}
+#: Letters of a heading and of the value beside it that fit into one line
+_HEADING = 42
+#: How the columns begin that hold the objectives of several load cases
+_OF_MOTION = "psi of "
 
 
 def plot_history(
@@ -57,33 +56,28 @@ def plot_history(
 ) -> Path:
     """Draw how a design came about, over the iterations.
 
-    One sees, each in a panel of its own as far as the history has it: the objective, with the line
-    of the solid body where it is given; those of several motions, each relative to its value at the
-    start; the volume with its bound, and the share that is neither void nor solid; the first
-    frequency (interfaces held); the steepness of the projection; the number of normal modes and the
-    estimated error by those left out; the size of the steps. The last value stands above each
-    panel.
+    Each column has a panel: the objective, with the line of the solid body where it is given; the
+    objectives of several load cases, each relative to its value at the start; the volume with its
+    bound, and the share that is neither void nor solid; the first frequency (interfaces held); the
+    steepness of the projection; the number of normal modes and the estimated error by the others;
+    the size of the steps. The last value stands above each panel.
 
     Args:
         history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
             ``psi`` [J s], ``psi of fast`` and so on, ``volume`` [-] and beside it ``gray`` [-],
             ``frequency`` [Hz], ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` (explicit
             steps of a level set: knot spacings; else the largest change, as a share of the bounds).
-        path: File to write, .png, .pdf or .svg.
         psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
         psi_unit: Unit of psi, where it is no compliance.
         volume_bound: Largest volume allowed, in [0, 1].
+        path: File to write.
         title: Heading.
-        comm: Ranks that call this together; rank 0 reads and writes.
-
-    Returns:
-        The path, on every rank.
+        comm: Ranks that call this together.
 
     Raises:
-        ValueError: On every rank, if the history has none of these columns or no line, or the kind
-            of file is not known.
+        ValueError: On every rank, if the history has none of these columns or no line.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     for what, bound in (("psi_solid", psi_solid), ("volume_bound", volume_bound)):
         if bound is not None:
             validation.number(f"plot_history: {what}", bound, above=0.0)
@@ -95,9 +89,9 @@ def plot_history(
             columns = _numbers("plot_history", history)
         else:
             columns = read_history(history)
-        motions = {n: v for n, v in columns.items() if n.startswith(_OF_MOTION)}
+        load_cases = {n: v for n, v in columns.items() if n.startswith(_OF_MOTION)}
         chosen = [name for name in _COLUMNS if np.isfinite(columns.get(name, [])).any()]
-        if motions:
+        if load_cases:
             chosen.insert(chosen.index("psi") + 1 if "psi" in chosen else 0, _OF_MOTION)
         if not chosen:
             raise ValueError(
@@ -106,27 +100,26 @@ def plot_history(
             )
         count = len(next(iter(columns.values())))
         iteration = columns.get("iteration", np.arange(count, dtype=np.float64))
-        across = {1: 1, 2: 2, 3: 3}.get(len(chosen), 2)
+        across = len(chosen) if len(chosen) < 4 else 2
         rows = -(-len(chosen) // across)
-        size = ({1: 6.0, 2: 9.6, 3: 13.0}[across], 2.6 * rows + 0.8)
+        size = ((6.0, 9.6, 13.0)[across - 1], 2.6 * rows + 0.8)
         with _panels(file, rows, across, size, title, "iteration") as panels:
             for axes in panels[len(chosen) :]:
                 axes.remove()
             for axes, name in zip(panels, chosen, strict=False):
+                axes.set_xlim(iteration[0] - 0.5, max(iteration[-1], iteration[0] + 1) + 0.5)
+                axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
                 if name == _OF_MOTION:
-                    _draw_motions(axes, iteration, motions)
+                    _draw_load_cases(axes, iteration, load_cases)
                     continue
-                gray = columns.get("gray") if name == "volume" else None
                 unit = psi_unit if name == "psi" else _COLUMNS[name][1]
-                _draw_column(
-                    axes, name, unit, iteration, columns[name], psi_solid, volume_bound, gray
-                )
+                _draw_column(axes, name, unit, iteration, columns, psi_solid, volume_bound)
 
-    return written(comm, path, draw)
+    return style.written(comm, path, draw)
 
 
 def _numbers(what: str, history: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    """The columns of a history, or refuse what is none."""
+    """The columns of a history as arrays, or an error."""
     given = validation.by_name(what, history, "columns")
     columns = {name: validation.numbers(f"{what}: {name!r}", v) for name, v in given.items()}
     for name, column in columns.items():
@@ -138,32 +131,14 @@ def _numbers(what: str, history: Mapping[str, ArrayLike]) -> dict[str, Array]:
     return columns
 
 
-#: Heading and unit of each panel, by the name of the column
-_COLUMNS = {
-    "psi": ("objective ψ", ""),
-    "volume": ("volume, share of the body", ""),
-    "frequency": ("first frequency, interfaces held", "Hz"),
-    "sharpness": ("steepness of the projection", ""),
-    "modes": ("normal modes", ""),
-    "mode_error": ("estimated error of ψ by the modes left out", "%"),
-    "step": ("size of the step", ""),
-}
-
-
-#: How the columns begin that hold the objectives of several motions
-_OF_MOTION = "psi of "
-
-
-def _draw_motions(axes: Axes, iteration: Array, motions: Mapping[str, Array]) -> None:
-    """Draw the objectives of several motions, each relative to its value at the start."""
-    for (name, values), color in zip(motions.items(), cycle(ACCENTS), strict=False):
+def _draw_load_cases(axes: Axes, iteration: Array, load_cases: Mapping[str, Array]) -> None:
+    """Draw the objectives of several load cases, each relative to its value at the start."""
+    for (name, values), color in zip(load_cases.items(), cycle(style.ACCENTS), strict=False):
         own = values / values[0] if values[0] else values
         axes.plot(iteration, own, color=color, label=name.removeprefix(_OF_MOTION))
     axes.set_ylim(bottom=0.0)
-    axes.set_xlim(iteration[0] - 0.5, max(iteration[-1], iteration[0] + 1) + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    axes.set_title("ψ of each motion / ψ at the start", loc="left")
-    axes.legend(frameon=False, ncols=2 if len(motions) > 3 else 1, loc="upper right")
+    axes.set_title("ψ of each load case / ψ at the start", loc="left")
+    axes.legend(ncols=2 if len(load_cases) > 3 else 1, loc="upper right")
 
 
 def _draw_column(
@@ -171,30 +146,29 @@ def _draw_column(
     name: str,
     unit: str,
     iteration: Array,
-    values: Array,
+    columns: Mapping[str, Array],
     psi_solid: float | None,
     volume_bound: float | None,
-    gray: Array | None,
 ) -> None:
     """Draw one column of the history, its last value in the upper right corner."""
-    heading = _COLUMNS[name][0]
+    heading, values = _COLUMNS[name][0], columns[name]
     if name == "psi" and psi_solid is not None:
         values, unit = values / psi_solid, ""
         heading = "objective ψ / ψ of the solid body"
-        _line(axes, 1.0, GRAY, "solid body")
+        _line(axes, 1.0, style.GRAY, "solid body")
     elif unit == "%":
         values = 100.0 * values
     elif unit:
-        unit, factor = prefixed(float(np.nanmax(np.abs(values))), unit)
+        unit, factor = style.prefixed(float(np.nanmax(np.abs(values))), unit)
         values = values * factor
     if name == "volume" and volume_bound is not None:
-        _line(axes, volume_bound, RED, "bound")
-    axes.plot(
-        iteration, values, color=BLUE, marker="o" if len(values) <= 60 else "", markersize=3.0
-    )
-    if gray is not None:
-        axes.plot(iteration, gray, color=GRAY, linewidth=1.2)
-        _name_line(axes, float(np.nanmax(gray)), GRAY, "between void and solid", left=True)
+        _line(axes, volume_bound, style.RED, "bound")
+    marker = "o" if len(values) <= 60 else ""
+    axes.plot(iteration, values, color=style.BLUE, marker=marker, markersize=3.0)
+    if name == "volume" and "gray" in columns:
+        gray = columns["gray"]
+        axes.plot(iteration, gray, color=style.GRAY, linewidth=1.2)
+        _name_line(axes, float(np.nanmax(gray)), style.GRAY, "between void and solid", left=True)
     top = float(np.nanmax(values))
     if name == "volume":
         axes.set_ylim(0.0, 1.08 * max(1.0, top))
@@ -203,10 +177,10 @@ def _draw_column(
     else:
         reference = 1.0 if name == "psi" and psi_solid is not None else 0.0
         axes.set_ylim(0.0, 1.12 * max(top, reference) or 1.0)
-    axes.set_xlim(iteration[0] - 0.5, max(iteration[-1], iteration[0] + 1) + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    axes.set_title(f"{heading} [{unit}]" if unit else heading, loc="left")
-    axes.set_title(f"{values[-1]:.4g}", loc="right", color=BLUE)
+    title = f"{heading} [{unit}]" if unit else heading
+    last = f"{values[-1]:.4g}"
+    axes.set_title(textwrap.fill(title, _HEADING - len(last)), loc="left")
+    axes.set_title(last, loc="right", color=style.BLUE)
 
 
 def plot_crank_motion(
@@ -219,43 +193,26 @@ def plot_crank_motion(
 ) -> Path:
     """Draw angle, angular velocity and angular acceleration of a prescribed crank over time.
 
-    Args:
-        source: The motion of the angle [rad]; or a trajectory, of whose mechanism the first moving
-            marker with a changing angle is taken.
-        path: File to write, .png, .pdf or .svg.
-        end_time: End of the diagrams [s]; by default that of the trajectory.
-        title: Heading.
-        comm: Ranks that call this together; rank 0 writes.
-
-    Returns:
-        The path, on every rank.
+    The ``source`` is the motion of the angle [rad]; or a trajectory, of whose mechanism the first
+    moving marker with a changing angle is taken. ``end_time`` is the end of the diagrams [s], by
+    default that of the trajectory; ``path``, ``title`` and ``comm`` are as for `plot_curves`.
 
     Raises:
-        ValueError: On every rank, if there is no such marker, the end time is missing or not
-            positive, or the kind of file is not known.
+        ValueError: On every rank, if there is no such marker, or no positive end time.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     needed = "a Motion or a Trajectory"
     validation.instance("plot_crank_motion: source", source, (Motion, Trajectory), needed)
-    if end_time is not None:
-        validation.number("plot_crank_motion: end_time", end_time, above=0.0, unit="s")
     if isinstance(source, Trajectory):
-        motion = _crank_angle(source)
-        end = float(source.t[-1]) if end_time is None else end_time
-    else:
-        motion, end = source, float("nan") if end_time is None else end_time
-    if not (np.isfinite(end) and end > 0.0):
-        raise ValueError(
-            f"plot_crank_motion: end_time = {end_time} must be given with a motion, and positive"
-        )
-
-    t = np.linspace(0.0, end, 801)
-    headings = (
-        "angle φ [rad]",
-        "angular velocity dφ/dt [rad/s]",
-        "angular acceleration d²φ/dt² [rad/s²]",
-    )
-    curves = {h: {"": (t, values)} for h, values in zip(headings, motion.tabulate(t), strict=True)}
+        end_time = float(source.t[-1]) if end_time is None else end_time
+        source = _crank_angle(source)
+    if end_time is None:
+        raise ValueError("plot_crank_motion: end_time = None must be given with a motion")
+    end_time = validation.number("plot_crank_motion: end_time", end_time, above=0.0, unit="s")
+    t = np.linspace(0.0, end_time, 801)
+    names = ["angle φ [rad]", "angular velocity dφ/dt [rad/s]"]
+    names.append("angular acceleration d²φ/dt² [rad/s²]")
+    curves = {name: {"": (t, own)} for name, own in zip(names, source.tabulate(t), strict=True)}
     return plot_curves(curves, path, xlabel="time [s]", title=title, comm=comm)
 
 
@@ -273,21 +230,17 @@ def plot_curves(
 
     Args:
         panels: By heading with unit, curves by name, each an abscissa and values of the same size.
-        path: File to write, .png, .pdf or .svg.
         xlabel: What the abscissa is, with unit.
         logarithmic: Both axes logarithmic, with a mark at each point.
         markers: A mark at each point of linear axes too.
-        title: Heading of the picture.
-        comm: Ranks that call this together; rank 0 writes.
-
-    Returns:
-        The path, on every rank.
+        path: File to write.
+        title: Heading.
+        comm: Ranks that call this together.
 
     Raises:
-        ValueError: On every rank, if there is no panel, an abscissa does not fit its values, or the
-            kind of file is not known.
+        ValueError: On every rank, if there is no panel, or an abscissa does not fit its values.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.name("plot_curves: xlabel", xlabel)
     validation.flag("plot_curves: logarithmic", logarithmic)
     validation.flag("plot_curves: markers", markers)
@@ -297,7 +250,9 @@ def plot_curves(
         size = (7.2, 2.5 * len(panels) + 0.8)
         with _panels(file, len(panels), 1, size, title, xlabel) as rows:
             for axes, (heading, curves) in zip(rows, panels.items(), strict=True):
-                for (name, (x, y)), color in zip(curves.items(), cycle(ACCENTS), strict=False):
+                for (name, (x, y)), color in zip(
+                    curves.items(), cycle(style.ACCENTS), strict=False
+                ):
                     marker = "o" if logarithmic or markers else ""
                     label = name if len(curves) > 1 else ""
                     axes.plot(x, y, color=color, label=label, marker=marker, markersize=4.0)
@@ -306,17 +261,16 @@ def plot_curves(
                     axes.set_yscale("log")
                 axes.set_title(heading, loc="left")
 
-    return written(comm, path, draw)
+    return style.written(comm, path, draw)
 
 
 def _check_panels(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]]) -> None:
-    """Refuse what cannot be drawn as curves."""
+    """Refuse panels that hold anything else than curves."""
     if not validation.by_name("plot_curves: panels", panels, "curves by name"):
         raise ValueError("plot_curves: no panels to draw")
     for heading, curves in panels.items():
-        for name, curve in validation.by_name(
-            f"plot_curves: {heading!r}", curves, "curves"
-        ).items():
+        given = validation.by_name(f"plot_curves: {heading!r}", curves, "curves")
+        for name, curve in given.items():
             what = f"plot_curves: {heading!r}, curve {name!r}"
             pair = validation.listed(what, curve, "an abscissa and values")
             sizes = [validation.numbers(what, part).shape for part in pair]
@@ -334,34 +288,20 @@ def plot_gradient_histories(
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
-    """Draw what several gradients of one design problem have led to, over the iterations.
+    """Draw the runs of one design problem by several gradients, over the iterations.
 
     One sees the objective of all runs together, the number of elements with exact derivatives, and
     the estimated and true errors of approximate gradients.
 
-    Args:
-        histories: By name of the run, the history of `optimize`.
-        path: File to write, .png, .pdf or .svg.
-        psi_solid: Objective of the solid body [J s].
-        title: Heading.
-        comm: Ranks that call this together; rank 0 writes.
-
-    Returns:
-        The path, on every rank.
-
-    Raises:
-        ValueError: On every rank, if the kind of file is not known.
+    The ``histories`` of `optimize` are by name of the run, and ``psi_solid`` is the objective of
+    the solid body [J s]; ``path``, ``title`` and ``comm`` are as for `plot_curves`.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     psi_solid = validation.number("plot_gradient_histories: psi_solid", psi_solid, above=0.0)
     given = validation.by_name("plot_gradient_histories: histories", histories, "histories")
-    runs = {
-        name: _numbers(f"plot_gradient_histories: {name!r}", history)
-        for name, history in given.items()
-    }
+    runs = {name: _numbers(f"plot_gradient_histories: {name!r}", h) for name, h in given.items()}
     for name, run in runs.items():
-        missing = sorted({"iteration", "psi"} - set(run))
-        if missing:
+        if missing := sorted({"iteration", "psi"} - set(run)):
             raise ValueError(
                 f"plot_gradient_histories: {name!r} has the columns {sorted(run)} and lacks "
                 f"{' and '.join(missing)}"
@@ -369,29 +309,28 @@ def plot_gradient_histories(
 
     def draw(file: Path) -> None:
         with _panels(file, 1, 3, (12.6, 4.0), title, "iteration") as panels:
-            for (name, run), color, line in zip(
-                runs.items(), cycle(ACCENTS), cycle(["-", "--", "-."]), strict=False
-            ):
-                i = run["iteration"]
-                psi = run["psi"] / psi_solid
+            looks = zip(cycle(style.ACCENTS), cycle(["-", "--", "-."]), strict=False)
+            for (name, run), (color, line) in zip(runs.items(), looks, strict=False):
+                i, psi = run["iteration"], run["psi"] / psi_solid
                 panels[0].plot(i, psi, line, color=color, label=f"{name}: {psi[-1]:.3f}")
                 if "gradient_elements" in run:
                     panels[1].plot(i, run["gradient_elements"], line, color=color, label=name)
                     _draw_errors(panels[2], run, color)
-            panels[0].set_title("objective ψ / ψ of the solid body", loc="left")
-            panels[0].set_yscale("log")
-            panels[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-            panels[0].yaxis.set_minor_formatter(
-                lambda value, _: f"{value:g}" if str(f"{value:e}")[0] in "25" else ""
+            objective, elements, errors = panels
+            objective.set_title("objective ψ / ψ of the solid body", loc="left")
+            objective.set_yscale("log")
+            objective.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            objective.yaxis.set_minor_formatter(
+                lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""
             )
-            panels[1].set_title("elements with exact derivatives", loc="left")
-            panels[1].set_ylim(0.0, None)
-            panels[2].set_title("relative error of the gradient", loc="left")
-            panels[2].set_yscale("log")
-            low, high = panels[2].get_ylim()
-            panels[2].set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
+            elements.set_title("elements with exact derivatives", loc="left")
+            elements.set_ylim(0.0, None)
+            errors.set_title("relative error of the gradient", loc="left")
+            errors.set_yscale("log")
+            decades = np.log10(errors.get_ylim())
+            errors.set_ylim(10.0 ** np.floor(decades[0]), 10.0 ** np.ceil(decades[1]))
 
-    return written(comm, path, draw)
+    return style.written(comm, path, draw)
 
 
 def _draw_errors(axes: Axes, run: Mapping[str, Array], color: str) -> None:
@@ -399,10 +338,8 @@ def _draw_errors(axes: Axes, run: Mapping[str, Array], color: str) -> None:
     i = run["iteration"]
     if np.any(run["gradient_estimate"] > 0.0):
         axes.plot(i, run["gradient_estimate"], color=color, linewidth=1.2, label="estimate")
-    for key, marker, label in (
-        ("gradient_error", "o", "true"),
-        ("band_error", "^", "true, near the boundary"),
-    ):
+    marks = {"gradient_error": ("o", "true"), "band_error": ("^", "true, near the boundary")}
+    for key, (marker, label) in marks.items():
         known = np.isfinite(run[key])
         if np.any(known):
             axes.plot(i[known], run[key][known], marker, color=color, markersize=4.0, label=label)
@@ -416,42 +353,105 @@ def plot_kernel(
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
-    """Draw a radial basis function as a surface over the plane around its knot.
+    """Draw a radial basis function, the ``kernel``, as a surface over the plane around its knot.
 
-    Args:
-        kernel: The function.
-        path: File to write, .png, .pdf or .svg.
-        extent: Half the side of the square that is drawn [m].
-        title: Heading.
-        comm: Ranks that call this together; rank 0 writes.
-
-    Returns:
-        The path, on every rank.
-
-    Raises:
-        ValueError: On every rank, if the extent is not positive or the kind of file is not known.
+    Half the side of the square that is drawn is the ``extent`` [m]; ``path``, ``title`` and
+    ``comm`` are as for `plot_curves`.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.function("plot_kernel: kernel", kernel, "distances")
     extent = validation.number("plot_kernel: extent", extent, above=0.0, unit="m")
 
     def draw(file: Path) -> None:
         side = np.linspace(-extent, extent, 101)
         x, y = np.meshgrid(side, side)
-        unit, factor = prefixed(extent, "m")
-        with styled_figure(6.0, 4.6) as figure:
+        unit, factor = style.prefixed(extent, "m")
+        with style.styled_figure(6.0, 4.6, file) as figure:
             axes = figure.add_axes((0.0, 0.02, 0.92, 0.9), projection="3d")
-            axes.plot_surface(
-                factor * x, factor * y, kernel(np.hypot(x, y)), cmap="cividis", rcount=80, ccount=80
-            )
-            axes.set_xlabel(f"x [{unit}]")
-            axes.set_ylabel(f"y [{unit}]")
+            g = kernel(np.hypot(x, y))
+            axes.plot_surface(factor * x, factor * y, g, cmap="cividis", rcount=80, ccount=80)
+            axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", zlabel="g")
             axes.set_title(title or repr(kernel), fontsize=11)
-            axes.set_zlabel("g")
             axes.view_init(28, -55)
-            save(figure, file)
 
-    return written(comm, path, draw)
+    return style.written(comm, path, draw)
+
+
+def plot_trade_off(
+    psi: Mapping[str, Mapping[str, float]],
+    path: str | Path,
+    *,
+    images: Mapping[str, ArrayLike] | None = None,
+    title: str = "",
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path:
+    """Draw a table of designs and load cases.
+
+    Each number is ``psi`` of a design in a load case relative to that of the design which is best
+    in it; the last column is the largest of the row. psi is given by name of the design and of the
+    load case, the same for all designs, infinite where it cannot be simulated. The ``images`` of
+    designs by name, shape (rows, columns), 1 for solid and 0 for void, are drawn beside their rows;
+    ``path``, ``title`` and ``comm`` are as for `plot_curves`.
+
+    Raises:
+        ValueError: On every rank, if designs have other load cases than the first, a value is not
+            positive, or an image is of another design.
+    """
+    path = style.writable(path, title)
+    what = "plot_trade_off"
+    rows = {
+        name: validation.by_name(f"{what}: {name!r}", values, "values of psi")
+        for name, values in validation.by_name(what, psi, "values by load case").items()
+    }
+    load_cases = list(next(iter(rows.values()), {}))
+    if not load_cases:
+        raise ValueError(f"{what}: give values of at least one design in one load case")
+    for name, values in rows.items():
+        if list(values) != load_cases:
+            raise ValueError(
+                f"{what}: {name!r} has values of {list(values)}, and the first design "
+                f"of {load_cases}"
+            )
+        for case, value in values.items():
+            if not (validation.is_number(value) and value > 0.0):
+                raise ValueError(
+                    f"{what}: psi of {name!r} in {case!r} must be positive, but it is {value!r}"
+                )
+    table = np.array([[values[case] for case in load_cases] for values in rows.values()])
+    best = table.min(axis=0)
+    table /= np.where(np.isfinite(best), best, 1.0)
+    table = np.column_stack([table, table.max(axis=1)])
+    pictures = {}
+    shape: dict[str, Any] = {"shape": (None, None), "expected": "rows and columns"}
+    for name, image in validation.by_name(f"{what}: images", images or {}, "images").items():
+        pictures[name] = validation.real_array(f"{what}: image of {name!r}", image, **shape)
+    if unknown := [name for name in pictures if name not in rows]:
+        raise ValueError(f"{what}: an image of {unknown[0]!r}, but the designs are {list(rows)}")
+
+    def draw(file: Path) -> None:
+        # in inches: heading and names of load cases, names of designs, their pictures, the table
+        head, name_width, image_width, foot = 0.85, 1.35, 2.7 if pictures else 0.0, 0.1
+        table_width, row_height = 0.8 * (len(load_cases) + 1.15), 0.46
+        width = name_width + image_width + table_width + 0.15
+        height = head + row_height * len(rows) + foot
+        with style.styled_figure(width, height, file) as figure:
+            size = table_width, row_height * len(rows)
+            axes = style.axes_at(figure, name_width + image_width, foot, *size)
+            _fill(axes, table, load_cases)
+            for i, name in enumerate(rows):
+                y = height - head - (i + 0.5) * row_height
+                figure.text(0.1 / width, y / height, name, ha="left", va="center")
+                if name in pictures:
+                    size = image_width - 0.2, 0.88 * row_height
+                    own = style.axes_at(figure, name_width, y - 0.5 * size[1], *size)
+                    own.imshow(1.0 - pictures[name], cmap="gray", vmin=0, vmax=1, origin="lower")
+                    own.set(xticks=[], yticks=[])
+                    own.spines[:].set_color(style.LIGHT)
+                    own.spines[:].set_linewidth(0.6)
+            heading = title or "ψ over that of the design which is best in this load case"
+            figure.text(0.1 / width, 1.0 - 0.1 / height, heading, va="top", fontsize=11.0)
+
+    return style.written(comm, path, draw)
 
 
 @contextmanager
@@ -459,12 +459,12 @@ def _panels(
     file: Path, rows: int, across: int, size: tuple[float, float], title: str, xlabel: str
 ) -> Iterator[list[Axes]]:
     """Give axes, and write them with a quiet grid, legends, heading and name of the abscissa."""
-    with styled_figure(*size) as figure:
+    with style.styled_figure(*size, file) as figure:
         panels = list(figure.subplots(rows, across, squeeze=False, sharex=across == 1).ravel())
         yield panels
         panels = list(figure.axes)
         for axes in panels:
-            tidy(axes)
+            style.tidy(axes)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(loc="best")
         for axes in panels[-across:]:
@@ -472,7 +472,6 @@ def _panels(
         if title:
             figure.suptitle(title, fontsize=13)
         figure.tight_layout(w_pad=3.0, h_pad=1.5)
-        save(figure, file)
 
 
 def _line(axes: Axes, value: float, color: str, label: str) -> None:
@@ -483,26 +482,37 @@ def _line(axes: Axes, value: float, color: str, label: str) -> None:
 
 def _name_line(axes: Axes, value: float, color: str, label: str, *, left: bool = False) -> None:
     """Write the name of a line over its right or its left end."""
-    axes.annotate(
-        label,
-        (0.0 if left else 1.0, value),
-        xycoords=("axes fraction", "data"),
-        xytext=(6 if left else -2, 3),
-        textcoords="offset points",
-        ha="left" if left else "right",
-        va="bottom",
-        color=color,
-        fontsize=9,
-    )
+    x, aside, align = (0.0, 6, "left") if left else (1.0, -2, "right")
+    place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "xytext": (aside, 3)}
+    look: dict[str, Any] = {"ha": align, "va": "bottom", "color": color, "fontsize": 9}
+    axes.annotate(label, (x, value), textcoords="offset points", **place, **look)
 
 
 def _crank_angle(trajectory: Trajectory) -> Motion:
     """The angle of the first moving marker that turns."""
-    for joint in trajectory.model.mechanism.joints:
-        for marker in joint.markers:
-            if isinstance(marker, Moving) and np.ptp(marker.angle.tabulate(trajectory.t)[0]) > 0.0:
-                return marker.angle
+    for marker in (m for joint in trajectory.model.mechanism.joints for m in joint.markers):
+        if isinstance(marker, Moving) and np.ptp(marker.angle.tabulate(trajectory.t)[0]) > 0.0:
+            return marker.angle
     raise ValueError(
         "plot_crank_motion: the mechanism has no moving marker with a changing angle; give the "
         "motion itself"
     )
+
+
+def _fill(axes: Axes, table: Array, load_cases: Sequence[str]) -> None:
+    """Draw numbers (rows, load cases + 1) on coloured fields, the last column apart."""
+    places = [*range(len(load_cases)), len(load_cases) + 0.15]
+    colors = style.GLOW(0.1 + 0.8 * np.clip((table - 1.0) / _WORST, 0.0, 1.0))
+    for i, row in enumerate(table):
+        for place, value, color in zip(places, row, colors[i], strict=True):
+            axes.fill_between([place - 0.48, place + 0.48], i - 0.46, i + 0.46, color=color, lw=0)
+            light = float(np.dot(color[:3], (0.299, 0.587, 0.114))) > 0.55
+            text = f"{value:.2f}" if np.isfinite(value) else "–"
+            shade = style.DARK if light else "white"
+            axes.text(place, i, text, ha="center", va="center", color=shade)
+    axes.set_xlim(-0.5, places[-1] + 0.5)
+    axes.set_ylim(len(table) - 0.5, -0.5)
+    axes.set_xticks(places, [*(name.replace(", ", ",\n") for name in load_cases), "largest"])
+    axes.set_yticks([])
+    axes.tick_params(top=True, bottom=False, labeltop=True, labelbottom=False, length=0, pad=2)
+    axes.spines[:].set_visible(False)

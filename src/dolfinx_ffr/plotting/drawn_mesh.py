@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
 from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
-from .. import validation
 from ..fem import Domain, _compat, gathered_cells
 from ..parallel import announce
 
-__all__ = ["DrawnMesh"]
+if TYPE_CHECKING:
+    import pyvista
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -24,9 +25,9 @@ Integers = NDArray[np.int64]
 class DrawnMesh:
     """Points, pieces and lines of a body; everything on rank 0, empty arrays on the other ranks.
 
-    Each cell of the mesh is cut into straight-sided pieces, one if geometry and displacements are
-    linear and n^2 if one of them has order n. The cells stand in the order in which the mesh was
-    made, so that the picture does not depend on the number of ranks. All methods are collective.
+    Each cell is cut into straight-sided pieces, n^2 where geometry or displacements have order n.
+    The cells stand in the order in which the mesh was made, so that the picture does not depend on
+    the number of ranks. All methods are collective.
     """
 
     points: Array  #: (points, 2) undeformed [m]; cells do not share points
@@ -39,12 +40,7 @@ class DrawnMesh:
 
     @staticmethod
     def of(domain: Domain) -> DrawnMesh:
-        """Gather a body.
-
-        Args:
-            domain: Its mesh and interfaces.
-        """
-        validation.instance("picture: domain", domain, Domain, "a Domain")
+        """Gather a body in the plane."""
         announce(domain.comm, "the drawing of a body")
         kind, degree, lattice, pieces = _reference(domain)
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
@@ -60,55 +56,28 @@ class DrawnMesh:
             (number, points, {name: np.isin(facets, part) for name, part in chosen.items()})
         )
         if sent is None:
-            nothing = np.zeros((0, 2), dtype=np.int64)
-            empty = {name: nothing for name in domain.interfaces}
-            none = nothing[:, 0]
-            return DrawnMesh(np.zeros((0, 2)), nothing, none, nothing, empty, domain, none)
+            none = np.zeros((0, 2), dtype=np.int64)
+            empty = dict.fromkeys(domain.interfaces, none)
+            return DrawnMesh(np.zeros((0, 2)), none, none[:, 0], none, empty, domain, none[:, 0])
         order = np.argsort(np.concatenate([part[0] for part in sent]), kind="stable")
         points = np.concatenate([part[1] for part in sent])[order]
         first = len(lattice) * np.arange(len(order), dtype=np.int64)
         lines = {}
         for name in chosen:
             marked = np.concatenate([part[2][name] for part in sent])[order]
-            lines[name] = np.concatenate(
-                [
-                    (first[marked[:, i]][:, None, None] + side[None]).reshape(-1, 2)
-                    for i, side in enumerate(sides)
-                ]
-            )
-        return DrawnMesh(
-            points=points.reshape(-1, 2),
-            pieces=(first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1]),
-            parents=np.repeat(np.arange(len(order), dtype=np.int64), len(pieces)),
-            outline=lines.pop(""),
-            interfaces=lines,
-            domain=domain,
-            _order=order,
-        )
+            own = [first[marked[:, i]][:, None, None] + side for i, side in enumerate(sides)]
+            lines[name] = np.concatenate([each.reshape(-1, 2) for each in own])
+        parents = np.repeat(np.arange(len(order), dtype=np.int64), len(pieces))
+        every = (first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1])
+        outline = lines.pop("")
+        return DrawnMesh(points.reshape(-1, 2), every, parents, outline, lines, domain, order)
 
     def cell_values(self, values: NDArray) -> NDArray:
-        """Values of all cells on rank 0.
-
-        Args:
-            values: Of the cells owned by this rank, shape (cells, ...).
-
-        Returns:
-            Shape (cells of all ranks, ...) on rank 0, (0, ...) elsewhere.
-
-        Raises:
-            ValueError: On every rank, if one does not give a value for each of its cells.
-        """
+        """Values (cells, ...) of this rank's cells as those of all cells on rank 0."""
         return gathered_cells(self.domain, values, self._order)
 
     def displacements(self, block: Array) -> Array:
-        """Displacement fields at the points on rank 0.
-
-        Args:
-            block: Fields on the displacement dofs owned by this rank, shape (dofs, columns).
-
-        Returns:
-            Shape (points, 2, columns) on rank 0, (0, 2, columns) elsewhere.
-        """
+        """Fields (owned dofs, columns) at the points on rank 0, shape (points, 2, columns)."""
         domain = self.domain
         kind, _, lattice, _ = _reference(domain)
         table = _shape_functions(kind, domain.order, lattice)
@@ -121,6 +90,15 @@ class DrawnMesh:
             nodal = field.x.array.reshape(-1, 2)[dofs]
             values[..., i] = np.einsum("pn,cnd->cpd", table, nodal)
         return self.cell_values(values).reshape(-1, 2, block.shape[1])
+
+    def grid(self) -> pyvista.UnstructuredGrid:
+        """The pieces as a grid, on rank 0."""
+        import pyvista  # takes a while
+
+        three = self.pieces.shape[1] == 3
+        kind = pyvista.CellType.TRIANGLE if three else pyvista.CellType.QUAD
+        points = np.column_stack([self.points, np.zeros(len(self.points))])
+        return pyvista.UnstructuredGrid({kind: self.pieces}, points)
 
 
 def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
@@ -139,14 +117,10 @@ def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
 
 
 def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
-    """Points that cut each side of the reference cell into n, and the pieces between them.
-
-    Returns:
-        Points of shape (points, 2), and the points of each piece, shape (pieces, corners).
-    """
+    """Points (points, 2) that cut the sides of the reference cell into n, and pieces between."""
     triangle = kind == basix.CellType.triangle
-    where = {(i, j): None for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)}
-    number = {place: k for k, place in enumerate(where)}
+    where = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
+    number = {position: k for k, position in enumerate(where)}
     pieces = []
     for i, j in number:
         if not triangle and i < n and j < n:
@@ -155,7 +129,7 @@ def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
             pieces.append([number[i, j], number[i + 1, j], number[i, j + 1]])
             if i + j < n - 1:
                 pieces.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
-    return np.array(list(number), dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
+    return np.array(where, dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
 
 
 def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:

@@ -1,15 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Fields on a body: designs, selected elements, stress, shape functions.
-
-Pictures are drawn by matplotlib; `mesh_grid` hands a body to PyVista, to be looked at from all
-sides or written for other programs.
-"""
+"""Fields on a body: designs, selected elements, stress, shape functions."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,35 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..fem import Domain
-from ..parallel import on_every_rank
+from ..parallel import announce, on_every_rank
 from ..postprocessing import StressEnvelope
 from ..reduction import FlexibleBody, ReducedBody
+from . import style
 from .body_in_space import designs_in_space, modes_in_space, stress_in_space
-from .drawn_mesh import DrawnMesh
+from .drawn_mesh import Array, DrawnMesh
 from .mechanism_view import VOID
-from .style import (
-    ACCENTS,
-    DARK,
-    GLOW,
-    GRAY,
-    KINDS,
-    LIGHT,
-    ORANGE,
-    color_bar,
-    nice_number,
-    prefixed,
-    save,
-    styled_figure,
-    writable,
-    written,
-)
+from .scene import gathered_mesh
 
 if TYPE_CHECKING:
     import pyvista
-
-__all__ = ["mesh_grid", "plot_design", "plot_gradient_elements", "plot_modes", "plot_stress"]
-
-Array = NDArray[np.float64]
 
 #: Largest displacement shown, relative to the body's extent
 _SHOWN = 0.07
@@ -61,68 +37,43 @@ _TOLD_APART = 99.7
 
 
 def plot_design(
-    domain: Domain,
-    x: ArrayLike | Mapping[str, ArrayLike],
-    path: str | Path,
-    *,
-    title: str = "",
-    backend: str = "matplotlib",
+    domain: Domain, x: ArrayLike | Mapping[str, ArrayLike], path: str | Path, *, title: str = ""
 ) -> Path:
     """Draw one design, or several under each other: solid is black, void is white.
 
     One sees the density of each cell in shades of gray, the outline of the body, its rigid
     interfaces in colour, and a measure. The scale is the same along both axes.
 
-    Args:
-        domain: Mesh and interfaces of the body.
-        x: One density for each cell owned by this rank, shape (cells,), in [0, 1]; or several
-            designs by title.
-        path: File to write, .png, .pdf or .svg.
-        title: Heading; with several designs the heading of them all.
-        backend: Deprecated, matplotlib draws in any case.
-
-    Returns:
-        The path. The function is collective; rank 0 writes.
+    The ``domain`` has the mesh and the interfaces of the body; ``x`` is one density in [0, 1] for
+    each cell owned by this rank, shape (cells,), or several designs by title. The file ``path``
+    gets a ``title``.
 
     Raises:
-        ValueError: On every rank, if a density is not usable or the kind of file is not known.
+        ValueError: On every rank, if a density is not usable.
     """
-    if backend != "matplotlib":
-        warnings.warn(
-            f"plot_design: backend = {backend!r} goes with the next release: matplotlib draws; "
-            "mesh_grid gives a grid to PyVista",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.instance("plot_design: domain", domain, Domain, "a Domain")
-    designs = (
-        validation.by_name("plot_design: x", x, "densities") if isinstance(x, Mapping) else {"": x}
-    )
+    announce(domain.comm, "the drawing of a body")
+    given = x if isinstance(x, Mapping) else {"": x}
+    designs = {
+        name: domain.check_density(density, f"design {name!r}" if name else "x")
+        for name, density in validation.by_name("plot_design: x", given, "densities").items()
+    }
     if not designs:
         raise ValueError("plot_design: no design given")
     if domain.dimension == 3:
-        checked = {
-            name: domain.check_density(density, f"design {name!r}" if name else "x")
-            for name, density in designs.items()
-        }
-        return designs_in_space(domain, checked, path, title)
+        return designs_in_space(domain, designs, path, title)
     drawn = DrawnMesh.of(domain)
-    shades = {
-        name: _gray(drawn, domain.check_density(density, f"design {name!r}" if name else "x"))
-        for name, density in designs.items()
-    }
+    shades = {name: _gray(drawn, density) for name, density in designs.items()}
 
-    def draw(file: Path) -> None:
-        with _panels(drawn, list(shades), title, width=10.4, foot=0.75) as (figure, panels, unit):
-            for axes, colors in zip(panels, shades.values(), strict=True):
-                _draw_body(axes, drawn, facecolors=colors[drawn.parents])
-                for ends, color in zip(drawn.interfaces.values(), cycle(ACCENTS), strict=False):
-                    _draw_lines(axes, drawn.points[ends], color, 4.0)
-            _draw_legend(figure, drawn, unit)
-            save(figure, file)
+    def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
+        for axes, colors in zip(panels, shades.values(), strict=True):
+            _draw_body(axes, drawn, facecolors=colors[drawn.parents])
+            for ends, color in zip(drawn.interfaces.values(), cycle(style.ACCENTS), strict=False):
+                _draw_lines(axes, drawn.points[ends], color, 4.0)
+        _draw_legend(figure, drawn, inches)
 
-    return written(domain.comm, path, draw)
+    return _page(path, drawn, list(shades), fill, title, width=10.4, foot=0.75)
 
 
 def plot_gradient_elements(
@@ -136,49 +87,38 @@ def plot_gradient_elements(
 
     One sees each design in shades of gray, and the selected elements in orange.
 
-    Args:
-        domain: The body.
-        selections: By heading, a design (cells,) in [0, 1] and which elements are selected
-            (cells,), both for the cells owned by this rank.
-        path: File to write, .png, .pdf or .svg.
-        title: Heading of the picture.
-
-    Returns:
-        The path, on every rank.
+    The ``selections`` are, by heading, a design (cells,) in [0, 1] and which elements are selected
+    (cells,), both for the cells of the ``domain`` owned by this rank. The file ``path`` gets a
+    ``title``.
 
     Raises:
-        ValueError: On every rank, if a design does not fit the domain or the kind of file is not
-            known.
+        ValueError: On every rank, if a design does not fit the domain.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.instance("plot_gradient_elements: domain", domain, Domain, "a Domain")
     what, needed = "plot_gradient_elements: selections", "a design and a mask over its cells"
     given = validation.by_name(what, selections, needed)
     if not given:
         raise ValueError(f"{what}: no design given")
-    pairs = {}
     with on_every_rank(domain.comm, "plot_gradient_elements"):
-        for name, value in given.items():
-            pairs[name] = validation.listed(f"{what}: {name!r}", value, needed)
-            if len(pairs[name]) != 2 or np.shape(pairs[name][1]) != (domain.n_cells,):
+        pairs = {n: validation.listed(f"{what}: {n!r}", v, needed) for n, v in given.items()}
+        for name, pair in pairs.items():
+            if len(pair) != 2 or np.shape(pair[1]) != (domain.n_cells,):
                 raise ValueError(
                     f"{what}: {name!r} must be {needed}, one value of each for each of the "
                     f"{domain.n_cells} cells owned by rank {domain.comm.rank}"
                 )
-    drawn = DrawnMesh.of(domain)
-    shades = {}
+    drawn, shades = DrawnMesh.of(domain), {}
     for name, (x, selected) in pairs.items():
         shades[name] = _gray(drawn, 0.75 * domain.check_density(x, name))
         chosen = drawn.cell_values(np.asarray(selected, dtype=bool))
-        shades[name][chosen] = 0.55 * shades[name][chosen] + 0.45 * np.array(to_rgb(ORANGE))
+        shades[name][chosen] = 0.55 * shades[name][chosen] + 0.45 * np.array(to_rgb(style.ORANGE))
 
-    def draw(file: Path) -> None:
-        with _panels(drawn, list(shades), title, width=9.6) as (figure, panels, _):
-            for axes, colors in zip(panels, shades.values(), strict=True):
-                _draw_body(axes, drawn, facecolors=colors[drawn.parents])
-            save(figure, file)
+    def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
+        for axes, colors in zip(panels, shades.values(), strict=True):
+            _draw_body(axes, drawn, facecolors=colors[drawn.parents])
 
-    return written(domain.comm, path, draw)
+    return _page(path, drawn, list(shades), fill, title, width=9.6)
 
 
 def plot_stress(
@@ -199,18 +139,15 @@ def plot_stress(
         domain: Mesh and interfaces of the body.
         stress: A worst case from `worst_stress`, or the stress of each cell owned by this rank,
             shape (cells,) [Pa].
-        path: File to write, .png, .pdf or .svg.
         solid: Cells that are drawn, shape (cells,); by default those of the worst case, or all.
+        path: File to write.
         title: Heading.
 
-    Returns:
-        The path. The function is collective; rank 0 writes.
-
     Raises:
-        ValueError: On every rank, if an array does not have one finite value a cell, no cell is
-            solid, or the kind of file is not known.
+        ValueError: On every rank, if an array does not have one finite value a cell, or no cell is
+            solid.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.instance("plot_stress: domain", domain, Domain, "a Domain")
     note = ""
     if isinstance(stress, StressEnvelope):
@@ -219,8 +156,7 @@ def plot_stress(
         stress = stress.stress
     with on_every_rank(domain.comm, "plot_stress"):
         own = validation.numbers("plot_stress: stress", stress)
-        every = np.ones(domain.n_cells, dtype=bool)
-        chosen = every if solid is None else np.asarray(solid, dtype=bool)
+        chosen = np.asarray(np.ones(domain.n_cells) if solid is None else solid, dtype=bool)
         for name, array in (("stress", own), ("solid", chosen)):
             if array.shape != (domain.n_cells,) or not np.all(np.isfinite(array)):
                 raise ValueError(f"plot_stress: {name} must have one finite value for each cell")
@@ -231,40 +167,27 @@ def plot_stress(
     drawn = DrawnMesh.of(domain)
     values, chosen = drawn.cell_values(own), drawn.cell_values(chosen)
 
-    def draw(file: Path) -> None:
+    def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
+        (axes,) = panels
         largest = int(np.argmax(np.where(chosen, values, -np.inf)))
-        unit, factor = prefixed(float(values[largest]), "Pa")
+        unit, factor = style.prefixed(float(values[largest]), "Pa")
         top = float(np.percentile(values[chosen], _TOLD_APART)) * factor
         norm = Normalize(0.0, top if top > 0.0 else 1.0)
-        with _panels(drawn, [""], margin=0.02, head=0.85) as (figure, (axes,), _):
-            _draw_body(
-                axes,
-                drawn,
-                shown=chosen[drawn.parents],
-                array=(values * factor)[drawn.parents],
-                cmap=GLOW,
-                norm=norm,
-            )
-            for ends in drawn.interfaces.values():
-                _draw_lines(axes, drawn.points[ends], DARK, 2.5)
-            at = drawn.points[drawn.pieces[drawn.parents == largest]].mean(axis=(0, 1))
-            axes.plot(
-                *at, "o", markersize=11, markerfacecolor="none", markeredgecolor=DARK, mew=1.4
-            )
-            height = figure.get_figheight()
-            figure.text(0.022, 1.0 - 0.28 / height, title, va="center", fontsize=11.5)
-            found = f"○ largest: {values[largest] * factor:.3g} {unit}{note}"
-            figure.text(0.022, 1.0 - 0.58 / height, found, va="center", fontsize=10)
-            color_bar(
-                figure,
-                ScalarMappable(norm, GLOW),
-                f"von Mises stress [{unit}]",
-                (0.62, 0.98, 0.5),
-                extend="max" if values[largest] * factor > top else "neither",
-            )
-            save(figure, file)
+        shown, array = chosen[drawn.parents], (values * factor)[drawn.parents]
+        _draw_body(axes, drawn, shown=shown, array=array, cmap=style.GLOW, norm=norm)
+        for ends in drawn.interfaces.values():
+            _draw_lines(axes, drawn.points[ends], style.DARK, 2.5)
+        at = drawn.points[drawn.pieces[drawn.parents == largest]].mean(axis=(0, 1))
+        axes.plot(*at, "o", markersize=11, mfc="none", mec=style.DARK, mew=1.4)
+        found = f"○ largest: {values[largest] * factor:.3g} {unit}{note}"
+        for text, below, size in ((title, 0.28, 11.5), (found, 0.58, 10)):
+            y = 1.0 - below / figure.get_figheight()
+            figure.text(0.022, y, text, va="center", fontsize=size)
+        extend = "max" if values[largest] * factor > top else "neither"
+        label, colors = f"von Mises stress [{unit}]", ScalarMappable(norm, style.GLOW)
+        style.color_bar(figure, colors, label, (0.62, 0.98, 0.5), extend=extend)
 
-    return written(domain.comm, path, draw)
+    return _page(path, drawn, [""], fill, margin=0.02, head=0.85)
 
 
 def plot_modes(
@@ -275,64 +198,39 @@ def plot_modes(
     One sees each mode as the deformed body, coloured by the amount of the displacement relative to
     the largest one of the mode, with the undeformed outline behind. Cells of density below 0.3 are
     left out. The sign of a mode has no meaning; it is chosen so that the picture is always the
-    same.
-
-    Args:
-        body: The body.
-        reduced: Its shape functions, from `FlexibleBody.reduce`.
-        path: File to write, .png, .pdf or .svg.
-        title: Heading.
-
-    Returns:
-        The path. The function is collective; rank 0 writes.
-
-    Raises:
-        ValueError: On every rank, if the kind of file is not known.
+    same. The shape functions are those of the ``reduced`` ``body``, from `FlexibleBody.reduce`; the
+    file ``path`` gets a ``title``.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     validation.instance("plot_modes: body", body, FlexibleBody, "a FlexibleBody")
     needed = "what `FlexibleBody.reduce` returned"
     validation.instance("plot_modes: reduced", reduced, ReducedBody, needed)
+    names = _names(body, reduced)
     if body.domain.dimension == 3:
-        return modes_in_space(body, reduced, _names(body, reduced), path, title)
+        return modes_in_space(body, reduced, names, path, title)
     drawn = DrawnMesh.of(body.domain)
     shapes = drawn.displacements(reduced.basis.shapes)
     shown = drawn.cell_values(reduced.density)[drawn.parents] >= VOID
-    names = _names(body, reduced)
 
-    def draw(file: Path) -> None:
-        size = np.ptp(drawn.points, axis=0)
-        layout: dict[str, Any] = {
-            "across": 3 if size[0] > 2.0 * size[1] else 4,
-            "width": 12.0,
-            "margin": _SHOWN + 0.02,
-            "head": 1.15 if title else 0.8,
-        }
-        norm = Normalize(0.0, 1.0)
-        with _panels(drawn, names, title, **layout) as (figure, panels, _):
-            for axes, field in zip(panels, np.moveaxis(shapes, 2, 0), strict=True):
-                amount = np.linalg.norm(field, axis=1)
-                largest = float(amount.max()) or 1.0
-                scale = _sign(drawn.points, field) * _SHOWN * float(np.max(size)) / largest
-                _draw_body(
-                    axes,
-                    drawn,
-                    points=drawn.points + scale * field,
-                    shown=shown,
-                    outline=LIGHT,
-                    array=(amount / largest)[drawn.pieces].mean(axis=1),
-                    cmap="viridis",
-                    norm=norm,
-                )
-            color_bar(
-                figure,
-                ScalarMappable(norm, "viridis"),
-                "displacement, relative to its maximum",
-                (0.365, 0.635, 0.82 if title else 0.47),
-            )
-            save(figure, file)
+    low, high = body.domain.bounding_box
+    size = high - low
+    colors = ScalarMappable(Normalize(0.0, 1.0), "viridis")
 
-    return written(body.domain.comm, path, draw)
+    def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
+        for axes, field in zip(panels, np.moveaxis(shapes, 2, 0), strict=True):
+            amount = np.linalg.norm(field, axis=1)
+            largest = float(amount.max()) or 1.0
+            scale = _sign(drawn.points, field) * _SHOWN * float(np.max(size)) / largest
+            how: dict[str, Any] = {"cmap": colors.cmap, "norm": colors.norm}
+            how["array"] = (amount / largest)[drawn.pieces].mean(axis=1)
+            moved = drawn.points + scale * field
+            _draw_body(axes, drawn, points=moved, shown=shown, outline=style.LIGHT, **how)
+        label = "displacement, relative to its maximum"
+        style.color_bar(figure, colors, label, (0.365, 0.635, 0.82 if title else 0.47))
+
+    across, head = 3 if size[0] > 2.0 * size[1] else 4, 1.15 if title else 0.8
+    layout: dict[str, Any] = {"across": across, "margin": _SHOWN + 0.02, "head": head}
+    return _page(path, drawn, names, fill, title, width=12.0, **layout)
 
 
 def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.UnstructuredGrid | None:
@@ -352,40 +250,30 @@ def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.Unstru
     """
     validation.instance("mesh_grid: domain", domain, Domain, "a Domain")
     given = validation.by_name("mesh_grid: fields", fields, "values of the cells")
-    drawn = DrawnMesh.of(domain)
+    drawn = gathered_mesh(domain)
     with on_every_rank(domain.comm, "mesh_grid"):
         arrays = {name: validation.numbers(f"mesh_grid: {name!r}", v) for name, v in given.items()}
         for name, array in arrays.items():
             if array.shape[:1] != (domain.n_cells,):
+                here = f"on rank {domain.comm.rank} it has the shape {array.shape}"
                 raise ValueError(
-                    f"mesh_grid: {name!r} must have one value for each cell owned by the rank; on "
-                    f"rank {domain.comm.rank} it has the shape {array.shape} for {domain.n_cells} "
-                    "cells"
+                    f"mesh_grid: {name!r} must have one value for each cell owned by the rank; "
+                    f"{here} for {domain.n_cells} cells"
                 )
     values = {name: drawn.cell_values(array) for name, array in arrays.items()}
     if domain.comm.rank > 0:
         return None
-    import pyvista  # takes a while
-
-    count, corners = drawn.pieces.shape
-    kind = pyvista.CellType.TRIANGLE if corners == 3 else pyvista.CellType.QUAD
-    grid = pyvista.UnstructuredGrid(
-        np.column_stack([np.full(count, corners), drawn.pieces]).ravel(),
-        np.full(count, kind),
-        np.column_stack([drawn.points, np.zeros(len(drawn.points))]),
-    )
+    grid = drawn.grid()
     for name, field in values.items():
-        grid.cell_data[name] = field[drawn.parents]
+        grid.cell_data[name] = field[drawn.parents] if isinstance(drawn, DrawnMesh) else field
     return grid
 
 
-# ---------------------------------------------------------------------- parts
-
-
-@contextmanager
-def _panels(
+def _page(
+    path: Path,
     drawn: DrawnMesh,
     headings: Sequence[str],
+    fill: Callable[[Figure, list[Axes], float], None],
     title: str = "",
     *,
     across: int = 1,
@@ -393,36 +281,38 @@ def _panels(
     margin: float = 0.0,
     head: float | None = None,
     foot: float = 0.1,
-) -> Iterator[tuple[Figure, list[Axes], float]]:
-    """Give a figure with axes for the body under each heading, and the inches of a metre.
+) -> Path:
+    """Write a page that is filled, given the axes below each heading, and the inches of a metre.
 
     A metre has the same length everywhere; the margin is a share of the body's extent, all other
     lengths are inches.
     """
-    low, size = drawn.points.min(axis=0), np.ptp(drawn.points, axis=0)
-    around = margin * float(np.max(size))
-    low, size = low - around, size + 2.0 * around
-    wide = width / across
-    unit = (wide - 0.4) / max(size[0], 0.8 * size[1])
-    row = unit * size[1] + (0.42 if any(headings) else 0.1)
-    top = (0.55 if title else 0.15) if head is None else head
-    height = top + row * -(-len(headings) // across) + foot
-    with styled_figure(width, height) as figure:
-        if title:
-            figure.text(0.5, 1.0 - 0.3 / height, title, ha="center", va="center", fontsize=13)
-        panels = []
-        for k, heading in enumerate(headings):
-            i, j = divmod(k, across)
-            left, bottom = (j + 0.5) * wide - 0.5 * unit * size[0], height - top - (i + 1) * row
-            axes = figure.add_axes(
-                (left / width, bottom / height, unit * size[0] / width, unit * size[1] / height)
-            )
-            axes.set_title(heading, **({"loc": "left"} if across == 1 else {"fontsize": 10}))
-            axes.set_xlim(low[0], low[0] + size[0])
-            axes.set_ylim(low[1], low[1] + size[1])
-            axes.set_axis_off()
-            panels.append(axes)
-        yield figure, panels, unit
+
+    def draw(file: Path) -> None:
+        low, size = drawn.points.min(axis=0), np.ptp(drawn.points, axis=0)
+        around = margin * float(np.max(size))
+        low, size = low - around, size + 2.0 * around
+        wide = width / across
+        inches = (wide - 0.4) / max(size[0], 0.8 * size[1])
+        row = inches * size[1] + (0.42 if any(headings) else 0.1)
+        top = (0.55 if title else 0.15) if head is None else head
+        height = top + row * -(-len(headings) // across) + foot
+        with style.styled_figure(width, height, file) as figure:
+            if title:
+                figure.text(0.5, 1.0 - 0.3 / height, title, ha="center", va="center", fontsize=13)
+            panels = []
+            for k, heading in enumerate(headings):
+                i, j = divmod(k, across)
+                left = (j + 0.5) * wide - 0.5 * inches * size[0]
+                axes = style.axes_at(figure, left, height - top - (i + 1) * row, *(inches * size))
+                axes.set_title(heading, **({"loc": "left"} if across == 1 else {"fontsize": 10}))
+                axes.set_xlim(low[0], low[0] + size[0])
+                axes.set_ylim(low[1], low[1] + size[1])
+                axes.set_axis_off()
+                panels.append(axes)
+            fill(figure, panels, inches)
+
+    return style.written(drawn.domain.comm, path, draw)
 
 
 def _draw_body(
@@ -431,7 +321,7 @@ def _draw_body(
     *,
     points: Array | None = None,
     shown: NDArray[np.bool_] | None = None,
-    outline: str = GRAY,
+    outline: str = style.GRAY,
     **colors: Any,
 ) -> None:
     """Draw the pieces that are shown, with colours of each, and the undeformed outline."""
@@ -444,38 +334,25 @@ def _draw_body(
 
 def _draw_lines(axes: Axes, ends: Array, color: str, width: float, *, above: bool = True) -> None:
     """Draw straight lines, shape (lines, 2, 2), above or below the cells."""
-    axes.add_collection(
-        LineCollection(
-            ends,
-            colors=color,
-            linewidths=width,
-            clip_on=False,
-            zorder=2.0 if above else 0.5,
-        )
-    )
+    how: dict[str, Any] = {"clip_on": False, "zorder": 2.0 if above else 0.5}
+    axes.add_collection(LineCollection(ends, colors=color, linewidths=width, **how))
 
 
-def _draw_legend(figure: Figure, drawn: DrawnMesh, unit: float) -> None:
+def _draw_legend(figure: Figure, drawn: DrawnMesh, inches: float) -> None:
     """Draw shades of gray, interfaces and a measure in one line below, in inches."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes((0.2 / width, 0.15 / height, 1.0 - 0.4 / width, 0.4 / height))
-    axes.set_xlim(0.0, width - 0.4)
-    axes.set_ylim(-0.2, 0.2)
-    axes.set_axis_off()
+    width, axes = figure.get_figwidth(), style.line_of_inches(figure, 0.15)
     text = {"va": "center", "fontsize": 11}
     axes.text(0.0, 0.0, "void", **text)
     box = (0.55, 1.95, -0.08, 0.08)
     axes.imshow(np.linspace(0.0, 1.0, 40)[None], cmap="gray_r", extent=box, aspect="auto")
-    axes.plot(np.take(box, [0, 1, 1, 0, 0]), np.take(box, [2, 2, 3, 3, 2]), color=GRAY, lw=1.0)
+    axes.plot(
+        np.take(box, [0, 1, 1, 0, 0]), np.take(box, [2, 2, 3, 3, 2]), color=style.GRAY, lw=1.0
+    )
     axes.text(2.05, 0.0, "solid", **text)
-    at = 3.0
-    for name, color in zip(drawn.interfaces, cycle(ACCENTS), strict=False):
-        axes.plot([at, at + 0.3], [0.0, 0.0], color=color, linewidth=4.0, solid_capstyle="butt")
-        axes.text(at + 0.4, 0.0, name, **text)
-        at += 0.75 + 0.1 * len(name)
-    measure = nice_number(0.3 * float(np.ptp(drawn.points[:, 0])))
-    ends = width - 0.4 - np.array([measure * unit, 0.0])
-    axes.plot(ends, [-0.06, -0.06], "|-", color=DARK, linewidth=1.5, markersize=9.0, mew=1.5)
+    style.name_accents(axes, drawn.interfaces, (3.0, 0.0), 11)
+    measure = style.nice_number(0.3 * float(np.ptp(drawn.points[:, 0])))
+    ends = width - 0.4 - np.array([measure * inches, 0.0])
+    axes.plot(ends, [-0.06, -0.06], "|-", color=style.DARK, linewidth=1.5, markersize=9.0, mew=1.5)
     length = f"{measure:g} m" if measure >= 1.0 else f"{1e3 * measure:g} mm"
     axes.text(ends.mean(), 0.1, length, ha="center", **text)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A mechanism in matplotlib axes: bodies, cranks, joints, supports."""
+"""A mechanism in the plane in matplotlib axes: bodies, cranks, joints, supports."""
 
 from __future__ import annotations
 
@@ -9,36 +9,26 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Colormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
-from ..mechanism import Ground, Line, Pin, Slider, Spring, Square, Symbol
+from ..mechanism import Ground, Joint, Line, Slider, Spring, Symbol
+from .drawn_mesh import Array
 from .scene import Arm, DrawnBody, Scene
-from .style import DARK, GRAY, LIGHT
-
-__all__ = ["MechanismView"]
-
-Array = NDArray[np.float64]
+from .style import DARK, GRAY, LABEL, LIGHT, STEEL
 
 #: Cells of less density are not drawn
 VOID = 0.3
-_STEEL, _PALE = "#57606a", "#eef1f4"
+_PALE = "#eef1f4"
 
 
 class MechanismView:
-    """Artists of a mechanism; `show` moves them to an instant.
+    """Artists of a mechanism, which `show` moves to an instant.
 
-    Args:
-        axes: Where to draw; its limits and aspect are set here.
-        scene: The mechanism.
-        magnification: Of the deformation.
-        colors: Gives the colour value of each cell of a body at an instant.
-        cmap: Colours.
-        norm: Range of the values.
-        labels: Whether to write the names of bodies and joints.
+    The ``colors`` are those of the `DrawnBody.shades` of cells; ``labels`` writes the names of
+    bodies and joints. `MechanismInSpace` draws the same things in its own way.
     """
 
     def __init__(
@@ -46,38 +36,53 @@ class MechanismView:
         axes: Axes,
         scene: Scene,
         magnification: float,
-        colors: Callable[[DrawnBody, int], Array],
-        cmap: Colormap | str,
-        norm: Normalize,
+        colors: ScalarMappable,
         *,
         labels: bool = False,
     ) -> None:
         self.axes, self.scene, self.magnification = axes, scene, magnification
+        self._colors = colors
         self.moving: list[Artist] = []  #: Artists that `show` changes, from back to front
         self._updates: list[Callable[[int], None]] = []
-        low, high = scene.box(magnification)
-        self.unit = 0.018 * float(np.max(high - low))  #: Size of a pin [m]
-        self._set_limits(low, high)
-        draw: dict[type[Symbol], Callable[[Any], None]] = {
-            Pin: self._add_supports,
-            Square: self._add_supports,
-            Slider: self._add_slider,
-            Line: self._add_link,
-            Spring: self._add_spring,
-        }
+        axes.set_axis_off()
+        self.unit = self._begin(scene.seen(magnification))  #: Size of a pin [m]
         for i, joint in enumerate(scene.mechanism.joints):
             for symbol in joint.symbols:
-                draw[type(symbol)](symbol)
+                self._add_symbol(symbol)
+            self._add_axis(joint)
             if i in scene.arms:
-                self._add_arm(i, scene.arms[i])
-        for force in scene.mechanism.forces:
-            for symbol in force.symbols:
-                draw[type(symbol)](symbol)
+                self._add_arm(scene.arms[i])
+        for symbol in (s for force in scene.mechanism.forces for s in force.symbols):
+            self._add_symbol(symbol)
         for body in scene.bodies.values():
-            if body.drawn is None:
+            if body.mesh is None:
                 self._add_bar(body)
             else:
-                self._add_mesh(body, colors, cmap, norm)
+                self._add_mesh(body, body.mesh)
+        self._end(labels)
+
+    def _begin(self, seen: Array) -> float:
+        """Show ``seen`` (n, d) [m] in the axes; returns the size of a pin [m]."""
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        unit = 0.018 * float(np.max(high - low))
+        margin = 3.2 * unit
+        self.axes.set_xlim(low[0] - margin, high[0] + margin)
+        self.axes.set_ylim(low[1] - margin, high[1] + margin)
+        self.axes.set_aspect("equal")
+        return unit
+
+    def _add_symbol(self, symbol: Symbol) -> None:
+        draw: dict[type[Symbol], Callable[[Any], None]] = {
+            Slider: self._add_slider,
+            Line: self._add_link,
+            Spring: lambda spring: self._add_link(spring, waves=6),
+        }
+        draw.get(type(symbol), self._add_supports)(symbol)
+
+    def _add_axis(self, joint: Joint) -> None:
+        """Nothing: it points out of the picture."""
+
+    def _end(self, labels: bool) -> None:
         self._add_pins()
         if labels:
             self._add_labels()
@@ -90,91 +95,56 @@ class MechanismView:
     def close(self) -> None:
         """Nothing is to be freed."""
 
-    # ------------------------------------------------------------------ parts
-
-    def _set_limits(self, low: Array, high: Array) -> None:
-        margin = 3.2 * self.unit
-        self.axes.set_xlim(low[0] - margin, high[0] + margin)
-        self.axes.set_ylim(low[1] - margin, high[1] + margin)
-        self.axes.set_aspect("equal")
-        self.axes.set_axis_off()
-
     def _add(self, artist: Artist, update: Callable[[int], None] | None = None) -> None:
         """Add an artist; one with an update is drawn anew at every instant."""
-        if isinstance(artist, Line2D):
-            self.axes.add_line(artist)
-        elif isinstance(artist, Polygon):
-            self.axes.add_patch(artist)
-        else:
-            self.axes.add_collection(artist, autolim=False)
+        self.axes.add_artist(artist)
         if update is not None:
             self.moving.append(artist)
             self._updates.append(update)
 
-    def _add_mesh(
-        self,
-        body: DrawnBody,
-        colors: Callable[[DrawnBody, int], Array],
-        cmap: Colormap | str,
-        norm: Normalize,
-    ) -> None:
-        drawn = body.drawn
-        assert drawn is not None
-        shown = body.density[drawn.parents] >= VOID
-        pieces, parents = drawn.pieces[shown], drawn.parents[shown]
-        rim = drawn.outline
+    def _add_mesh(self, body: DrawnBody, mesh: Any) -> None:
+        """Draw the cells that are not void, and the outline of the whole body."""
+        colors = self._colors
+        shown = body.density[mesh.parents] >= VOID
+        pieces, parents = mesh.pieces[shown], mesh.parents[shown]
+        rigid = np.concatenate([mesh.outline[:0], *mesh.interfaces.values()])
         outline = LineCollection([], colors=LIGHT, linewidths=1.0, zorder=4)
-        cells = PolyCollection(
-            [], cmap=cmap, norm=norm, edgecolors="face", linewidths=0.5, zorder=5
-        )
-        rigid = np.concatenate([rim[:0], *drawn.interfaces.values()])
-        ends = LineCollection([], colors=_STEEL, linewidths=3.0, capstyle="projecting", zorder=5.5)
+        look: dict[str, Any] = {"cmap": colors.cmap, "norm": colors.norm, "edgecolors": "face"}
+        cells = PolyCollection([], linewidths=0.5, zorder=5, **look)
+        ends = LineCollection([], colors=STEEL, linewidths=3.0, capstyle="projecting", zorder=5.5)
 
-        def update_outline(instant: int) -> None:
+        def move(instant: int) -> None:
             points = body.points(instant, self.magnification)
-            outline.set_segments(points[rim])
+            outline.set_segments(points[mesh.outline])
+            cells.set_verts(points[pieces])
+            cells.set_array(body.shades(instant)[parents])
             ends.set_segments(points[rigid])
 
-        def update_cells(instant: int) -> None:
-            cells.set_verts(body.points(instant, self.magnification)[pieces])
-            cells.set_array(colors(body, instant)[parents])
-
-        self._add(outline, update_outline)
-        self._add(cells, update_cells)
-        self._add(ends, lambda instant: None)  # with the outline
+        self._add(outline, move)
+        self._add(cells, lambda instant: None)  # with the outline
+        self._add(ends, lambda instant: None)
 
     def _add_bar(self, body: DrawnBody) -> None:
         """Draw a body without a mesh as a bar through its markers."""
-        bar = Line2D(
-            [],
-            [],
-            color=_STEEL,
-            linewidth=7.0,
-            solid_capstyle="round",
-            zorder=4,
-            solid_joinstyle="round",
-        )
+        bar = Line2D([], [], color=STEEL, linewidth=7.0, solid_capstyle="round", zorder=4)
 
-        def update(instant: int) -> None:
+        def move(instant: int) -> None:
             points = body.points(instant, self.magnification)
             closed = np.vstack([points, points[:1]]) if len(points) > 2 else points
             bar.set_data(*closed.T)
 
-        self._add(bar, update)
+        self._add(bar, move)
 
-    def _add_arm(self, number: int, arm: Arm) -> None:
-        angles = np.linspace(0.0, 2.0 * np.pi, 181)
-        circle = arm.center + arm.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-        self._add(Line2D(*circle.T, color=LIGHT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1))
+    def _add_arm(self, arm: Arm) -> None:
+        dashes = (0, (4, 3))
+        self._add(Line2D(*arm.ring.T, color=LIGHT, linewidth=1.0, linestyle=dashes, zorder=1))
         self._add_support(arm.center)
-        bar = Line2D([], [], color=_STEEL, linewidth=9.0, solid_capstyle="round", zorder=3)
-        joint = self.scene.mechanism.joints[number]
-        moving = next(m for m in joint.markers if not isinstance(m, tuple))
+        bar = Line2D([], [], color=STEEL, linewidth=9.0, solid_capstyle="round", zorder=3)
 
-        def update(instant: int) -> None:
-            bar.set_data(*np.array([arm.center, self.scene.position(moving, instant)]).T)
+        def move(instant: int) -> None:
+            bar.set_data(*np.array([arm.center, self.scene.position(arm.marker, instant)]).T)
 
-        self._add(bar, update)
+        self._add(bar, move)
 
     def _add_supports(self, symbol: Symbol) -> None:
         for marker in symbol.markers:
@@ -200,9 +170,6 @@ class MechanismView:
         self._add(LineCollection(strokes, colors=GRAY, linewidths=0.8, zorder=1.5))
         self._add(Line2D(*np.array([a, b]).T, color=DARK, linewidth=1.2, zorder=2))
 
-    def _add_spring(self, spring: Spring) -> None:
-        self._add_link(spring, waves=6)
-
     def _add_link(self, symbol: Symbol, waves: int = 0) -> None:
         """Draw a line between two markers, with waves if it is a spring."""
         scene, count = self.scene, 2 * waves
@@ -211,102 +178,68 @@ class MechanismView:
         side = np.r_[0.0, 0.6 * self.unit * (-1.0) ** np.arange(count), 0.0]
         line = Line2D([], [], color=DARK, linewidth=1.2 if waves else 2.4, zorder=5)
 
-        def update(instant: int) -> None:
+        def move(instant: int) -> None:
             start = scene.position(a, instant, self.magnification)
             along = scene.position(b, instant, self.magnification) - start
             across = _unit(np.array([-along[1], along[0]]))
             line.set_data(*(start[:, None] + np.outer(along, way) + np.outer(across, side)))
 
-        self._add(line, update)
+        self._add(line, move)
 
     def _add_slider(self, slider: Slider) -> None:
         """Draw the block and, where the line stands still, the guide under it."""
         point, line = slider.markers
-        u, scene = self.unit, self.scene
-        half = np.array([2.6, 1.25]) * u
+        scene, half = self.scene, np.array([2.6, 1.25]) * self.unit
         corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        own = float(np.arctan2(slider.direction[1], slider.direction[0]))
         block = Polygon(corners, facecolor="#b6bec8", edgecolor=DARK, linewidth=1.2, zorder=2.5)
 
-        def update(instant: int) -> None:
-            turn = scene.angle(line, instant) + own
-            along = np.array([np.cos(turn), np.sin(turn)])
+        def along_at(instant: int) -> Array:
+            return scene.axes(line, instant) @ _unit(np.array(slider.direction))
+
+        def move(instant: int) -> None:
+            along = along_at(instant)
             axes = np.array([along, [-along[1], along[0]]])
-            at = scene.position(point, instant, self.magnification)
-            block.set_xy(at + corners @ axes)
+            block.set_xy(scene.position(point, instant, self.magnification) + corners @ axes)
 
         if isinstance(line, Ground):
-            turn = line.angle + own
-            along = np.array([np.cos(turn), np.sin(turn)])
+            along = along_at(0)
             if along[0] < -1e-9:
                 along = -along  # keeps the ground below
             origin = np.array(line.position)
             path = [scene.position(point, i) for i in range(len(scene.steps))]
             way = (np.array(path) - origin) @ along
             below = origin + half[1] * np.array([along[1], -along[0]])
-            reach = 1.15 * half[0]
-            self._add_hatching(
-                below + (way.min() - reach) * along, below + (way.max() + reach) * along
-            )
-        self._add(block, update)
+            low, high = way.min() - 1.15 * half[0], way.max() + 1.15 * half[0]
+            self._add_hatching(below + low * along, below + high * along)
+        self._add(block, move)
 
     def _add_pins(self) -> None:
         """Draw the signs of joints, and point masses as discs."""
         scene, mechanism = self.scene, self.scene.mechanism
         symbols = [symbol for joint in mechanism.joints for symbol in joint.symbols]
         sliders = [symbol.markers[0] for symbol in symbols if isinstance(symbol, Slider)]
-        masses = [p.marker for p in mechanism.point_masses if p.marker not in sliders]
+        masses = [(p.marker,) for p in mechanism.point_masses if p.marker not in sliders]
+        pins = [symbol.markers for symbol in symbols if symbol.sign == "pin"]
+        squares = [symbol.markers for symbol in symbols if symbol.sign == "square"]
+        centers = [arm.center for arm in scene.arms.values()]
+        for style, size, face, still, moving in (
+            ("o", 15.0, STEEL, [], masses),
+            ("o", 8.5, "white", centers, pins),
+            ("s", 8.5, GRAY, [], squares),
+        ):
+            look = {"marker": style, "ms": size, "mfc": face, "mec": DARK, "mew": 1.4}
+            signs = Line2D([], [], linestyle="none", zorder=6, **look)
 
-        def markers(style: str, size: float, face: str) -> Line2D:
-            return Line2D(
-                [],
-                [],
-                linestyle="none",
-                marker=style,
-                markersize=size,
-                markerfacecolor=face,
-                markeredgecolor=DARK,
-                markeredgewidth=1.4,
-                zorder=6,
-            )
+            def move(i: int, signs: Any = signs, still: Any = still, on: Any = moving) -> None:
+                at = [scene.on_body(markers, i, self.magnification) for markers in on]
+                signs.set_data(*np.reshape([*still, *at], (-1, 2)).T)
 
-        discs, pins, squares = (
-            markers("o", 15.0, _STEEL),
-            markers("o", 8.5, "white"),
-            markers("s", 8.5, GRAY),
-        )
-
-        def update_discs(instant: int) -> None:
-            places = [scene.position(m, instant, self.magnification) for m in masses]
-            discs.set_data(*np.reshape(places, (-1, 2)).T)
-
-        def places(sign: str, instant: int) -> list[Array]:
-            return [
-                scene.on_body(symbol.markers, instant, self.magnification)
-                for symbol in symbols
-                if symbol.sign == sign
-            ]
-
-        def update_pins(instant: int) -> None:
-            centers = [arm.center for arm in scene.arms.values()]
-            pins.set_data(*np.reshape(centers + places("pin", instant), (-1, 2)).T)
-
-        def update_squares(instant: int) -> None:
-            squares.set_data(*np.reshape(places("square", instant), (-1, 2)).T)
-
-        self._add(discs, update_discs)
-        self._add(pins, update_pins)
-        self._add(squares, update_squares)
+            self._add(signs, move)
 
     def _add_labels(self) -> None:
         """Write names beside bodies and joints, at the first instant."""
         scene, u = self.scene, self.unit
-        box = {
-            "boxstyle": "round,pad=0.15",
-            "facecolor": "white",
-            "edgecolor": "none",
-            "alpha": 0.8,
-        }
+        box = {**LABEL, "alpha": 0.8}
 
         def write(at: Array, text: str, horizontal: str = "center") -> None:
             x, y = at
@@ -332,13 +265,11 @@ class MechanismView:
             if slides or any(isinstance(m, Ground) for m in joint.markers):
                 write(at - [0.0, 3.3 * u], name)  # below the block or the support
                 continue
-            away = sum(
-                (_unit(at - middles[m[0]]) for m in joint.markers if isinstance(m, tuple)),
-                np.zeros(2),
-            )
+            on_bodies = [m[0] for m in joint.markers if isinstance(m, tuple)]
+            away = sum((_unit(at - middles[body]) for body in on_bodies), np.zeros(2))
             if i in scene.arms:
                 away = away + _unit(at - scene.arms[i].center)
-                name = name or scene.arms[i].name
+                name = name or scene.arms[i].marker.name
             if np.linalg.norm(away) < 0.1:
                 away = np.array([0.0, 1.0])
             away = _unit(away)

@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
@@ -21,30 +20,11 @@ from PIL import Image
 
 from .. import validation
 from ..problem import Evaluation, Problem
+from . import style
+from .mechanism_in_space import MechanismInSpace
 from .mechanism_view import VOID, MechanismView
 from .rendering import Rendering
-from .scene import DrawnBody, Scene
-from .scene_in_space import BodyInSpace, SceneInSpace, ViewOfSpace
-from .style import (
-    BLUE,
-    GLOW,
-    GRAY,
-    KINDS,
-    RED,
-    color_bar,
-    nice_number,
-    prefixed,
-    save,
-    styled_figure,
-    tidy,
-    writable,
-    written,
-)
-
-__all__ = ["animate_motion", "plot_scene"]
-
-Array = NDArray[np.float64]
-AnyScene = Scene | SceneInSpace
+from .scene import Scene
 
 #: Shown deflection relative to the body, at the instant of the largest one
 _SHOWN_DEFLECTION = 0.1
@@ -72,27 +52,23 @@ def plot_scene(
     Args:
         problem: Bodies and mechanism.
         evaluation: Result of `Problem.value` or `Problem.gradient` at the design.
-        path: File to write, .png, .pdf or .svg.
         time: Instant [s]; by default that of the largest strain energy.
         color: What the colour of the cells tells: ``"density"`` or ``"energy"`` (strain energy
             density relative to its largest value at this instant).
         deformation_scale: Factor by which the deformation is magnified; by default a round number
             that makes it visible with ``"energy"``, and 1 with ``"density"``.
+        path: File to write.
         title: Heading.
 
-    Returns:
-        The path. The function is collective; rank 0 writes.
-
     Raises:
-        ValueError: On every rank, if the colour or the kind of file is not known, or the time lies
-            outside the simulation.
+        ValueError: On every rank, if the colour is not known, or the time outside the simulation.
     """
-    path = writable(path, KINDS, title)
+    path = style.writable(path, title)
     _check("plot_scene", problem, evaluation, deformation_scale)
     validation.choice("plot_scene: color", color, ("density", "energy"))
     if time is not None:
         time = validation.number("plot_scene: time", time, unit="s")
-    trajectory = evaluation.motion
+    trajectory = evaluation.trajectory
     energy = sum(trajectory.strain_energy(name) for name in problem.flexible)
     if time is None:
         step = int(np.argmax(energy))
@@ -103,31 +79,28 @@ def plot_scene(
             f"plot_scene: time = {time} s lies outside the simulation, which runs from "
             f"{trajectory.t[0]:g} to {trajectory.t[-1]:g} s"
         )
-    steps = np.array([step])
-    scene = _gathered(problem, evaluation, steps, energy=color == "energy")
+    scene = Scene.gather(problem, evaluation, np.array([step]), energy=color == "energy")
     if deformation_scale is None and color == "density":
         deformation_scale = 1.0
 
     def draw(file: Path) -> None:
         scale = deformation_scale or _visible_scale(scene)
         width, tall = 9.0, _height_of_view(scene, scale, 8.8)
-        height = tall + 0.75
-        with styled_figure(width, height) as figure:
-            axes = figure.add_axes((0.1 / width, 0.1 / height, 8.8 / width, tall / height))
+        with style.styled_figure(width, tall + 0.75, file) as figure:
             if color == "energy":
-                norm, top = _energy_norm(scene)
+                colors, top = _energy_colors(scene)
                 _add_color_bar(figure, top)
-                view = _view(axes, scene, scale, _energy, GLOW, norm, labels=True)
             else:
                 # shaded bodies in space must not be black
-                norm = Normalize(-0.15, 2.5 if isinstance(scene, SceneInSpace) else 1.15)
-                view = _view(axes, scene, scale, _density, "gray_r", norm, labels=True)
+                norm = Normalize(-0.15, 2.5 if scene.dimension == 3 else 1.15)
+                colors = ScalarMappable(norm, "gray_r")
+            axes = style.axes_at(figure, 0.1, 0.1, 8.8, tall)
+            view = _view(scene)(axes, scene, scale, colors, labels=True)
             view.show(0)
             view.close()
             _write(figure, _heading(title, scale), f"t = {scene.times[0]:.3f} s")
-            save(figure, file)
 
-    return written(_comm(problem), path, draw)
+    return style.written(_comm(problem), path, draw)
 
 
 def _check(
@@ -166,89 +139,78 @@ def animate_motion(
         frames_per_second: Of the film.
         title: Heading.
 
-    Returns:
-        The path. The function is collective; rank 0 writes.
-
     Raises:
-        ValueError: On every rank, if a number or the kind of file is out of range, or ffmpeg is
-            not there for .mp4.
+        ValueError: On every rank, if a number is out of range, or ffmpeg is not there for .mp4.
     """
-    path = writable(path, (".gif", ".mp4"), title)
+    path = check_film(path, title)
+    _check("animate_motion", problem, evaluation, deformation_scale)
+    frames = validation.integer("animate_motion: frames", frames, least=2)
+    rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
+    trajectory = evaluation.trajectory
+    t = trajectory.t
+    # Few instants, and at unlike distances.
+    if trajectory.integrator.stages > 1 and trajectory.follows_turns:
+        t = np.linspace(t[0], t[-1], BETWEEN * (frames - 1) + 1)
+        ((name, case),) = evaluation.load_cases.items()
+        even = replace(case, trajectory=trajectory.at(t))
+        evaluation = replace(evaluation, load_cases={name: even})
+    wanted = np.interp(np.linspace(t[0], t[-1], frames), t, np.arange(t.size))
+    steps = np.unique(np.round(wanted).astype(np.int64))
+    scene = Scene.gather(problem, evaluation, steps, energy=True)
+
+    def draw(file: Path) -> None:
+        write_film(_film(scene, list(problem.flexible), deformation_scale, title), file, rate)
+
+    return style.written(_comm(problem), path, draw)
+
+
+def check_film(path: str | Path, title: str) -> Path:
+    """The path of a film that can be written; a ValueError on every rank for another one."""
+    path = style.writable(path, title, (".gif", ".mp4"))
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise ValueError(
             f"picture {str(path)!r}: .mp4 needs the program ffmpeg, which is not there; install it "
             "(apt-get install ffmpeg) or end the name in .gif"
         )
-    _check("animate_motion", problem, evaluation, deformation_scale)
-    frames = validation.integer("animate_motion: frames", frames, least=2)
-    rate = validation.number("animate_motion: frames_per_second", frames_per_second, above=0.0)
-    trajectory = evaluation.motion
-    t = trajectory.t
-    in_plane = trajectory.model.dimension == 2
-    if in_plane and trajectory.integrator.stages > 1:  # few of them, and of unlike lengths
-        t = np.linspace(t[0], t[-1], BETWEEN * (frames - 1) + 1)
-        ((name, motion),) = evaluation.motions.items()
-        even = replace(motion, trajectory=trajectory.at(t))
-        evaluation = replace(evaluation, motions={name: even})
-    wanted = np.interp(np.linspace(t[0], t[-1], frames), t, np.arange(t.size))
-    steps = np.unique(np.round(wanted).astype(np.int64))
-    scene = _gathered(problem, evaluation, steps, energy=True)
-
-    def draw(file: Path) -> None:
-        pictures = _film(scene, list(problem.flexible), deformation_scale, title)
-        if file.suffix.lower() == ".gif":
-            _write_gif(pictures, file, rate)
-        else:
-            _write_mp4(pictures, file, rate)
-
-    return written(_comm(problem), path, draw)
+    return path
 
 
-# ---------------------------------------------------------------------- frames
+def write_film(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> None:
+    """Write pictures (height, width, 3) as a film of so many a second."""
+    (_write_gif if path.suffix.lower() == ".gif" else _write_mp4)(pictures, path, rate)
 
 
-def _gathered(
-    problem: Problem, evaluation: Evaluation, steps: NDArray[np.int64], *, energy: bool
-) -> AnyScene:
-    """The scene in the plane or in space; collective."""
-    if evaluation.motion.model.dimension == 3:
-        return SceneInSpace.gather(problem, problem.mechanism, evaluation, steps, energy=energy)
-    return Scene.gather(problem, evaluation, steps, energy=energy)
-
-
-def _view(axes: Axes, scene: AnyScene, *how: Any, **options: Any) -> MechanismView | ViewOfSpace:
-    """The picture of a scene in axes."""
-    if isinstance(scene, SceneInSpace):
-        return ViewOfSpace(axes, scene, *how, **options)
-    return MechanismView(axes, scene, *how, **options)
+def _view(scene: Scene) -> type[MechanismView]:
+    """The class that draws scenes in the plane or in space."""
+    return MechanismView if scene.dimension == 2 else MechanismInSpace
 
 
 def _film(
-    scene: AnyScene, flexible: list[str], scale: float | None, title: str
+    scene: Scene, flexible: list[str], scale: float | None, title: str
 ) -> list[NDArray[np.uint8]]:
     """The pictures, each of shape (height, width, 3)."""
     scale = scale or _visible_scale(scene)
     width, tall, head, foot = 9.0, _height_of_view(scene, scale, 8.8), 0.75, 1.45
     height = round(100 * (head + tall + foot)) // 2 * 2 / 100  # even, as films want it
-    with styled_figure(width, height, dpi=100.0) as figure:
-        axes = figure.add_axes((0.1 / width, foot / height, 8.8 / width, tall / height))
-        norm, top = _energy_norm(scene)
-        view = _view(axes, scene, scale, _energy, GLOW, norm)
+    with style.styled_figure(width, height, dpi=100.0) as figure:
+        axes = style.axes_at(figure, 0.1, foot, 8.8, tall)
+        colors, top = _energy_colors(scene)
+        view = _view(scene)(axes, scene, scale, colors)
         stamp = _write(figure, _heading(title, scale), "")
         _add_color_bar(figure, top)
-        below = figure.add_axes((0.6 / width, 0.5 / height, 8.15 / width, 0.75 / height))
+        below = style.axes_at(figure, 0.6, 0.5, 8.15, 0.75)
         t = scene.trajectory.t
         total = np.sum([scene.trajectory.strain_energy(name) for name in flexible], axis=0)
-        unit, factor = prefixed(float(np.max(total)), "J")
-        below.plot(t, total * factor, color=BLUE, linewidth=1.2)
+        unit, factor = style.prefixed(float(np.max(total)), "J")
+        below.plot(t, total * factor, color=style.BLUE, linewidth=1.2)
         below.set_xlim(t[0], t[-1])
         below.set_ylim(0.0, max(1.12 * float(np.max(total)) * factor, 1e-300))
         below.set_xlabel("time [s]", labelpad=1.0)
         below.set_title(f"strain energy [{unit}]", loc="left", fontsize=9.5, pad=4.0)
         below.locator_params(axis="y", nbins=3)
-        tidy(below)
-        (line,) = below.plot([], [], color=GRAY, linewidth=0.8)
-        (dot,) = below.plot([], [], "o", color=RED, markersize=6.0, clip_on=False)
+        style.tidy(below)
+        (line,) = below.plot([], [], color=style.GRAY, linewidth=0.8)
+        (dot,) = below.plot([], [], "o", color=style.RED, markersize=6.0, clip_on=False)
         moving = [*view.moving, stamp, line, dot]
         for artist in moving:
             artist.set_animated(True)
@@ -273,40 +235,32 @@ def _film(
     return pictures
 
 
-def _energy(body: DrawnBody | BodyInSpace, instant: int) -> Array:
-    return body.energy[instant]
-
-
-def _density(body: DrawnBody | BodyInSpace, instant: int) -> Array:
-    return body.density
-
-
-def _energy_norm(scene: AnyScene) -> tuple[Normalize, float]:
+def _energy_colors(scene: Scene) -> tuple[ScalarMappable, float]:
     """The colour scale, and the largest strain energy density that is drawn [J/m^3]."""
     drawn = [body.energy[:, body.density >= VOID] for body in scene.bodies.values()]
     top = float(max((np.max(energy, initial=0.0) for energy in drawn), default=0.0))
-    return PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), top
+    return ScalarMappable(PowerNorm(0.5, 0.0, top if top > 0.0 else 1.0), style.GLOW), top
 
 
-def _visible_scale(scene: AnyScene) -> float:
+def _visible_scale(scene: Scene) -> float:
     """A round magnification that makes the largest deflection visible."""
-    instants = range(len(scene.steps))
-    largest = max(
-        (body.deflection(i) for body in scene.bodies.values() for i in instants), default=0.0
-    )
+    instants, bodies = range(len(scene.steps)), scene.bodies.values()
+    largest = max((body.deflection(i) for body in bodies for i in instants), default=0.0)
     if largest <= 1e-12 * scene.size():
         return 1.0
-    return max(nice_number(_SHOWN_DEFLECTION * scene.size() / largest), 1.0)
+    return max(style.nice_number(_SHOWN_DEFLECTION * scene.size() / largest), 1.0)
 
 
-def _height_of_view(scene: AnyScene, scale: float, width: float) -> float:
+def _height_of_view(scene: Scene, scale: float, width: float) -> float:
     """The height [inches] of axes of a width that fit all that is drawn."""
-    if isinstance(scene, SceneInSpace):
-        return float(np.clip(width * Rendering.shape_of(scene.seen(scale)), 1.0, 7.0))
-    low, high = scene.box(scale)
-    margin = 2.0 * 3.2 * 0.018 * float(np.max(high - low))
-    size = high - low + margin
-    return float(np.clip(width * size[1] / size[0], 1.0, 7.0))
+    seen = scene.seen(scale)
+    if scene.dimension == 3:
+        shape = Rendering.shape_of(seen)
+    else:
+        extent = np.ptp(seen, axis=0)
+        extent = extent + 2.0 * 3.2 * 0.018 * float(np.max(extent))  # margins of MechanismView
+        shape = extent[1] / extent[0]
+    return float(np.clip(width * shape, 1.0, 7.0))
 
 
 def _heading(title: str, scale: float) -> str:
@@ -316,49 +270,33 @@ def _heading(title: str, scale: float) -> str:
 
 def _write(figure: Figure, heading: str, stamp: str) -> Any:
     width, height = figure.get_size_inches()
-    figure.text(0.2 / width, 1.0 - 0.28 / height, heading, va="center", fontsize=11)
-    return figure.text(
-        0.2 / width, 1.0 - 0.56 / height, stamp, va="center", fontsize=11, family="monospace"
-    )
+    look = {"va": "center", "fontsize": 11}
+    figure.text(0.2 / width, 1.0 - 0.28 / height, heading, **look)
+    return figure.text(0.2 / width, 1.0 - 0.56 / height, stamp, family="monospace", **look)
 
 
 def _add_color_bar(figure: Figure, top: float) -> None:
-    unit, factor = prefixed(top, "J/m³")
-    color_bar(
-        figure,
-        ScalarMappable(PowerNorm(0.5, 0.0, 1.0), GLOW),
-        f"strain energy density / {top * factor:.3g} {unit}",
-        (0.645, 0.965, 0.46),
-        ticks=[0.0, 0.05, 0.2, 0.5, 1.0],
-        format="{x:g}",
-    )
-
-
-# ---------------------------------------------------------------------- files
+    unit, factor = style.prefixed(top, "J/m³")
+    colors = ScalarMappable(PowerNorm(0.5, 0.0, 1.0), style.GLOW)
+    label = f"strain energy density / {top * factor:.3g} {unit}"
+    how: dict[str, Any] = {"ticks": [0.0, 0.05, 0.2, 0.5, 1.0], "format": "{x:g}"}
+    style.color_bar(figure, colors, label, (0.645, 0.965, 0.46), **how)
 
 
 def _write_gif(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> None:
-    """Write an animated GIF with one palette, so that what stands still does not flicker."""
+    """Write an animated GIF with one palette, so that resting parts do not flicker."""
     chosen = Image.fromarray(np.vstack(pictures[:: max(1, len(pictures) // 8)]))
     common = chosen.quantize(96, method=Image.Quantize.MEDIANCUT).getpalette() or []
-    glow = np.round(255.0 * GLOW(np.linspace(0.0, 1.0, 120))[:, :3]).astype(int)
+    glow = np.round(255.0 * style.GLOW(np.linspace(0.0, 1.0, 120))[:, :3]).astype(int)
     grays = np.repeat(np.round(np.linspace(0, 255, 40)).astype(int), 3)
     nearly_white = np.min(np.reshape(common, (-1, 3)), axis=1) > 240
     common = np.where(nearly_white[:, None], 255, np.reshape(common, (-1, 3)))[:96]
     palette = Image.new("P", (1, 1))
     palette.putpalette([*grays, *glow.ravel(), *common.ravel()])
-    images = [
-        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
-        for picture in pictures
-    ]
-    images[0].save(
-        path,
-        save_all=True,
-        append_images=images[1:],
-        duration=max(20, round(1000.0 / rate)),
-        loop=0,
-        optimize=False,
-    )
+    flat: dict[str, Any] = {"palette": palette, "dither": Image.Dither.NONE}
+    images = [Image.fromarray(picture).quantize(**flat) for picture in pictures]
+    how: dict[str, Any] = {"append_images": images[1:], "loop": 0, "optimize": False}
+    images[0].save(path, save_all=True, duration=max(20, round(1000.0 / rate)), **how)
 
 
 def _write_mp4(pictures: list[NDArray[np.uint8]], path: Path, rate: float) -> None:

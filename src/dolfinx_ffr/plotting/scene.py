@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: MIT
-"""What there is to be drawn of a mechanism at chosen instants, gathered on rank 0."""
+"""The parts of a mechanism at chosen instants, ready to be drawn, in d = 2 or 3 dimensions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..body import BodyMarker
 from ..dynamics import Trajectory
-from ..mechanism import BodyPoint, Joint, Marker, Mechanism, Moving
+from ..fem import Domain, GatheredMesh
+from ..mechanism import Ground, Marker, Mechanism, Moving
 from ..problem import Evaluation, Problem
-from .drawn_mesh import DrawnMesh
-
-__all__ = ["Arm", "DrawnBody", "Scene"]
-
-Array = NDArray[np.float64]
+from .drawn_mesh import Array, DrawnMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,33 +27,38 @@ class DrawnBody:
     where they are, and the picture does not depend on the choice of the floating frame.
     """
 
-    name: str  #: Name of the body
-    drawn: DrawnMesh | None  #: Its mesh; None for a body given by its integrals alone
-    reference: Array  #: (points, 2) undeformed points in the body's frame [m]
-    shapes: Array  #: (points, 2, r) their shape functions
+    name: str
+    mesh: DrawnMesh | GatheredMesh | None  #: None for a body given by its integrals alone
+    reference: Array  #: (points, d) undeformed points in the body's frame [m]
+    shapes: Array  #: (points, d, r) shape functions at the points
     markers: Mapping[str, BodyMarker]  #: Markers in the body's frame
-    held: Sequence[str]  #: Markers at which joints sit
-    welded: bool  #: Whether its only joint is a weld
-    rigid: Array  #: (instants, 3) position and angle of the frame [m, m, rad]
+    jointed: Sequence[str]  #: Names of the markers at which joints sit
+    welded: bool  #: Whether all of its joints are welds
+    position: Array  #: (instants, d) of the frame [m]
+    rotation: Array  #: (instants, d, d) of the frame
     elastic: Array  #: (instants, r) elastic coordinates
-    density: Array  #: (cells,) density of the cells
+    density: Array  #: (cells,)
     energy: Array  #: (instants, cells) strain energy density [J/m^3]; no columns if not asked for
 
     def points(self, instant: int, magnification: float = 1.0) -> Array:
-        """Where the points are drawn, shape (points, 2) [m]."""
-        return self._moved(
-            self.reference, self.shapes @ self.elastic[instant], instant, magnification
-        )
+        """Where the points are drawn, shape (points, d) [m]."""
+        displacement = self.shapes @ self.elastic[instant]
+        return self._moved(self.reference, displacement, instant, magnification)
 
     def marker(self, name: str, instant: int, magnification: float = 1.0) -> Array:
-        """Where a marker is drawn, shape (2,) [m]."""
+        """Where a marker is drawn, shape (d,) [m]."""
         marker = self.markers[name]
-        displacement = marker.displacement @ self.elastic[instant]
-        return self._moved(marker.position[None], displacement[None], instant, magnification)[0]
+        displacement = (marker.displacement @ self.elastic[instant])[None]
+        return self._moved(marker.position[None], displacement, instant, magnification)[0]
 
-    def marker_angle(self, name: str, instant: int) -> float:
-        """The angle of a marker's axes [rad]."""
-        return float(self.rigid[instant, 2] + self.markers[name].rotation @ self.elastic[instant])
+    def axes(self, name: str, instant: int) -> Array:
+        """The axes of a marker as columns, shape (d, d)."""
+        turn = self.markers[name].rotation @ self.elastic[instant]
+        return np.asarray(self.rotation[instant] @ _rotation(turn))
+
+    def shades(self, instant: int) -> Array:
+        """What the colours of the cells tell, (cells,): the energy if asked for, or the density."""
+        return self.energy[instant] if self.energy.shape[1] else self.density
 
     def deflection(self, instant: int) -> float:
         """The largest distance of a point from the undeformed body [m]."""
@@ -62,134 +66,119 @@ class DrawnBody:
         away = deformed - self._undeformed(self.reference, instant)
         return float(np.max(np.linalg.norm(away, axis=1), initial=0.0))
 
-    def _undeformed(self, reference: Array, instant: int) -> Array:
+    def _undeformed(self, points: Array, instant: int) -> Array:
         """Lay points of the undeformed body through the joints, in the body's frame."""
+        jointed = [self.markers[name] for name in self.jointed]
+        if not jointed:
+            return points
         q = self.elastic[instant]
-        held = [self.markers[name] for name in self.held]
-        if not held:
-            return reference
-        before = np.array([marker.position for marker in held])
-        after = before + np.array([marker.displacement @ q for marker in held])
+        before = np.array([marker.position for marker in jointed])
+        after = before + np.array([marker.displacement @ q for marker in jointed])
         middle, target = before.mean(axis=0), after.mean(axis=0)
-        # turn and stretch: two joints then stay exactly where they are
-        a, b = _complex(before - middle), _complex(after - target)
-        weight = float(np.sum(np.abs(a) ** 2))
-        turn = complex(np.sum(b * a.conj())) / weight if weight > 0.0 else 1.0 + 0.0j
-        if len(held) == 1 and self.welded:
-            turn = np.exp(1j * float(held[0].rotation @ q))
-        laid = turn * _complex(reference - middle)
-        return target + np.column_stack([laid.real, laid.imag])
+        if len(jointed) == 1 and (self.welded or len(middle) == 3):
+            turn = _rotation(jointed[0].rotation @ q)
+        else:
+            turn = _similarity(before - middle, after - target)
+        return np.asarray(target + (points - middle) @ turn.T)
 
-    def _moved(
-        self, reference: Array, displacement: Array, instant: int, magnification: float
-    ) -> Array:
-        base = self._undeformed(reference, instant)
-        local = base + magnification * (reference + displacement - base)
-        x, y, angle = self.rigid[instant]
-        return np.array([x, y]) + local @ _rotation(angle).T
+    def _moved(self, points: Array, displacement: Array, instant: int, scale: float) -> Array:
+        base = self._undeformed(points, instant)
+        local = base + scale * (points + displacement - base)
+        return np.asarray(self.position[instant] + local @ self.rotation[instant].T)
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
     """A prescribed crank: a marker that moves on a circle."""
 
-    center: Array  #: (2,) centre of the circle [m]
-    radius: float  #: [m]
-    name: str  #: Name of the marker
+    center: Array  #: (d,) of the circle [m]
+    ring: Array  #: (points, d) along the circle [m]
+    marker: Moving
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The parts of a mechanism at chosen instants; meshes and fields are on rank 0 only."""
 
-    mechanism: Mechanism  #: Joints and point masses
+    mechanism: Mechanism
     trajectory: Trajectory  #: The whole motion
-    steps: NDArray[np.int64]  #: (instants,) time steps drawn
-    times: Array  #: (instants,) their times [s]
-    bodies: dict[str, DrawnBody]  #: By name
-    arms: dict[int, Arm]  #: By number of the joint: the crank that drives it
+    steps: NDArray[np.int64]  #: (instants,) time steps that are drawn
+    times: Array  #: (instants,) [s]
+    bodies: dict[str, DrawnBody]
+    arms: dict[int, Arm]  #: By number of the joint that the crank drives
 
     @staticmethod
     def gather(
         problem: Problem, evaluation: Evaluation, steps: NDArray[np.int64], *, energy: bool
     ) -> Scene:
-        """Gather the bodies of an evaluation; collective.
-
-        Args:
-            problem: Bodies and mechanism.
-            evaluation: Trajectory and shape functions at one design.
-            steps: Time steps to be drawn.
-            energy: Whether to compute the strain energy density of the cells.
-        """
-        mechanism, trajectory = problem.mechanism, evaluation.motion
+        """Gather the bodies at some time steps, with strain energies if asked for; collective."""
+        mechanism, trajectory = problem.mechanism, evaluation.trajectory
         bodies = {}
         for name, integrals in trajectory.model.bodies.items():
-            own = [joint for joint in mechanism.joints if name in _bodies_of(joint)]
-            held = dict.fromkeys(
-                marker[1]
-                for joint in own
-                for marker in joint.markers
-                if isinstance(marker, tuple) and marker[0] == name
-            )
+            held = [(joint, marker) for joint in mechanism.joints for marker in joint.markers]
+            own = [(j, m[1]) for j, m in held if isinstance(m, tuple) and m[0] == name]
             elastic = trajectory.elastic(name)[steps]
-            drawn, density = None, np.zeros(0)
-            fields = np.zeros((len(steps), 0))  # a body without cells
-            markers = list(integrals.markers.values())
-            points, motion = (
-                np.zeros((len(markers), 2)),
-                np.zeros((len(markers), 2, integrals.modes)),
-            )
-            for k, point in enumerate(markers):
-                points[k], motion[k] = point.position, point.displacement
+            mesh, density, fields = None, np.zeros(0), np.zeros((len(steps), 0))
+            markers, d = integrals.markers, trajectory.model.dimension
+            points = np.array([m.position for m in markers.values()]).reshape(-1, d)
+            shapes = np.array([m.displacement for m in markers.values()])
+            shapes = shapes.reshape(len(markers), d, integrals.modes)
             if name in problem.flexible:
                 body, reduced = problem.flexible[name], evaluation.bodies[name]
-                drawn = DrawnMesh.of(body.domain)
-                points = drawn.points - body.reduction.origin
-                motion = drawn.displacements(reduced.basis.shapes)
-                density = drawn.cell_values(reduced.density)
+                mesh = gathered_mesh(body.domain)
+                points = mesh.points - body.reduction.origin
+                shapes = mesh.displacements(reduced.basis.shapes)
+                density = mesh.cell_values(reduced.density)
                 if energy:
                     volume = body.domain.cell_volumes * body.material.thickness
-                    local = [
-                        body.elasticity.strain_energy(reduced.density, reduced.basis.shapes @ q)
-                        for q in elastic
-                    ]
-                    fields = drawn.cell_values((np.array(local) / volume).T).T
+                    energy_of = partial(body.elasticity.strain_energy, reduced.density)
+                    local = [energy_of(reduced.basis.shapes @ q) for q in elastic]
+                    fields = mesh.cell_values((np.array(local) / volume).T).T
             bodies[name] = DrawnBody(
                 name=name,
-                drawn=drawn,
+                mesh=mesh,
                 reference=points,
-                shapes=motion,
-                markers=integrals.markers,
-                held=list(held),
-                welded=all(joint.rigid for joint in own),
-                rigid=trajectory.rigid(name)[steps],
+                shapes=shapes,
+                markers=markers,
+                jointed=list(dict.fromkeys(marker for _, marker in own)),
+                welded=all(joint.rigid for joint, _ in own),
+                position=trajectory.rigid(name)[steps, :d],
+                rotation=trajectory.rotation(name)[steps],
                 elastic=elastic,
                 density=density,
                 energy=fields,
             )
         arms = {}
         for i, joint in enumerate(mechanism.joints):
-            for marker in joint.markers:
-                arm = _arm(marker, trajectory.t) if isinstance(marker, Moving) else None
-                if arm is not None:
+            for marker in (m for m in joint.markers if isinstance(m, Moving)):
+                if (arm := _arm(marker, trajectory)) is not None:
                     arms[i] = arm
         return Scene(mechanism, trajectory, steps, trajectory.t[steps], bodies, arms)
 
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.trajectory.model.dimension
+
     def position(self, marker: Marker, instant: int, magnification: float = 1.0) -> Array:
-        """Where a marker is drawn, shape (2,) [m]."""
+        """Where a marker is drawn, shape (d,) [m]."""
         if isinstance(marker, tuple):
             return self.bodies[marker[0]].marker(marker[1], instant, magnification)
-        at = self.times[instant : instant + 1]
-        return np.array([motion.tabulate(at)[0, 0] for motion in marker.motions[:2]])
+        return self._tabulated(marker, instant)[0]
 
-    def angle(self, marker: Marker, instant: int) -> float:
-        """The angle of a marker's axes [rad]."""
+    def axes(self, marker: Marker, instant: int) -> Array:
+        """The axes of a marker as columns, shape (d, d)."""
         if isinstance(marker, tuple):
-            return self.bodies[marker[0]].marker_angle(marker[1], instant)
-        return float(marker.motions[2].tabulate(self.times[instant : instant + 1])[0, 0])
+            return self.bodies[marker[0]].axes(marker[1], instant)
+        return self._tabulated(marker, instant)[1 : 1 + self.dimension].T
+
+    def _tabulated(self, marker: Ground | Moving, instant: int) -> Array:
+        """Position and axes of a marker that is not on a body, as rows, shape (4, d)."""
+        at = self.times[instant : instant + 1]
+        return np.asarray(marker.tabulate_in_space(at, "picture")[0, 0, :, : self.dimension])
 
     def on_body(self, markers: Sequence[Marker], instant: int, magnification: float = 1.0) -> Array:
-        """Where the first of some markers that is on a body is drawn, shape (2,) [m]."""
+        """Where the first of some markers that is on a body is drawn, shape (d,) [m]."""
         marker = next(m for m in markers if isinstance(m, tuple))
         return self.position(marker, instant, magnification)
 
@@ -198,46 +187,74 @@ class Scene:
         extents = [np.ptp(body.reference, axis=0) for body in self.bodies.values()]
         return float(max((np.max(extent) for extent in extents), default=1.0)) or 1.0
 
-    def box(self, magnification: float) -> Array:
-        """Lower and upper corner of all that is drawn, shape (2, 2) [m]."""
-        corners = []
+    def seen(self, magnification: float) -> Array:
+        """Points that reach as far as all that is drawn at all instants, shape (n, d) [m]."""
+        parts = [arm.ring for arm in self.arms.values()]
         for body in self.bodies.values():
             for i in range(len(self.steps)):
                 points = body.points(i, magnification)
-                corners += [points.min(axis=0), points.max(axis=0)]
-        for arm in self.arms.values():
-            corners += [arm.center - arm.radius, arm.center + arm.radius]
+                if self.dimension == 2:
+                    parts.append(np.array([points.min(axis=0), points.max(axis=0)]))
+                else:
+                    parts.append(points[:: max(1, len(points) // 500)])
         # What has no symbol acts on angles alone: its place on the ground means nothing.
         connections = (*self.mechanism.joints, *self.mechanism.forces)
-        places = [m for part in connections for symbol in part.symbols for m in symbol.markers]
-        corners += [self.position(m, 0) for m in places if not isinstance(m, tuple | Moving)]
-        return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+        drawn = [m for part in connections for symbol in part.symbols for m in symbol.markers]
+        parts += [self.position(m, 0)[None] for m in drawn if isinstance(m, Ground)]
+        return np.concatenate(parts)
 
 
-def _bodies_of(joint: Joint) -> list[str]:
-    points: list[BodyPoint] = [m for m in joint.markers if isinstance(m, tuple)]
-    return [name for name, _ in points]
+def gathered_mesh(domain: Domain) -> DrawnMesh | GatheredMesh:
+    """The mesh of a body in the plane or in space, gathered on rank 0; collective."""
+    return GatheredMesh.of(domain) if domain.dimension == 3 else DrawnMesh.of(domain)
 
 
-def _complex(vectors: Array) -> NDArray[np.complex128]:
-    return vectors[:, 0] + 1j * vectors[:, 1]
+def across(n: Array) -> Array:
+    """A unit vector perpendicular to the unit vector ``n``, shape (3,)."""
+    e = np.eye(3)[int(np.argmin(np.abs(n)))]
+    e = e - (e @ n) * n
+    return np.asarray(e / np.linalg.norm(e))
 
 
-def _rotation(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
+def _rotation(turn: Array) -> Array:
+    """The matrix of an angle or of a rotation vector, shape (d, d)."""
+    if np.ndim(turn):
+        return np.asarray(Rotation.from_rotvec(turn).as_matrix())
+    c, s = np.cos(turn), np.sin(turn)
     return np.array([[c, -s], [s, c]])
 
 
-def _arm(marker: Moving, times: Array) -> Arm | None:
-    """Find the centre about which a marker turns together with its axes; None if there is none."""
-    x, y, angle = (motion.tabulate(times)[0] for motion in marker.motions)
-    c, s, one, zero = np.cos(angle), np.sin(angle), np.ones_like(x), np.zeros_like(x)
-    # (x, y) = centre + rotation(angle) e
-    matrix = np.vstack([np.column_stack([one, zero, c, -s]), np.column_stack([zero, one, s, c])])
-    path = np.concatenate([x, y])
-    solution, _, rank, _ = np.linalg.lstsq(matrix, path, rcond=1e-9)
-    radius = float(np.hypot(solution[2], solution[3]))
-    misfit = float(np.max(np.abs(matrix @ solution - path)))
-    if rank < 4 or radius == 0.0 or misfit > 1e-6 * radius:
+def _similarity(a: Array, b: Array) -> Array:
+    """The turn and stretch, (d, d), from points to others about their means: two stay exactly."""
+    if a.shape[1] == 2:
+        weight = float(np.sum(a**2))
+        c = np.sum(a * b) / weight if weight > 0.0 else 1.0
+        s = np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / weight if weight > 0.0 else 0.0
+        return np.array([[c, -s], [s, c]])
+    # the smallest turn of the line between the first and the last
+    start, end = a[-1] - a[0], b[-1] - b[0]
+    normal = np.cross(start, end)
+    sine = float(np.linalg.norm(normal))
+    angle = np.arctan2(sine, float(start @ end))
+    turn = _rotation(normal * (angle / sine if sine > 0.0 else 0.0))
+    return np.asarray(np.linalg.norm(end) / (np.linalg.norm(start) or 1.0) * turn)
+
+
+def _arm(marker: Moving, trajectory: Trajectory) -> Arm | None:
+    """The circle on which a marker turns together with its axes; None if there is none."""
+    table = marker.tabulate_in_space(trajectory.t, "picture")[:, 0]
+    path, axes = table[:, 0], table[:, 1:].transpose(0, 2, 1)
+    # path = centre + axes e, but for what both have along the axis of rotation
+    matrix = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), axes], axis=2).reshape(-1, 6)
+    solution, _, rank, _ = np.linalg.lstsq(matrix, path.ravel(), rcond=1e-9)
+    n = axes[0] @ np.array(marker.axis) / np.linalg.norm(marker.axis)
+    center = solution[:3] + ((path[0] - solution[:3]) @ n) * n
+    radius = float(np.linalg.norm(path[0] - center))
+    misfit = float(np.max(np.abs(matrix @ solution - path.ravel())))
+    if rank < 5 or radius == 0.0 or misfit > 1e-6 * radius:
         return None
-    return Arm(solution[:2], radius, marker.name)
+    u = across(n)
+    angles = np.linspace(0.0, 2.0 * np.pi, 181)[:, None]
+    ring = center + radius * (np.cos(angles) * u + np.sin(angles) * np.cross(n, u))
+    d = trajectory.model.dimension
+    return Arm(center[:d], ring[:, :d], marker)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""What all pictures have in common: fonts, colours, figures without a screen, files by rank 0."""
+"""Common to all pictures: fonts, colours, figures without a screen, files by rank 0."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -19,32 +20,14 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from .. import validation
-from ..files import named_in_errors
+from ..files import whole_file
 from ..parallel import on_rank_0
-
-__all__ = [
-    "ACCENTS",
-    "BLUE",
-    "DARK",
-    "GLOW",
-    "GRAY",
-    "KINDS",
-    "LIGHT",
-    "ORANGE",
-    "RED",
-    "color_bar",
-    "nice_number",
-    "prefixed",
-    "save",
-    "styled_figure",
-    "tidy",
-    "writable",
-    "written",
-]
 
 #: Files that matplotlib writes here
 KINDS = (".png", ".pdf", ".svg")
 DARK, GRAY, LIGHT = "#22272e", "#7d8590", "#c9d1d9"
+#: Of bodies without a mesh
+STEEL = "#57606a"
 BLUE, RED, GREEN, ORANGE = "#0b62a4", "#c8352b", "#2b8a4b", "#d9822b"
 #: Told apart by readers with any colour vision, in this order (interfaces, bodies)
 ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
@@ -52,42 +35,34 @@ ACCENTS = (BLUE, ORANGE, GREEN, "#8250df", RED, "#1b9e9e")
 GLOW = LinearSegmentedColormap.from_list(
     "glow", ["#3b5b92", "#5fa8d3", "#a8d8b9", "#ffe28a", "#f79d4c", "#d7301f", "#7a0012"]
 )
+#: Background of what is written over a picture
+LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none"}
 
+#: Where it is not what matplotlib has by default
 _STYLE: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10.0,
     "axes.titlesize": 11.0,
-    "axes.labelsize": 10.0,
     "axes.labelcolor": DARK,
     "axes.edgecolor": GRAY,
-    "axes.linewidth": 0.8,
     "axes.titlecolor": DARK,
-    "axes.grid": False,
-    "axes.facecolor": "white",
-    "figure.facecolor": "white",
     "grid.color": "#e4e8ec",
-    "grid.linewidth": 0.8,
     "legend.frameon": False,
     "legend.fontsize": 9.0,
     "lines.linewidth": 1.8,
-    "savefig.facecolor": "white",
     "text.color": DARK,
     "xtick.color": DARK,
     "ytick.color": DARK,
     "xtick.labelsize": 9.0,
     "ytick.labelsize": 9.0,
-    "mathtext.fontset": "dejavusans",
 }
 
 
 @contextmanager
-def styled_figure(width: float, height: float, *, dpi: float = 150.0) -> Iterator[Figure]:
-    """Give a figure that needs no screen, in the style of the package; settings are put back.
+def styled_figure(
+    width: float, height: float, file: Path | None = None, *, dpi: float = 150.0
+) -> Iterator[Figure]:
+    """Give a figure (inches) without a screen, in the package's style, and write it at the end.
 
-    Args:
-        width: In inches.
-        height: In inches.
-        dpi: Pixels per inch.
+    The settings of matplotlib are put back.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -95,13 +70,43 @@ def styled_figure(width: float, height: float, *, dpi: float = 150.0) -> Iterato
         figure = Figure(figsize=(width, height), dpi=dpi)
         FigureCanvasAgg(figure)
         yield figure
+        if file is not None:
+            save(figure, file)
 
 
-def tidy(axes: Axes, *, grid: bool = True) -> None:
+def axes_at(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """New axes of a figure at a place in inches."""
+    x, y = figure.get_size_inches()
+    return figure.add_axes((left / x, bottom / y, width / x, height / y))
+
+
+def line_of_inches(figure: Figure, bottom: float) -> Axes:
+    """Axes for one line across a figure, in inches from its left end, 0.2 up and down."""
+    width = figure.get_figwidth() - 0.4
+    axes = axes_at(figure, 0.2, bottom, width, 0.4)
+    axes.set(xlim=(0.0, width), ylim=(-0.2, 0.2))
+    axes.set_axis_off()
+    return axes
+
+
+def name_accents(
+    axes: Axes, texts: Iterable[str], at: Sequence[float], size: float, inch: float = 1.0
+) -> None:
+    """Write texts in a row behind strokes of the `ACCENTS`; an inch is so long in the axes."""
+    inch *= size / 10.0
+    x, y = at
+    for text, color in zip(texts, cycle(ACCENTS), strict=False):
+        stroke = {"linewidth": 4.0, "solid_capstyle": "butt", "clip_on": False}
+        axes.plot([x, x + 0.3 * inch], [y, y], color=color, **stroke)
+        axes.text(x + 0.4 * inch, y, text, va="center", fontsize=size, clip_on=False)
+        x += (0.75 + 0.09 * len(text)) * inch
+
+
+def tidy(axes: Axes) -> None:
     """Leave only the left and lower spine of a diagram, with a quiet grid behind the lines."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_axisbelow(True)
-    axes.grid(grid)
+    axes.grid(True)
 
 
 def color_bar(
@@ -127,18 +132,8 @@ def save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=figure.dpi)
 
 
-def writable(path: str | Path, suffixes: tuple[str, ...], title: str = "") -> Path:
-    """The path of a picture, or refuse its kind.
-
-    Args:
-        path: Where to.
-        suffixes: Those that are known.
-        title: Its heading.
-
-    Raises:
-        TypeError: If it is no path, or the title no text.
-        ValueError: If the suffix is not one of ``suffixes``.
-    """
+def writable(path: str | Path, title: str = "", suffixes: tuple[str, ...] = KINDS) -> Path:
+    """The path of a picture, or refuse its kind, and a title that is no text."""
     path = validation.path("picture", path)
     validation.name("picture: title", title)
     if path.suffix.lower() not in suffixes:
@@ -150,22 +145,13 @@ def writable(path: str | Path, suffixes: tuple[str, ...], title: str = "") -> Pa
 
 
 def written(comm: MPI.Comm, path: Path, draw: Callable[[Path], None]) -> Path:
-    """Draw and write a picture on rank 0, while the others wait; an error is raised on all.
-
-    Args:
-        comm: The ranks that make the picture together.
-        path: Where to; missing directories are made.
-        draw: Writes the file, called on rank 0.
-
-    Returns:
-        The path, on every rank.
-    """
+    """Let rank 0 write a picture, and make missing folders; errors are raised on all ranks."""
     validation.instance("picture: comm", comm, MPI.Comm, "an MPI communicator")
 
     def write() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with named_in_errors(path):
-            draw(path)
+        with whole_file(path) as beside:
+            draw(beside)
 
     on_rank_0(comm, write)
     return path

@@ -25,9 +25,7 @@ from ..dynamics import Trajectory
 from ..fem import floating_cells
 from ..parallel import announce
 from ..problem import Evaluation, Problem
-from ..reduction import FlexibleBody, ReducedBasis, ReducedBody
-
-__all__ = ["LocalModes", "LocalModesWarning", "local_modes", "warn_of_local_modes"]
+from ..reduction import FlexibleBody, ReducedBody
 
 Array = NDArray[np.float64]
 
@@ -48,68 +46,53 @@ class LocalModes:
 
     numbers: NDArray[np.int64]  #: (k,) of the modes, counted from 1
     frequencies: Array  #: (k,) [Hz]
-    places: Array  #: (k, 2) centres of their kinetic energy in the mesh's coordinates [m]
-    share: float  #: Of the body's strain energy over all motions that they hold, in [0, 1]
+    places: Array  #: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m]
+    share: float  #: Of the body's strain energy over all load cases that they hold, in [0, 1]
 
 
 def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:
     """The normal modes that move almost nothing but loose and almost void pieces of their body.
 
-    Held are pieces of cells that touch an interface, of at least 0.3 of the mean density (by mass,
-    so that void does not count). A mode is local if more than nine tenths of its kinetic energy
-    are elsewhere.
-
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned, at any time.
-
-    Returns:
-        By name of the flexible bodies, those without local modes too; the same on every rank.
-
-    Raises:
-        ValueError: If nothing was simulated.
+    A mode is local if more than nine tenths of its kinetic energy lie outside the pieces that touch
+    an interface and consist of cells of at least 0.3 of the mean density (by mass, so that void
+    does not count). The ``evaluation`` is what a `value` of the ``problem`` returned, at any time;
+    a ValueError if nothing was simulated. All flexible bodies are in the result, by name.
     """
-    validation.instance("local_modes: problem", problem, Problem, "a Problem")
-    validation.instance("local_modes: evaluation", evaluation, Evaluation, "an Evaluation")
-    evaluation.check_motion()
-    moved = [m.trajectory for m in evaluation.motions.values() if m.trajectory is not None]
-    announce(problem.comm, "local_modes")
+    moved = trajectories_of(problem, evaluation, "local_modes").values()
     found = {}
     for name, body in problem.flexible.items():
-        reduced = evaluation.bodies[name]
-        basis = reduced.basis
-        numbers, places = _local(body, reduced)
-        own, whole = (
-            sum(parts)
-            for parts in zip(
-                *(_energies(each, name, basis, numbers) for each in moved), strict=True
-            )
-        )
-        found[name] = LocalModes(
-            numbers + 1,
-            basis.frequencies[numbers],
-            places,
-            float(own / whole) if whole > 0.0 else 0.0,
-        )
+        basis = evaluation.bodies[name].basis
+        numbers, places = _local(body, evaluation.bodies[name])
+        # normal modes do not share strain energy with each other, nor with constraint modes
+        eigenvalues, columns = basis.eigenvalues[numbers], basis.n_constraint + numbers
+        energies = [(0.5 * m.elastic(name)[:, columns] ** 2 @ eigenvalues, m.t) for m in moved]
+        own = sum(trapezoid(energy, t) for energy, t in energies)
+        whole = sum(trapezoid(m.strain_energy(name), m.t) for m in moved)
+        share = float(own / whole) if whole > 0.0 else 0.0
+        found[name] = LocalModes(numbers + 1, basis.frequencies[numbers], places, share)
     return found
 
 
-def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
-    """Warn of each body with local modes.
+def trajectories_of(problem: Problem, evaluation: Evaluation, call: str) -> dict[str, Trajectory]:
+    """The trajectories of an evaluation by load case, or refuse arguments of a wrong kind."""
+    validation.instance(f"{call}: problem", problem, Problem, "a Problem")
+    validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
+    evaluation.check_simulated()
+    announce(problem.comm, call)
+    load_cases = evaluation.load_cases.items()
+    return {name: m.trajectory for name, m in load_cases if m.trajectory is not None}
 
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned.
-    """
+
+def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
+    """Warn of each body with local modes."""
     for name, local in local_modes(problem, evaluation).items():
         if not len(local.numbers):
             continue
         modes = evaluation.bodies[name].basis.eigenvalues
+        first = zip(local.numbers[:3], local.frequencies, local.places, strict=False)
         listed = ", ".join(
-            f"mode {number} ({frequency:.4g} Hz) near ({x:.4g}, {y:.4g}) m"
-            for number, frequency, (x, y) in zip(
-                local.numbers[:3], local.frequencies, local.places, strict=False
-            )
+            f"mode {number} ({frequency:.4g} Hz) near ({', '.join(f'{x:.4g}' for x in place)}) m"
+            for number, frequency, place in first
         )
         others = ", and others" if len(local.numbers) > 3 else ""
         warnings.warn(
@@ -121,16 +104,6 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
             LocalModesWarning,
             stacklevel=3,
         )
-
-
-def _energies(
-    trajectory: Trajectory, name: str, basis: ReducedBasis, numbers: NDArray[np.int64]
-) -> tuple[float, float]:
-    """Integrals over time of the strain energy of some normal modes, and of the whole body."""
-    q = trajectory.elastic(name)[:, basis.n_constraint + numbers]
-    # normal modes do not share strain energy with each other, nor with constraint modes
-    own = trapezoid(0.5 * q**2 @ basis.eigenvalues[numbers], trajectory.t)
-    return float(own), float(trapezoid(trajectory.strain_energy(name), trajectory.t))
 
 
 def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[NDArray[np.int64], Array]:
@@ -148,4 +121,4 @@ def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[NDArray[np.int64],
         if domain.sum(energy * elsewhere) > MOST * whole:
             numbers.append(i)
             places.append([domain.sum(energy * c) / whole for c in domain.centroids.T])
-    return np.array(numbers, dtype=np.int64), np.reshape(places, (-1, 2))
+    return np.array(numbers, dtype=np.int64), np.reshape(places, (-1, domain.dimension))

@@ -1,16 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What psi loses by the normal modes that are left out, and how many are enough.
+"""The error of psi by truncated normal modes, and the number of modes that an accuracy needs.
 
-With the displacements that the modes left out would add under the loads of the motion
+With the displacements that the truncated modes would add under the loads of the motion
 (`dolfinx_ffr.reduction.with_residual_modes`) psi changes by what is missing. That takes neither
 further normal modes nor another finite-element solution.
-
-- `mode_error` estimates that from an evaluation, for about half the cost of a value: cheap enough
-  for now and then in a design loop, as a design that becomes a truss needs more modes than the full
-  body at its start;
-- `propose_modes` proposes numbers of modes from the same, more or fewer;
-- `select_modes` takes the least numbers and reports the error of each;
-- `modes_below` counts those below a frequency.
 """
 
 from __future__ import annotations
@@ -19,6 +12,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,33 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, TimeStepWarning
-from ..parallel import announce
 from ..problem import Evaluation, Problem
-from ..reduction import (
-    CLUSTER,
-    BodyStress,
-    FlexibleBody,
-    ReducedBasis,
-    ReducedBody,
-    with_residual_modes,
-)
-from .local_modes import warn_of_local_modes
+from ..reduction import CLUSTER, BodyStress, FlexibleBody, ReducedBody, with_residual_modes
+from .local_modes import Array, trajectories_of, warn_of_local_modes
 
-__all__ = [
-    "ModeSelection",
-    "integrals_of",
-    "mode_error",
-    "modes_below",
-    "own_bodies",
-    "propose_modes",
-    "psi_with",
-    "relative_change",
-    "select_modes",
-    "warn_of_stiff_damping",
-    "with_all_residual_modes",
-]
-
-Array = NDArray[np.float64]
 #: Bodies by name, flexible ones with their shape functions.
 Bodies = dict[str, ReducedBody | VolumeIntegrals]
 
@@ -66,19 +37,13 @@ DOUBTFUL = 1e-2
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
     """Estimated relative error of psi by the normal modes that each body leaves out.
 
-    The bodies of the evaluation are used as they are. At the density at which a body was reduced
-    last, the cost is that of a back-substitution and of one simulation with some seven coordinates
-    more, about half that of the value of a body of 4,000 cells with eight modes; at another density
-    its matrices are assembled and factored first. The modes left out count by what they add
-    statically; `model_report` takes a second term of their series.
+    The cost is that of a back-substitution and of one simulation with some seven coordinates more.
+    Where a body has been reduced at another density since, its matrices are assembled and factored
+    first. The modes left out count by what they add statically; `model_report` takes a second term.
 
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned, at any time.
-
-    Returns:
-        By name of the flexible bodies, the change of psi with what the other modes of this body
-        would add, relative to psi; the same on every rank.
+    The ``evaluation`` is what a `value` of the ``problem`` returned, at any time. By name of the
+    flexible bodies, the result is the change of psi with what the other modes of this body would
+    add, relative to psi; the same on every rank.
 
     Warns:
         TimeStepWarning: If shorter steps take half of an error or more away: of a body with much
@@ -88,7 +53,8 @@ def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
         ValueError: If nothing was simulated.
         SimulationError: If the motion with more modes cannot be computed.
     """
-    whole = _checked(problem, evaluation, "mode_error", terms=1)
+    trajectories_of(problem, evaluation, "mode_error")
+    whole = with_all_residual_modes(problem, evaluation, terms=1)
     own, found = own_bodies(problem, evaluation), {}
     for name in problem.flexible:
         bodies = {**own, name: whole[name]}
@@ -104,54 +70,48 @@ def propose_modes(
 
     If the present ones are enough, the least number of them that holds the tolerance is sought by
     bisection. If not, bisection tells which of the residual modes must be there, and all normal
-    modes up to its frequency are counted: they include those that do not matter, but which a solver
-    for the lowest ones finds first. More than the proposed number may be needed where the residual
-    modes stand for many; `mode_error` tells at the next evaluation. A number within the present
-    ones does not cut a cluster of frequencies. It goes to `Problem.with_modes`.
+    modes up to its frequency are counted. More than the proposed number may be needed where the
+    residual modes stand for many; `mode_error` tells at the next evaluation. A number within the
+    present ones does not cut a cluster of frequencies. It goes to `Problem.with_modes`.
 
     Args:
         problem: The scene.
         evaluation: What its `value` returned, at any time.
         tolerance: Relative error of psi that is allowed for each body.
 
-    Returns:
-        By name of the flexible bodies.
-
     Warns:
         LocalModesWarning: If some of the present modes shake nothing but pieces that no material
             holds, and take the places of others.
 
     Raises:
-        ValueError: If nothing was simulated, or the tolerance is out of range.
+        ValueError: If nothing was simulated.
         SimulationError: If the motion with another number of modes cannot be computed.
         RuntimeError: On every rank, if modes cannot be counted.
     """
     tolerance = validation.number("propose_modes: tolerance", tolerance, above=0.0)
-    whole = _checked(problem, evaluation, "propose_modes", terms=2)
+    trajectories_of(problem, evaluation, "propose_modes")
+    whole = with_all_residual_modes(problem, evaluation)
     own = own_bodies(problem, evaluation)
     warn_of_local_modes(problem, evaluation)
     proposed = {}
     for name, body in problem.flexible.items():
         reduced = evaluation.bodies[name]
         basis, residual = reduced.basis, integrals_of(whole[name])
-        exact = psi_with(problem, evaluation, {**own, name: whole[name]})
+        bodies, kept = {**own, name: whole[name]}, len(basis.eigenvalues)
+        psi = psi_with(problem, evaluation, bodies)
+        error = partial(_error, problem, evaluation, bodies, name, psi)
 
-        def holds(number: int, name: str = name, exact: float = exact) -> bool:
-            shorter = whole[name].leading(evaluation.bodies[name].basis.n_constraint + number)
-            if integrals_of(shorter).modes == 0:  # a flexible body without any shape function
-                return False
+        def holds(number: int, error: Callable[[int], float] = error) -> bool:
             try:
-                psi = psi_with(problem, evaluation, {**own, name: shorter})
+                return error(number) <= tolerance
             except SimulationError:  # as of a torn design with too few
                 return False
-            return relative_change(psi, exact) <= tolerance
 
-        number = _least(holds, residual.modes - basis.n_constraint, len(basis.eigenvalues))
-        kept = len(basis.eigenvalues)
+        number = _least(holds, residual.modes - basis.n_constraint, kept)
         if number <= kept:
-            uncut = np.flatnonzero(_uncut(basis))
             # the present number may itself cut a cluster, of which reduction warns
-            proposed[name] = int(uncut[uncut >= number][0]) if np.any(uncut >= number) else kept
+            uncut = [n for n in _uncut(reduced) if n >= number]
+            proposed[name] = int(uncut[0]) if uncut else kept
         else:
             at = basis.n_constraint + number - 1
             square = residual.K[at, at]
@@ -162,7 +122,7 @@ def propose_modes(
 
 @dataclass(frozen=True)
 class ModeSelection:
-    """Numbers of normal modes, and estimates of what the others would add."""
+    """Numbers of normal modes, and estimates of the error by the truncated ones."""
 
     modes: dict[str, int]  #: Chosen numbers of normal modes, by name of the body
     #: By name of the body, estimated relative error of psi with 0, 1, 2, ... and all its modes
@@ -178,18 +138,12 @@ def select_modes(
 ) -> ModeSelection:
     """The least numbers of normal modes that an accuracy of psi needs.
 
-    Shape functions are computed once, as many as the problem has; simulations with fewer of them
+    Shape functions are computed once, as many as the ``problem`` has (16, say; a ValueError if even
+    they are too few), at densities ``x``, by default of full bodies. Simulations with fewer of them
     are compared with one that has them all, and residual modes for those that not even the problem
-    has. A number that would cut through a cluster of frequencies is passed over. Choose once, for
-    example at the full bodies, and keep the numbers while designing: `Problem.with_modes`.
-
-    Args:
-        problem: The scene, with as many modes as may be needed (16, say).
-        x: Densities, by default those of the full bodies.
-        tolerance: Relative error of psi that is allowed for each body.
-
-    Raises:
-        ValueError: If all modes of the problem together are too few for the tolerance.
+    has. The ``tolerance`` is the relative error of psi that is allowed for each body. A number that
+    would cut through a cluster of frequencies is passed over. Choose once, and keep the numbers
+    while designing: `Problem.with_modes`.
     """
     validation.instance("select_modes: problem", problem, Problem, "a Problem")
     validation.number("select_modes: tolerance", tolerance, above=0.0)
@@ -202,51 +156,31 @@ def select_modes(
     errors: dict[str, Array] = {}
     for name in problem.flexible:
         basis = evaluation.bodies[name].basis
-        k, last = basis.n_constraint, len(basis.eigenvalues)
-        found = []
-        for modes in range(last + 1):
-            if k + modes == 0:
-                found.append(math.inf)  # a flexible body without any shape function
-                continue
-            psi = psi_with(problem, evaluation, {**whole, name: whole[name].leading(k + modes)})
-            found.append(relative_change(psi, exact))
-        errors[name] = np.array(found)
-        wide = _uncut(basis)
+        last = len(basis.eigenvalues)
+        error = partial(_error, problem, evaluation, whole, name, exact)
+        errors[name] = np.array([error(n) for n in range(last + 1)])
         # all larger numbers must hold the tolerance as well
         holds = np.logical_and.accumulate((errors[name] <= tolerance)[::-1])[::-1]
-        fits = np.flatnonzero(holds & wide)
-        if len(fits) == 0:
+        fits = [n for n in _uncut(evaluation.bodies[name]) if holds[n]]
+        if not fits:
             raise ValueError(
                 f"select_modes: with all {last} normal modes of body {name!r} the estimated error "
                 f"of psi is {errors[name][-1]:.1e}, and {tolerance:.1e} is not held by a number "
                 "that keeps close frequencies together; give the problem more modes to choose from"
             )
         chosen[name] = int(fits[0])
-    together = {
-        name: body.leading(evaluation.bodies[name].basis.n_constraint + chosen[name])
-        if name in chosen
-        else body
-        for name, body in whole.items()
-    }
-    return ModeSelection(
-        chosen, errors, relative_change(psi_with(problem, evaluation, together), exact)
-    )
+    leading = {name: _with_modes(evaluation, whole, name, n) for name, n in chosen.items()}
+    psi = psi_with(problem, evaluation, {**whole, **leading})
+    return ModeSelection(chosen, errors, relative_change(psi, exact))
 
 
 def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None) -> int:
     """How many fixed-interface normal modes lie below a frequency.
 
-    They are counted, not computed, copies of repeated frequencies included. A number that cuts a
-    cluster of frequencies is reported where the body is reduced with it.
-
-    Args:
-        body: The body, with any number of modes.
-        frequency: Limit [Hz].
-        x: Density of the cells of this rank, by default of the full body.
-
-    Raises:
-        ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1].
-        RuntimeError: On every rank, if the stiffness is singular.
+    They are counted, not computed, up to a ``frequency`` [Hz], copies of repeated ones included;
+    the ``body`` may have any number of modes. ``x`` is the density of the cells of this rank, by
+    default of the full body; a ValueError on every rank if it does not fit, a RuntimeError if the
+    stiffness is singular.
     """
     validation.instance("modes_below: body", body, FlexibleBody, "a FlexibleBody")
     validation.number("modes_below: frequency", frequency, least=0.0, unit="Hz")
@@ -261,19 +195,11 @@ def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None
 
 
 def with_all_residual_modes(problem: Problem, evaluation: Evaluation, *, terms: int = 2) -> Bodies:
-    """All bodies, flexible ones with residual modes, in the order given.
-
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned.
-        terms: Of the series, 1 or 2.
-    """
-    return {
-        name: with_residual_modes(body, evaluation.bodies[name], terms=terms)
-        if isinstance(body, FlexibleBody)
-        else body
-        for name, body in problem.bodies.items()
-    }
+    """All bodies, flexible ones with residual modes (1 or 2 terms), in the order given."""
+    own = own_bodies(problem, evaluation)
+    for name, body in problem.flexible.items():
+        own[name] = with_residual_modes(body, evaluation.bodies[name], terms=terms)
+    return own
 
 
 def psi_with(
@@ -282,22 +208,9 @@ def psi_with(
     bodies: Bodies,
     integrators: Mapping[str, Integrator] | None = None,
 ) -> float:
-    """The objective at the densities of an evaluation with other shape functions or other steps.
-
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned.
-        bodies: All bodies, in the order of the problem's.
-        integrators: Other ones than the problem's, by motion.
-
-    Raises:
-        SimulationError: On every rank, if a motion cannot be computed.
-    """
-    stresses = {
-        name: BodyStress(problem.flexible[name], body)
-        for name, body in bodies.items()
-        if isinstance(body, ReducedBody)
-    }
+    """Psi at the densities of an evaluation with other bodies, all in order, or other steps."""
+    reduced = {name: body for name, body in bodies.items() if isinstance(body, ReducedBody)}
+    stresses = {name: BodyStress(problem.flexible[name], body) for name, body in reduced.items()}
     integrals = {name: integrals_of(body) for name, body in bodies.items()}
     return problem.psi_with(evaluation, integrals, stresses, integrators)
 
@@ -305,22 +218,16 @@ def psi_with(
 def warn_of_stiff_damping(
     problem: Problem, evaluation: Evaluation, bodies: Bodies, error: float
 ) -> None:
-    """Warn where an error by modes is one of the steps.
+    """Warn where the change of psi by the truncated modes, which ``bodies`` have, is one by steps.
 
     With damping proportional to stiffness modes of high frequency are damped within a step. Long
     steps of generalised-alpha leave a share of psi in each of them then, however many there are.
-
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned.
-        bodies: With the modes left out.
-        error: The change of psi by them.
     """
-    motions = problem.motions.items()
-    damped = any(d.beta > 0.0 for _, m in motions for d in m.mechanism.damping.values())
+    load_cases = problem.load_cases.items()
+    damped = any(d.beta > 0.0 for _, m in load_cases for d in m.mechanism.damping.values())
     if not damped or error < DOUBTFUL:
         return
-    finer = {name: motion.integrator.finer for name, motion in motions}
+    finer = {name: case.integrator.finer for name, case in load_cases}
     own = own_bodies(problem, evaluation)
     less, more = (psi_with(problem, evaluation, some, finer) for some in (own, bodies))
     shorter = relative_change(less, more)
@@ -341,30 +248,31 @@ def integrals_of(body: ReducedBody | VolumeIntegrals) -> VolumeIntegrals:
 
 
 def own_bodies(problem: Problem, evaluation: Evaluation) -> Bodies:
-    """All bodies as they were evaluated, in the order given.
+    """All bodies as they were evaluated, in the order given."""
+    given = problem.bodies.items()
+    return {n: b if isinstance(b, VolumeIntegrals) else evaluation.bodies[n] for n, b in given}
 
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned.
-    """
-    return {
-        name: body if isinstance(body, VolumeIntegrals) else evaluation.bodies[name]
-        for name, body in problem.bodies.items()
-    }
+
+def _with_modes(
+    evaluation: Evaluation, bodies: Bodies, name: str, number: int
+) -> ReducedBody | VolumeIntegrals:
+    """One of the bodies with its first normal modes only."""
+    return bodies[name].leading(evaluation.bodies[name].basis.n_constraint + number)
+
+
+def _error(
+    problem: Problem, evaluation: Evaluation, bodies: Bodies, name: str, exact: float, number: int
+) -> float:
+    """Relative error of psi with the first normal modes of one of the bodies only."""
+    shorter = _with_modes(evaluation, bodies, name, number)
+    if integrals_of(shorter).modes == 0:  # a flexible body without any shape function
+        return math.inf
+    return relative_change(psi_with(problem, evaluation, {**bodies, name: shorter}), exact)
 
 
 def relative_change(found: float, exact: float) -> float:
     """How far a number is from the ``exact`` one, relative to it; as it is where that is zero."""
     return abs(found - exact) / abs(exact) if exact else abs(found)
-
-
-def _checked(problem: Problem, evaluation: Evaluation, call: str, *, terms: int) -> Bodies:
-    """The bodies with residual modes of a problem and its evaluation, or refuse them."""
-    validation.instance(f"{call}: problem", problem, Problem, "a Problem")
-    validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
-    evaluation.check_motion()
-    announce(problem.comm, call)
-    return with_all_residual_modes(problem, evaluation, terms=terms)
 
 
 def _least(holds: Callable[[int], bool], most: int, first: int) -> int:
@@ -379,7 +287,7 @@ def _least(holds: Callable[[int], bool], most: int, first: int) -> int:
     return high
 
 
-def _uncut(basis: ReducedBasis) -> NDArray[np.bool_]:
-    """Whether 0, 1, 2, ... and all modes of a basis keep close frequencies together."""
-    eigenvalues = np.append(basis.eigenvalues, basis.outer_eigenvalue)
-    return np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:])
+def _uncut(reduced: ReducedBody) -> NDArray[np.int64]:
+    """The numbers of modes, of 0, 1, 2, ... and all, that keep close frequencies together."""
+    eigenvalues = np.append(reduced.basis.eigenvalues, reduced.basis.first_truncated_eigenvalue)
+    return np.flatnonzero(np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]))

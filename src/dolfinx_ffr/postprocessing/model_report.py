@@ -1,15 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What a scene models, what it leaves out, and what that costs in accuracy.
+"""The contents of a model, the terms that it leaves out, and estimates of its errors.
 
-Three choices of a model leave something out: the number of modes, the time step, and geometric
-stiffening. None of the errors needs another finite-element solution to be estimated:
-
-- with the displacements that the modes left out would add under the loads of the motion
-  (`dolfinx_ffr.reduction.with_residual_modes`), psi changes by what is missing;
-- with steps twice as long, psi changes by three times the error of a second-order method, by 31
-  times that of a fifth-order one;
-- a body's relative softening by its own rotation is the square of its angular velocity over that of
-  its lowest frequency, or what geometric stiffening makes of it.
+None of the errors needs another finite-element solution (`mode_error`, `Problem.time_errors`). The
+relative softening of a body by its rotation is the square of its angular velocity over that of its
+lowest frequency.
 """
 
 from __future__ import annotations
@@ -20,26 +14,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import SimulationError
 from ..fem import Domain
-from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import MARKERS
+from .local_modes import Array, trajectories_of
 from .mode_truncation import (
-    own_bodies,
     psi_with,
     relative_change,
     warn_of_stiff_damping,
     with_all_residual_modes,
 )
-
-__all__ = ["BodyReport", "ModelReport", "model_report"]
-
-Array = NDArray[np.float64]
 
 #: Share of a body's extent above which an interface is reported as long
 LONG_INTERFACE = 0.25
@@ -64,21 +50,20 @@ class BodyReport:
 
 @dataclass(frozen=True)
 class ModelReport:
-    """What a scene models, what it leaves out, and estimates of the errors."""
+    """The contents of a model, the terms that it leaves out, and estimates of its errors."""
 
     bodies: dict[str, BodyReport]  #: By name
     coordinates: int  #: Number of coordinates of all bodies
-    rows: int  #: Number of scalar constraints of the joints, of several motions the largest
-    left_out: list[str]  #: Terms that nothing in the scene asks for, in any motion, in words
+    rows: int  #: Number of scalar constraints of the joints, of several load cases the largest
+    left_out: list[str]  #: Terms that nothing in the scene asks for, in any load case, in words
     psi: float  #: The objective
     modes_error: float  #: Estimated relative error of psi by the modes left out
-    step_error: float  #: Estimated relative error of psi by the time step
+    #: Estimated relative error of psi, and of what is bounded, by the time step
+    step_error: float
 
     def __str__(self) -> str:
         """The report as text."""
-        lines = [
-            f"{self.coordinates} coordinates, {self.rows} constraints; psi = {self.psi:.6g}",
-        ]
+        lines = [f"{self.coordinates} coordinates, {self.rows} constraints; psi = {self.psi:.6g}"]
         for name, body in self.bodies.items():
             text = f"  {name}: {body.kind}"
             if body.constraint_modes + body.normal_modes:
@@ -108,36 +93,21 @@ class ModelReport:
 
 
 def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
-    """What a scene models and how accurate that is.
+    """Report the contents of a model and estimates of its errors.
 
-    The cost is that of two simulations of the reduced bodies and of two back-substitutions; nothing
-    is reduced again. Matrices of bodies at which other densities have been evaluated since are
-    assembled and factored once more.
-
-    Args:
-        problem: The scene.
-        evaluation: What its `value` returned, at any time.
-
-    Warns:
-        TimeStepWarning: If the error by modes is one of the steps, as of `mode_error`.
-
-    Raises:
-        ValueError: If nothing was simulated.
-        SimulationError: If the motion with more modes cannot be computed, or neither one with steps
-            twice as long nor with shorter ones.
+    The cost is that of some simulations of the reduced bodies and of two back-substitutions;
+    nothing is reduced again. The ``evaluation`` is what a `value` of the ``problem`` returned, at
+    any time; matrices of bodies that were reduced at other densities since are factored once more.
+    Errors and warnings are those of `mode_error`, and a SimulationError if there is no motion with
+    other steps.
     """
-    validation.instance("model_report: problem", problem, Problem, "a Problem")
-    validation.instance("model_report: evaluation", evaluation, Evaluation, "an Evaluation")
-    announce(problem.comm, "model_report")
-    integrals = problem.integrals(evaluation)
-    evaluation.check_motion()
-    moved = [m.trajectory for m in evaluation.motions.values() if m.trajectory is not None]
+    moved = list(trajectories_of(problem, evaluation, "model_report").values())
     psi, bodies = evaluation.psi, {}
-    for name, body in integrals.items():
+    for name, body in problem.integrals(evaluation).items():
         flexible = problem.flexible.get(name)
         basis = evaluation.bodies[name].basis if flexible else None
-        frequencies = basis.frequencies if basis is not None else np.zeros(0)
-        outer = basis.outer_eigenvalue if basis is not None else math.nan
+        frequencies = np.zeros(0) if basis is None else basis.frequencies
+        outer = math.nan if basis is None else basis.first_truncated_eigenvalue
         stiffened = any(marker.stiffening is not None for marker in body.markers.values())
         at_markers = (MARKERS,) if stiffened else ()
         omega = np.concatenate([m.v[:, m.model.coordinates(name).rotation] for m in moved])
@@ -152,16 +122,13 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
             elements=flexible.domain.n_cells_global if flexible else 0,
             long_interfaces=_long_interfaces(flexible.domain) if flexible else {},
         )
-    mechanisms = [motion.mechanism for motion in problem.motions.values()]
-    left_out = []
-    for what, there in (
-        ("gravity", any(callable(m.gravity) or np.any(np.asarray(m.gravity)) for m in mechanisms)),
-        ("damping", any(m.damping for m in mechanisms)),
-        ("forces", any(m.forces for m in mechanisms)),
-        ("geometric stiffening", any(b.stiffening for b in bodies.values())),
-    ):
-        if not there:
-            left_out.append(what)
+    mechanisms = [case.mechanism for case in problem.load_cases.values()]
+    modelled = {
+        "gravity": any(callable(m.gravity) or np.any(np.asarray(m.gravity)) for m in mechanisms),
+        "damping": any(m.damping for m in mechanisms),
+        "forces": any(m.forces for m in mechanisms),
+        "geometric stiffening": any(b.stiffening for b in bodies.values()),
+    }
     whole = with_all_residual_modes(problem, evaluation)
     error = relative_change(psi, psi_with(problem, evaluation, whole))
     warn_of_stiff_damping(problem, evaluation, whole, error)
@@ -169,25 +136,11 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
         bodies=bodies,
         coordinates=moved[0].model.size,
         rows=max(m.model.rows for m in moved),
-        left_out=left_out,
+        left_out=[what for what, there in modelled.items() if not there],
         psi=psi,
         modes_error=error,
-        step_error=_step_error(problem, evaluation),
+        step_error=max(problem.time_errors(evaluation).values()),
     )
-
-
-def _step_error(problem: Problem, evaluation: Evaluation) -> float:
-    """The estimated relative error of psi by the time steps."""
-    bodies = own_bodies(problem, evaluation)
-    motions = problem.motions.items()
-    order = min(motion.integrator.coarser.order for _, motion in motions)
-    try:
-        coarse = {name: motion.integrator.coarser for name, motion in motions}
-        longer = psi_with(problem, evaluation, bodies, coarse)
-    except SimulationError:  # steps twice as long are too long for a motion
-        fine = {name: motion.integrator.finer for name, motion in motions}
-        return relative_change(evaluation.psi, psi_with(problem, evaluation, bodies, fine))
-    return relative_change(longer, evaluation.psi) / (2**order - 1)
 
 
 def _long_interfaces(domain: Domain) -> dict[str, float]:

@@ -2,17 +2,12 @@
 """Stress of a flexible body in motion, recovered from its elastic coordinates.
 
 The stress is linear in the displacement, so each shape function has a stress mode, and the stress
-at time t is their sum: sigma(X, t) = sum_j q_j(t) sigma(phi_j)(X). The von Mises stress,
-
-    s_v^2 = sx^2 + sy^2 + sz^2 - sx sy - sy sz - sz sx + 3 txy^2,      sz = k (sx + sy),
-
-with k = 0 in plane stress and k = nu in plane strain, is found at all points and time steps by
-matrix products; in space from all six components.
+at time t is their sum: sigma(X, t) = sum_j q_j(t) sigma(phi_j)(X). The von Mises stress, as in
+`objective.PeakStress`, is found at all points and time steps by matrix products.
 
 **Where.** At points of each cell in which derivatives converge faster than elsewhere: the middle of
 cells of order 1, the 2 x 2 Gauss points of quadrilaterals of order 2, the three points of the rule
-of degree 2 in triangles of order 2. These points lie inside, so that a peak on the boundary is
-reached only as the mesh is refined.
+of degree 2 in triangles of order 2. A peak on the boundary is reached only as the mesh is refined.
 
 **Static correction.** Normal modes that were left out still follow the inertia forces statically.
 With b the acceleration of the body's points in its frame,
@@ -20,11 +15,10 @@ With b the acceleration of the body's points in its frame,
     b = A^T (a_R - g) + alpha J w + sum_j q''_j w_j - omega^2 w + 2 omega J sum_j q'_j w_j,
 
 the displacement gets (K^-1 - sum_i phi_i phi_i^T / lambda_i) (-M b), interfaces held (the method of
-mode accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300). b is a combination of a few
-fields that do not depend on time, so this costs one more solution with several right-hand sides, in
-space 12 and three for each shape function (`objective.stress_coordinates` has b there).
-The error falls from O(omega^2 / lambda) to its square, with lambda the first eigenvalue left out.
-Forces on points of the body other than interfaces are not corrected.
+mode accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300). b combines a few fields that
+do not depend on time: one more solution with several right-hand sides. The error falls from
+O(omega^2 / lambda) to its square, with lambda the first eigenvalue left out. Forces on points of
+the body other than interfaces are not corrected.
 
 **Densities between void and solid.** Given is x^s times the stress of the solid at the element's
 strain, s = 0 by default: the stress in the solid part of the material. s = p - q > 0 is the
@@ -36,6 +30,7 @@ that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has n
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,8 +42,6 @@ from ..objective import stress_coordinates, von_mises_root
 from ..parallel import gathered, on_every_rank
 from ..problem import Evaluation
 from ..reduction import BodyStress, FlexibleBody, ReducedBody
-
-__all__ = ["StressEnvelope", "StressModes", "von_mises", "worst_stress"]
 
 Array = NDArray[np.float64]
 
@@ -88,66 +81,39 @@ class StressModes:
     ) -> StressModes:
         """The stress modes of a body at one design.
 
-        Args:
-            body: The body.
-            reduced: Its shape functions, from `FlexibleBody.reduce` or an evaluation, at any time:
-                if the body has been worked at another design since, its matrices are made again.
-            correction: Whether to add the modes of the static correction.
-            relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
-            void: Cells of less density have no stress.
-
-        Raises:
-            ValueError: If ``relaxation`` or ``void`` is out of range.
+        The shape functions of the ``body`` are those of the ``reduced`` one, from its `reduce` or
+        an evaluation, at any time: if it has been reduced at another design since, its matrices are
+        made again. With ``correction`` it has modes of the static correction. ``relaxation`` is the
+        exponent s >= 0 of the density by which the stress of the solid is scaled; cells of less
+        density than ``void``, in [0, 1], have no stress.
         """
         validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
         validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
         validation.flag("stress: correction", correction)
         validation.number("stress: relaxation", relaxation, least=0.0)
         validation.number("stress: void", void, least=0.0, most=1.0)
-        stress = BodyStress(body, reduced)
-        values = stress.modes(correction)
-        solid = reduced.density >= void
+        stress, basis, solid = BodyStress(body, reduced), reduced.basis, reduced.density >= void
         scale = np.where(solid, reduced.density**relaxation, 0.0)
-        return StressModes(
-            points=stress.points,
-            values=values * scale[:, None, None, None],
-            out_of_plane=body.material.out_of_plane,
-            solid=solid,
-            n_elastic=reduced.basis.shapes.shape[1],
-            n_constraint=reduced.basis.n_constraint,
-            domain=body.domain,
-        )
+        values, normal = stress.modes(correction), body.material.out_of_plane
+        values = values * scale[:, None, None, None]
+        counts = basis.shapes.shape[1], basis.n_constraint
+        return StressModes(stress.points, values, normal, solid, *counts, body.domain)
 
     def coordinates(self, trajectory: Trajectory, name: str) -> Array:
         """The coordinates z over time, shape (steps + 1, coordinates).
 
-        These are the elastic coordinates and, with static correction, the factors of the fields
-        of b, see `objective.stress_coordinates`.
-
-        Args:
-            trajectory: The motion.
-            name: Of the body.
+        These are the elastic coordinates of the body ``name`` in a ``trajectory`` and, with static
+        correction, the factors of the fields of b, see `objective.stress_coordinates`.
         """
-        return stress_coordinates(
-            trajectory,
-            name,
-            self.n_constraint,
-            correction=self.values.shape[3] > self.n_elastic,
-        )
+        corrected = self.values.shape[3] > self.n_elastic
+        return stress_coordinates(trajectory, name, self.n_constraint, correction=corrected)
 
     def stress(self, z: ArrayLike) -> Array:
-        """The stress at the points.
+        """The stress at the points for coordinates ``z`` at one instant, shape (coordinates,).
 
-        Args:
-            z: Coordinates at one instant, shape (coordinates,); the elastic ones alone leave the
-                static correction out.
-
-        Returns:
-            s_x, s_y, t_xy and s_z, shape (cells, points, 4) [Pa]; in space s_x, s_y, s_z, t_xy,
-            t_yz and t_xz, shape (cells, points, 6).
-
-        Raises:
-            ValueError: If there are neither as many as coordinates nor as elastic ones.
+        The elastic ones alone leave the static correction out; another number is a ValueError.
+        The result has s_x, s_y, t_xy and s_z, shape (cells, points, 4) [Pa]; in space s_x, s_y,
+        s_z, t_xy, t_yz and t_xz, shape (cells, points, 6).
         """
         given = validation.real_array("stress: coordinates", z)
         if given.shape not in ((self.n_elastic,), self.values.shape[3:]):
@@ -162,20 +128,14 @@ class StressModes:
         return np.concatenate([plane, normal[..., None]], axis=-1)
 
     def von_mises(self, z: ArrayLike) -> Array:
-        """The von Mises stress at the points at one instant, shape (cells, points) [Pa].
-
-        Args:
-            z: As for `stress`.
-        """
+        """The von Mises stress at the points for ``z`` as of `stress`, (cells, points) [Pa]."""
         stress = np.moveaxis(self.stress(z), -1, 0)
         return np.sqrt(self._squared(stress[: self.values.shape[2]]))
 
     def worst(self, z: Array, times: Array) -> StressEnvelope:
         """The largest von Mises stress of each cell over time; collective.
 
-        Args:
-            z: Coordinates over time, shape (steps, coordinates), from `coordinates`.
-            times: Shape (steps,) [s].
+        ``z`` are the `coordinates`, shape (steps, coordinates), at ``times``, shape (steps,) [s].
         """
         cells, points, components, n = self.values.shape
         worst, step = np.zeros((cells, points)), np.zeros((cells, points), dtype=np.int64)
@@ -190,29 +150,23 @@ class StressModes:
             squared = self._squared(stress)
             step[part] = np.argmax(squared, axis=2)
             worst[part] = np.take_along_axis(squared, step[part][..., None], axis=2)[..., 0]
-        at = np.argmax(worst, axis=1)
-        row = np.arange(cells)
-        return StressEnvelope.of(
-            self.domain,
-            np.sqrt(worst[row, at]),
-            step[row, at],
-            np.asarray(times),
-            self.points[row, at],
-            self.solid,
+        at = np.arange(cells), np.argmax(worst, axis=1)
+        stress, step, positions = np.sqrt(worst[at]), step[at], self.points[at]
+        mine = (0.0, 0, np.zeros(self.domain.dimension))
+        if cells:
+            i = int(np.argmax(stress))
+            mine = (float(stress[i]), int(step[i]), positions[i])
+        found = gathered(self.domain.comm, "the largest stress of a body", mine)
+        largest, first, position = max(found, key=lambda each: each[0])
+        when = np.asarray(times)
+        return StressEnvelope(
+            stress, step, when[step], self.solid, largest, float(when[first]), first, position
         )
 
     def _squared(self, stress: Array) -> Array:
         """The square of the von Mises stress, of the components along the first axis."""
-        if len(stress) == 6:
-            parts = np.tensordot(von_mises_root(0.0, 6), stress, axes=1)
-            return np.asarray(np.sum(parts**2, axis=0))
-        sx, sy, txy = stress
-        (mean, _, _), (difference, _, _), (_, _, shear) = von_mises_root(self.out_of_plane)
-        total, apart = mean * (sx + sy), difference * (sx - sy)
-        squared = total * total
-        squared += apart * apart
-        squared += (shear * txy) ** 2
-        return np.asarray(squared)
+        root = von_mises_root(self.out_of_plane, len(stress))
+        return np.asarray(np.sum(np.tensordot(root, stress, axes=1) ** 2, axis=0))
 
 
 @dataclass(frozen=True)
@@ -227,36 +181,7 @@ class StressEnvelope:
     largest_time: float  #: When it occurs [s]
     largest_step: int  #: Time step at which it occurs
     largest_position: Array  #: (dimension,) where it occurs, undeformed, mesh coordinates [m]
-    motion: str = ""  #: In which motion, where it was found by `worst_stress`
-
-    @staticmethod
-    def of(
-        domain: Domain,
-        stress: Array,
-        step: NDArray[np.int64],
-        times: Array,
-        positions: Array,
-        solid: NDArray[np.bool_],
-    ) -> StressEnvelope:
-        """Find the largest of all cells; collective.
-
-        Args:
-            domain: The body's mesh.
-            stress: Largest von Mises stress of each cell over time, shape (cells,) [Pa].
-            step: Time step at which it occurs, shape (cells,).
-            times: Of all steps, shape (steps,) [s].
-            positions: Point of each cell at which it occurs, shape (cells, dimension) [m].
-            solid: Cells that are not void, shape (cells,).
-        """
-        mine = (0.0, 0, np.zeros(domain.dimension))
-        if len(stress):
-            i = int(np.argmax(stress))
-            mine = (float(stress[i]), int(step[i]), positions[i])
-        found = gathered(domain.comm, "the largest stress of a body", mine)
-        largest, first, position = max(found, key=lambda each: each[0])
-        return StressEnvelope(
-            stress, step, times[step], solid, largest, float(times[first]), first, position
-        )
+    load_case: str = ""  #: In which load case, where it was found by `worst_stress`
 
 
 def von_mises(
@@ -269,18 +194,9 @@ def von_mises(
 ) -> Array:
     """The von Mises stress of each cell for elastic coordinates, shape (cells,) [Pa].
 
-    It is the largest one at the points of the cell that this module's description names. Inertia
-    forces are not known here; for a body in motion `worst_stress` is more accurate.
-
-    Args:
-        body: The body.
-        reduced: Its shape functions, from `FlexibleBody.reduce`.
-        q: Elastic coordinates, shape (modes,).
-        relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
-        void: Cells of less density have no stress.
-
-    Raises:
-        ValueError: If the coordinates do not fit, or a number is out of range.
+    It is the largest one at the points of the cell, for elastic coordinates ``q``, shape (modes,),
+    of the ``reduced`` ``body``. Inertia forces are not known here; for a body in motion
+    `worst_stress` is more accurate. ``relaxation`` and ``void`` are those of `StressModes.of`.
     """
     modes = StressModes.of(body, reduced, correction=False, relaxation=relaxation, void=void)
     return np.asarray(np.max(modes.von_mises(q), axis=1))
@@ -295,36 +211,26 @@ def worst_stress(
     relaxation: float = 0.0,
     void: float = VOID,
 ) -> StressEnvelope:
-    """The largest von Mises stress of each cell over a whole motion, and when it occurs.
+    """The largest von Mises stress of each cell over a motion, and when it occurs; collective.
 
-    All time steps count; of several motions the one with the largest stress is told, for the others
-    give `Evaluation.alone`. The function is collective.
-
-    Args:
-        body: The body.
-        evaluation: Result of `Problem.value` or `Problem.gradient`, at any time.
-        name: Of the body in the mechanism.
-        correction: Whether modes that were left out follow the inertia forces statically.
-        relaxation: Exponent s >= 0 of the density by which the stress of the solid is scaled.
-        void: Cells of less density have no stress.
-
-    Raises:
-        ValueError: On every rank, if there is no such body or a number is out of range.
+    The ``body`` has a ``name`` in the mechanism; the ``evaluation`` is what `Problem.value` or
+    `Problem.gradient` returned, at any time. Of several load cases the one with the largest stress
+    is told; for the others give `Evaluation.alone`. ``correction``, ``relaxation`` and ``void`` are
+    those of `StressModes.of`. A ValueError on every rank if there is no such body, or a number is
+    out of range.
     """
     validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")
     with on_every_rank(body.domain.comm, "worst_stress"):
         if name not in evaluation.bodies:
-            raise ValueError(
-                f"worst_stress: no flexible body {name!r}; there are {sorted(evaluation.bodies)}"
-            )
-    modes = StressModes.of(
-        body, evaluation.bodies[name], correction=correction, relaxation=relaxation, void=void
-    )
-    evaluation.check_motion()
-    moved = {n: m.trajectory for n, m in evaluation.motions.items() if m.trajectory is not None}
-    found = {
-        n: replace(modes.worst(modes.coordinates(trajectory, name), trajectory.t), motion=n)
-        for n, trajectory in moved.items()
-    }
-    return found[max(found, key=lambda n: found[n].largest)]
+            there = sorted(evaluation.bodies)
+            raise ValueError(f"worst_stress: no flexible body {name!r}; there are {there}")
+    how: dict[str, Any] = {"correction": correction, "relaxation": relaxation, "void": void}
+    modes = StressModes.of(body, evaluation.bodies[name], **how)
+    evaluation.check_simulated()
+    moved = {n: m.trajectory for n, m in evaluation.load_cases.items() if m.trajectory is not None}
+    found = []
+    for n, trajectory in moved.items():
+        worst = modes.worst(modes.coordinates(trajectory, name), trajectory.t)
+        found.append(replace(worst, load_case=n))
+    return max(found, key=lambda worst: worst.largest)

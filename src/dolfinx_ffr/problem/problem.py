@@ -10,44 +10,50 @@ on the transpose of its derivative. Its cost does not depend on the number of de
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
+from mpi4py import MPI
 
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator
-from ..mechanical_problem import ConstraintValue, MechanicalEvaluation
-from ..objective import Derivatives, Response, StressField
-from ..parallel import check_alike, on_every_rank
-from ..reduction import FlexibleBody
-from .definition import Densities, MovingBodies
-from .evaluation import Evaluation, MotionEvaluation
-from .spread import Job, adjoints, trajectories
+from ..dynamics import Integrator, check_names, compile_kernels
+from ..mechanical_problem import ConstraintValue, MechanicalProblem
+from ..mechanism import Mechanism
+from ..objective import (
+    Combination,
+    Constraint,
+    Derivatives,
+    Objective,
+    Response,
+    StressField,
+    WeightedSum,
+    derivatives_of,
+    value_of,
+)
+from ..parallel import agreed_memory, check_alike, on_every_rank
+from .bodies import Body, Densities, DesignedBodies, Pulled, added
+from .evaluation import Evaluation, LoadCaseEvaluation, only_case
+from .spread import WORK, Job, adjoints, trajectories
+from .steps import checked_memory, chosen_again, chosen_before
 
-__all__ = ["Problem"]
-
-#: Objective and constraints of a motion
-Values = tuple[float, dict[str, ConstraintValue]]
-
-#: Relative difference from which on two ranks have not computed the same number: a motion magnifies
-#: round-off, and stays far below
+#: Name of a load case that is the only one
+LOAD_CASE = "load case"
+#: Relative difference from which on two ranks have not computed the same number: a simulation
+#: magnifies round-off, and stays far below
 DIFFERS = 1e-6
 
 
-class Problem(MovingBodies):
+class Problem:
     """Minimise psi(x): an objective of a mechanism's motion as a function of its bodies' densities.
 
         psi(x) = objective(trajectory),   the trajectory solves the equations of motion
                                           of the mechanism with bodies(x)
 
-    Constraints g_k(x) <= 0 come from the same simulation, each with an adjoint pass of its own;
-    those that do not depend on the motion need none. Without any flexible body use
-    `MechanicalProblem`, on which this class is built.
+    Constraints g_k(x) <= 0 come from the same simulation, each with an adjoint pass of its own
+    where it depends on the trajectory. Without any flexible body use `MechanicalProblem`.
 
     Args:
         bodies: By the names that the mechanism uses; `FlexibleBody` for bodies with a density,
@@ -61,8 +67,214 @@ class Problem(MovingBodies):
         TypeError: If an argument is of a wrong kind.
         ValueError: If no body has a density, two constraints have the same name, or an objective
             depends on the density of a body that has none.
-        MemoryError: On every rank, if the motion would take more memory than a machine has.
+        MemoryError: On every rank, if the trajectory would take more memory than a machine has.
     """
+
+    def __init__(
+        self,
+        bodies: Mapping[str, Body],
+        mechanism: Mechanism,
+        integrator: Integrator,
+        objective: Objective,
+        constraints: Sequence[Constraint] = (),
+    ) -> None:
+        def cases() -> dict[str, MechanicalProblem]:
+            return {LOAD_CASE: MechanicalProblem(mechanism, integrator, objective, constraints)}
+
+        self._set(bodies, cases, WeightedSum())
+
+    @classmethod
+    def of_load_cases(
+        cls,
+        bodies: Mapping[str, Body],
+        load_cases: Mapping[str, MechanicalProblem],
+        combine: Combination | None = None,
+    ) -> Self:
+        """A problem of several load cases of the same bodies, whose objectives become one number.
+
+            psi(x) = combine(psi_1(x), psi_2(x), ...)
+
+        Bodies are reduced once a design, whatever the number of load cases, and the derivatives of
+        all go back to the densities together. The load cases are spread over the ranks.
+
+        Args:
+            bodies: By the names that the mechanisms use.
+            load_cases: By name, each with a mechanism, an integrator, an objective and
+                constraints of its own; the constraints of all must hold.
+            combine: How the objectives become one; by default their sum, `WeightedSum()`.
+
+        Raises:
+            TypeError: If an argument is of a wrong kind.
+            ValueError: As for one load case; and if a mechanism names a body that is not there, or
+                the weights do not fit the load cases.
+            MemoryError: On every rank, if the trajectories would take more memory than a machine
+                has.
+        """
+        problem = cls.__new__(cls)
+        problem._set(bodies, lambda: load_cases, WeightedSum() if combine is None else combine)
+        return problem
+
+    def _set(
+        self,
+        bodies: Mapping[str, Body],
+        cases: Callable[[], Mapping[str, MechanicalProblem]],
+        combine: Combination,
+    ) -> None:
+        """Check and set the parts; the load cases are made where errors reach all ranks."""
+        self._designed = DesignedBodies(bodies)
+        self.bodies = self._designed.every
+        #: The bodies with a density
+        self.flexible = self._designed.flexible
+        with on_every_rank(self.comm, WORK):
+            #: The load cases by name
+            self.load_cases = validation.instances_by_name(
+                "problem: load cases", cases(), MechanicalProblem, "a MechanicalProblem"
+            )
+            if not self.load_cases:
+                raise ValueError("problem: give at least one load case")
+            needed = "WeightedSum(...), PowerMean(...) or WorstCase(...)"
+            #: How the objectives of the load cases become one number
+            self.combine = validation.instance("problem: combine", combine, Combination, needed)
+            combine.check(self.load_cases)
+            inventory = self._designed.inventory()
+            for name, case in self.load_cases.items():
+                try:
+                    check_names(case.mechanism, inventory.modes, inventory.markers)
+                    case.validate(inventory)
+                except ValueError as error:
+                    if len(self.load_cases) == 1:
+                        raise
+                    raise ValueError(f"load case {name!r}: {error}") from error
+        given = {"bodies": list(bodies), "load_cases": list(self.load_cases), "combine": combine}
+        steps = {self._of("the integrator", n): m.integrator for n, m in self.load_cases.items()}
+        check_alike(self.comm, "problem", given | steps)
+        self._memory = agreed_memory(self.comm)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Compile, choose the steps that are left open, and refuse more than the memory holds."""
+        checked_memory(self._designed, self.load_cases, self._memory, adjoint=False)
+        integrators = list({type(case.integrator) for case in self.load_cases.values()})
+        if self.comm.rank == 0:  # the others find it in the cache
+            compile_kernels(integrators=integrators)
+        self.comm.Barrier()
+        compile_kernels(lambda line: None, integrators=integrators)
+        chosen = chosen_before(self._designed, self.load_cases)
+        if any(chosen[name] is not case for name, case in self.load_cases.items()):
+            self.load_cases = chosen
+            checked_memory(self._designed, self.load_cases, self._memory, adjoint=False)
+
+    def alone(self, load_case: str) -> Self:
+        """The problem of one ``load_case``, by its name, for `Evaluation.alone`.
+
+        Raises:
+            ValueError: If there is no load case of this name.
+        """
+        validation.choice("problem: load case", load_case, self.load_cases)
+        return self.of_load_cases(self.bodies, {load_case: self.load_cases[load_case]})
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Mechanism of the only load case: joints, drives, point masses, loads.
+
+        Raises:
+            ValueError: If there are several load cases; so do `integrator` and `objective`.
+        """
+        return only_case(self.load_cases, "problem.load_cases[{!r}].mechanism").mechanism
+
+    @property
+    def integrator(self) -> Integrator:
+        """Time interval and steps of the only load case."""
+        return only_case(self.load_cases, "problem.load_cases[{!r}].integrator").integrator
+
+    @integrator.setter
+    def integrator(self, integrator: Integrator) -> None:
+        self._change(integrator=integrator)
+
+    @property
+    def objective(self) -> Objective:
+        """Objective of the only load case, which is minimised."""
+        return only_case(self.load_cases, "problem.load_cases[{!r}].objective").objective
+
+    @objective.setter
+    def objective(self, objective: Objective) -> None:
+        self._change(objective=objective)
+
+    def _change(self, **parts: Any) -> None:
+        """Change parts of the only load case."""
+        only_case(self.load_cases, "Problem.of_load_cases")
+        self.load_cases = {name: replace(case, **parts) for name, case in self.load_cases.items()}
+        self._prepare()
+
+    @property
+    def constraints(self) -> list[Constraint]:
+        """The constraints of all load cases; of several "load case: name" is the name."""
+        return [
+            constraint
+            if len(self.load_cases) == 1
+            else replace(constraint, name=self._label(name, constraint.label))
+            for name, case in self.load_cases.items()
+            for constraint in case.constraints
+        ]
+
+    def _label(self, case: str, label: str) -> str:
+        """The name of a load case's constraint among all constraints."""
+        return label if len(self.load_cases) == 1 else f"{case}: {label}"
+
+    def _of(self, what: str, case: str) -> str:
+        """The name of a part of a load case in messages."""
+        return what if len(self.load_cases) == 1 else f"{what} of load case {case!r}"
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that evaluate the problem together."""
+        return self._designed.comm
+
+    def _with(self, cases: Mapping[str, MechanicalProblem]) -> Self:
+        """The same problem with other load cases, or itself if they are the same."""
+        if all(cases[name] is case for name, case in self.load_cases.items()):
+            return self
+        return self.of_load_cases(self.bodies, cases, self.combine)
+
+    def with_modes(self, modes: Mapping[str, int]) -> Self:
+        """The same problem with other numbers of normal ``modes``, by name of the body.
+
+        Raises:
+            ValueError: If a name is not that of a flexible body, or a number is out of range.
+        """
+        validation.by_name("problem: modes", modes, "numbers of modes")
+        unknown = sorted(set(modes) - set(self.flexible))
+        if unknown:
+            raise ValueError(
+                f"problem: no flexible body {unknown[0]!r}; there are {sorted(self.flexible)}"
+            )
+        return self.with_bodies(
+            {name: self.flexible[name].with_modes(count) for name, count in modes.items()}
+        )
+
+    def with_bodies(self, bodies: Mapping[str, Body]) -> Self:
+        """The same problem with other ``bodies`` under some of the names.
+
+        Raises:
+            ValueError: If there is no body of a name, or the mechanism lacks a marker of one.
+        """
+        validation.by_name("problem: bodies", bodies, "bodies")
+        unknown = sorted(set(bodies) - set(self.bodies))
+        if unknown:
+            raise ValueError(
+                f"problem: no body {unknown[0]!r} to replace; there are {sorted(self.bodies)}"
+            )
+        return self.of_load_cases({**self.bodies, **bodies}, self.load_cases, self.combine)
+
+    def with_integrators(self, integrators: Mapping[str, Integrator]) -> Problem:
+        """The same problem with other ``integrators``, by name of the load case."""
+        validation.by_name("problem: integrators", integrators, "integrators")
+        return self._with(
+            {
+                name: replace(case, integrator=integrators.get(name, case.integrator))
+                for name, case in self.load_cases.items()
+            }
+        )
 
     def with_tolerance(self, x: Densities, tolerance: float) -> Problem:
         """The same problem with time steps for an accuracy of psi.
@@ -70,67 +282,60 @@ class Problem(MovingBodies):
         See `MechanicalProblem.with_tolerance`. Choose once, and keep the steps while designing.
 
         Args:
-            x: Densities, as for `value`.
+            x: Densities, as for `value`, which raises the same errors.
             tolerance: Largest relative error of the objective, and of bounded ones, by the steps.
 
-        Raises:
-            ValueError: As `value` does, or if the tolerance is out of range.
-            SimulationError: On every rank, if the motion cannot be computed or the tolerance is not
-                reached; the message says what was.
+        Warns:
+            TimeStepWarning: If the tolerance is not reached; it says what was.
         """
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            densities = self._by_name(x)
-        reduced = {
-            name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()
-        }
-        of_bodies = self._fields(reduced), self._stresses(reduced)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            chosen = {
-                name: motion.with_tolerance(self._integrals(reduced), tolerance, *of_bodies)
-                for name, motion in self.motions.items()
-            }
-        return self._with(motions=chosen)
+        with on_every_rank(self.comm, WORK):
+            densities = self._designed.checked(x)
+        given = self._designed.response(self._designed.reduce(densities))
+        with on_every_rank(self.comm, WORK):
+            chosen = {n: m.with_tolerance(given, tolerance) for n, m in self.load_cases.items()}
+        return self._with(chosen)
+
+    def with_steps_for(self, evaluation: Evaluation) -> Problem:
+        """The same problem with time steps that are judged anew at an ``evaluation``.
+
+        The steps that a `TimeInterval` left open were chosen for half filled and for full bodies;
+        given steps stay as they are. Returns the problem itself where all steps still suffice; new
+        ones are printed, with a `TimeStepWarning` if they do not.
+        """
+        return self._with(chosen_again(self.comm, self.load_cases, self._responses(evaluation)))
+
+    def time_errors(self, evaluation: Evaluation) -> dict[str, float]:
+        """Estimates of the relative errors by the time steps at an ``evaluation``, by load case.
+
+        Each is the largest of the objective and of bounded ones, see
+        `MechanicalProblem.time_error`; the same on every rank.
+        """
+        responses = self._responses(evaluation)
+        with on_every_rank(self.comm, "the errors of time steps"):
+            found = {n: m.time_error(responses[n]) for n, m in self.load_cases.items()}
+        return dict(self.comm.bcast(found))
 
     def calibrated(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
-        """The same problem with objectives that stand for other numbers corrected at a design.
+        """The problem and an ``evaluation`` with objectives that are corrected at this design.
 
-        Those are `PeakStress` as objective, in sums and in constraints, which then equals the
-        largest stress there. Nothing is simulated for it.
-
-        Args:
-            evaluation: What `value` returned.
-
-        Returns:
-            The problem, and the evaluation with its values, without gradients. Both are those
-            given, where no objective is to be corrected.
+        `PeakStress` as objective, in sums and in constraints then equals the largest stress there.
+        Nothing is simulated for it. The evaluation has values and no gradients; where no objective
+        is to be corrected, both are the given ones.
         """
-        validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         responses = self._responses(evaluation)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            motions = {n: m.calibrated(responses[n]) for n, m in self.motions.items()}
-        if all(motions[name] is motion for name, motion in self.motions.items()):
+        with on_every_rank(self.comm, WORK):
+            cases = {n: m.calibrated(responses[n]) for n, m in self.load_cases.items()}
+        problem = self._with(cases)
+        if problem is self:
             return self, evaluation
-        problem = self._with(motions=motions)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            found = {n: m.evaluated(responses[n]) for n, m in motions.items()}
-        psi, values, constraints = problem._shared(found)
-        changed = {
-            name: replace(
-                motion,
-                psi=values[name][0],
-                constraints=values[name][1],
-                gradient=None,
-                integrals_gradient=None,
-            )
-            for name, motion in evaluation.motions.items()
-        }
+        psi, found = problem._evaluated(responses)
         return problem, replace(
             evaluation,
             psi=psi,
-            constraints=constraints,
+            constraints=problem._labelled(found),
             gradient=None,
             integrals_gradient=None,
-            motions=changed,
+            load_cases=found,
         )
 
     def value(self, x: Densities) -> Evaluation:
@@ -144,61 +349,56 @@ class Problem(MovingBodies):
             TypeError: On every rank, if a density holds something else than real numbers.
             ValueError: On every rank, if a density has the wrong size, is NaN or leaves [0, 1], or
                 if a body has no mass.
-            SimulationError: On every rank, if the motion cannot be computed.
+            SimulationError: On every rank, if the trajectory cannot be computed.
         """
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            densities = self._by_name(x)
-        reduced = {
-            name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()
-        }
-        seconds: dict[str, float] = {}
-        for part in reduced.values():
-            _add(seconds, part.seconds)
-        begin = perf_counter()
-        integrals, fields = self._integrals(reduced), self._fields(reduced)
-        stresses = self._stresses(reduced)
-        moved = trajectories(self.comm, self.motions, integrals)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            found = {
-                name: motion.evaluated(Response(moved[name], integrals, fields, stresses))
-                for name, motion in self.motions.items()
-            }
-        self._check_agreement(found)
-        psi, values, constraints = self._shared(found)
-        _add(seconds, {"simulation": perf_counter() - begin})
-        volume = {name: _filled(b, densities[name]) for name, b in self.flexible.items()}
+        bodies = self._designed
+        with on_every_rank(self.comm, WORK):
+            densities = bodies.checked(x)
+        reduced = bodies.reduce(densities)
+        begin, given = perf_counter(), bodies.response(reduced)
+        simulated = trajectories(self.comm, self.load_cases, given.bodies)
+        responses = {name: replace(given, simulated=found) for name, found in simulated.items()}
+        psi, cases = self._evaluated(responses)
+        seconds = {"simulation": perf_counter() - begin}
         return Evaluation(
             psi=psi,
             gradient=None,
             bodies=reduced,
-            volume=volume,
-            fixed_interface_frequencies={
-                name: part.basis.frequencies for name, part in reduced.items()
-            },
-            outer_gap={name: part.basis.outer_gap for name, part in reduced.items()},
+            volume=bodies.volume(reduced),
+            fixed_interface_frequencies={n: part.basis.frequencies for n, part in reduced.items()},
+            outer_gap={name: part.basis.spectral_gap for name, part in reduced.items()},
             solver_iterations={},
-            seconds=seconds,
-            constraints=constraints,
-            motions={
-                name: MotionEvaluation(values[name][0], moved[name], values[name][1])
-                for name in self.motions
-            },
+            seconds=added([*(part.seconds for part in reduced.values()), seconds]),
+            constraints=self._labelled(cases),
+            load_cases=cases,
         )
 
-    def gradient(self, x: Densities) -> Evaluation:
-        """Objective and constraints with their exact gradients at densities.
+    def gradient(self, x: Densities, *, nodes: bool = False) -> Evaluation:
+        """Objective and constraints with their exact gradients at densities ``x``, as for `value`.
 
-        Args:
-            x: As for `value`.
-
-        Raises:
-            ValueError: As `value` does.
-            SimulationError: As `value` does.
-            RuntimeError: On every rank, if an adjoint system cannot be solved.
+        With ``nodes`` also those with respect to the nodes of the meshes (`differentiate`). It
+        raises what `value` and `differentiate` raise.
         """
-        return self.differentiate(self.value(x))
+        return self.differentiate(self.value(x), nodes=nodes)
 
-    def differentiate(self, evaluation: Evaluation, *, by_motion: bool = False) -> Evaluation:
+    def _refuse_lengths_of_placements(self) -> None:
+        """Refuse lengths between markers that move with the nodes, as these are left out."""
+        for case in self.load_cases.values():
+            for connection in (*case.mechanism.joints, *case.mechanism.forces):
+                if getattr(connection, "length", 0.0) is not None:
+                    continue
+                for marker in connection.markers:
+                    body, point = marker if isinstance(marker, tuple) else ("", "")
+                    if body in self.flexible and point in self.flexible[body].markers:
+                        raise ValueError(
+                            f"problem: {connection.label!r} takes its length from the placements, "
+                            f"where marker {point!r} of {body!r} moves with the nodes: give its "
+                            "length, which then has no derivative"
+                        )
+
+    def differentiate(
+        self, evaluation: Evaluation, *, by_load_case: bool = False, nodes: bool = False
+    ) -> Evaluation:
         """An evaluation with the exact gradients added.
 
         So a design whose value is rejected need not be differentiated. Bodies keep the factor of
@@ -207,191 +407,127 @@ class Problem(MovingBodies):
 
         Args:
             evaluation: What `value` returned, at any time.
-            by_motion: Give each of several motions a gradient of its own, too, which takes as many
-                adjoint solutions of the finite elements. With `WorstCase`, those near the largest
-                value always have one.
+            by_load_case: Give each of several load cases a gradient of its own, too, which takes as
+                many adjoint solutions of the finite elements. With `WorstCase`, those near the
+                largest value always have one.
+            nodes: Whether the derivatives with respect to the nodes of the meshes are wanted, too;
+                `FlexibleBody.pullback` says what moves with them.
 
         Raises:
             MemoryError: On every rank, if that would take more memory than a machine has.
             RuntimeError: On every rank, if an adjoint system cannot be solved.
+            ValueError: On every rank, with ``nodes`` if a length that is not given depends on them.
         """
-        validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
-        self._check_memory(adjoint=True)
-        psis = {name: motion.psi for name, motion in evaluation.motions.items()}
-        slopes = self.combine.slopes(psis)
-        apart = list(psis) if by_motion else self.combine.near(psis)
+        if nodes:
+            self._refuse_lengths_of_placements()
+        responses = self._responses(evaluation)
+        checked_memory(self._designed, self.load_cases, self._memory, adjoint=True)
+        psis = {name: case.psi for name, case in evaluation.load_cases.items()}
+        weights = self._slopes(psis)
+        counting = {name: weight for name, weight in weights.items() if weight}
+        apart = set(psis if by_load_case else self.combine.near(psis)) if len(psis) > 1 else set()
         begin = perf_counter()
-        found = self._differentiated(evaluation, {n for n in psis if slopes[n] or n in apart})
-        seconds = {**evaluation.seconds, "adjoint": perf_counter() - begin}
-        iterations = dict.fromkeys(self.flexible, 0)
-        motions, constraints = {}, {}
-        for name, part in found.items():
-            own = {}
-            for label, value in part.constraints.items():
-                pulled = self._to_densities(evaluation, _bars(value), iterations, seconds)
-                # that by stress is large, and its work is done
-                own[label] = replace(value, gradient=pulled, stress_gradient=None)
-                constraints[self._label(name, label)] = own[label]
-            apart_gradient = None
-            if name in apart and len(found) > 1:
-                apart_gradient = self._to_densities(evaluation, _bars(part), iterations, seconds)
-            motions[name] = replace(
-                evaluation.motions[name],
-                constraints=own,
-                gradient=apart_gradient,
-                integrals_gradient=part.integrals_gradient,
+        jobs = [(n, label) for n, case in self.load_cases.items() for label in case.objectives]
+        jobs = [(n, label) for n, label in jobs if label or n in counting or n in apart]
+        direct = self._direct(responses, jobs)
+        through = adjoints(self.comm, responses, direct)
+        found = {job: part.without_trajectory(through[job]) for job, part in direct.items()}
+        seconds = {"adjoint": perf_counter() - begin}
+        pulled: list[Pulled] = []
+
+        def back(bars: Derivatives) -> dict[str, Any]:
+            pulled.append(self._designed.pullback(evaluation.bodies, bars, nodes=nodes))
+            return {"gradient": pulled[-1].gradient, "nodes": pulled[-1].nodes}
+
+        cases = {}
+        for name, case in self.load_cases.items():
+            before, constraints = evaluation.load_cases[name], {}
+            for bound in case.constraints:
+                bars = found[name, bound.label].scaled(bound.slope)
+                constraints[bound.label] = replace(
+                    before.constraints[bound.label],
+                    derivatives=replace(bars, stresses={}),  # large, and no longer needed
+                    **back(bars),
+                )
+            psi = found.get((name, ""))
+            cases[name] = replace(
+                before,
+                constraints=constraints,
+                **(back(psi) if psi and name in apart else {"gradient": None}),
+                integrals_gradient=dict(psi.integrals) if psi else None,
             )
-        counting = {name: slope for name, slope in slopes.items() if slope}
-        total = _weighted({name: _bars(found[name]) for name in counting}, counting)
-        apart_already = [Derivatives(densities=motions[n].gradient or {}) for n in counting]
-        if all(part.densities for part in apart_already):
-            own_parts = dict(zip(counting, apart_already, strict=True))
-            gradient = dict(_weighted(own_parts, counting).densities)
+        total = _weighted({name: found[name, ""] for name in counting}, counting)
+        if counting.keys() <= apart:
+            # areas stand for what is added alike
+            parts = {
+                n: Derivatives(densities=cases[n].gradient or {}, areas=cases[n].nodes or {})
+                for n in counting
+            }
+            both = _weighted(parts, counting)
+            gradients: dict[str, Any] = {
+                "gradient": dict(both.densities),
+                "nodes": dict(both.areas) or None,
+            }
         else:
-            gradient = self._to_densities(evaluation, total, iterations, seconds)
-        if len(motions) == 1:
-            motions = {n: replace(motion, gradient=gradient) for n, motion in motions.items()}
+            gradients = back(total)
+        if len(cases) == 1:
+            cases = {name: replace(case, **gradients) for name, case in cases.items()}
         return replace(
             evaluation,
-            gradient=gradient,
+            **gradients,
             integrals_gradient=dict(total.integrals),
-            constraints=constraints,
-            motions=motions,
-            solver_iterations=iterations,
-            seconds=seconds,
+            constraints=self._labelled(cases),
+            load_cases=cases,
+            solver_iterations={n: sum(p.iterations[n] for p in pulled) for n in self.flexible},
+            seconds=added([evaluation.seconds, seconds, *(part.seconds for part in pulled)]),
         )
 
-    def _differentiated(
-        self, evaluation: Evaluation, wanted: Collection[str]
-    ) -> dict[str, MechanicalEvaluation]:
-        """Values with their derivatives by integrals, densities and stress, by motion.
-
-        Args:
-            evaluation: What `value` returned.
-            wanted: Motions whose objective is to be differentiated; constraints always are.
-        """
-        responses = self._responses(evaluation)
-        bare = {
-            name: MechanicalEvaluation(
-                psi=evaluation.motions[name].psi,
-                integrals_gradient=None,
-                constraints=evaluation.motions[name].constraints,
-                trajectory=response.trajectory,
-                bodies=dict(response.bodies),
-                seconds={},
-                densities=response.densities,
-                stresses=response.stresses,
-            )
-            for name, response in responses.items()
+    def _direct(
+        self, responses: Mapping[str, Response], jobs: Collection[Job]
+    ) -> dict[Job, Derivatives]:
+        """Partial derivatives of objectives, by load case and label."""
+        where = {
+            (name, label): f"constraint {self._label(name, label)!r}: " if label else ""
+            for name, label in jobs
         }
-        if len(self.motions) == 1:
-            with on_every_rank(self.comm, "the evaluation of a problem"):
-                return {
-                    name: motion.differentiate(bare[name]) for name, motion in self.motions.items()
-                }
-        direct, through = self._parts(responses, wanted)
-        return {
-            name: motion.differentiated(
-                bare[name],
-                {
-                    label: (direct[name, label], through[name, label])
-                    for label in motion.objectives
-                    if (name, label) in direct
-                },
-            )
-            for name, motion in self.motions.items()
-        }
-
-    def _parts(
-        self,
-        responses: Mapping[str, Response],
-        wanted: Collection[str],
-        *,
-        constraints: bool = True,
-    ) -> tuple[dict[Job, Derivatives], dict[Job, dict[str, VolumeIntegrals]]]:
-        """Derivatives at fixed motion, and those by integrals through it, by motion and label."""
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            direct = {
-                (name, label): objective.derivatives(responses[name])
-                for name, motion in self.motions.items()
-                for label, objective in motion.objectives.items()
-                if (constraints if label else name in wanted)
+        with on_every_rank(self.comm, WORK):
+            return {
+                (n, k): derivatives_of(self.load_cases[n].objectives[k], responses[n], where[n, k])
+                for n, k in jobs
             }
-        through = adjoints(self.comm, responses, {k: d.trajectory for k, d in direct.items()})
-        return {k: replace(part, trajectory=None) for k, part in direct.items()}, through
 
-    def _to_densities(
-        self,
-        evaluation: Evaluation,
-        found: Derivatives,
-        iterations: dict[str, int],
-        seconds: dict[str, float],
-    ) -> dict[str, NDArray[np.float64]]:
-        """Derivatives with respect to the densities, through the reduction and at fixed one."""
-        bars, direct, stresses = found.integrals, found.densities, found.stresses
-        gradient: dict[str, NDArray[np.float64]] = {}
-        for name, body in self.flexible.items():
-            gradient[name] = np.zeros(body.domain.n_cells)
-            # the same on every rank, so all skip a body that does not matter, or none
-            if name in stresses or bars[name].dot(bars[name]) != 0.0:
-                reduced, shapes = evaluation.bodies[name], None
-                if name in stresses:
-                    shapes = body.stress_pullback(reduced, stresses[name])
-                gradient[name], learnt = body.pullback(reduced, bars[name], shapes)
-                iterations[name] += int(learnt.pop("iterations"))
-                _add(seconds, learnt)
-            if name in direct:
-                gradient[name] = gradient[name] + direct[name]
-        return gradient
+    def _counting(
+        self, evaluation: Evaluation
+    ) -> tuple[dict[str, Response], dict[Job, Derivatives], dict[str, float]]:
+        """Responses, partial derivatives of load cases with non-zero weight, and these weights."""
+        responses = self._responses(evaluation)
+        weights = self._slopes({n: case.psi for n, case in evaluation.load_cases.items()})
+        weights = {name: weight for name, weight in weights.items() if weight}
+        return responses, self._direct(responses, [(name, "") for name in weights]), weights
 
     def integral_gradients(
         self, evaluation: Evaluation
     ) -> tuple[dict[str, VolumeIntegrals], dict[str, VolumeIntegrals]]:
-        """The derivatives of psi with respect to the volume integrals of all bodies.
+        """The derivatives of psi by the volume integrals at an ``evaluation``, by body.
 
-        Args:
-            evaluation: What `value` returned.
-
-        Returns:
-            By name of the body, at fixed motion (only bodies on which the objective depends
-            directly), and through the motion. The same on every rank.
+        At fixed trajectory (only bodies on which the objective depends directly), and through the
+        trajectory; the same on every rank.
         """
-        direct, through, slopes = self._parts_of_psi(evaluation)
-        motion = _weighted({n: Derivatives(integrals=bars) for n, bars in through.items()}, slopes)
-        return dict(_weighted(direct, slopes).integrals), dict(motion.integrals)
-
-    def _parts_of_psi(
-        self, evaluation: Evaluation
-    ) -> tuple[dict[str, Derivatives], dict[str, dict[str, VolumeIntegrals]], dict[str, float]]:
-        """Of each motion that counts both parts of its derivatives, and its weight in psi."""
-        slopes = self.combine.slopes({n: motion.psi for n, motion in evaluation.motions.items()})
-        counting = {name: slope for name, slope in slopes.items() if slope}
-        direct, through = self._parts(self._responses(evaluation), counting, constraints=False)
-        return (
-            {name: direct[name, ""] for name in counting},
-            {name: through[name, ""] for name in counting},
-            counting,
-        )
+        responses, direct, weights = self._counting(evaluation)
+        through = adjoints(self.comm, responses, direct)
+        fixed = _weighted({n: direct[n, ""].without_trajectory({}) for n in weights}, weights)
+        moved = _weighted({n: Derivatives(integrals=through[n, ""]) for n in weights}, weights)
+        return dict(fixed.integrals), dict(moved.integrals)
 
     def partial_derivatives(self, evaluation: Evaluation) -> Derivatives:
-        """The derivatives of psi with respect to trajectory, integrals and densities, each alone.
+        """The partial derivatives of psi at an ``evaluation``.
 
-        Args:
-            evaluation: What `value` returned.
-
-        Returns:
-            That with respect to the trajectory is None where there are several motions.
+        That by the trajectory is None where there are several load cases.
         """
-        responses = self._responses(evaluation)
-        slopes = self.combine.slopes({n: motion.psi for n, motion in evaluation.motions.items()})
-        counting = {name: slope for name, slope in slopes.items() if slope}
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            found = {
-                name: self.motions[name].objective.derivatives(responses[name]) for name in counting
-            }
-        if len(self.motions) > 1:
-            found = {name: replace(part, trajectory=None) for name, part in found.items()}
-        return _weighted(found, counting)
+        _, found, weights = self._counting(evaluation)
+        if len(self.load_cases) > 1:
+            found = {job: part.without_trajectory({}) for job, part in found.items()}
+        return _weighted({name: found[name, ""] for name in weights}, weights)
 
     def psi_with(
         self,
@@ -400,88 +536,85 @@ class Problem(MovingBodies):
         stresses: Mapping[str, StressField],
         integrators: Mapping[str, Integrator] | None = None,
     ) -> float:
-        """The objective at the densities of an evaluation, with other integrals or other steps.
+        """Psi at the densities of an ``evaluation``, with other integrals or other steps.
 
-        Nothing is warned of. Elastic coordinates at the start are those of the bodies' first shape
-        functions.
-
-        Args:
-            evaluation: What `value` returned.
-            bodies: Volume integrals of all bodies, by name.
-            stresses: Stress of the bodies that have a mesh, by name.
-            integrators: Other ones than the problem's, by motion.
-
-        Raises:
-            SimulationError: On every rank, if a motion cannot be computed.
+        All ``bodies`` are given by their volume integrals, ``stresses`` for the bodies with a
+        mesh, and ``integrators``, by load case, replace the problem's. Nothing is warned of.
+        Start values of elastic coordinates belong to the bodies' first shape functions.
         """
         modes = {name: body.modes for name, body in bodies.items()}
-        motions = {
+        cases = {
             name: replace(
-                motion,
-                mechanism=replace(motion.mechanism, start=motion.mechanism.start.resized(modes)),
-                integrator=(integrators or {}).get(name, motion.integrator),
+                case,
+                mechanism=replace(case.mechanism, start=case.mechanism.start.resized(modes)),
+                integrator=(integrators or {}).get(name, case.integrator),
             )
-            for name, motion in self.motions.items()
+            for name, case in self.load_cases.items()
         }
-        found = trajectories(self.comm, motions, bodies, warn=False)
-        fields = self._fields(evaluation.bodies)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            return self.combine.value(
-                {
-                    name: motion.objective.evaluate(Response(found[name], bodies, fields, stresses))
-                    for name, motion in motions.items()
-                }
-            )
+        simulated = trajectories(self.comm, cases, bodies, warn=False)
+        fields = self._designed.response(evaluation.bodies).densities
+        found = {n: Response(simulated[n], bodies, fields, stresses) for n in cases}
+        with on_every_rank(self.comm, WORK):
+            return self._combined({n: value_of(m.objective, found[n]) for n, m in cases.items()})
 
-    def _check_agreement(self, found: Mapping[str, MechanicalEvaluation]) -> None:
-        """Refuse objectives and constraints that differ between the ranks."""
+    def integrals(self, evaluation: Evaluation) -> dict[str, VolumeIntegrals]:
+        """The volume integrals of all bodies at an ``evaluation``, in the order of the bodies."""
+        validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
+        return dict(self._designed.response(evaluation.bodies).bodies)
+
+    def response(self, evaluation: Evaluation) -> Response:
+        """The arguments of the only load case's objective, at an ``evaluation``."""
+        instead = "problem.alone({0!r}).response(evaluation.alone({0!r}))"
+        return only_case(self._responses(evaluation), instead)
+
+    def _responses(self, evaluation: Evaluation) -> dict[str, Response]:
+        """The arguments of the objectives at an evaluation, by load case."""
+        validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
+        given = self._designed.response(evaluation.bodies)
+        return {n: replace(given, simulated=m.trajectory) for n, m in evaluation.load_cases.items()}
+
+    def _evaluated(
+        self, responses: Mapping[str, Response]
+    ) -> tuple[float, dict[str, LoadCaseEvaluation]]:
+        """Psi, and objective and constraints of each load case, as rank 0 computes them."""
+        with on_every_rank(self.comm, WORK):
+            own = {name: m.evaluated(responses[name]) for name, m in self.load_cases.items()}
         said: dict[str, Any] = {}
-        for name, motion in self.motions.items():
-            said[self._of("integrator", name)] = motion.integrator
-            said[self._of("the objective", name)] = float(found[name].psi)
-            for label, value in found[name].constraints.items():
+        for name, case in self.load_cases.items():
+            said[self._of("integrator", name)] = case.integrator
+            said[self._of("the objective", name)] = float(own[name].psi)
+            for label, value in own[name].constraints.items():
                 said[self._of(f"the constraint {label!r}", name)] = value.psi
         check_alike(self.comm, "problem", said, DIFFERS)
-
-    def _shared(
-        self, found: Mapping[str, MechanicalEvaluation]
-    ) -> tuple[float, dict[str, Values], dict[str, ConstraintValue]]:
-        """Psi, objective and constraints of each motion, and all constraints, those of rank 0.
-
-        Every rank computes them, and its own last bits may decide nothing.
-        """
-        own = {name: (part.psi, part.constraints) for name, part in found.items()}
-        values: dict[str, Values] = self.comm.bcast(own, root=0)
-        with on_every_rank(self.comm, "the evaluation of a problem"):
-            psi = self.combine.value({name: value for name, (value, _) in values.items()})
-        constraints = {
-            self._label(name, label): value
-            for name, (_, of_motion) in values.items()
-            for label, value in of_motion.items()
+        # the last bits of a rank may decide nothing
+        values = self.comm.bcast({n: (part.psi, part.constraints) for n, part in own.items()})
+        with on_every_rank(self.comm, WORK):
+            psi = self._combined({name: value for name, (value, _) in values.items()})
+        return psi, {
+            name: LoadCaseEvaluation(value, responses[name].simulated, bounds)
+            for name, (value, bounds) in values.items()
         }
-        return psi, values, constraints
 
+    def _labelled(self, cases: Mapping[str, LoadCaseEvaluation]) -> dict[str, ConstraintValue]:
+        """The constraints of all load cases by their labels."""
+        return {
+            self._label(name, label): value
+            for name, case in cases.items()
+            for label, value in case.constraints.items()
+        }
 
-def _filled(body: FlexibleBody, density: NDArray[np.float64]) -> float:
-    """The filled share of a body's area at a density that has been checked."""
-    domain = body.domain
-    return domain.sum(density * (domain.cell_volumes / domain.area))
+    def _combined(self, psi: Mapping[str, float]) -> float:
+        """The one number from the objectives by load case."""
+        kind = type(self.combine).__name__
+        return validation.number(f"the value of {kind}", self.combine.value(psi))
 
-
-def _bars(found: MechanicalEvaluation | ConstraintValue) -> Derivatives:
-    """The derivatives of an objective or a constraint through its motion and at fixed motion."""
-    by_integrals, by_densities = found.integrals_gradient, found.density_gradient
-    by_stress = found.stress_gradient
-    assert by_integrals is not None and by_densities is not None and by_stress is not None
-    return Derivatives(None, by_integrals, by_densities, by_stress)
+    def _slopes(self, psi: Mapping[str, float]) -> dict[str, float]:
+        """The derivatives of psi by the objectives of the load cases."""
+        given, kind = self.combine.slopes(psi), type(self.combine).__name__
+        return {n: validation.number(f"the slope of {kind} by {n!r}", given.get(n)) for n in psi}
 
 
 def _weighted(parts: Mapping[str, Derivatives], weights: Mapping[str, float]) -> Derivatives:
-    """Their sum with weights."""
+    """Weighted sum of derivatives by load case."""
     scaled = [p if weights[n] == 1.0 else p.scaled(weights[n]) for n, p in parts.items()]
     return sum(scaled[1:], scaled[0])
-
-
-def _add(total: dict[str, float], part: Mapping[str, float]) -> None:
-    for key, value in part.items():
-        total[key] = total.get(key, 0.0) + value

@@ -1,45 +1,40 @@
 # SPDX-License-Identifier: MIT
-"""Work on several motions, spread over the ranks: one motion is worked at on one rank.
+"""Load cases spread over the ranks, each computed on one of them.
 
-A reduced motion is small and cannot be distributed, but several can be computed side by side. All
-ranks know the result, as if each had computed it itself: numbers, warnings, errors.
+A reduced model is small and cannot be distributed, but several can be simulated side by side. All
+ranks know the result, as if each had computed it itself: numbers, warnings, errors. A single load
+case is computed on every rank, which is faster than to send it.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any, TypeVar
 
 from mpi4py import MPI
 
 from ..body import VolumeIntegrals
-from ..dynamics import SimulationError, Trajectory, TrajectoryBar, integrate, restored
-from ..mechanical_problem import MechanicalProblem, through_motion
-from ..objective import Response
+from ..dynamics import SimulationError, Trajectory, adjoint, integrate, restored, warn_of_limits
+from ..mechanical_problem import MechanicalProblem, moves
+from ..objective import Derivatives, Response
 from ..parallel import gathered, on_every_rank
-
-__all__ = ["adjoints", "owners", "trajectories"]
 
 Key = TypeVar("Key", bound=Hashable)
 Bodies = Mapping[str, VolumeIntegrals]
-#: Of a motion that is worked at: the motion and the label of the number that is differentiated
+#: A load case, and the label of the number that is differentiated
 Job = tuple[str, str]
 
-#: Instants that a motion is taken to have whose steps follow from a tolerance
-INSTANTS = 2000
+WORK = "the evaluation of a problem"  #: The name of the sections in messages
+INSTANTS = 2000  #: Taken where the steps follow from a tolerance
 
 
 def owners(costs: Mapping[Key, float], ranks: int) -> dict[Key, int]:
-    """Which rank works at what, so that all are done at about the same time.
+    """The rank that computes each load case, so that all ranks end at about the same time.
 
-    The largest first, each to the rank that has least to do: at most 4/3 of the least time (R. L.
-    Graham, SIAM Journal on Applied Mathematics 17 (1969), doi:10.1137/0117039).
-
-    Args:
-        costs: Of each piece of work, in any unit.
-        ranks: Their number.
+    The largest of the ``costs`` first, each to the rank that has least to do: at most 4/3 of the
+    least time (R. L. Graham, SIAM Journal on Applied Mathematics 17 (1969), doi:10.1137/0117039).
     """
     load, found = [0.0] * ranks, dict.fromkeys(costs, 0)
     for key in sorted(costs, key=lambda key: -costs[key]):
@@ -50,108 +45,92 @@ def owners(costs: Mapping[Key, float], ranks: int) -> dict[Key, int]:
 
 
 def trajectories(
-    comm: MPI.Comm,
-    motions: Mapping[str, MechanicalProblem],
-    bodies: Bodies,
-    *,
-    warn: bool = True,
+    comm: MPI.Comm, cases: Mapping[str, MechanicalProblem], bodies: Bodies, *, warn: bool = True
 ) -> dict[str, Trajectory | None]:
-    """The motions of the same bodies; collective.
+    """The trajectories of load cases of the same ``bodies``, alike on every rank; collective.
 
-    A single one is computed on every rank, which is faster than to send it.
-
-    Args:
-        comm: All its ranks call.
-        motions: By name.
-        bodies: Volume integrals of all bodies, by name.
-        warn: Whether to warn of the limits of each motion.
-
-    Returns:
-        By name of the motion, alike on every rank; None where nothing depends on it.
-
-    Raises:
-        SimulationError: On every rank, if a motion cannot be computed; of several the first.
-        Exception: On every rank, what the simulation raises else.
+    None where nothing depends on a trajectory. With ``warn`` their limits are warned of. Errors of
+    the simulation are raised on every rank, of several load cases the first one's.
     """
-
-    def run(name: str) -> Trajectory | None:
-        motion = motions[name]
-        if warn or not motion.needs_trajectory:
-            return motion.motion(bodies)
-        return integrate(motion.mechanism, bodies, motion.integrator)
-
-    if len(motions) == 1:
-        with on_every_rank(comm, "the evaluation of a problem"):
-            return {name: run(name) for name in motions}
-    found: dict[str, Trajectory | None] = {}
+    several, found = len(cases) > 1, dict[str, Trajectory | None]()
     failed: dict[str, SimulationError] = {}
     said: dict[str, list[tuple[type[Warning], str]]] = {}
-    with on_every_rank(comm, "the evaluation of a problem"):
-        for name in _mine(comm, {name: _cost(motion, bodies) for name, motion in motions.items()}):
-            with warnings.catch_warnings(record=True) as caught, _named(name):
-                warnings.simplefilter("always")
+    costs = {name: _cost(case, bodies) for name, case in cases.items()}
+    with on_every_rank(comm, WORK):
+        for name in _mine(comm, costs) if several else cases:
+            case = cases[name]
+            with _recorded(name, said) if several else nullcontext():
+                if not case.needs_trajectory:
+                    found[name] = case.trajectory(bodies)
+                    continue
                 try:
-                    found[name] = run(name)
+                    simulated = integrate(case.mechanism, bodies, case.integrator)
                 except SimulationError as error:
+                    if warn:
+                        warn_of_limits(error.trajectory, complete=False)
+                    if not several:
+                        raise
                     failed[name] = error
-            said[name] = [(entry.category, str(entry.message)) for entry in caught]
-    numbers = {name: None if motion is None else motion.numbers for name, motion in found.items()}
+                else:
+                    found[name] = simulated
+                    if warn:
+                        warn_of_limits(simulated)
+    if not several:
+        return found
+    numbers = {name: each and each.numbers for name, each in found.items()}
     texts = {name: str(error) for name, error in failed.items()}
-    sent = gathered(comm, "the motions of a problem", (numbers, said, texts))
+    sent = gathered(comm, "the load cases of a problem", (numbers, said, texts))
     every, warned, errors = (_joined([each[part] for each in sent]) for part in range(3))
-    with on_every_rank(comm, "the evaluation of a problem"):
-        for name, motion in motions.items():
+    with on_every_rank(comm, WORK):
+        for name, case in cases.items():
             for category, text in warned[name]:
-                warnings.warn(f"motion {name!r}: {text}", category, stacklevel=4)
+                warnings.warn(f"load case {name!r}: {text}", category, stacklevel=4)
             if name in errors:
                 own = failed[name].trajectory if name in failed else None
-                raise SimulationError(f"motion {name!r}: {errors[name]}", own)  # type: ignore[arg-type]
+                raise SimulationError(f"load case {name!r}: {errors[name]}", own)  # type: ignore[arg-type]
             if name not in found:
                 given = every[name]
-                found[name] = None
-                if given is not None:
-                    found[name] = restored(motion.mechanism, bodies, motion.integrator, given)
-    return {name: found[name] for name in motions}
+                found[name] = given and restored(case.mechanism, bodies, case.integrator, given)
+    return {name: found[name] for name in cases}
 
 
 def adjoints(
-    comm: MPI.Comm,
-    responses: Mapping[str, Response],
-    bars: Mapping[Job, TrajectoryBar | None],
+    comm: MPI.Comm, responses: Mapping[str, Response], direct: Mapping[Job, Derivatives]
 ) -> dict[Job, dict[str, VolumeIntegrals]]:
-    """The derivatives of numbers with respect to all integrals through their motions; collective.
+    """The derivatives by all integrals through the trajectories; collective on ``comm``.
 
-    Args:
-        comm: All its ranks call.
-        responses: Motions and integrals, by name of the motion.
-        bars: Derivatives of the numbers with respect to their motions, by motion and label.
-
-    Raises:
-        RuntimeError: On every rank, if an adjoint system cannot be solved.
+    The ``responses`` are given by load case, the partial derivatives ``direct`` by load case and
+    label.
     """
+    several, found = len(responses) > 1, dict[Job, dict[str, VolumeIntegrals]]()
     costs = {}
-    for job, bar in bars.items():
-        moved = responses[job[0]].trajectory
-        costs[job] = 0.0 if moved is None or bar is None else float(moved.y.size)
-    found = {}
-    with on_every_rank(comm, "the evaluation of a problem"):
-        for job in _mine(comm, costs):
-            with _named(job[0]):
-                found[job] = through_motion(bars[job], responses[job[0]])
-    every = _joined(gathered(comm, "the adjoints of a problem", found))
-    return {job: every[job] for job in bars}
+    for job, part in direct.items():
+        known = responses[job[0]].simulated
+        costs[job] = 0.0 if known is None or part.trajectory is None else float(known.y.size)
+    with on_every_rank(comm, WORK):
+        for job in _mine(comm, costs) if several else direct:
+            with _named(job[0]) if several else nullcontext():
+                response, bar = responses[job[0]], direct[job].trajectory
+                if bar is not None and moves(direct[job], response):
+                    found[job] = adjoint(response.trajectory, bar)
+                else:
+                    found[job] = {n: body.zeros_like() for n, body in response.bodies.items()}
+    every = _joined(gathered(comm, "the adjoints of a problem", found)) if several else found
+    return {job: every[job] for job in direct}
 
 
 def _mine(comm: MPI.Comm, costs: Mapping[Key, float]) -> list[Key]:
-    """What this rank works at."""
+    """The keys that this rank works at."""
     return [key for key, rank in owners(costs, comm.size).items() if rank == comm.rank]
 
 
-def _cost(motion: MechanicalProblem, bodies: Bodies) -> float:
-    """About proportional to the time that a motion takes: steps times size."""
-    coordinates = sum(3 + body.modes for body in bodies.values())
-    size = coordinates + 2 * len(motion.mechanism.joints)
-    return float((motion.integrator.instants or INSTANTS) * size) * motion.needs_trajectory
+def _cost(case: MechanicalProblem, bodies: Bodies) -> float:
+    """Steps times coordinates, to which the time of a simulation is about proportional."""
+    space = any(body.dimension == 3 for body in bodies.values())
+    coordinates = sum((6 if space else 3) + body.modes for body in bodies.values())
+    # most joints leave one coordinate of a body free, in the plane and in space
+    size = coordinates + (5 if space else 2) * len(case.mechanism.joints)
+    return float((case.integrator.instants or INSTANTS) * size) * case.needs_trajectory
 
 
 def _joined(parts: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
@@ -159,10 +138,19 @@ def _joined(parts: Sequence[Mapping[Key, Any]]) -> dict[Key, Any]:
 
 
 @contextmanager
-def _named(motion: str) -> Iterator[None]:
-    """Errors raised within say of which motion they are."""
+def _named(case: str) -> Iterator[None]:
+    """Add the name of the load case to errors raised within."""
     try:
         yield
     except Exception as error:
-        error.add_note(f"in motion {motion!r}")
+        error.add_note(f"in load case {case!r}")
         raise
+
+
+@contextmanager
+def _recorded(case: str, said: dict[str, list[tuple[type[Warning], str]]]) -> Iterator[None]:
+    """Keep the warnings within for all ranks, and name the load case in errors."""
+    with warnings.catch_warnings(record=True) as caught, _named(case):
+        warnings.simplefilter("always")
+        yield
+    said[case] = [(entry.category, str(entry.message)) for entry in caught]

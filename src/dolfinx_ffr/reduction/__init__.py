@@ -3,21 +3,22 @@
 
 from __future__ import annotations
 
-from .craig_bampton import CraigBampton, ReducedBasis
-from .direct_solver import agreed_memory
+from ..documentation import explain_fields
+from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
+from .direct_solver import solved
 from .factored_body import FactoredBody
-from .flexible_body import FlexibleBody, ReducedBody
+from .flexible_body import BodyPullback, FlexibleBody, ReducedBody
 from .frame import ChordFrame, TangentFrame
 from .geometric_stiffness import MARKERS
 from .integrals import RoundOffWarning
 from .normal_modes import CLUSTER
 from .residual_modes import with_residual_modes
-from .static_correction import ShapesBar
 from .stress import BodyStress
 
 __all__ = [
     "CLUSTER",
     "MARKERS",
+    "BodyPullback",
     "BodyStress",
     "ChordFrame",
     "CraigBampton",
@@ -28,6 +29,8 @@ __all__ = [
     "RoundOffWarning",
     "ShapesBar",
     "TangentFrame",
-    "agreed_memory",
+    "solved",
     "with_residual_modes",
 ]
+
+explain_fields(globals())

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Direct solution of symmetric positive definite systems whose rows are shared by ranks.
+"""Solution of symmetric positive definite systems whose rows are shared by ranks.
 
-CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. What a reduction
-solves comes in blocks of right-hand sides, which do not depend on each other. So where the memory
+CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. So where the memory
 suffices, a few ranks hold the whole factor each, and share the columns of a block. A body whose
 factor is too large for that is factored by MUMPS, its rows on all ranks.
 """
@@ -10,6 +9,7 @@ factor is too large for that is factored by MUMPS, its rows on all ranks.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,12 +17,11 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dynamics import available_memory
-from ..fem import Block, Elasticity
-from .linear_solver import LinearSolver
+from ..fem import Block, Elasticity, by_dense, dense_matrix
+from ..parallel import agreed_memory
 
-__all__ = ["agreed_memory", "direct_solver"]
-
+#: How bodies are solved: by factors, or by conjugate gradients with multigrid
+SOLVERS = DIRECT, ITERATIVE = "direct", "iterative"
 #: Most ranks that hold a whole factor: a block has few columns.
 HOLDERS = 4
 #: Share of the memory of a machine that copies of a factor may take
@@ -31,13 +30,24 @@ SHARE = 0.25
 CHOLMOD = ("cholmod", "suitesparse")
 
 
-def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
-    """The solver for matrices of a body.
+class LinearSolver(ABC):
+    """Solution with one matrix after the other, all of the same sparsity pattern."""
 
-    Args:
-        elasticity: The body.
-        matrix: Any matrix of the body; collective.
-    """
+    @abstractmethod
+    def factor(self, matrix: PETSc.Mat) -> None:
+        """Prepare for a symmetric positive definite matrix; PETSc.Error if it is singular."""
+
+    @abstractmethod
+    def solve(self, block: Block) -> Block:
+        """The inverse times right-hand sides, shape (dofs of this rank, columns)."""
+
+    @abstractmethod
+    def destroy(self) -> None:
+        """Free the memory on all ranks together."""
+
+
+def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
+    """The solver for the matrices of a body, all like ``matrix``; collective."""
     comm = elasticity.comm
     if any(map(PETSc.Sys.hasExternalPackage, CHOLMOD)):
         if comm.size == 1:
@@ -48,12 +58,7 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
 
 
 def copies_fit(matrix: PETSc.Mat, dimension: int) -> bool:
-    """Whether a few ranks may hold the whole factor each, the same on every rank.
-
-    Args:
-        matrix: What is to be factored.
-        dimension: Of the body, 2 or 3.
-    """
+    """Whether the memory lets a few ranks hold the whole factor each; the same on every rank."""
     n = matrix.size[0]
     entries = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
     # By nested dissection a factor has more entries than the matrix in proportion to log n in the
@@ -63,21 +68,8 @@ def copies_fit(matrix: PETSc.Mat, dimension: int) -> bool:
     return bool(largest <= SHARE * agreed_memory(matrix.comm.tompi4py(), HOLDERS))
 
 
-def agreed_memory(comm: MPI.Comm, most: int | None = None) -> int:
-    """Least memory that a rank may take, where those of a machine share its memory [bytes].
-
-    Args:
-        comm: The ranks; collective.
-        most: The number of ranks on a machine that take any, if it is bounded.
-    """
-    neighbours = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    sharing = neighbours.size if most is None else min(neighbours.size, most)
-    neighbours.Free()
-    return int(comm.allreduce(available_memory(sharing), MPI.MIN))
-
-
 def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:
-    """What holds a factor by a library, and raises where there is none."""
+    """A solver that holds a Cholesky factor made by ``package``, and raises where that fails."""
     ksp = PETSc.KSP().create(comm)
     ksp.setType("preonly")
     pc = ksp.getPC()
@@ -87,23 +79,19 @@ def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:
     return ksp
 
 
-def _solved(ksp: PETSc.KSP, right: PETSc.Mat) -> Block:
-    """The solution for a dense matrix of right-hand sides, which is destroyed."""
-    left = right.duplicate()
-    ksp.getPC().getFactorMatrix().matSolve(right, left)
-    result = np.array(left.getDenseArray())
-    right.destroy()
-    left.destroy()
-    return result
+def solved(pc: PETSc.PC, right: PETSc.Mat) -> Block:
+    """The solution by a factor for a dense matrix of right-hand sides, which is destroyed."""
+
+    def solution(right: PETSc.Mat) -> PETSc.Mat:
+        left = right.duplicate()
+        pc.getFactorMatrix().matSolve(right, left)
+        return left
+
+    return by_dense(solution, right)
 
 
 class SharedFactor(LinearSolver):
-    """One factor, its rows on all ranks.
-
-    Args:
-        elasticity: The body.
-        package: PETSc's name of the library that factors.
-    """
+    """One factor by a library (``package``), its rows on all ranks."""
 
     def __init__(self, elasticity: Elasticity, package: str) -> None:
         self._elasticity = elasticity
@@ -116,29 +104,24 @@ class SharedFactor(LinearSolver):
     def solve(self, block: Block) -> Block:
         if block.shape[1] == 0:
             return np.zeros_like(block)
-        return _solved(self._ksp, self._elasticity.dense(block))
+        return solved(self._ksp.getPC(), self._elasticity.dense(block))
 
     def destroy(self) -> None:
         self._ksp.destroy()
 
 
 class CopiedFactor(LinearSolver):
-    """The same factor on a few ranks, which share the columns of a block.
-
-    Args:
-        elasticity: The body.
-    """
+    """The same factor on a few ranks, which share the columns of a block."""
 
     def __init__(self, elasticity: Elasticity) -> None:
         self._comm = comm = elasticity.comm
         self._holders = min(comm.size, HOLDERS)
-        #: Number of rows of each rank
-        self._rows = np.array(comm.allgather(elasticity.n_dofs))
+        self._rows = np.array(comm.allgather(elasticity.n_dofs))  # of each rank
         self._size = int(self._rows.sum())
         self._ksp = _ksp(PETSc.COMM_SELF, "cholmod") if comm.rank < self._holders else None
         self._matrix: PETSc.Mat | None = None
         self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
-        self._entries = np.zeros(0, dtype=np.int64)  # number of those of each rank
+        self._entries = np.zeros(0, dtype=np.int64)  # of each rank
 
     def factor(self, matrix: PETSc.Mat) -> None:
         indptr, indices, values = matrix.getValuesCSR()
@@ -168,39 +151,31 @@ class CopiedFactor(LinearSolver):
             raise PETSc.Error(failed)
 
     def _gathered(self, part: NDArray, counts: NDArray[np.int64]) -> NDArray:
-        """What the ranks hold, one after the other."""
+        """The parts of all ranks, one after the other."""
         whole = np.empty(int(counts.sum()), dtype=part.dtype)
         self._comm.Allgatherv(np.ascontiguousarray(part), (whole, counts))
         return whole
 
     def solve(self, block: Block) -> Block:
         n, columns = block.shape
-        # the first ranks get one more where they cannot have the same
+        # columns of each rank; the first ones get one more where they cannot have the same
         share = np.zeros(self._comm.size, dtype=np.int64)
-        each, rest = divmod(columns, self._holders)
-        share[: self._holders] = each
-        share[:rest] += 1
+        share[: self._holders] = (columns + np.arange(self._holders)[::-1]) // self._holders
         mine = int(share[self._comm.rank])
-        # column by column in memory, those of one rank and those for one rank stand together
+        # column by column in memory, what is sent to one rank stands together
         arrived = np.empty(self._size * mine)
         sent = np.asfortranarray(block, dtype=np.float64).ravel(order="F")
         self._comm.Alltoallv((sent, n * share), (arrived, self._rows * mine))
-        solved = np.empty_like(arrived)
+        found = np.empty_like(arrived)
         if mine and self._ksp is not None:
-            ends = np.cumsum(self._rows)
-            right = np.empty((self._size, mine), order="F")
-            for first, last in zip(ends - self._rows, ends, strict=True):
-                part = arrived[first * mine : last * mine]
-                right[first:last] = part.reshape(last - first, mine, order="F")
-            dense = PETSc.Mat().createDense(
-                right.shape, array=right.ravel(order="F"), comm=PETSc.COMM_SELF
-            )
-            dense.assemble()
-            left = _solved(self._ksp, dense)
-            for first, last in zip(ends - self._rows, ends, strict=True):
-                solved[first * mine : last * mine] = left[first:last].ravel(order="F")
+            ends = np.cumsum(self._rows)[:-1]
+            parts = np.split(arrived, ends * mine)
+            right = np.vstack([part.reshape(-1, mine, order="F") for part in parts])
+            dense = dense_matrix(PETSc.COMM_SELF, right)
+            left = np.split(solved(self._ksp.getPC(), dense), ends)
+            found = np.concatenate([part.ravel(order="F") for part in left])
         result = np.empty(n * columns)
-        self._comm.Alltoallv((solved, self._rows * mine), (result, n * share))
+        self._comm.Alltoallv((found, self._rows * mine), (result, n * share))
         return result.reshape(n, columns, order="F")
 
     def destroy(self) -> None:

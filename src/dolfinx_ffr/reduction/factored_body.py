@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Matrices of one body at one density with all interfaces held, and what their factors tell."""
+"""Matrices of one body at one density, with all interfaces clamped, and the factor of K."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -11,125 +12,132 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Block, Elasticity, Matrices
-from .direct_solver import direct_solver
-from .inertia import InertiaCount
-from .linear_solver import ITERATIVE, LinearSolver
+from .direct_solver import ITERATIVE, LinearSolver, direct_solver
 from .multigrid import MultigridSolver
 
-__all__ = ["FactoredBody", "HeldMatrices"]
+_SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 
 
 @dataclass(frozen=True, eq=False)
-class HeldMatrices:
-    """Matrices with all interfaces held, and what solves with the stiffness.
+class ClampedMatrices:
+    """Matrices with all interfaces clamped, and the solver for the stiffness.
 
-    One density after the other is written into them: their entries stay where they are, and the
-    ordering of a factor is found once.
+    One density after the other is written into them: pattern, ordering and MUMPS's analysis stay.
     """
 
-    stiffness: PETSc.Mat  #: One on the diagonal of held rows
-    mass: PETSc.Mat  #: Zero in held rows
+    stiffness: PETSc.Mat  #: One on the diagonal of clamped rows
+    mass: PETSc.Mat  #: Zero in clamped rows
     solver: LinearSolver  #: Holds the factor of the stiffness, or coarser systems
+    #: Matrix, preconditioner, factor by which eigenvalues are counted, once they are made
+    _analysis: list[Any] = field(default_factory=list)
 
     @staticmethod
     def of(
-        elasticity: Elasticity, held: NDArray[np.bool_], solver: str, tolerance: float
-    ) -> HeldMatrices:
-        """Matrices without values yet.
-
-        Args:
-            elasticity: The body.
-            held: Whether a dof of this rank belongs to an interface, shape (dofs,).
-            solver: ``"direct"`` or ``"iterative"``.
-            tolerance: Of modes and adjoints.
-        """
+        elasticity: Elasticity, clamped: NDArray[np.bool_], solver: str, tolerance: float
+    ) -> ClampedMatrices:
+        """Matrices without values yet; ``clamped`` has shape (dofs of this rank,)."""
         stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
         if solver == ITERATIVE:
-            return HeldMatrices(stiffness, mass, MultigridSolver(elasticity, held, tolerance))
-        return HeldMatrices(stiffness, mass, direct_solver(elasticity, stiffness))
+            return ClampedMatrices(stiffness, mass, MultigridSolver(elasticity, clamped, tolerance))
+        return ClampedMatrices(stiffness, mass, direct_solver(elasticity, stiffness))
 
     def fill(self, matrices: Matrices, rows: NDArray[np.int32]) -> None:
-        """Write the matrices of a density, and make the solver ready for the stiffness.
-
-        Args:
-            matrices: Of the body that floats freely.
-            rows: Local numbers of the dofs that are held, ghosts left out.
-
-        Raises:
-            petsc4py.PETSc.Error: If the stiffness is singular.
-        """
+        """Write the matrices of a density, its owned ``rows`` clamped, and factor the stiffness."""
         for source, target, diagonal in (
             (matrices.stiffness, self.stiffness, 1.0),
             (matrices.mass, self.mass, 0.0),
         ):
-            source.copy(target, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            source.copy(target, _SAME)
             target.zeroRowsColumnsLocal(rows, diagonal)
         self.solver.factor(self.stiffness)
 
+    def count_below(self, limit: float) -> int:
+        """The number of eigenvalues below a limit, copies included, the same on every rank."""
+        # by Sylvester's law that of the negative pivots of K - limit M; CHOLMOD does not pivot
+        if not self._analysis:
+            self._analyse()
+        shifted, pc, factor = self._analysis
+        self.stiffness.copy(shifted, _SAME)
+        shifted.axpy(-limit, self.mass, _SAME)
+        pc.setOperators(shifted)
+        pc.setUp()
+        state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
+        if state < 0:
+            self._forget_analysis()
+            raise RuntimeError(
+                f"reduction: MUMPS cannot factor the shifted stiffness (INFOG(1) = {state}, "
+                "see its manual), so that modes cannot be counted; is there too little memory?"
+            )
+        return int(factor.getInertia()[0])
+
+    def _analyse(self) -> None:
+        shifted = self.stiffness.duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+        pc = PETSc.PC().create(shifted.comm)
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setOperators(shifted)
+        pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
+        factor.setMumpsIcntl(13, 1)  # no part of the matrix is left to ScaLAPACK, uncounted
+        factor.setMumpsIcntl(14, 100)  # memory for pivots that are put off, in percent
+        factor.setMumpsIcntl(24, 1)  # PETSc demands that zero pivots are looked for
+        factor.setMumpsIcntl(31, 1)  # the factor is not kept: nothing is solved with it
+        self._analysis.extend((shifted, pc, factor))
+
+    def _forget_analysis(self) -> None:
+        while self._analysis:
+            self._analysis.pop().destroy()
+
     def destroy(self) -> None:
         """Free the memory on all ranks together."""
+        self._forget_analysis()
         for item in (self.solver, self.stiffness, self.mass):
             item.destroy()
 
 
 @dataclass(frozen=True, eq=False)
 class FactoredBody:
-    """Matrices of a body at one density, and the factor of its stiffness with interfaces held."""
+    """Matrices of a body at one density, and the factor of its stiffness, interfaces clamped."""
 
     elasticity: Elasticity = field(repr=False)  #: The body
     matrices: Matrices  #: Of the body that floats freely
-    inertia: InertiaCount = field(repr=False)  #: Of the body, at any density
-    _held: list[HeldMatrices] = field(repr=False)  #: Those of this density, until they are freed
-    _spare: list[HeldMatrices] = field(repr=False)  #: Where the next density finds them
+    _clamped: list[ClampedMatrices] = field(repr=False)  #: Of this density; empty once freed
+    _spare: list[ClampedMatrices] = field(repr=False)  #: Where the next density finds them
 
     @property
-    def held(self) -> HeldMatrices:
-        """With all interfaces held.
-
-        Raises:
-            RuntimeError: If they have been freed.
-        """
-        if not self._held:
+    def clamped(self) -> ClampedMatrices:
+        """The matrices with all interfaces clamped; RuntimeError if they have been freed."""
+        if not self._clamped:
             raise RuntimeError(
                 "reduction: the matrices of this density are freed, as the body has been worked at "
                 "another one since; ask FlexibleBody.factored for them again"
             )
-        return self._held[0]
+        return self._clamped[0]
 
     @property
-    def held_stiffness(self) -> PETSc.Mat:
-        """K with all interfaces held: one on the diagonal of held rows."""
-        return self.held.stiffness
+    def clamped_stiffness(self) -> PETSc.Mat:
+        """K with all interfaces clamped: one on the diagonal of clamped rows."""
+        return self.clamped.stiffness
 
     @property
-    def held_mass(self) -> PETSc.Mat:
-        """M with all interfaces held: zero in held rows."""
-        return self.held.mass
+    def clamped_mass(self) -> PETSc.Mat:
+        """M with all interfaces clamped: zero in clamped rows."""
+        return self.clamped.mass
 
     def solve(self, block: Block) -> Block:
-        """K^{-1} times block with all interfaces held, several right-hand sides at once."""
-        return self.held.solver.solve(block)
+        """K^-1 times right-hand sides, shape (dofs, columns), all interfaces clamped."""
+        return self.clamped.solver.solve(block)
 
     def count_below(self, limit: float) -> int:
-        """How many eigenvalues of K phi = lambda M phi lie below a limit, copies included.
-
-        Args:
-            limit: Not an eigenvalue itself [rad^2/s^2].
-
-        Returns:
-            The number, the same on every rank.
-
-        Raises:
-            RuntimeError: On every rank, if MUMPS fails.
-        """
-        return self.inertia.below(self.held_stiffness, self.held_mass, limit)
+        """The number of eigenvalues below a limit, copies included, the same on every rank."""
+        return self.clamped.count_below(limit)
 
     def destroy(self) -> None:
         """Free the memory on all ranks together, or leave it to the next density."""
-        while self._held:
-            held = self._held.pop()
+        while self._clamped:
+            clamped = self._clamped.pop()
             if self._spare:
-                held.destroy()
+                clamped.destroy()
             else:
-                self._spare.append(held)
+                self._spare.append(clamped)
         self.matrices.destroy()

@@ -2,13 +2,10 @@
 """Solution by conjugate gradients with algebraic multigrid, for bodies whose factor is too large.
 
 A factor of a body in space has some n^(4/3) entries, a hierarchy of coarser systems has as many as
-the matrix. PETSc's smoothed aggregation (GAMG) builds it out of the rigid motions of the body,
-which are nearly free on a coarse scale. Nodes of interfaces, which are held, do not take part:
-alone in their aggregates they would make coarse systems singular.
-
-All columns of a block are worked on at once, by products of sparse and dense matrices, which are
-several times faster than one vector after the other: so the cycles are done here, with PETSc's
-hierarchy, and smoothed by polynomials in the matrix.
+the matrix. PETSc's smoothed aggregation (GAMG) builds it out of the rigid motions of the body.
+Nodes of interfaces, which are clamped, do not take part: alone in their aggregates they would make
+coarse systems singular. The cycles are done here, for all columns of a block at once, several times
+faster than one vector after the other.
 
 References:
     P. Vanek, J. Mandel, M. Brezina, Algebraic multigrid by smoothed aggregation for second and
@@ -23,17 +20,16 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import NDArray
-from slepc4py import SLEPc
 
-from ..fem import Block, Elasticity, rigid_fields
-from .linear_solver import LinearSolver
-
-__all__ = ["MultigridSolver"]
+from ..fem import Array, Block, Elasticity, by_dense, dense_matrix, rigid_fields
+from .direct_solver import LinearSolver
+from .eigenpairs import lowest_eigenpairs, vectors
 
 #: Prefix of the solver's options in PETSc's database, in which a user's own come first. Aggregates
 #: that do not reach across the contrast of void and solid take a third of the iterations in void,
@@ -47,38 +43,32 @@ OPTIONS = {
 }
 #: Degree of a smoother's polynomial
 DEGREE = 3
-#: Iterations for the largest eigenvalue of the scaled matrix of a level, and what is added to it
+#: Iterations for the largest eigenvalue of the scaled matrix of a level, and a factor of safety
 POWER_ITERATIONS, MARGIN = 15, 1.1
-#: Iterations after which conjugate gradients and the eigenvalue solver give up
-MAX_ITERATIONS, MAX_EIGEN_ITERATIONS = 2000, 500
+#: Iterations after which conjugate gradients give up
+MAX_ITERATIONS = 2000
 #: Entry of a diagonal, relative to the largest, below which it is round-off of zero
 NOTHING = 1e-14
-#: What solutions are exact to, relative to what is asked of modes and adjoints
+#: Tolerance of solutions, relative to that of modes and adjoints
 SHARE = 1e-2
 
 
 class MultigridSolver(LinearSolver):
-    """Solution and lowest modes of a held body without a factor.
+    """Solution and lowest modes of a clamped body without a factor, by a tolerance of energy."""
 
-    Args:
-        elasticity: The body.
-        held: Whether a dof of this rank belongs to an interface, shape (dofs,).
-        tolerance: Of modes and adjoints. Solutions are exact to a hundredth of it, relative in the
-            norm of energy.
-    """
-
-    def __init__(self, elasticity: Elasticity, held: NDArray[np.bool_], tolerance: float) -> None:
+    def __init__(
+        self, elasticity: Elasticity, clamped: NDArray[np.bool_], tolerance: float
+    ) -> None:
         self._elasticity = elasticity
         self._tolerance = SHARE * tolerance
-        self._free = np.flatnonzero(~held)
+        self._free = np.flatnonzero(~clamped)
         self._stiffness: PETSc.Mat | None = None
         self._mass: PETSc.Mat | None = None
         database = PETSc.Options()
         for name, value in OPTIONS.items():
             if not database.hasName(PREFIX + name):
                 database[PREFIX + name] = value
-        #: From the coarsest
-        self._levels: list[_Level] = []
+        self._levels: list[_Level] = []  # from the coarsest
         self._ksp = ksp = PETSc.KSP().create(elasticity.comm)
         ksp.setOptionsPrefix(PREFIX)
         ksp.setType("preonly")
@@ -86,7 +76,6 @@ class MultigridSolver(LinearSolver):
         ksp.setFromOptions()
 
     def factor(self, matrix: PETSc.Mat) -> None:
-        """Build the hierarchy for a matrix."""
         first = self._stiffness is None
         self._stiffness = self._interior(matrix, self._stiffness)
         if first:
@@ -103,11 +92,8 @@ class MultigridSolver(LinearSolver):
         ]
 
     def _fill_diagonals(self) -> None:
-        """Give coarse systems a diagonal where an aggregate has fewer dofs than rigid motions.
-
-        What is left over of the motions is zero on finer levels: neither load nor solution comes
-        there, but a smoother divides by the diagonal.
-        """
+        """Give coarse systems a diagonal where an aggregate has fewer dofs than rigid motions."""
+        # superfluous motions are zero on finer levels, but a smoother divides by the diagonal
         pc = self._ksp.getPC()
         for level in range(pc.getMGLevels() - 1):
             matrix = pc.getMGSmoother(level).getOperators()[0]
@@ -121,7 +107,7 @@ class MultigridSolver(LinearSolver):
             diagonal.destroy()
 
     def _interior(self, matrix: PETSc.Mat, before: PETSc.Mat | None) -> PETSc.Mat:
-        """The rows and columns that are not held, in the matrix of the density before."""
+        """The rows and columns that are not clamped, in the matrix of the density before."""
         d = self._elasticity.dimension
         rows = matrix.getOwnershipRange()[0] + self._free
         index = PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=self._elasticity.comm)
@@ -133,41 +119,27 @@ class MultigridSolver(LinearSolver):
         return interior
 
     def _rigid(self) -> PETSc.NullSpace:
-        """The rigid motions, on the nodes that are not held."""
+        """The rigid motions, on the nodes that are not clamped."""
         assert self._stiffness is not None
         elasticity = self._elasticity
-        coordinates = elasticity.coordinates()
         center = elasticity.domain.bounding_box.mean(axis=0)
-        fields = rigid_fields(coordinates, center)[self._free]
-        # orthonormal, as PETSc demands
-        gram = elasticity.inner(fields, fields)
-        fields = fields @ np.linalg.inv(np.linalg.cholesky(gram)).T
-        fields = fields @ np.linalg.inv(np.linalg.cholesky(elasticity.inner(fields, fields))).T
-        vectors = [self._vector(column) for column in fields.T]
-        space = PETSc.NullSpace().create(vectors=vectors, comm=elasticity.comm)
-        for vector in vectors:
+        fields = rigid_fields(elasticity.coordinates(), center)[self._free]
+        for _ in range(2):  # orthonormal to round-off, as PETSc demands
+            gram = elasticity.inner(fields, fields)
+            fields = fields @ np.linalg.inv(np.linalg.cholesky(gram)).T
+        like = self._stiffness.createVecRight()
+        columns = vectors(like, fields)
+        space = PETSc.NullSpace().create(vectors=columns, comm=elasticity.comm)
+        for vector in (like, *columns):
             vector.destroy()
         return space
 
-    def _vector(self, column: NDArray[np.float64]) -> PETSc.Vec:
-        assert self._stiffness is not None
-        vector = self._stiffness.createVecRight()
-        vector.setArray(column)
-        return vector
-
     def solve(self, block: Block) -> Block:
-        """The inverse times a block.
-
-        Args:
-            block: Right-hand sides, shape (dofs of this rank, columns).
-
-        Raises:
-            RuntimeError: On every rank, if the iteration does not converge.
-        """
-        result = np.array(block, dtype=np.float64)  # one on the diagonal of held rows
+        """The inverse times right-hand sides, or RuntimeError on every rank."""
+        result = np.array(block, dtype=np.float64)  # one on the diagonal of clamped rows
         if block.shape[1] == 0:
             return result
-        found, iterations = self._iterated(
+        found, iterations = self._conjugate_gradients(
             lambda fields, _: _product(self._stiffness, fields), self._cycle, result[self._free]
         )
         if found is None:
@@ -179,15 +151,15 @@ class MultigridSolver(LinearSolver):
         result[self._free] = found
         return result
 
-    def _iterated(
+    def _conjugate_gradients(
         self,
         image_of: Callable[[Block, NDArray[np.int64]], Block],
         preconditioned: Callable[[Block], Block],
         loads: Block,
     ) -> tuple[Block | None, int]:
-        """Conjugate gradients for each column, all at once, and the number of iterations."""
+        """Solutions or None, and iterations; ``image_of`` gets fields and their columns."""
 
-        def products(a: Block, b: Block) -> NDArray[np.float64]:
+        def products(a: Block, b: Block) -> Array:
             return self._elasticity.sum(np.einsum("ij,ij->j", a, b))
 
         solution, residual = np.zeros_like(loads), loads.copy()
@@ -218,25 +190,13 @@ class MultigridSolver(LinearSolver):
         self,
         matrices: tuple[PETSc.Mat, PETSc.Mat],
         loads: Block,
-        shifts: NDArray[np.float64],
+        shifts: Array,
         modes: tuple[Block, Block],
     ) -> tuple[Block, int]:
-        """Solve (K - shift_j M) z_j = load_j on the complement of modes.
+        """Solve (K - shift_j M) z_j = load_j on the complement of ``modes`` Phi and M Phi.
 
-        There the matrices are positive definite, and multigrid for K serves them all.
-
-        Args:
-            matrices: K and M with all interfaces held.
-            loads: Orthogonal to the modes, zero where the body is held, shape (dofs, columns).
-            shifts: Below the first eigenvalue that does not belong to the modes, shape (columns,).
-            modes: Eigenvectors Phi, and M Phi, shape (dofs, k).
-
-        Returns:
-            Solutions, M-orthogonal to the modes, shape (dofs, columns), and the number of
-            iterations.
-
-        Raises:
-            RuntimeError: On every rank, if the iteration does not converge.
+        The loads (dofs, columns) are orthogonal to the modes, zero in clamped rows. RuntimeError
+        without convergence.
         """
         (stiffness, mass), (fields, images) = matrices, modes
         elasticity = self._elasticity
@@ -252,7 +212,7 @@ class MultigridSolver(LinearSolver):
             found -= fields @ elasticity.inner(images, found)
             return found
 
-        solution, iterations = self._iterated(image_of, preconditioned, loads)
+        solution, iterations = self._conjugate_gradients(image_of, preconditioned, loads)
         if solution is None:
             raise RuntimeError(
                 "reduction: the adjoint of the normal modes did not converge in "
@@ -266,8 +226,10 @@ class MultigridSolver(LinearSolver):
         return self._cycle_from(len(self._levels) - 1, block)
 
     def _cycle_from(self, k: int, block: Block) -> Block:
-        if k < 0:
-            return self._coarse(block)
+        if k < 0:  # the coarsest system, which is small
+            solver = self._ksp.getPC().getMGCoarseSolve()
+            solution, right = solver.getOperators()[0].createVecs()
+            return _by_columns(solver.solve, right, solution, block)
         level = self._levels[k]
         found, residual = level.smooth(None, block)
         coarse = _product(level.interpolation, residual, transposed=True)
@@ -276,80 +238,24 @@ class MultigridSolver(LinearSolver):
         residual -= _product(level.matrix, correction)
         return level.smooth(found, residual, last=True)[0]
 
-    def _coarse(self, block: Block) -> Block:
-        """The inverse of the coarsest system, which is small."""
-        solver, result = self._ksp.getPC().getMGCoarseSolve(), np.empty_like(block, order="F")
-        right = solver.getOperators()[0].createVecRight()
-        solution = right.duplicate()
-        for i in range(block.shape[1]):
-            right.setArray(block[:, i])
-            solver.solve(right, solution)
-            result[:, i] = solution.getArray(readonly=True)
-        right.destroy()
-        solution.destroy()
-        return result
-
     def modes(
-        self, mass: PETSc.Mat, starts: Block, number: int, known: Block | None
-    ) -> tuple[NDArray[np.float64], Block]:
-        """The lowest eigenpairs, by the locally optimal block preconditioned conjugate gradients.
-
-        Args:
-            mass: M with all interfaces held.
-            starts: Fields that the iteration begins with, as many as it takes at a time, shape
-                (dofs, b).
-            number: How many are asked for.
-            known: Eigenvectors to whose M-complement the others belong, shape (dofs, k).
-
-        Returns:
-            Eigenvalues as they were found, at least ``number``, and M-orthonormal eigenvectors,
-            shape (dofs, found).
-
-        Raises:
-            RuntimeError: On every rank, if they do not converge.
-        """
+        self, mass: PETSc.Mat, number: int, starts: Block, known: Block | None
+    ) -> tuple[Array, Block]:
+        """At least ``number`` lowest eigenpairs, M-orthogonal to known ones, (k,) and (dofs, k)."""
         assert self._stiffness is not None
         self._mass = self._interior(mass, self._mass)
-        eps = SLEPc.EPS().create(self._elasticity.comm)
-        transform = eps.getST()
-        ksp = transform.getKSP()
-        begin = [self._vector(column[self._free]) for column in starts.T]
-        deflated = [] if known is None else [self._vector(c[self._free]) for c in known.T]
-        vector = self._stiffness.createVecRight()
-        try:
-            eps.setOperators(self._stiffness, self._mass)
-            eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-            eps.setType(SLEPc.EPS.Type.LOBPCG)
-            eps.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
-            eps.setDimensions(number)
-            eps.setLOBPCGBlockSize(starts.shape[1])
-            eps.setTolerances(self._tolerance, MAX_EIGEN_ITERATIONS)
-            transform.setType(SLEPc.ST.Type.PRECOND)
-            ksp.setType("preonly")
-            ksp.getPC().setType("python")
-            ksp.getPC().setPythonContext(_Cycle(self._cycle))
-            # all at once: one by one, each inner product by mass takes a product with the matrix
-            eps.getBV().setOrthogonalization(block=SLEPc.BV.OrthogBlockType.SVQB)
-            eps.setInitialSpace(begin)
-            if deflated:
-                eps.setDeflationSpace(deflated)
-            eps.solve()
-            converged = eps.getConverged()
-            if converged < number:
-                raise RuntimeError(
-                    f"reduction: only {converged} of {number} normal modes converged in "
-                    f"{eps.getIterationNumber()} iterations with multigrid; take solver="
-                    '"direct"; or the mesh is too coarse for so many modes, or the design has '
-                    "fallen apart"
-                )
-            eigenvalues = np.empty(converged)
-            fields = np.zeros((len(starts), converged))
-            for i in range(converged):
-                eigenvalues[i] = eps.getEigenpair(i, vector).real
-                fields[self._free, i] = vector.getArray(readonly=True)
-        finally:
-            for item in (ksp, transform, eps, vector, *begin, *deflated):
-                item.destroy()
+        eigenvalues, free_fields = lowest_eigenpairs(
+            self._stiffness,
+            self._mass,
+            number,
+            starts=starts[self._free],
+            known=None if known is None else known[self._free],
+            inverse=self._cycle,
+            exact=False,
+            tolerance=self._tolerance,
+        )
+        fields = np.zeros((len(starts), len(eigenvalues)))
+        fields[self._free] = free_fields
         return eigenvalues, fields
 
     def destroy(self) -> None:
@@ -359,22 +265,13 @@ class MultigridSolver(LinearSolver):
 
 
 class _Level:
-    """A level of the hierarchy but the coarsest, with its smoother.
+    """A level of the hierarchy above the coarsest, smoothed by Chebyshev's polynomial of 4th kind.
 
-    The smoother is Chebyshev's polynomial of the fourth kind in the matrix scaled by its diagonal,
-    of which only the largest eigenvalue need be known.
-
-    Args:
-        matrix: Of the level.
-        interpolation: To it from the coarser one.
-        sum_: The sum over the ranks of an array.
+    Of the matrix scaled by its diagonal only the largest eigenvalue need be known.
     """
 
     def __init__(
-        self,
-        matrix: PETSc.Mat,
-        interpolation: PETSc.Mat,
-        sum_: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        self, matrix: PETSc.Mat, interpolation: PETSc.Mat, sum_: Callable[[Array], Array]
     ) -> None:
         self.matrix, self.interpolation = matrix, interpolation
         diagonal = matrix.getDiagonal()
@@ -391,13 +288,7 @@ class _Level:
     def smooth(
         self, found: Block | None, residual: Block, *, last: bool = False
     ) -> tuple[Block, Block]:
-        """Better solutions, and their residuals unless these are the last.
-
-        Args:
-            found: Solutions so far, None for zero.
-            residual: Of them.
-            last: Whether the residuals are not needed.
-        """
+        """Better solutions than ``found`` (None: zero), and their residuals unless ``last``."""
         change = np.zeros_like(residual)
         found = np.zeros_like(residual) if found is None else found.copy(order="F")
         for k in range(1, DEGREE + 1):
@@ -409,53 +300,32 @@ class _Level:
         return found, residual
 
 
-class _Cycle:
-    """One cycle of multigrid as a preconditioner of PETSc's.
-
-    Args:
-        cycle: Of a block.
-    """
-
-    def __init__(self, cycle: Callable[[Block], Block]) -> None:
-        self._cycle = cycle
-
-    def apply(self, _: PETSc.PC, right: PETSc.Vec, solution: PETSc.Vec) -> None:
-        solution.setArray(self._cycle(right.getArray(readonly=True)[:, None])[:, 0])
-
-    def matApply(self, _: PETSc.PC, right: PETSc.Mat, solution: PETSc.Mat) -> None:
-        """The same for many vectors, by the name that PETSc looks for."""
-        solution.getDenseArray()[:] = self._cycle(right.getDenseArray(readonly=True))
-
-
 def _product(matrix: PETSc.Mat, block: Block, *, transposed: bool = False) -> Block:
     """A matrix times the part of a block on this rank."""
     ranges = matrix.getOwnershipRanges() if transposed else matrix.getOwnershipRangesColumn()
     if np.any(np.diff(ranges) == 0):  # PETSc 3.25 fails on blocks of which a rank has no rows
         return _product_by_columns(matrix, block, transposed=transposed)
-    rows = matrix.getLocalSize()[0 if transposed else 1]
-    dense = PETSc.Mat().createDense(
-        ((rows, PETSc.DETERMINE), (PETSc.DECIDE, block.shape[1])),
-        array=np.asfortranarray(block, dtype=PETSc.ScalarType).ravel(order="F"),
-        comm=matrix.getComm(),
-    )
-    dense.assemble()
-    product = matrix.transposeMatMult(dense) if transposed else matrix.matMult(dense)
-    result = np.array(product.getDenseArray(), order="F")
-    product.destroy()
-    dense.destroy()
-    return result
+    function = matrix.transposeMatMult if transposed else matrix.matMult
+    return by_dense(function, dense_matrix(matrix.getComm(), block))
 
 
 def _product_by_columns(matrix: PETSc.Mat, block: Block, *, transposed: bool) -> Block:
     """The same by one vector after the other."""
     right, left = matrix.createVecs()
-    source, target = (left, right) if transposed else (right, left)
-    multiply = matrix.multTranspose if transposed else matrix.mult
-    result = np.empty((target.getLocalSize(), block.shape[1]), order="F")
+    if transposed:
+        return _by_columns(matrix.multTranspose, left, right, block)
+    return _by_columns(matrix.mult, right, left, block)
+
+
+def _by_columns(
+    function: Callable[[Any, Any], None], right: PETSc.Vec, left: PETSc.Vec, block: Block
+) -> Block:
+    """A function of one vector for each column; the vectors that it works with are destroyed."""
+    result = np.empty((left.getLocalSize(), block.shape[1]), order="F")
     for i in range(block.shape[1]):
-        source.setArray(block[:, i])
-        multiply(source, target)
-        result[:, i] = target.getArray(readonly=True)
+        right.setArray(block[:, i])
+        function(right, left)
+        result[:, i] = left.getArray(readonly=True)
     left.destroy()
     right.destroy()
     return result

@@ -4,50 +4,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mpi4py import MPI
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from .. import validation
-from ..fem import Block, Domain, _compat
-
-__all__ = ["PointMarker"]
+from ..body import BodyMarker
+from ..fem import Array, Block, Domain, Elasticity, _compat, summed
 
 #: How far outside the reference cell a point may lie, to be found in spite of round-off
 SLACK = 1e-8
+#: Pairs of axes in whose planes the rotations are, by dimension
+PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 
 
 @dataclass(frozen=True)
 class PointMarker:
     """Displacement and rotation of the body at a point, Phi_P and Psi_P of the paper's eq. (1).
 
-    The rotation is that of the deformation gradient, half the curl of the displacement. Where the
-    point belongs to several cells, both are means over these cells.
+    The rotation is half the curl of the displacement; both are means over the cells of the point.
     """
 
-    position: NDArray[np.float64]  #: (dimension,) in the coordinates of the mesh [m]
-    #: (3, dofs of this rank) u_x, u_y, rotation, in space (6, dofs of this rank) u_x, u_y, u_z and
-    #: the rotations about the axes; sums over ranks
+    position: Array  #: (dimension,) in the coordinates of the mesh [m]
+    #: (3, dofs of this rank) u_x, u_y, rotation; in space (6, dofs of this rank) u_x, u_y, u_z and
+    #: the rotations about the axes; each rank has its share of the sum
     rows: csr_matrix
     comm: MPI.Comm
+    #: Cells of this rank that contain the point, with the point in the reference cell
+    cells: tuple[tuple[int, Array], ...] = field(repr=False)
+    count: int  #: Number of these cells on all ranks
 
     @staticmethod
     def at(domain: Domain, position: Sequence[float], name: str = "marker") -> PointMarker:
-        """Find the point in the mesh.
-
-        Args:
-            domain: The body.
-            position: In the coordinates of the mesh, shape (dimension,) [m].
-            name: What error messages call the marker.
-
-        Raises:
-            ValueError: On every rank, if the point lies outside the body.
-        """
+        """The marker at a point (dimension,) [m] of the mesh; ValueError on every rank outside."""
         d = domain.dimension
         expected = "two components" if d == 2 else "three components"
         what = f"marker {name!r}: position"
@@ -64,74 +57,73 @@ class PointMarker:
                 f"{tuple(np.round(low, 6))} to {tuple(np.round(high, 6))} m"
             )
         local = np.zeros((3 * d - 3, d * n_local))
-        # pairs of axes about whose plane the rotations are
-        planes = [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]
         for cell, reference in found:
-            values, gradients = _shape_functions(domain, cell, reference)
-            of = d * dofs[cell]
+            values, gradients, _ = _shape_functions(domain, cell, reference)
+            first_dofs = d * dofs[cell]
             for i in range(d):
-                local[i, of + i] += values / count
-            for row, (i, j) in enumerate(planes, start=d):
-                local[row, of + i] -= 0.5 * gradients[j] / count
-                local[row, of + j] += 0.5 * gradients[i] / count
+                local[i, first_dofs + i] += values / count
+            for row, (i, j) in enumerate(PLANES[d], start=d):
+                local[row, first_dofs + i] -= 0.5 * gradients[j] / count
+                local[row, first_dofs + j] += 0.5 * gradients[i] / count
         # rows on ghost nodes belong to their owners
         columns = np.arange(n_local, dtype=np.int32)
         global_nodes = np.asarray(index_map.local_to_global(columns))
         ghost = local[:, d * n_owned :].reshape(len(local), -1, d)
-        sent = [part for part in domain.comm.allgather((global_nodes[n_owned:], ghost))]
         first = int(index_map.local_range[0])
-        for nodes, weights in sent:
+        own = local[:, : d * n_owned].reshape(len(local), -1, d)
+        for nodes, weights in domain.comm.allgather((global_nodes[n_owned:], ghost)):
             mine = (nodes >= first) & (nodes < first + n_owned)
-            for component in range(d):
-                # a rank sends each of its ghosts once
-                local[:, d * (nodes[mine] - first) + component] += weights[:, mine, component]
-        return PointMarker(point, csr_matrix(local[:, : d * n_owned]), domain.comm)
+            own[:, nodes[mine] - first] += weights[:, mine]  # a rank sends each of its ghosts once
+        rows = csr_matrix(own.reshape(len(local), -1))
+        return PointMarker(point, rows, domain.comm, tuple(found), count)
 
-    def motion(self, block: Block) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Displacement (2, columns) and rotation (columns,) of each field of a block.
-
-        In space both have the shape (3, columns).
-        """
-        local = np.ascontiguousarray(self.rows @ block)
-        total = np.empty_like(local)
-        self.comm.Reduce(local, total, root=0)
-        self.comm.Bcast(total, root=0)
-        d = len(self.position)
+    def motion(self, block: Block) -> tuple[Array, Array]:
+        """Displacement (2, columns) and rotation (columns,) of a block, in space (3, columns)."""
+        total, d = summed(self.comm, np.ascontiguousarray(self.rows @ block)), len(self.position)
         return total[:d], total[2] if d == 2 else total[d:]
 
-    def pullback(self, displacement: NDArray[np.float64], rotation: NDArray[np.float64]) -> Block:
+    def pullback(self, displacement: Array, rotation: Array) -> Block:
         """The transpose of `motion`: the derivative with respect to the block."""
         return np.asarray(self.rows.T @ np.vstack([displacement, rotation]))
 
+    def add_node_gradient(
+        self, nodes: Array, elasticity: Elasticity, shapes: Block, bar: BodyMarker
+    ) -> None:
+        """Add the derivative by nodes at fixed ``shapes`` (dofs, r), from ``bar`` by the marker."""
+        domain, d = elasticity.domain, elasticity.dimension
+        # one displacement for each rotation: the shape functions weighted by its derivatives
+        at_cells = elasticity.at_cells(shapes @ np.atleast_2d(bar.rotation).T)
+        dofs, total = _compat.dofmap_array(elasticity.nodes.space), nodes.reshape(-1, d)
+        for cell, reference in self.cells:
+            _, gradients, (weights, slopes) = _shape_functions(domain, cell, reference)
+            moved = weights[:, None] * bar.position
+            for k, (i, j) in enumerate(PLANES[d]):
+                # d(grad u) = -grad u grad V for a motion V of the nodes at fixed nodal values
+                slope = np.einsum("an,nu->ua", gradients, at_cells[cell, :, :, k])
+                moved -= 0.5 * (np.outer(slopes[i], slope[j]) - np.outer(slopes[j], slope[i]))
+            total[dofs[cell]] += moved / self.count
 
-def _cells_at(domain: Domain, point: NDArray[np.float64]) -> list[tuple[int, NDArray[np.float64]]]:
+
+def _cells_at(domain: Domain, point: Array) -> list[tuple[int, Array]]:
     """The cells of this rank that contain the point, with its reference coordinates."""
     nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
     x = domain.mesh.geometry.x[nodes][:, :, : domain.dimension]
     low, high = x.min(axis=1), x.max(axis=1)
-    size = (high - low).max(axis=1, keepdims=True)
-    near = np.all((point >= low - 0.1 * size) & (point <= high + 0.1 * size), axis=1)
-    element = _compat.coordinate_element(domain.mesh)
-    found = []
-    for cell in np.flatnonzero(near):
-        reference = element.pull_back(point[None, :], np.ascontiguousarray(x[cell]))[0]
-        inside = np.all(reference >= -SLACK)
-        if domain.cell in ("triangle", "tetrahedron"):
-            inside = inside and reference.sum() <= 1.0 + SLACK
-        else:
-            inside = inside and np.all(reference <= 1.0 + SLACK)
-        if inside:
-            found.append((int(cell), np.asarray(reference)))
-    return found
+    room = 0.1 * (high - low).max(axis=1, keepdims=True)
+    near = np.flatnonzero(np.all((point >= low - room) & (point <= high + room), axis=1))
+    pull_back = _compat.coordinate_element(domain.mesh).pull_back
+    largest = np.sum if domain.cell in ("triangle", "tetrahedron") else np.max
+    found = [(int(c), pull_back(point[None, :], np.ascontiguousarray(x[c]))[0]) for c in near]
+    return [(c, X) for c, X in found if X.min() >= -SLACK and largest(X) <= 1.0 + SLACK]
 
 
 def _shape_functions(
-    domain: Domain, cell: int, reference: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values (n,) and physical gradients (dimension, n) of a cell's scalar shape functions."""
+    domain: Domain, cell: int, reference: Array
+) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Scalar functions (n,) and their gradients (d, n) in a cell; the same of its geometry."""
     kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
 
-    def tabulate(degree: int) -> NDArray[np.float64]:
+    def tabulate(degree: int) -> Array:
         element = basix.create_element(
             basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
         )
@@ -141,4 +133,5 @@ def _shape_functions(
     x = domain.mesh.geometry.x[_compat.cell_geometry(domain.mesh)[cell]][:, : domain.dimension]
     jacobian = x.T @ geometry[1:].T
     table = tabulate(domain.order)
-    return table[0], np.linalg.solve(jacobian.T, table[1:])
+    slopes = np.linalg.solve(jacobian.T, geometry[1:])
+    return table[0], np.linalg.solve(jacobian.T, table[1:]), (geometry[0], slopes)

@@ -1,112 +1,69 @@
 # SPDX-License-Identifier: MIT
-"""What the normal modes that were left out do statically under inertia forces, and its pullback.
+"""Static response of the truncated modes to inertia forces, and its pullback.
 
 The acceleration of the body's points in its frame is a combination of a few fields F that do not
 depend on time (`objective.stress_coordinates` has the factors): unit translations, the reference
 position w_0 and J w_0, the constraint modes, and J times all shape functions. In space they are
 unit translations, the products w_0^l e_k, the constraint modes, and e_k x w_j of all shape
-functions, k first. Each makes the displacement
+functions, k first. Each causes the displacement
 
     C = (K^-1 - Phi Lambda^-1 Phi^T) L,     L = -M F,     Lambda = Phi^T K Phi,
 
-interfaces held, with the retained normal modes Phi (the method of mode accelerations, D. Rixen,
+interfaces clamped, with the retained normal modes Phi (the method of mode accelerations, D. Rixen,
 AIAA 2001-1300, doi:10.2514/6.2001-1300).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Block, rotated
-from .craig_bampton import CraigBampton, ReducedBasis
+from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
-
-__all__ = ["ShapesBar", "static_correction", "static_correction_pullback"]
-
-
-@dataclass(frozen=True)
-class ShapesBar:
-    """Derivative of a number psi that depends on the fields of a body beside its integrals.
-
-    At fixed integrals psi changes by  <shapes, d Phi> + <K, d(Phi^T K Phi)> +
-    sum_a m_dx(w_a, y_a) + sum_i k_dx(phi_i, kappa_i)  with the shape functions Phi and the
-    densities.
-    """
-
-    #: (dofs, r) with respect to the shape functions
-    shapes: Block
-    #: (r, r) with respect to the reduced stiffness, or None where it does not matter
-    K: NDArray[np.float64] | None = None
-    #: (dofs, a) pairs w, y in the mass and (dofs, i) pairs phi, kappa in the stiffness, i <= a + r
-    pairs: tuple[Block, Block, Block, Block] | None = None
+from .krylov import symmetric
 
 
 def static_correction(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis
 ) -> Block:
-    """The displacements C of k constraint modes and r shape functions.
-
-    Args:
-        reduction: Of the body.
-        factored: The body at one density.
-        basis: Its shape functions.
-
-    Returns:
-        Shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r).
-    """
+    """The displacements C, shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r)."""
     fields = _inertia_fields(reduction, basis)
     static, modal = _static(reduction, factored, basis, _loads(reduction, factored, fields))
-    return np.asarray(static - basis.shapes[:, basis.n_constraint :] @ modal)
+    return np.asarray(static - basis.normal @ modal)
 
 
 def static_correction_pullback(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis, bar: Block
 ) -> ShapesBar:
-    """The transpose of the derivative of `static_correction`.
-
-    Args:
-        reduction: As in the forward map.
-        factored: As in the forward map.
-        basis: As in the forward map.
-        bar: Derivative with respect to C, shape of C.
-    """
+    """The transpose of the derivative of `static_correction`, for that with respect to C."""
     elasticity, k, r = reduction.elasticity, basis.n_constraint, basis.shapes.shape[1]
     fields = _inertia_fields(reduction, basis)
     loads = _loads(reduction, factored, fields)
     inner = bar.copy()
-    inner[reduction.held] = 0.0
+    inner[reduction.clamped] = 0.0
     static, modal = _static(reduction, factored, basis, loads)
     adjoint, modal_bar = _static(reduction, factored, basis, inner)
-    partners = adjoint - basis.shapes[:, k:] @ modal_bar  # of the loads
+    partners = adjoint - basis.normal @ modal_bar  # of the loads
     fields_bar = -elasticity.apply(factored.matrices.mass, partners)
     first = 4 if elasticity.dimension == 2 else 12
     shapes = -_turned(reduction, fields_bar[:, first + k :], transposed=True)
     shapes[:, :k] += fields_bar[:, first : first + k]
     shapes[:, k:] -= inner @ modal.T + loads @ modal_bar.T
     K = np.zeros((r, r))
-    product = modal_bar @ modal.T
-    K[k:, k:] = 0.5 * (product + product.T)
-    return ShapesBar(shapes, K, (fields, -partners, static, -adjoint))
+    K[k:, k:] = symmetric(modal_bar @ modal.T)
+    reference = reduction.reference_pullback(fields_bar[:, elasticity.dimension : first])
+    return ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
 
 
 def _inertia_fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:
     """The fields F, shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r)."""
-    shapes = basis.shapes
-    return np.hstack(
-        [
-            reduction.unit_translations,
-            reduction.unit_gradients,
-            shapes[:, : basis.n_constraint],
-            _turned(reduction, shapes),
-        ]
-    )
+    rigid = reduction.unit_translations, reduction.unit_gradients
+    return np.hstack([*rigid, basis.constraint, _turned(reduction, basis.shapes)])
 
 
 def _turned(reduction: CraigBampton, block: Block, *, transposed: bool = False) -> Block:
-    """J times the fields of a block, in space e_k x them, k first; or less the transpose."""
+    """J times the fields of a block, in space e_k x each, k first; or minus the transpose."""
     if reduction.elasticity.dimension == 2:
         return rotated(block)
     axes, count = np.eye(3), block.shape[1] // 3 if transposed else block.shape[1]
@@ -119,9 +76,9 @@ def _turned(reduction: CraigBampton, block: Block, *, transposed: bool = False) 
 
 
 def _loads(reduction: CraigBampton, factored: FactoredBody, fields: Block) -> Block:
-    """The loads L of fields, zero where the body is held."""
+    """The loads L of fields, zero in clamped rows."""
     loads = -reduction.elasticity.apply(factored.matrices.mass, fields)
-    loads[reduction.held] = 0.0
+    loads[reduction.clamped] = 0.0
     return np.asarray(loads)
 
 
@@ -129,6 +86,5 @@ def _static(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis, loads: Block
 ) -> tuple[Block, NDArray[np.float64]]:
     """K^-1 L, and Lambda^-1 Phi^T L."""
-    normal = basis.shapes[:, basis.n_constraint :]
-    modal = reduction.elasticity.inner(normal, loads) / basis.eigenvalues[:, None]
+    modal = reduction.elasticity.inner(basis.normal, loads) / basis.eigenvalues[:, None]
     return factored.solve(loads), modal

@@ -1,36 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Stress of a reduced body for unit coordinates, as objectives and pictures see it.
-
-The stress is linear in the displacement, so each shape function has a stress mode, and each field
-of the static correction another one.
-"""
+"""Stress of a reduced body for unit coordinates, as objectives and pictures see it."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..fem import Array
 from ..parallel import announce, gathered
 from .flexible_body import FlexibleBody, ReducedBody
 
-__all__ = ["BodyStress"]
-
-Array = NDArray[np.float64]
 Kept = TypeVar("Kept")
 
 
 class BodyStress:
-    """Stress of a body at one design for unit coordinates; each rank holds that of its own cells.
-
-    All is computed when it is first asked for.
-
-    Args:
-        body: The body.
-        reduced: Its shape functions, from `FlexibleBody.reduce`, at any time: if the body has been
-            worked at another design since, its matrices are made again for the static correction.
-    """
+    """Stress of a reduced body for unit coordinates, on each rank at its own cells."""
 
     def __init__(self, body: FlexibleBody, reduced: ReducedBody) -> None:
         self.body, self.reduced = body, reduced
@@ -38,7 +23,6 @@ class BodyStress:
 
     @property
     def n_constraint(self) -> int:
-        """Number of constraint modes."""
         return self.reduced.basis.n_constraint
 
     @property
@@ -57,14 +41,7 @@ class BodyStress:
         return self.body.stress_recovery.weights
 
     def modes(self, correction: bool) -> Array:
-        """Stress s_x, s_y, t_xy of the solid, in space all six, for unit coordinates; collective.
-
-        Args:
-            correction: Whether the fields of the static correction follow the shape functions.
-
-        Returns:
-            Shape (cells, points, 3 or 6, coordinates) [Pa].
-        """
+        """`FlexibleBody.stress_modes`, shape (cells, points, 3 or 6, coordinates) [Pa]."""
         if correction not in self._modes:
             announce(self.body.domain.comm, "the stress of a body")
             self._modes[correction] = self.body.stress_modes(self.reduced, correction=correction)

@@ -7,7 +7,10 @@ makes the page from the folder alone, at once or years later.
 
 from __future__ import annotations
 
+from ..documentation import explain_fields
 from .page import write_report
 from .record import recorded_warnings, run_record
 
 __all__ = ["recorded_warnings", "run_record", "write_report"]
+
+explain_fields(globals())

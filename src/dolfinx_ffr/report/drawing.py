@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The drawing of a part with its dimensions, from the SVG file of the part and what was measured.
-
-Of the file only outlines are taken, as data: nothing else of it comes into the page.
-"""
+"""The drawing of a part with its dimensions, from its SVG file and the recorded measures."""
 
 from __future__ import annotations
 
@@ -17,10 +14,8 @@ import numpy as np
 
 from .numbers import Scale
 
-__all__ = ["Drawing", "Outline", "read_outline"]
-
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
-#: What the data of a path may hold
+#: Data of a path
 _PATH = re.compile(r"[MLACQZHVmlacqzhv0-9eE+\-.,\s]+")
 #: Smallest width of a drawing in units of the height of its letters
 _LETTERS = 62.0
@@ -28,7 +23,7 @@ _LETTERS = 62.0
 
 @dataclass(frozen=True)
 class Outline:
-    """Of a part, as its SVG file has it: millimetres, y downwards."""
+    """Outline of a part in its SVG file: millimetres, y downwards."""
 
     path: str  #: Data of the path
     interfaces: dict[str, str]  #: Data of their paths, by name
@@ -37,33 +32,22 @@ class Outline:
 
 @dataclass(frozen=True)
 class Label:
-    """A text with the line that leads to what it names."""
+    """A text with the lines that lead to the place that it names."""
 
     text: str
-    kind: str  #: Class of the line and the text
     x: float
     y: float
-    anchor: str
+    turned: bool = False
     lines: list[tuple[float, float, float, float]] = field(default_factory=list)
 
 
 def read_outline(path: Path) -> Outline:
-    """The outlines in an SVG file of a part.
-
-    Args:
-        path: What `Part.write` has written.
-
-    Raises:
-        ValueError: If it is no such file.
-    """
+    """The outlines in an SVG file that `Part.write` has written, or a ValueError."""
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except ElementTree.ParseError as error:
         raise ValueError(f"{path.name} is no SVG file: {error}") from None
-    found = {
-        str(element.get("id", "")): str(element.get("d", ""))
-        for element in root.iter(f"{_NAMESPACE}path")
-    }
+    found = {e.get("id", ""): e.get("d", "") for e in root.iter(f"{_NAMESPACE}path")}
     box = (root.get("viewBox") or "").split()
     width = re.fullmatch(r"([0-9.eE+-]+)mm", root.get("width") or "")
     good = all(_PATH.fullmatch(data) for data in found.values())
@@ -76,14 +60,8 @@ def read_outline(path: Path) -> Outline:
 class Drawing:
     """A part with dimensions, in millimetres with y downwards; the template draws it.
 
-    Args:
-        outline: Of the part.
-        figures: What was measured, as recorded: ``bounds``, ``center``, ``thinnest_member`` and
-            ``narrowest_gap`` [m].
-
-    Raises:
-        KeyError: If ``bounds`` or ``center`` are missing.
-        TypeError: If they are no numbers.
+    The ``figures`` are recorded: ``bounds``, ``center``, ``thinnest_member``, ``narrowest_gap``
+    [m]. A KeyError or TypeError is raised where the first two are missing or no numbers.
     """
 
     def __init__(self, outline: Outline, figures: Mapping[str, Any]) -> None:
@@ -100,25 +78,11 @@ class Drawing:
         self.widths: list[tuple[str, float, float, float, float]] = []
         rows = self._callouts(figures, left, right, top)
         below, beside = bottom + 2.6 * h, left - 2.6 * h
-        size = Scale("m", wide).given
-        self.labels.append(
-            Label(
-                f"{size(1e-3 * round(wide, 3))} mm",
-                "size",
-                0.5 * (left + right),
-                below - 0.5 * h,
-                "middle",
-            )
+        along, across = (
+            f"{Scale('m', wide).given(1e-3 * round(length, 3))} mm" for length in (wide, high)
         )
-        self.labels.append(
-            Label(
-                f"{size(1e-3 * round(high, 3))} mm",
-                "size turned",
-                beside - 0.5 * h,
-                0.5 * (top + bottom),
-                "middle",
-            )
-        )
+        self.labels.append(Label(along, 0.5 * (left + right), below - 0.5 * h))
+        self.labels.append(Label(across, beside - 0.5 * h, 0.5 * (top + bottom), turned=True))
         #: Lines of dimension and of extension: x1, y1, x2, y2, whether with arrows
         self.lines = [
             (left, below, right, below, True),
@@ -134,23 +98,17 @@ class Drawing:
         self.box = (low, head, right + 3.0 * h - low, below + 2.0 * h - head)
 
     def _callouts(self, figures: Mapping[str, Any], left: float, right: float, top: float) -> int:
-        """Name the thinnest member and the narrowest gap above the part; how many rows it takes."""
+        """Name thinnest member and narrowest gap above the part; returns the rows of text."""
         h, found = self.letter, []
-        for key, what in (
-            ("thinnest_member", "thinnest member"),
-            ("narrowest_gap", "narrowest gap"),
-        ):
-            width = figures.get(key)
-            if width:
+        for key in ("thinnest_member", "narrowest_gap"):
+            if width := figures.get(key):
                 ends = 1e3 * np.asarray(width["ends"], dtype=np.float64) * [1.0, -1.0]
-                value = Scale("m", width["value"]).text(width["value"], 3)
-                found.append((float(ends[:, 0].mean()), ends, f"{what} {value} mm", key))
+                text = f"{key.replace('_', ' ')} {Scale.of('m', width['value'], 3)[0]} mm"
+                found.append((float(ends[:, 0].mean()), ends, text, key))
         found.sort(key=lambda each: each[0])
         halves = [0.32 * h * len(text) for _, _, text, _ in found]
-        middles = [
-            min(max(x, left + half), right - half)
-            for (x, *_), half in zip(found, halves, strict=True)
-        ]
+        pairs = zip(found, halves, strict=True)
+        middles = [min(max(each[0], left + half), right - half) for each, half in pairs]
         rows = [0] * len(found)
         if len(found) == 2 and middles[1] - halves[1] < middles[0] + halves[0] + h:
             # one below the other, the lower one beside the line of the upper one
@@ -158,14 +116,12 @@ class Drawing:
             aside = halves[lower] + 0.4 * h
             middles[lower] = found[lower][0] + (aside if lower else -aside)
             rows[1 - lower] = 1
-        for (x, ends, text, key), middle, half, row in zip(
-            found, middles, halves, rows, strict=True
-        ):
+        places = zip(found, middles, halves, rows, strict=True)
+        for (x, ends, text, key), middle, half, row in places:
             y = top - (1.6 + 1.6 * row) * h
             (xa, ya), (xb, yb) = ends
             self.widths.append((key, xa, ya, xb, yb))
             line = (x, y + 0.45 * h if abs(middle - x) < half else y - 0.8 * h)
-            self.labels.append(
-                Label(text, key, middle, y, "middle", [(*line, x, float(ends[:, 1].mean()))])
-            )
+            leader = (*line, x, float(ends[:, 1].mean()))
+            self.labels.append(Label(text, middle, y, lines=[leader]))
         return max(rows) + 1 if found else 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a results folder holds, and what it lacks."""
+"""The files of a results folder, and a list of missing ones."""
 
 from __future__ import annotations
 
@@ -15,29 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from ..files import file_names
 from ..io import read_history
-
-__all__ = ["Folder", "Picture"]
 
 Array = NDArray[np.float64]
 
-#: Pictures that demos leave, what they show, and by what they are made
+#: Pictures that demos leave, what they show, and the function of `plotting` that draws them
 PICTURES = {
-    "scene.png": ("The mechanism at one instant of its motion.", "plotting.plot_scene"),
-    "motion.gif": ("The mechanism in motion.", "plotting.animate_motion"),
-    "crank_motion.png": ("The prescribed motion over time.", "plotting.plot_crank_motion"),
-    "design.png": (
-        "Densities of the design: solid is black, void is white.",
-        "plotting.plot_design",
-    ),
-    "part.png": (
-        "The part, and enlarged where it is thinnest and tightest.",
-        "plotting.plot_part",
-    ),
-    "modes.png": ("Shape functions of the body.", "plotting.plot_modes"),
-    "stress.png": ("Largest von Mises stress over the motion.", "plotting.plot_stress"),
+    "scene.png": ("The mechanism at one instant of its motion.", "plot_scene"),
+    "design.png": ("Densities of the design: solid is black, void is white.", "plot_design"),
+    "part.png": ("The part, and enlarged where it is thinnest and tightest.", "plot_part"),
+    "motion.gif": ("The mechanism in motion.", "animate_motion"),
+    "crank_motion.png": ("The prescribed motion over time.", "plot_crank_motion"),
+    "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
+    "modes.png": ("Shape functions of the body.", "plot_modes"),
 }
-#: Those that every run can have; others are not missed
+#: Pictures that every run can have; others are not missed
 _WANTED = ("scene.png", "motion.gif", "design.png")
 #: Drawn by the report itself
 _OWN = ("history.png", "history.svg")
@@ -49,7 +42,6 @@ LIMIT = 3_300_000
 class Picture:
     """A picture as part of a page."""
 
-    name: str  #: Of the file
     caption: str
     source: str  #: Data URI
     width: int  #: [pixels]
@@ -59,26 +51,17 @@ class Picture:
 
 @dataclass
 class Folder:
-    """Files of a run, read as far as they are there and sound."""
+    """Files of a run, as far as they exist and are sound."""
 
     path: Path
-    record: dict[str, Any]  #: What summary.json holds
+    record: dict[str, Any]  #: Content of summary.json
     history: dict[str, Array]  #: Columns of history.csv
-    missing: list[str] = field(default_factory=list)  #: What is not there, in words
+    missing: list[str] = field(default_factory=list)  #: Missing files and entries, in words
     _bytes: int = 0
 
     @staticmethod
     def read(path: Path) -> Folder:
-        """Read summary and history.
-
-        Args:
-            path: The folder.
-
-        Raises:
-            FileNotFoundError: If there is no run in it.
-            ValueError: If a file is damaged.
-            OSError: If a file cannot be read.
-        """
+        """Read summary and history; raises what `write_report` does."""
         summary, history = path / "summary.json", path / "history.csv"
         if not summary.is_file() and not history.is_file():
             below = [f.parent for f in sorted(path.glob("*/summary.json"))]
@@ -107,18 +90,13 @@ class Folder:
             folder.missing.append("history.csv: how the design came about (optimize(output=...))")
         return folder
 
-    def picture(self, name: str, caption: str = "") -> Picture | None:
-        """A picture of the folder, if it is there, sound and not too large.
-
-        Args:
-            name: Of the file.
-            caption: Below it.
-        """
+    def picture(self, name: str) -> Picture | None:
+        """A picture of the folder, or None if it is missing, damaged or too large."""
         file = self.path / name
         known, made_by = PICTURES.get(name, ("", ""))
         if not file.is_file():
             if name in _WANTED:
-                self.missing.append(f"{name}: {known[:-1].lower()} ({made_by})")
+                self.missing.append(f"{name}: {known[:-1].lower()} (plotting.{made_by})")
             return None
         content = file.read_bytes()
         try:
@@ -139,39 +117,29 @@ class Folder:
                 return None
             content, kind, still = still, "PNG", b""
         self._bytes += len(content) + len(still)
-        caption = caption or known or _words(Path(name).stem)
-        mime = {"PNG": "image/png", "GIF": "image/gif"}.get(kind, f"image/{kind.lower()}")
+        words = re.sub(r"[_-]+", " ", Path(name).stem).strip()
+        caption = known or f"{words[:1].upper()}{words[1:]}."
         first = data_uri(still, "image/png") if still else ""
-        return Picture(name, caption, data_uri(content, mime), width, height, first)
+        return Picture(caption, data_uri(content, f"image/{kind.lower()}"), width, height, first)
 
     def further_pictures(self) -> list[Picture]:
-        """Those of the folder that the report does not know."""
+        """Pictures of the folder that the report does not know."""
         names = sorted(f.name for f in self.path.iterdir() if f.suffix.lower() in {".png", ".gif"})
-        others = [name for name in names if name not in PICTURES and name not in _OWN]
-        found = [self.picture(name) for name in others if not name.startswith(".")]
-        return [picture for picture in found if picture is not None]
+        others = [n for n in names if n not in (*PICTURES, *_OWN) and not n.startswith(".")]
+        return [picture for name in others if (picture := self.picture(name)) is not None]
 
     def drawing_of(self, body: str, *, alone: bool) -> Path | None:
-        """The SVG file of a part.
-
-        Args:
-            body: Its name.
-            alone: Whether there is no other part.
-        """
-        safe = Path(body).name
-        names = [f"part_{safe}.svg", f"{safe}.svg", f"{safe}/part.svg"]
+        """The SVG file of the part of a body; ``alone`` if there is no other part."""
+        bodies = self.record.get("volume")
+        safe = file_names([*(bodies if isinstance(bodies, dict) else ()), body])[body]
+        names = [f"{safe}/part.svg", f"part_{safe}.svg", f"{safe}.svg"]
         if alone:
             names = ["part.svg", "part/part.svg", *names]
         return next((self.path / name for name in names if (self.path / name).is_file()), None)
 
 
 def data_uri(content: bytes, mime: str) -> str:
-    """A file as an address that holds it.
-
-    Args:
-        content: Of the file.
-        mime: Its kind.
-    """
+    """A file's content as an address."""
     return f"data:{mime};base64,{base64.b64encode(content).decode()}"
 
 
@@ -183,15 +151,10 @@ def _still(image: Image.Image) -> bytes:
     return buffer.getvalue()
 
 
-def _words(stem: str) -> str:
-    text = re.sub(r"[_-]+", " ", stem).strip()
-    return f"{text[:1].upper()}{text[1:]}."
-
-
 def _record(file: Path) -> dict[str, Any]:
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except ValueError as error:  # no text, or no JSON
         raise ValueError(f"report: {file} is damaged: {error}; run the program again") from error
     if not isinstance(found, dict):
         raise ValueError(f"report: {file} must hold a mapping from names to numbers and texts")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The sections about what was designed: parts with their dimensions, and the scene."""
+"""The sections about the model: parts with their dimensions, and the scene."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from typing import Any
 
 from .drawing import Drawing, read_outline
 from .folder import data_uri
-from .numbers import NOTHING, Scale, fixed, percent
-from .run import Row, Run, Table, real
-
-__all__ = ["outline", "parts", "scene"]
+from .numbers import NOTHING, Scale, fixed, percent, real
+from .run import Row, Run, Table
 
 #: Numbers of a material, with their units of SI
 _MATERIAL = {
@@ -24,19 +22,23 @@ _MATERIAL = {
     "shear": ("Shear modulus", "Pa"),
     "angle": ("Angle of the fibres", "rad"),
 }
+#: Numbers of a body, with their headings
+_BODY = {
+    "elements": "Elements",
+    "order": "Order",
+    "constraint_modes": "Constraint modes",
+    "normal_modes": "Normal modes",
+    "highest_frequency": "Highest mode [Hz]",
+    "next_frequency": "Next mode [Hz]",
+}
 
 
 def parts(run: Run) -> list[dict[str, Any]]:
-    """Name, drawing and table of each part.
-
-    Args:
-        run: The run.
-    """
+    """Name, drawing and table of each part."""
     found = []
     recorded = run.mapping("parts")
     for name, given in recorded.items():
-        file = run.folder.drawing_of(name, alone=len(recorded) == 1)
-        drawing = None
+        file, drawing = run.folder.drawing_of(name, alone=len(recorded) == 1), None
         if file is None:
             run.missing(f"part.svg: the drawing of the part {name} (Part.write)")
         else:
@@ -49,11 +51,7 @@ def parts(run: Run) -> list[dict[str, Any]]:
 
 
 def outline(run: Run) -> str:
-    """The file part.svg as an address, where nothing else is known of the part; else "".
-
-    Args:
-        run: The run.
-    """
+    """The file part.svg as an address, where no part is recorded; else ""."""
     file = run.folder.drawing_of("part", alone=True)
     if run.mapping("parts") or file is None:
         return ""
@@ -69,8 +67,7 @@ def _dimensions(name: str, given: Mapping[str, Any]) -> Table | None:
     rows: list[Row] = []
 
     def row(what: str, value: Any, unit: str, digits: int = 4) -> None:
-        scale = Scale(unit, value)
-        rows.append((what, scale.text(value, digits), scale.name))
+        rows.append((what, *Scale.of(unit, value, digits)))
 
     x0, y0, x1, y1 = given["bounds"]
     step = 10.0 ** (math.floor(math.log10(max(x1 - x0, y1 - y0))) - 4)  # as fine as is of interest
@@ -81,89 +78,55 @@ def _dimensions(name: str, given: Mapping[str, Any]) -> Table | None:
     row("Mass", given.get("mass"), "kg")
     for axis, value in zip("xy", given["center"], strict=True):
         row(f"Centre of mass, {axis}", step * round(value / step), "m")
-    for key, what in (("thinnest_member", "Thinnest member"), ("narrowest_gap", "Narrowest gap")):
-        width = given.get(key)
-        if width:
-            row(what, width["value"], "m", 3)
-        else:
-            rows.append((what, "none", ""))
-    for key in ("pieces", "holes"):
-        rows.append((key.capitalize(), fixed(given[key]), ""))
-    rows.append(("Loose pieces left out", fixed(given["loose"]), ""))
+    for key in ("thinnest_member", "narrowest_gap"):
+        what, width = key.replace("_", " ").capitalize(), given.get(key)
+        rows.append((what, *(Scale.of("m", width["value"], 3) if width else ("none", ""))))
+    counts = {"Pieces": "pieces", "Holes": "holes", "Loose pieces left out": "loose"}
+    rows += [(what, fixed(given[key]), "") for what, key in counts.items()]
     rows.append(("Deviation of the drawn curves", fixed(1e6 * given["deviation"], 2), "µm"))
     return Table.of(f"Part {name}", ["", "Value", "Unit"], rows, [1])
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """Bodies, materials, joints, loads, time integration and the text of `model_report`.
-
-    Args:
-        run: The run.
-    """
+    """Bodies, materials, joints, loads, time integration and the text of `model_report`."""
     recorded = run.mapping("scene")
     bodies: list[Row] = []
     materials: list[Row] = []
     for name, body in recorded.get("bodies", {}).items():
-        bodies.append(
-            (
-                name,
-                str(body.get("kind", "")),
-                fixed(body.get("elements")) if body.get("elements") else NOTHING,
-                fixed(body.get("order")),
-                fixed(body.get("constraint_modes")),
-                fixed(body.get("normal_modes")),
-                fixed(body.get("highest_frequency")),
-                fixed(body.get("next_frequency")),
-                percent(body.get("softening")),
-            )
-        )
+        numbers = [fixed(body.get(key)) for key in _BODY]
+        kind, softening = str(body.get("kind", "")), percent(body.get("softening"))
+        bodies.append((name, kind, *numbers, softening))
         material = dict(body.get("material") or {})
         kind = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(material.pop("kind", ""))).lower()
         for key, value in material.items():
             what, unit = _MATERIAL.get(key, (key, ""))
             scale = Scale(unit, value)
             materials.append((name, kind, what, scale.given(value), scale.name))
-    motions = run.mapping("motions")
-    used: dict[tuple[str, str, str], list[str]] = {}  # a joint, and the motions that have it
+    cases = run.mapping("load_cases")
+    used: dict[tuple[str, str, str], list[str]] = {}  # a joint, and the load cases that have it
     for j in recorded.get("joints", []):
         key = str(j["name"]), str(j["kind"]), ", ".join(map(str, j["between"]))
-        used.setdefault(key, []).append(str(j.get("motion", "")))
+        used.setdefault(key, []).append(str(j.get("load_case", "")))
     joints: list[Row] = [
-        (*key, *(["all" if len(names) == len(motions) else ", ".join(names)] if motions else []))
+        (*key, *(["all" if len(names) == len(cases) else ", ".join(names)] if cases else []))
         for key, names in used.items()
     ]
     moved: list[Row] = [
         (name, _integration(given), "; ".join(map(str, given.get("loads", []))) or "none")
-        for name, given in motions.items()
+        for name, given in cases.items()
     ]
+    head = ["Load case", "Time integration", "Loads beside inertia"]
+    body_head = ["Body", "Kind", *_BODY.values(), "Softening [%]"]
+    joint_head = ["Joint", "Kind", "Between", *(["In load case"] if cases else [])]
     return {
         "text": str(recorded.get("text") or ""),
         "integrator": _integration(recorded),
-        "motions": Table.of(
-            "Motions", ["Motion", "Time integration", "Loads beside inertia"], moved
-        ),
+        "load_cases": Table.of("Load cases", head, moved),
         "loads": [str(load) for load in recorded.get("loads", [])],
         "left_out": [str(what) for what in recorded.get("left_out", [])],
-        "bodies": Table.of(
-            "Bodies",
-            [
-                "Body",
-                "Kind",
-                "Elements",
-                "Order",
-                "Constraint modes",
-                "Normal modes",
-                "Highest mode [Hz]",
-                "Next mode [Hz]",
-                "Softening [%]",
-            ],
-            bodies,
-            [2, 3, 4, 5, 6, 7, 8],
-        ),
+        "bodies": Table.of("Bodies", body_head, bodies, range(2, 9)),
         "materials": Table.of("Materials", ["Body", "Model", "", "Value", "Unit"], materials, [3]),
-        "joints": Table.of(
-            "Joints", ["Joint", "Kind", "Between", *(["In motion"] if motions else [])], joints
-        ),
+        "joints": Table.of("Joints", joint_head, joints),
     }
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from .. import validation
-
-__all__ = ["NOTHING", "Scale", "aligned", "fixed", "percent"]
 
 #: Stands for what is not known
 NOTHING = "–"
@@ -17,22 +15,22 @@ NOTHING = "–"
 _DIGIT, _POINT = "\u2007", "\u2008"
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-#: Units that engineers use in place of that of SI, and how many of them are one of it
+#: Units that engineers use in place of SI units, and the factor from SI
 _USUAL = {"m": ("mm", 1e3), "m^2": ("mm²", 1e6), "rad": ("rad", 1.0), "-": ("", 1.0)}
 #: Units whose first letter takes a prefix
 _PREFIXED = ("J", "J s", "N", "N m", "W", "Pa", "Hz", "s")
 
 
-class Scale:
-    """A unit of a size that suits a number.
+def real(value: Any) -> TypeGuard[float]:
+    """Whether something is a finite number."""
+    return validation.is_number(value) and math.isfinite(value)
 
-    Args:
-        unit: Of SI.
-        value: The number, or the largest of several that are to have the same unit.
-    """
+
+class Scale:
+    """A unit of a size that suits a number, or the largest of several; ``unit`` is that of SI."""
 
     def __init__(self, unit: str, value: Any) -> None:
-        size = abs(float(value)) if _known(value) else 0.0
+        size = abs(float(value)) if real(value) else 0.0
         #: Its name
         self.name = unit.replace("^2", "²").replace("^3", "³")
         #: How many of it are one of SI
@@ -50,32 +48,24 @@ class Scale:
             self.name, self.factor = prefix + self.name, 1.0 / large
 
     def text(self, value: Any, digits: int = 4) -> str:
-        """A number of SI in this unit.
+        """A number of SI in this unit, with so many digits that count."""
+        return fixed(value * self.factor, digits) if validation.is_number(value) else NOTHING
 
-        Args:
-            value: The number, None if it is not known.
-            digits: That count.
-        """
-        return fixed(value * self.factor, digits) if _number(value) else NOTHING
+    @staticmethod
+    def of(unit: str, value: Any, digits: int = 4) -> tuple[str, str]:
+        """A number of SI in a unit that suits it, and the name of this unit."""
+        scale = Scale(unit, value)
+        return scale.text(value, digits), scale.name
 
     def given(self, value: Any) -> str:
-        """A number of SI that was chosen and not computed: without zeros at its end.
-
-        Args:
-            value: The number.
-        """
+        """A number of SI that was chosen and not computed: without zeros at its end."""
         text = self.text(value, 6)
         return text if "×" in text or "." not in text else text.rstrip("0").rstrip(".")
 
 
 def fixed(value: Any, digits: int = 4) -> str:
-    """A number with a fixed point, or with a power of ten where that would be long.
-
-    Args:
-        value: The number; None, NaN and what is no number are not known.
-        digits: That count.
-    """
-    if not _number(value) or math.isnan(value):
+    """A number with a fixed point, or with a power of ten where that would be long."""
+    if not validation.is_number(value) or math.isnan(value):
         return NOTHING
     if math.isinf(value):
         return "∞" if value > 0.0 else "−∞"
@@ -96,14 +86,8 @@ def fixed(value: Any, digits: int = 4) -> str:
 
 
 def percent(value: Any, digits: int = 2, *, sign: bool = False) -> str:
-    """A share in percent, without the sign of percent.
-
-    Args:
-        value: The share, 0.01 is one percent.
-        digits: That count.
-        sign: Whether positive numbers get a plus sign.
-    """
-    if not _known(value):
+    """A share in percent, 0.01 as "1", with a plus sign where ``sign`` asks for it."""
+    if not real(value):
         return fixed(value)
     if 0.0 < abs(value) < 5e-7:
         return "< 0.0001" if value > 0.0 or not sign else "> −0.0001"
@@ -112,29 +96,10 @@ def percent(value: Any, digits: int = 2, *, sign: bool = False) -> str:
 
 
 def aligned(texts: Sequence[str]) -> list[str]:
-    """Numbers of a column, filled on the right so that their points stand below each other.
-
-    Args:
-        texts: From `fixed` or `percent`.
-    """
-    rests = [text.partition(".")[2] if _plain(text) else "" for text in texts]
-    most = max((len(rest) for rest in rests), default=0)
+    """Numbers of a column, filled on the right so that their points stand below each other."""
+    parts = [None if "×" in text else text.partition(".")[2] for text in texts]
+    most = max((len(part) for part in parts if part), default=0)
     if not most:
         return list(texts)
-    return [
-        text + ("" if rest else _POINT) + _DIGIT * (most - len(rest)) if _plain(text) else text
-        for text, rest in zip(texts, rests, strict=True)
-    ]
-
-
-def _plain(text: str) -> bool:
-    """Whether a text is a number without a power of ten."""
-    return text == NOTHING or "×" not in text
-
-
-def _number(value: Any) -> bool:
-    return validation.is_number(value)
-
-
-def _known(value: Any) -> bool:
-    return _number(value) and math.isfinite(value)
+    rests = ["" if p is None else ("" if p else _POINT) + _DIGIT * (most - len(p)) for p in parts]
+    return [text + rest for text, rest in zip(texts, rests, strict=True)]

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -15,8 +15,6 @@ from ..files import replace_file
 from ..parallel import on_rank_0
 from .folder import Folder
 from .sections import sections
-
-__all__ = ["write_report"]
 
 
 def write_report(
@@ -38,7 +36,6 @@ def write_report(
         The file, on every rank.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         FileNotFoundError: On every rank, if the folder holds no run.
         ValueError: On every rank, if summary or history are damaged.
         OSError: On every rank, if a file cannot be read or written.
@@ -60,21 +57,8 @@ def write_report(
 
 
 def render(folder: Folder, title: str = "") -> str:
-    """The page.
-
-    Args:
-        folder: The run.
-        title: Heading, by default the recorded one.
-    """
-    return _environment().get_template("report.html").render(sections(folder, title))
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("dolfinx_ffr.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    """The page of a run, with the recorded heading unless a title is given."""
+    blocks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "autoescape": True}
+    loader = jinja2.PackageLoader("dolfinx_ffr.report")
+    environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined, **blocks)
+    return environment.get_template("report.html").render(sections(folder, title))

@@ -6,19 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .numbers import NOTHING, Scale, fixed, percent
-from .run import Row, Run, Table, real, words
-
-__all__ = [
-    "accuracy",
-    "cards",
-    "comparison",
-    "constraints",
-    "motions",
-    "own_figures",
-    "reported_and_part",
-    "status",
-]
+from .numbers import NOTHING, Scale, fixed, percent, real
+from .run import Row, Run, Table, words
 
 #: Share by which a part may exceed a bound before the first sentence says so
 _BEYOND = 5e-3
@@ -33,31 +22,26 @@ _REASONS = {
 
 
 def status(run: Run) -> list[str]:
-    """How the run ended, in sentences.
-
-    Args:
-        run: The run.
-    """
+    """How the run ended, in sentences."""
     record = run.record
     said = []
+    beyond = {name: over for name, over in _beyond_by_part(run).items() if over > _BEYOND}
+    each = (f"{n} by {percent(over)} % ({_told_of_part(run, n)})" for n, over in beyond.items())
+    by_part = ", ".join(each)
     if record.get("feasible") is True:
-        beyond = {name: over for name, over in _beyond_by_part(run).items() if over > _BEYOND}
-        broken = ", ".join(f"{name} by {percent(over)} %" for name, over in beyond.items())
-        said.append(
-            f"All constraints hold for the densities, but the part exceeds {broken}."
-            if broken
-            else "All constraints hold."
-        )
+        but = f" for the densities, but the part exceeds {by_part}" if by_part else ""
+        said.append(f"All constraints hold{but}.")
     elif record.get("feasible") is False:
         broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
         said.append(f"Constraints are violated: {broken or 'see the table below'}.")
+    if by_part and record.get("feasible") is not True:
+        said.append(f"The part exceeds {by_part}.")
     reason = str(record.get("reason") or "")
     if reason:
         iterations = record.get("iterations")
         after = f" after {iterations} iterations" if isinstance(iterations, int) else ""
         said.append(f"The run ended{after}: {_REASONS.get(reason, reason)}.")
-    found = run.verification
-    if found.get("converged") is False:
+    if run.verification.get("converged") is False:
         said.append("ψ of the part still changes with its mesh.")
     given = record.get("warnings")
     if isinstance(given, list) and given:
@@ -66,11 +50,7 @@ def status(run: Run) -> list[str]:
 
 
 def cards(run: Run) -> list[dict[str, str]]:
-    """The few numbers that matter most: label, value, unit and a line below.
-
-    Args:
-        run: The run.
-    """
+    """The few numbers that matter most: label, value, unit and a line below."""
     found: list[dict[str, str]] = []
 
     def card(label: str, value: str, unit: str, below: str) -> None:
@@ -79,23 +59,21 @@ def cards(run: Run) -> list[dict[str, str]]:
     psi, part = run.record.get("psi"), run.verification.get("part")
     unit = run.psi.name
     if real(part):
-        below = f"reported {run.psi.text(psi)} {unit}"
-        card("ψ of the part", run.psi.text(part), unit, below)
+        card("ψ of the part", run.psi.text(part), unit, f"reported {run.psi.text(psi)} {unit}")
     elif real(psi):
         card("ψ of the densities", run.psi.text(psi), unit, "not verified as a part")
     best = part if real(part) else psi
     if run.references and real(best):
         name, reference = next(iter(run.references.items()))
         card("ψ relative", percent(best / reference, 3), "%", f"of that of the {name}")
-    volume = {k: v for k, v in run.mapping("volume").items() if real(v)}
-    for name, share in list(volume.items())[:2]:
+    volume = [(name, share) for name, share in run.mapping("volume").items() if real(share)]
+    for name, share in volume[:2]:
         bound = run.bounds.get(f"volume of {name}")
         limit = f", at most {Scale('', 1).given(100.0 * bound)} %" if real(bound) else ""
         card("Material", percent(share, 3), "%", f"of the full {name}{limit}")
     for name, given in list(run.mapping("parts").items())[:2]:
         if real(given.get("mass")):
-            mass = Scale("kg", given["mass"])
-            card("Mass", mass.text(given["mass"]), mass.name, f"of the part {name}")
+            card("Mass", *Scale.of("kg", given["mass"]), f"of the part {name}")
     stress = {n: s["value"] for n, s in run.mapping("stress").items()}
     of = "densities"
     for name, body in run.mapping("verification").get("bodies", {}).items():
@@ -103,17 +81,12 @@ def cards(run: Run) -> list[dict[str, str]]:
             stress[name], of = body["stress"][1], "part"
     if stress:
         worst = max(stress, key=lambda name: stress[name])
-        scale = Scale("Pa", stress[worst])
-        card("Largest stress", scale.text(stress[worst]), scale.name, f"von Mises, {of} {worst}")
+        card("Largest stress", *Scale.of("Pa", stress[worst]), f"von Mises, {of} {worst}")
     return found
 
 
 def accuracy(run: Run) -> dict[str, Any]:
-    """The objective beside its errors.
-
-    Args:
-        run: The run.
-    """
+    """The objective beside its errors."""
     found, scene = run.verification, run.mapping("scene")
     psi, gray, unit = run.record.get("psi"), run.record.get("gray"), run.psi.name
     values: list[Row] = []
@@ -122,8 +95,7 @@ def accuracy(run: Run) -> dict[str, Any]:
     kinds = {body.get("elements", "triangles") for body in found.get("bodies", {}).values()}
     elements = kinds.pop() if len(kinds) == 1 else "cells"
     for mesh in found["meshes"] if found else []:
-        size = Scale("m", mesh["size"])
-        what = f"Part, {elements} of {size.text(mesh['size'], 3)} {size.name}"
+        what = f"Part, {elements} of {' '.join(Scale.of('m', mesh['size'], 3))}"
         change = mesh["psi"] / found["reported"] - 1.0
         values.append((what, run.psi.text(mesh["psi"], 5), unit, percent(change, 3, sign=True)))
     errors: list[Row] = []
@@ -135,69 +107,41 @@ def accuracy(run: Run) -> dict[str, Any]:
             errors.append((what, percent(share, sign=sign), plus + size, how))
 
     modes = scene.get("modes_error", run.record.get("mode_error"))
-    error(
-        "Part instead of densities",
-        found["difference"] if found else None,
-        "motion of the part, computed anew",
-        sign=True,
-    )
     if found:
+        how = "the part, simulated anew"
+        error("Part instead of densities", found["difference"], how, sign=True)
         still = "stands still" if found.get("converged") else "still changes"
         limit = f"{still} within {percent(found.get('tolerance'))} %"
         error("Mesh of the part", found.get("change"), f"{elements} made smaller: {limit}")
     error("Normal modes left out", modes, "estimated by residual modes")
-    error("Time step", scene.get("step_error"), "estimated by steps twice as long")
-    note = (
-        "Modes and time step were judged at the reported design."
-        if found
-        else "The design was not evaluated as a part."
-    )
-    return {
-        "values": Table.of(
-            f"{run.objective} ψ",
-            ["", "ψ", "Unit", "Beside reported [%]"],
-            values,
-            [1, 3],
-            f"{percent(gray)} % of the area is neither void nor solid." if real(gray) else "",
-        ),
-        "errors": Table.of(
-            "Errors of ψ",
-            ["", "Relative [%]", f"Absolute [{unit}]" if unit else "Absolute", "How it is known"],
-            errors,
-            [1, 2],
-            note,
-        ),
-    }
+    error("Time step", scene.get("step_error"), "estimated by two methods with shorter steps")
+    head = ["", "ψ", "Unit", "Beside reported [%]"]
+    note = f"{percent(gray)} % of the area is neither void nor solid." if real(gray) else ""
+    told = Table.of(f"{run.objective} ψ", head, values, [1, 3], note)
+    head = ["", "Relative [%]", f"Absolute [{unit}]" if unit else "Absolute", "How it is known"]
+    note = "The design was not evaluated as a part."
+    if found:
+        note = "Modes and time step were judged at the reported design."
+    return {"values": told, "errors": Table.of("Errors of ψ", head, errors, [1, 2], note)}
 
 
 def constraints(run: Run) -> Table | None:
-    """Values and bounds.
-
-    Args:
-        run: The run.
-    """
-    rows = []
-    beyond = _beyond_by_part(run)
+    """Values and bounds."""
+    rows, beyond = [], _beyond_by_part(run)
     for name, given in run.mapping("constraints").items():
         scale = Scale(str(given["unit"]), given["bound"])
         broken, over = given["violation"], beyond.get(name)
-        rows.append(
-            (
-                name,
-                scale.text(given["value"]),
-                scale.text(_of_part(run, name)),
-                f"{given['kind']} {scale.given(given['bound'])}",
-                scale.name or NOTHING,
-                "none" if not broken else f"{percent(broken)} %",
-                NOTHING if over is None else "none" if over <= 0.0 else f"{percent(over)} %",
-            )
-        )
+        values = (scale.text(given["value"]), scale.text(_of_part(run, name)))
+        bound = f"{given['kind']} {scale.given(given['bound'])}"
+        violation = f"{percent(broken)} %" if broken else "none"
+        by_part = NOTHING if over is None else "none" if over <= 0.0 else f"{percent(over)} %"
+        rows.append((name, *values, bound, scale.name or NOTHING, violation, by_part))
     head = ["Constraint", "Reported", "Part", "Bound", "Unit", "Violation", "by the part"]
     return Table.of("Constraints", head, rows, [1, 2])
 
 
 def _of_part(run: Run, name: str) -> float | None:
-    """What the part has of a constraint; a bound on volumes stands with the bodies."""
+    """The part's value of a constraint; values of volume bounds stand with the bodies."""
     volumes = run.verification.get("bodies", {})
     if name.startswith("volume of ") and name[10:] in volumes:
         found = volumes[name[10:]]["volume"]
@@ -217,45 +161,37 @@ def _beyond_by_part(run: Run) -> dict[str, float]:
     return beyond
 
 
-def motions(run: Run) -> Table | None:
-    """What each of several motions contributes.
+def _told_of_part(run: Run, name: str) -> str:
+    """Value of the densities and of the part beside the bound."""
+    given = run.mapping("constraints")[name]
+    scale = Scale(str(given["unit"]), given["bound"])
+    told, part = scale.text(given["value"]), scale.text(_of_part(run, name))
+    bound = f"{given['kind']} {scale.given(given['bound'])} {scale.name}".rstrip()
+    return f"reported {told}, part {part}, {bound}"
 
-    Args:
-        run: The run.
-    """
-    given, of_part = run.mapping("motions"), run.verification.get("motions", {})
-    rows = []
-    for name, motion in given.items():
-        scale = Scale(str(motion["objective"]["unit"]), motion["psi"])
-        rows.append(
-            (
-                name,
-                words(motion["objective"]["name"]),
-                scale.text(motion["psi"]),
-                scale.text(of_part.get(name, [None, None])[1]),
-                scale.name or NOTHING,
-                fixed(motion["weight"], 4),
-                fixed(motion["weight"] * motion["psi"], 4),
-            )
-        )
+
+def load_cases(run: Run) -> Table | None:
+    """The contribution of each of several load cases."""
+    of_part, rows = run.verification.get("load_cases", {}), []
+    for name, case in run.mapping("load_cases").items():
+        psi, weight, objective = case["psi"], case["weight"], case["objective"]
+        scale = Scale(str(objective["unit"]), psi)
+        part = scale.text(of_part.get(name, [None, None])[1])
+        numbers = (fixed(weight, 4), fixed(weight * psi, 4))
+        unit = scale.name or NOTHING
+        rows.append((name, words(objective["name"]), scale.text(psi), part, unit, *numbers))
     note = f"ψ of the design is their {words(run.objective).lower()}."
-    head = ["Motion", "Objective", "Reported", "Part", "Unit", "Weight", "Reported, weighted"]
-    return Table.of("Motions", head, rows, [2, 3, 5, 6], note)
+    head = ["Load case", "Objective", "Reported", "Part", "Unit", "Weight", "Reported, weighted"]
+    return Table.of("Load cases", head, rows, [2, 3, 5, 6], note)
 
 
 def comparison(run: Run) -> Table | None:
-    """The design beside others.
-
-    Args:
-        run: The run.
-    """
+    """The design beside others."""
     if not run.references:
         return None
     name, reference = next(iter(run.references.items()))
-    given = {
-        "Design, reported": run.record.get("psi"),
-        "Design, part": run.verification.get("part"),
-    }
+    reported, part = run.record.get("psi"), run.verification.get("part")
+    given = {"Design, reported": reported, "Design, part": part}
     given |= {key[:1].upper() + key[1:]: psi for key, psi in run.references.items()}
     rows = [
         (key, run.psi.text(psi), run.psi.name or NOTHING, percent(psi / reference, 3))
@@ -267,11 +203,7 @@ def comparison(run: Run) -> Table | None:
 
 
 def reported_and_part(run: Run) -> list[Table]:
-    """For each body what was reported of the densities beside what the part has.
-
-    Args:
-        run: The run.
-    """
+    """For each body the values of the densities beside those of the part."""
     found = []
     for name, body in run.verification.get("bodies", {}).items():
         rows: list[Row] = []
@@ -289,40 +221,30 @@ def reported_and_part(run: Run) -> list[Table]:
         row("Thinnest member", "m", (None, body.get("thinnest_member")))
         row("Narrowest gap", "m", (None, body.get("narrowest_gap")))
         row("Largest stress", "Pa", body["stress"])
-        pairs = zip(*body["frequencies"], strict=False)
-        for number, pair in enumerate(pairs, 1):
+        for number, pair in enumerate(zip(*body["frequencies"], strict=False), 1):
             row(f"Frequency {number}", "Hz", pair)
         note = (
             f"Part: {fixed(body['cells'])} {body.get('elements', 'triangles')}, {body['modes']} "
-            "normal modes. Stress: "
-            "von Mises, over the whole motion. Frequencies: with all interfaces held."
+            "normal modes. Stress: von Mises, over the whole simulation. Frequencies: with all "
+            "interfaces held."
         )
         head = ["", "Reported", "Part", "Unit", "Change [%]"]
-        table = Table.of(f"Body {name}", head, rows, [1, 2, 4], note)
-        if table:
-            found.append(table)
-    return found
+        found.append(Table.of(f"Body {name}", head, rows, [1, 2, 4], note))
+    return [table for table in found if table]
 
 
 def own_figures(run: Run) -> Table | None:
-    """Of the densities alone, where no part was verified.
-
-    Args:
-        run: The run.
-    """
+    """Stress and frequencies of the densities, where no part was verified."""
     done = run.verification.get("bodies", {})
     rows = []
     for name, given in run.mapping("stress").items():
         if name not in done:
-            scale = Scale("Pa", given["value"])
-            when = Scale("s", given["time"])
             place = zip("xyz", (Scale("m", 1.0).text(v) for v in given["position"]), strict=False)
-            motion = f", in motion {given['motion']}" if given.get("motion") else ""
             at = ", ".join(f"{axis} = {value} mm" for axis, value in place)
-            where = f"at {when.text(given['time'])} {when.name}, {at}{motion}"
-            rows.append(
-                (name, "Largest von Mises stress", scale.text(given["value"]), scale.name, where)
-            )
+            case = f", in load case {given['load_case']}" if given.get("load_case") else ""
+            where = f"at {' '.join(Scale.of('s', given['time']))}, {at}{case}"
+            value = Scale.of("Pa", given["value"])
+            rows.append((name, "Largest von Mises stress", *value, where))
     for name, values in run.mapping("frequencies").items():
         if name not in done:
             for number, f in enumerate(values, 1):

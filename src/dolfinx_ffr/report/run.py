@@ -1,37 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""A results folder while it is turned into sections of a report, and tables for these."""
+"""A results folder as the sections of a report use it, and their tables."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from typing import Any
 
 from .folder import Folder
-from .numbers import Scale, aligned
-
-__all__ = ["Row", "Run", "Table", "real", "words"]
+from .numbers import Scale, aligned, real
 
 Row = Sequence[str]
 
 
-def real(value: Any) -> TypeGuard[float]:
-    """Whether something is a finite number.
-
-    Args:
-        value: Anything.
-    """
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def words(name: str) -> str:
-    """The name of a class as words of a sentence that begins with it.
-
-    Args:
-        name: For example "IntegralCompliance".
-    """
+    """The name of a class, "IntegralCompliance", as the words that begin a sentence."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
     return apart[:1].upper() + apart[1:]
 
@@ -54,15 +38,7 @@ class Table:
         numeric: Sequence[int] = (),
         note: str = "",
     ) -> Table | None:
-        """A table, or None without rows.
-
-        Args:
-            caption: Above it.
-            head: Of the columns.
-            rows: Texts, one for each column.
-            numeric: Columns of numbers.
-            note: Below it.
-        """
+        """A table, or None without rows; ``numeric`` are the columns of numbers."""
         if not rows:
             return None
         columns = [list(column) for column in zip(*rows, strict=True)]
@@ -76,9 +52,8 @@ class Run:
     def __init__(self, folder: Folder) -> None:
         self.folder, self.record = folder, folder.record
         objective = self.mapping("objective")
-        self.psi_unit = str(objective.get("unit", "") or "")
-        name = str(objective.get("name", "") or "objective")
-        self.objective = words(name)
+        self.psi_unit = str(objective.get("unit") or "")
+        self.objective = words(str(objective.get("name") or "objective"))
         self.verification = self.mapping("verification")
         self.references = {k: v for k, v in self.mapping("references").items() if real(v)}
         self.bounds = {
@@ -90,27 +65,21 @@ class Run:
         self.psi = Scale(self.psi_unit, max([abs(p) for p in psis if real(p)], default=None))
 
     def mapping(self, key: str) -> dict[str, Any]:
-        """What stands under a key, nothing where that is no mapping."""
+        """The mapping under a key; empty where there is none."""
         found = self.record.get(key)
         if found is not None and not isinstance(found, dict):
             self.missing(f"summary.json: what stands under {key!r} cannot be used (no mapping)")
         return found if isinstance(found, dict) else {}
 
     def missing(self, what: str) -> None:
-        """Say once what is not there."""
+        """Note once that something is missing."""
         if what not in self.folder.missing:
             self.folder.missing.append(what)
 
-    def built(self, what: str, build: Callable[[], Any], nothing: Any) -> Any:
-        """What is made of the record, or nothing and a note where it holds something else.
-
-        Args:
-            what: What is made.
-            build: Makes it.
-            nothing: Stands for it.
-        """
+    def built(self, what: str, build: Callable[[Run], Any], nothing: Any) -> Any:
+        """The section that ``build`` makes; ``nothing`` and a note if the record is not usable."""
         try:
-            return build()
+            return build(self)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             said = f"{type(error).__name__}: {error}"
             self.missing(

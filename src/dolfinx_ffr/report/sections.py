@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,15 @@ import numpy as np
 
 from ..plotting import plot_history
 from . import model, results
-from .folder import Folder, Picture, data_uri
-from .numbers import Scale, fixed, percent
+from .folder import PICTURES, Folder, data_uri
+from .numbers import Scale, fixed, percent, real
 from .record import KEYS
-from .run import Row, Run, Table, real
-
-__all__ = ["sections"]
+from .run import Row, Run, Table
 
 #: Panels of the history: columns, and the alternative text
 _PANELS = {
     "psi": "Objective over the iterations",
-    "motions": "Objectives of the motions over the iterations, relative to the start",
+    "load_cases": "Objectives of the load cases over the iterations, relative to the start",
     "volume": "Volume and gray share over the iterations",
     "sharpness": "Sharpness of the projection over the iterations",
     "frequency": "First frequency over the iterations",
@@ -49,63 +47,27 @@ _COLUMNS = {
 
 
 def sections(folder: Folder, title: str = "") -> dict[str, Any]:
-    """What the template shows of a folder; adds what is missing to `Folder.missing`.
-
-    Args:
-        folder: The run.
-        title: Heading, instead of the recorded one.
-    """
+    """The variables of the template for a folder; adds what is missing to `Folder.missing`."""
     run = Run(folder)
     record = run.record
     if record:
         _note_missing_keys(run)
-    heading = title or str(record.get("title") or "") or _title(folder.path)
-    context = {
-        "title": heading,
-        "date": run.built("the date", lambda: _date(record.get("date")), ""),
+    by_default = re.sub(r"[_-]+", " ", f"Design run {folder.path.resolve().name}")
+    return {
+        "title": title or str(record.get("title") or "") or by_default,
         "package": f"dolfinx_ffr {run.mapping('versions').get('dolfinx_ffr', '')}".strip(),
         "ranks": record.get("ranks"),
         "objective": run.objective,
-        "status": run.built("how the run ended", lambda: results.status(run), []),
         "feasible": record.get("feasible"),
-        "cards": run.built("numbers at the top", lambda: results.cards(run), []),
-        "accuracy": run.built("errors of psi", lambda: results.accuracy(run), {}),
-        "constraints": run.built("constraints", lambda: results.constraints(run), None),
-        "motions": run.built("motions", lambda: results.motions(run), None),
-        "comparison": run.built("other designs", lambda: results.comparison(run), None),
-        "bodies": run.built(
-            "figures of the part beside those of the design",
-            lambda: results.reported_and_part(run),
-            [],
-        ),
-        "own_figures": run.built("stress and frequencies", lambda: results.own_figures(run), None),
-        "parts": run.built("parts", lambda: model.parts(run), []),
+        **{name: run.built(what, build, nothing) for name, what, build, nothing in _BUILT},
         "outline": model.outline(run),
-        "scene": run.built("scene", lambda: model.scene(run), {}),
-        "history": run.built("history", lambda: _history(run), {}),
-        "warnings": run.built("warnings", lambda: _warnings(run), None),
-        "versions": run.built("versions", lambda: _versions(run), None),
         "command": record.get("command") or "",
         "seconds": _duration(record.get("seconds")),
-        "further": run.built("further numbers", lambda: _further(run), None),
+        "pictures": {Path(name).stem: folder.picture(name) for name in PICTURES},
+        "further_pictures": folder.further_pictures(),
+        "files": _files(folder),
+        "missing": folder.missing,
     }
-    pictures: dict[str, Picture | None] = {
-        name: folder.picture(f"{name}.{kind}")
-        for name, kind in (
-            ("scene", "png"),
-            ("design", "png"),
-            ("part", "png"),
-            ("motion", "gif"),
-            ("crank_motion", "png"),
-            ("stress", "png"),
-            ("modes", "png"),
-        )
-    }
-    context["pictures"] = pictures
-    context["further_pictures"] = folder.further_pictures()
-    context["files"] = _files(folder)
-    context["missing"] = folder.missing
-    return context
 
 
 def _note_missing_keys(run: Run) -> None:
@@ -126,23 +88,13 @@ def _note_missing_keys(run: Run) -> None:
         run.missing(f"summary.json: {', '.join(lacking)} (ffr.run_record writes them)")
 
 
-# ---------------------------------------------------------------------- at the top
-
-
-def _title(folder: Path) -> str:
-    words = re.sub(r"[_-]+", " ", folder.resolve().name)
-    return f"Design run {words}"
-
-
-def _date(text: Any) -> str:
+def _date(run: Run) -> str:
+    text = run.record.get("date")
     if not isinstance(text, str) or not text:
         return ""
     when = datetime.fromisoformat(text)
     zone = f" {when:%Z}" if when.tzinfo else ""
     return f"{when.day} {when:%B %Y, %H:%M}{zone}"
-
-
-# ---------------------------------------------------------------------- the history
 
 
 def _history(run: Run) -> dict[str, Any]:
@@ -156,7 +108,7 @@ def _history(run: Run) -> dict[str, Any]:
         for name, text in _PANELS.items():
             values = columns.get(name)
             shown = {"iteration": iteration}
-            if name == "motions":
+            if name == "load_cases":
                 shown |= {n: v for n, v in columns.items() if n.startswith("psi of ")}
             elif values is not None and np.isfinite(values).any():
                 shown[name] = values
@@ -207,27 +159,21 @@ def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
     )
 
 
-# ---------------------------------------------------------------------- at the end
-
-
 def _warnings(run: Run) -> list[Row] | None:
     given = run.record.get("warnings")
-    if given is None:
-        return None
-    return [(str(entry["category"]), str(entry["message"])) for entry in given]
+    return given and [(str(entry["category"]), str(entry["message"])) for entry in given]
 
 
 def _versions(run: Run) -> Table | None:
-    rows = [(str(name), str(text)) for name, text in run.mapping("versions").items()]
+    rows = [(name, str(text)) for name, text in run.mapping("versions").items()]
     return Table.of("Versions", ["", ""], rows)
 
 
 def _duration(seconds: Any) -> str:
     if not real(seconds):
         return ""
-    if seconds < 120.0:
-        return f"{fixed(float(seconds), 3)} s"
-    return f"{fixed(seconds / 60.0, 3)} min"
+    short = seconds < 120.0
+    return f"{fixed(float(seconds), 3)} s" if short else f"{fixed(seconds / 60.0, 3)} min"
 
 
 def _further(run: Run) -> Table | None:
@@ -249,8 +195,26 @@ def _further(run: Run) -> Table | None:
 def _files(folder: Folder) -> list[str]:
     """Names and sizes of what stands beside the report."""
     files = sorted(f for f in folder.path.iterdir() if f.is_file() and not f.name.startswith("."))
-    return [
-        f"{f.name} ({fixed(max(f.stat().st_size / 1e3, 0.1), 2)} kB)"
-        for f in files
-        if f.suffix != ".html"
-    ]
+    files = [f for f in files if f.suffix != ".html"]
+    return [f"{f.name} ({fixed(max(f.stat().st_size / 1e3, 0.1), 2)} kB)" for f in files]
+
+
+#: Sections that a damaged record may make impossible: name in the template, what is said to be
+#: missing then, how it is made, and what takes its place
+_BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
+    ("date", "the date", _date, ""),
+    ("status", "how the run ended", results.status, []),
+    ("cards", "numbers at the top", results.cards, []),
+    ("accuracy", "errors of psi", results.accuracy, {}),
+    ("constraints", "constraints", results.constraints, None),
+    ("load_cases", "load_cases", results.load_cases, None),
+    ("comparison", "other designs", results.comparison, None),
+    ("bodies", "figures of the part beside those of the design", results.reported_and_part, []),
+    ("own_figures", "stress and frequencies", results.own_figures, None),
+    ("parts", "parts", model.parts, []),
+    ("scene", "scene", model.scene, {}),
+    ("history", "history", _history, {}),
+    ("warnings", "warnings", _warnings, None),
+    ("versions", "versions", _versions, None),
+    ("further", "further numbers", _further, None),
+)

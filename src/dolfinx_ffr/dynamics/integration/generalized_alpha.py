@@ -13,21 +13,19 @@ from numpy.typing import NDArray
 from ... import validation
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, at_rest, cut, diagnosis
-from ..kinematics import Kinematics, settled, settled_pullback
+from ..kinematics import Kinematics, Samples
 from ..model import FlatModel
-from ..samples import Samples
 from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
 from .start import (
     CONVERGED,
+    NO_START,
     accelerations,
     accelerations_pullback,
     start_accelerations,
     start_accelerations_pullback,
 )
 from .steps import Steps, backward, march, step_bars
-
-__all__ = ["GeneralizedAlpha"]
 
 Array = NDArray[np.float64]
 
@@ -60,20 +58,17 @@ class GeneralizedAlpha(Integrator):
         backward,
     )
 
-    #: Duration of the simulation, which starts at zero [s].
-    end_time: float
-    #: Number of time steps.
-    steps: int
+    end_time: float  #: Duration of the simulation, which starts at zero [s].
+    steps: int  #: Number of time steps.
     #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
     #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
     #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
     spectral_radius: float = 0.8
-    #: Whether the steps were chosen for an accuracy of an objective, as by a :class:`TimeInterval`:
-    #: then no warning tells that they are too long.
-    judged: bool = field(default=False, repr=False, kw_only=True)
+    #: Relative error of an objective for which a :class:`TimeInterval` has chosen these steps; None
+    #: of steps that were given. It has no part in the motion.
+    chosen_for: float | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         validation.number("end_time", self.end_time, above=0.0, unit="s")
         validation.integer("steps", self.steps, least=1)
         validation.number("spectral_radius", self.spectral_radius, least=0.0, most=1.0)
@@ -92,6 +87,10 @@ class GeneralizedAlpha(Integrator):
         return int(self.steps) + 1
 
     @property
+    def in_words(self) -> str:
+        return f"{super().in_words} of spectral radius {self.spectral_radius:g}"
+
+    @property
     def coarser(self) -> GeneralizedAlpha:
         return replace(self, steps=max(int(self.steps) // 2, 1))
 
@@ -107,6 +106,19 @@ class GeneralizedAlpha(Integrator):
         gamma = 0.5 + alpha_f - alpha_m
         return alpha_m, alpha_f, gamma, 0.25 * (gamma + 0.5) ** 2
 
+    def amplification(self, phase: float) -> float:
+        if self.spectral_radius == 1.0:
+            return 1.0
+        # One step for x'' = -x with the phase as time; the unknowns are x', v' and a', the method's
+        # own accelerations, and the equation of motion gives w = -x.
+        alpha_m, alpha_f, gamma, beta = self.parameters
+        h = phase
+        new = np.array([[1.0, 0.0, -h * h * beta], [0.0, 1.0, -h * gamma],
+                        [1.0 - alpha_f, 0.0, 1.0 - alpha_m]])  # fmt: skip
+        old = np.array([[1.0, h, h * h * (0.5 - beta)], [0.0, 1.0, h * (1.0 - gamma)],
+                        [-alpha_f, 0.0, -alpha_m]])  # fmt: skip
+        return float(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(new, old)))))
+
     @property
     def remedy(self) -> str:
         return (
@@ -118,12 +130,12 @@ class GeneralizedAlpha(Integrator):
         # An even number, half of which are whole steps.
         return replace(self, steps=2 * math.ceil(int(self.steps) / 2))
 
-    def _late_start(self, model: FlatModel) -> float:
-        """Share of the change of the accelerations shortly after the start in the method's first.
+    def _near_start_weight(self, model: FlatModel) -> float:
+        """Weight of the accelerations near the start in the method's first own accelerations.
 
-        a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, w_1 the accelerations there. None
-        where damping is proportional to stiffness: it ends the accelerations of stiff modes within
-        a share of a step, and their slope at the start says nothing of the step.
+        a_0 = w_0 + (alpha_m - alpha_f) h (w_1 - w_0) / offset, with w_1 near the start.
+        It is zero where damping is proportional to stiffness: it ends the accelerations of stiff
+        modes within a share of a step, and their slope at the start says nothing of the step.
         """
         if np.any(model.arrays.beta > 0.0):
             return 0.0
@@ -134,29 +146,26 @@ class GeneralizedAlpha(Integrator):
         count, offset, kinematics = int(self.steps), model.offset, Kinematics(model.arrays)
         trajectory = at_rest(model, count, self)
         y, v, w, a = trajectory.y, trajectory.v, trajectory.w, trajectory.a
-        beginning, multipliers = trajectory.beginning, trajectory.multipliers
+        near_start, multipliers = trajectory.beginning, trajectory.multipliers
         y[0], v[0] = y0, v0
         kinematics.begin(y0)
         found = start_accelerations(kinematics, 0, y0, v0)
         after = None
         if found is not None:
             w[0], multipliers[0] = found
-            beginning[0] = y0 + offset * v0 + 0.5 * offset * offset * w[0]
-            beginning[0] = settled(model.arrays, y0, beginning[0])
-            beginning[1] = v0 + offset * w[0]
-            # The tables of the mechanism end with the instant shortly after the start.
-            after = start_accelerations(kinematics, count + 1, beginning[0], beginning[1])
+            shifted = y0 + offset * v0 + 0.5 * offset * offset * w[0]
+            near_start[0] = model.arrays.retract(y0, shifted)
+            near_start[1] = v0 + offset * w[0]
+            # The tables of the mechanism end with the instant near the start.
+            after = start_accelerations(kinematics, count + 1, near_start[0], near_start[1])
         if after is None:
-            raise SimulationError(
-                "the accelerations at the start cannot be found: the mass matrix of the bodies "
-                "and the joints together are singular",
-                cut(trajectory, 0),
-            )
-        beginning[2], beginning[3, : model.rows] = after
-        a[0] = w[0] + self._late_start(model) * (beginning[2] - w[0])
-        steps = _steps(trajectory)
+            raise SimulationError(NO_START, cut(trajectory, 0))
+        near_start[2], near_start[3, : model.rows] = after
+        a[0] = w[0] + self._near_start_weight(model) * (near_start[2] - w[0])
+        steps = self._steps(trajectory, self.step)
         system = Table(linear_system(model.size + 2 * model.rows))
-        status = march(kinematics.table, Table(steps), system, self.step, *self.parameters)
+        status = march(kinematics.table, Table(steps), system)
+        trajectory = replace(trajectory, turns=kinematics.turns(count + 1))
         if status != CONVERGED:
             last = int(steps.last[0])
             k = last + 1
@@ -167,31 +176,32 @@ class GeneralizedAlpha(Integrator):
         return trajectory
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        model, kinematics = trajectory.model, Kinematics(trajectory.model.arrays)
+        model = trajectory.model
+        kinematics = Kinematics(model.arrays, trajectory.turns)
         h, offset = float(model.times[1] - model.times[0]), model.offset
-        steps, bars = _steps(trajectory), step_bars(bar.y, bar.v, bar.w, bar.multipliers)
+        steps = self._steps(trajectory, h)
+        bars = step_bars(bar.y, bar.v, bar.w, bar.multipliers)
         system = Table(linear_system(model.size + 2 * model.rows))
-        kinematics.follow(trajectory.y)
-        tables = Table(steps), Table(bars), system
-        if backward(kinematics.table, *tables, h, *self.parameters) != CONVERGED:
+        if backward(kinematics.table, Table(steps), Table(bars), system) != CONVERGED:
             t = trajectory.t[steps.last[0]]
             raise RuntimeError(f"the matrix of the step at t = {t:.6g} s is singular")
         y_bar, v_bar, w_bar, a_bar = bars.start
-        share = self._late_start(model)
+        weight = self._near_start_weight(model)
         y_bar, v_bar = y_bar + bars.y[0], v_bar + bars.v[0]
-        w_bar = w_bar + ((1.0 - share) * a_bar + bars.w[0])
-        # The tables of the mechanism end with the instant shortly after the start.
+        w_bar = w_bar + ((1.0 - weight) * a_bar + bars.w[0])
+        # The tables of the mechanism end with the instant near the start.
         instant = len(model.arrays.drive) - 1
+        *near_start, multipliers = trajectory.beginning
         ye, ve, after = start_accelerations_pullback(
             kinematics,
             instant,
-            _state(trajectory.beginning, model),
-            share * a_bar,
+            (*near_start, multipliers[: model.rows]),
+            weight * a_bar,
             0.0 * bars.lam[0],
         )
-        # From coordinates shortly after the start to the shift that leads there.
+        # From coordinates near the start to the shift that leads there.
         shift = offset * trajectory.v[0] + 0.5 * offset * offset * trajectory.w[0]
-        shift_bar, ye = settled_pullback(model.arrays, shift, ye)
+        shift_bar, ye = model.arrays.retract_pullback(shift, ye)
         w_bar = w_bar + (0.5 * offset * offset * shift_bar + offset * ve)
         y_bar, v_bar = y_bar + ye, v_bar + (offset * shift_bar + ve)
         first = trajectory.y[0], trajectory.v[0], trajectory.w[0], trajectory.multipliers[0]
@@ -200,9 +210,9 @@ class GeneralizedAlpha(Integrator):
         )
         samples = Samples(
             np.append(np.arange(trajectory.steps + 1), instant),
-            np.vstack([trajectory.y, trajectory.beginning[0]]),
-            np.vstack([trajectory.v, trajectory.beginning[1]]),
-            np.vstack([trajectory.w, trajectory.beginning[2]]),
+            np.vstack([trajectory.y, near_start[0]]),
+            np.vstack([trajectory.v, near_start[1]]),
+            np.vstack([trajectory.w, near_start[2]]),
             np.vstack([bars.adjoint, after]),
         )
         corrections = h * bars.left, bars.right
@@ -210,25 +220,20 @@ class GeneralizedAlpha(Integrator):
             samples, corrections, y_bar + ye, v_bar + ve, kinematics.marker_bars
         )
 
-
-def _state(beginning: Array, model: FlatModel) -> tuple[Array, Array, Array, Array]:
-    y, v, w, multipliers = beginning
-    return y, v, w, multipliers[: model.rows]
-
-
-def _steps(trajectory: Trajectory) -> Steps:
-    """Arrays of a motion for the compiled loops, without copies."""
-    n, rows = trajectory.model.size, trajectory.model.rows
-    return Steps(
-        trajectory.y,
-        trajectory.v,
-        trajectory.w,
-        trajectory.a,
-        trajectory.multipliers,
-        trajectory.stabilization,
-        trajectory.iterations,
-        np.zeros(1, dtype=np.int64),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(rows),
-    )
+    def _steps(self, trajectory: Trajectory, h: float) -> Steps:
+        """Arrays of a trajectory for the compiled loops, without copies."""
+        n, rows = trajectory.model.size, trajectory.model.rows
+        return Steps(
+            np.array([h, *self.parameters]),
+            trajectory.y,
+            trajectory.v,
+            trajectory.w,
+            trajectory.a,
+            trajectory.multipliers,
+            trajectory.stabilization,
+            trajectory.iterations,
+            np.zeros(1, dtype=np.int64),
+            np.zeros(n),
+            np.zeros(n),
+            np.zeros(rows),
+        )

@@ -28,11 +28,7 @@ class LinearSystem(NamedTuple):
 
 
 def linear_system(size: int) -> LinearSystem:
-    """A system of zeros.
-
-    Args:
-        size: Number of unknowns.
-    """
+    """A system of zeros with a number of unknowns."""
     rhs, scale, unit = (np.zeros(size) for _ in range(3))
     return LinearSystem(np.zeros((size, size)), rhs, scale, unit, np.zeros(size, dtype=np.int64))
 

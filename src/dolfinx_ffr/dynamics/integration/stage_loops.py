@@ -5,25 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from .. import equations
 from ..compilation import compiled, kernel
-from ..equations import (
-    BODY_FORCES,
-    COMPOSE,
-    CONSTRAINTS,
-    ENTER,
-    FORCES,
-    LEAVE,
-    LOCALISE,
-    METRIC,
-    OTHER_FORCES,
-    ROWS,
-    TANGENT,
-    Equations,
-    chart,
-    evaluate,
-    measure,
-    pullback,
-)
+from ..equations import Equations, chart, evaluate, measure, pullback
 from .linear import LinearSystem, lu_factor, lu_solve, lu_solve_transposed
 from .stages import (
     AA,
@@ -36,10 +20,9 @@ from .stages import (
     stage_jacobian,
     stage_residual,
     stage_states,
-    turn_rotations,
 )
 from .start import CONVERGED, DIVERGED, SINGULAR
-from .steps import MAX_ITERATIONS, StepBars
+from .steps import MAX_ITERATIONS, StepBars, pushed, times_transposed
 
 #: Outcome of the loop, beside those of start.py: the error of a step is too large.
 REJECTED = 3
@@ -99,7 +82,7 @@ def predict(eq: Equations, stages: Stages, at: int, h: float, before: float) -> 
     n, rows, w, lam = eq.r.size, eq.value.size, stages.w, stages.lam
     if before <= 0.0:
         load_stage(eq, stages, at - 1)
-        evaluate(eq, at - 1, 0.0, CONSTRAINTS | FORCES | TANGENT)
+        evaluate(eq, at - 1, 0.0, equations.CONSTRAINTS | equations.FORCES | equations.TANGENT)
     for i in range(3):
         for c in range(rows):
             stages.eta[at + i, c] = 0.0
@@ -137,7 +120,7 @@ def iterate(
     previous, fresh = 0.0, False
     stages.kept[1] = 1.0
     for iteration in range(MAX_ITERATIONS):
-        stage_states(eq, stages, at, h)
+        stage_states(eq, stages, at, h, h * h)
         if renew:
             stage_jacobian(eq, stages, system, at, h)
             if not lu_factor(system, 3 * size):
@@ -154,9 +137,7 @@ def iterate(
                 stages.lam[at + i, c] -= rhs[o + n + c]
                 stages.eta[at + i, c] -= rhs[o + n + rows + c]
             for p in range(n):
-                shift = 0.0
-                for c in range(rows):
-                    shift += eq.correction[c, p] * rhs[o + n + rows + c]
+                shift = pushed(eq, rhs[o + n + rows :], p)
                 delta = rhs[o + p]
                 finite = finite and np.isfinite(delta)
                 stages.w[at + i, p] -= delta
@@ -183,14 +164,14 @@ def iterate(
 def judge(
     eq: Equations, stages: Stages, system: LinearSystem, k: int, h: float, limit: float
 ) -> int:
-    """Whether the error of a step that was solved lets it pass; keeps the sizes up to date."""
+    """Whether the error of a solved step is accepted; keeps the norms up to date."""
     at = 3 * k + 1
     if not estimate_error(eq, stages, system, at, h):
         return SINGULAR
     for i in range(3):
         stages.errors[k, i] = eq.sizes[i]
     load_stage(eq, stages, at + 2)
-    chart(eq, at + 2, COMPOSE)
+    chart(eq, at + 2, equations.COMPOSE)
     for p in range(eq.r.size):
         eq.reference[p] = stages.reference[p]
     measure(eq)
@@ -212,13 +193,13 @@ def judge(
 
 
 @kernel
-def settle_stages(eq: Equations, stages: Stages, at: int) -> None:
-    """Coordinates of the stages in rows at, at + 1, at + 2 from those within the step."""
+def retract_stages(eq: Equations, stages: Stages, at: int) -> None:
+    """Change rows at, at + 1, at + 2 from coordinates within the step to those between steps."""
     if eq.turning.size > 0:
         for i in range(3):
             load_stage(eq, stages, at + i)
-            evaluate(eq, at + i, 0.0, CONSTRAINTS)
-            chart(eq, at + i, COMPOSE)
+            evaluate(eq, at + i, 0.0, equations.CONSTRAINTS)
+            chart(eq, at + i, equations.COMPOSE)
             for p in range(eq.r.size):
                 stages.y[at + i, p] = eq.y[p]
 
@@ -232,7 +213,7 @@ def march(
     before: float,
     limit: float,
 ) -> int:
-    """Steps of the given lengths from row 0; gives the outcome.
+    """Steps of the given lengths from row 0; the result is the outcome.
 
     `system` holds the last factors of three stages; `small` is one of the size of a single stage.
     `before` is the length of the step before the first one, zero if there is none; a step whose
@@ -256,13 +237,13 @@ def march(
         if status != CONVERGED and before > 0.0:
             predict(eq, stages, at, h, 0.0)
             status = iterate(eq, stages, system, k, h, True)
-        stage_states(eq, stages, at, h)
+        stage_states(eq, stages, at, h, h * h)
         for i in range(3):
             for c in range(eq.value.size):
                 stages.eta[at + i, c] = h * stages.eta[at + i, c]
         if status == CONVERGED:
             status = judge(eq, stages, small, k, h, limit)
-        settle_stages(eq, stages, at)
+        retract_stages(eq, stages, at)
         if status != CONVERGED:
             return status
         stages.last[0] = k + 1
@@ -271,27 +252,21 @@ def march(
 
 @kernel
 def enter_stages(eq: Equations, stages: Stages, bars: StepBars, at: int, h: float) -> None:
-    """Coordinates of the stages, and derivatives with respect to them, to those within the step."""
+    """Change the stages and the derivatives with respect to them to coordinates within the step."""
     if eq.turning.size > 0:
+        stage_states(eq, stages, at, h, h)
         for i in range(3):
             load_stage(eq, stages, at + i)
-            chart(eq, at + i, LOCALISE)
             for p in range(eq.r.size):
-                stages.y[at + i, p] = eq.y[p]
                 eq.y_bar[p] = bars.y[at + i, p]
-            chart(eq, at + i, ENTER)
+            chart(eq, at + i, equations.ENTER)
             for p in range(eq.r.size):
                 bars.y[at + i, p] = eq.y_bar[p]
-        turn_rotations(eq, stages, at, h)
 
 
 @compiled(Equations, Stages, StepBars, LinearSystem)
 def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem) -> int:
-    """Transpose of all steps; gives the outcome.
-
-    Fills in what the bars leave open, rows of the start excepted; the derivative with respect to an
-    integral is minus the sum over time of adjoint . dr.
-    """
+    """Transpose of :func:`march`, the bars filled in as by steps.backward."""
     n, rows, rhs = eq.r.size, eq.value.size, system.rhs
     block = n + 2 * rows
     y0b, v0b = bars.start[0], bars.start[1]
@@ -325,10 +300,8 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
                             rhs[o + p + q] += eq.excess[3 * i + j, p + r, q] * bars.y[at + i, p + r]
             for c in range(rows):
                 rhs[o + n + c] = bars.lam[at + j, c]
-                total = 0.0
-                for p in range(n):
-                    total += eq.correction[c, p] * bars.y[at + j, p]
-                rhs[o + n + rows + c] = -h * h * total
+            at_rows = rhs[o + n + rows : o + n + 2 * rows]
+            times_transposed(bars.y[at + j], eq.correction, -h * h, at_rows)
         lu_solve_transposed(system, 3 * block)
         for p in range(n):
             y0b[p] = v0b[p] = 0.0
@@ -341,8 +314,8 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
             for c in range(rows):
                 eq.on_values[c] = rhs[o + n + c] / (h * h)
                 eq.on_rates[c] = rhs[o + n + rows + c] / h
-            evaluate(eq, row, 0.0, CONSTRAINTS)
-            pullback(eq, row, BODY_FORCES | OTHER_FORCES | ROWS)
+            evaluate(eq, row, 0.0, equations.CONSTRAINTS)
+            pullback(eq, row, equations.BODY_FORCES | equations.OTHER_FORCES | equations.ROWS)
             for p in range(n):
                 bars.y[row, p] = eq.y_bar[p]
                 v0b[p] += eq.v_bar[p] + NODES[i] * h * eq.y_bar[p]
@@ -351,12 +324,12 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
                 for r in range(3):
                     for q in range(3):
                         v0b[p + q] += eq.excess_start[i, p + r, q] * eq.y_bar[p + r]
-            chart(eq, row, LEAVE)
+            chart(eq, row, equations.LEAVE)
             for p in range(n):
                 y0b[p] += eq.y_bar[p]
-        # The share of Y_i = ... - h^2 D C_y(y)^T sigma_i through D and C_y at the beginning.
+        # The part of Y_i = ... - h^2 D C_y(y)^T sigma_i through D and C_y at the beginning.
         load_stage(eq, stages, at - 1)
-        evaluate(eq, at - 1, 0.0, CONSTRAINTS)
+        evaluate(eq, at - 1, 0.0, equations.CONSTRAINTS)
         for p in range(n):
             eq.y_bar[p] = y0b[p]
         for c in range(rows):
@@ -367,11 +340,8 @@ def backward(eq: Equations, stages: Stages, bars: StepBars, system: LinearSystem
                 eq.lam[c] = h * stages.eta[row, c]
             for p in range(n):
                 eq.adjoint[p] = bars.y[row, p]
-                total = 0.0
-                for c in range(rows):
-                    total += eq.correction[c, p] * eq.lam[c]
-                bars.right[row, p] = total
-            pullback(eq, at - 1, ROWS | METRIC)
+                bars.right[row, p] = pushed(eq, eq.lam, p)
+            pullback(eq, at - 1, equations.ROWS | equations.METRIC)
             for p in range(n):
                 bars.left[row, p] = eq.adjoint[p]
         for p in range(n):

@@ -27,20 +27,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import equations
 from ..compilation import IntVector, Matrix, Vector, kernel
-from ..equations import (
-    CONSTRAINTS,
-    CORRECTIONS,
-    FORCES,
-    TANGENT,
-    Equations,
-    evaluate,
-    measure,
-    turn_stages,
-)
+from ..equations import Equations, chart, evaluate, measure, turn_stages
 from .linear import LinearSystem, lu_factor, lu_solve
 from .start import set_units, unit_of_row
-from .steps import step_system
+from .steps import pushed, step_system, times_transposed
 
 Array = NDArray[np.float64]
 
@@ -68,20 +60,16 @@ LAGRANGE = np.linalg.inv(np.vander(NODES, increasing=True)).T
 
 
 def stage_integrals(x: Array) -> Array:
-    """Integrals from 0 to x of the polynomials through the stages of a step of length 1.
+    """Integrals from 0 to x (n,) of the Lagrange polynomials of a step of length 1, shape (n, 3).
 
-    Args:
-        x: Shares of the step, shape (n,).
-
-    Returns:
-        Array of shape (n, 3), one column for each stage; at x = 1 the weights of the method.
+    At x = 1 they are the weights of the method.
     """
     powers = x[:, None] ** np.arange(1, 4) / np.arange(1, 4)
     return powers @ LAGRANGE.T
 
 
 class Stages(NamedTuple):
-    """Motion in steps of three stages each, and what passes from one call of the loop to the next.
+    """Trajectory in steps of three stages, and what passes from one call of the loop to the next.
 
     Row 0 is the start; three rows for each step follow.
     """
@@ -94,8 +82,8 @@ class Stages(NamedTuple):
     eta: Matrix  # (3 steps + 1, rows) multipliers of the position corrections, h sigma
     iterations: IntVector  # (steps,) Newton iterations
     last: IntVector  # (1,) number of good steps, or instant whose transpose is singular
-    errors: Matrix  # (steps, 3) sizes of the errors of the steps
-    sizes: Vector  # (3,) largest sizes of the motion so far, kept up to date
+    errors: Matrix  # (steps, 3) norms of the errors of the steps
+    sizes: Vector  # (3,) largest norms of the motion so far, kept up to date
     reference: Vector  # (n,) coordinates at the start of the motion
     w_before: Matrix  # (3, n) accelerations of the step before the first one
     lam_before: Matrix  # (3, rows) and multipliers
@@ -108,7 +96,7 @@ class Stages(NamedTuple):
 
 @kernel
 def load_stage(eq: Equations, stages: Stages, row: int) -> None:
-    """Set the state of the equations to one row of the motion."""
+    """Set the state of the equations to one row of the trajectory."""
     for p in range(eq.r.size):
         eq.y[p], eq.v[p], eq.w[p] = stages.y[row, p], stages.v[row, p], stages.w[row, p]
     for c in range(eq.value.size):
@@ -121,24 +109,27 @@ def begin_step(eq: Equations, stages: Stages, row: int) -> None:
     load_stage(eq, stages, row)
     for p in range(eq.r.size):
         eq.base[p] = eq.y[p]
-    evaluate(eq, row, 0.0, CONSTRAINTS | CORRECTIONS)
+    chart(eq, row, equations.BEGIN)
+    evaluate(eq, row, 0.0, equations.CONSTRAINTS | equations.CORRECTIONS)
 
 
 @kernel
-def stage_states(eq: Equations, stages: Stages, at: int, h: float) -> None:
-    """Coordinates and velocities of the stages in rows at, at + 1, at + 2 from their unknowns."""
-    n, rows, w = eq.r.size, eq.value.size, stages.w
+def stage_states(eq: Equations, stages: Stages, at: int, h: float, unit: float) -> None:
+    """Coordinates and velocities of the stages in rows at, at + 1, at + 2 from their unknowns.
+
+    Rows of eta times the unit are h^2 sigma. Coordinates are those within the step.
+    """
+    n, w = eq.r.size, stages.w
     for i in range(3):
         for p in range(n):
-            first = second = push = 0.0
+            first = second = 0.0
             for j in range(3):
                 first += A[i, j] * w[at + j, p]
                 second += AA[i, j] * w[at + j, p]
-            for c in range(rows):
-                push += eq.correction[c, p] * (stages.eta[at + i, c])
+            push = pushed(eq, stages.eta[at + i], p)
             y0, v0 = stages.y[at - 1, p], stages.v[at - 1, p]
             stages.v[at + i, p] = v0 + h * first
-            stages.y[at + i, p] = y0 + NODES[i] * h * v0 + h * h * (second - push)
+            stages.y[at + i, p] = y0 + NODES[i] * h * v0 + h * h * second - unit * push
     turn_rotations(eq, stages, at, h)
     for b in range(eq.turning.size):
         for i in range(3):
@@ -160,7 +151,7 @@ def turn_rotations(eq: Equations, stages: Stages, at: int, h: float) -> None:
 
 @kernel
 def add_turns(eq: Equations, matrix: Matrix, i: int, size: int, h: float) -> None:
-    """Add to the Jacobian of stage i what rotations add to the derivatives of its coordinates."""
+    """Add the derivatives of rotations to the Jacobian of stage i."""
     n, rows, o = eq.r.size, eq.value.size, i * size
     for b in range(eq.turning.size):
         at = eq.turning[b]
@@ -183,7 +174,7 @@ def stage_residual(eq: Equations, stages: Stages, system: LinearSystem, at: int,
     for i in range(3):
         o = i * (n + 2 * rows)
         load_stage(eq, stages, at + i)
-        evaluate(eq, at + i, 0.0, CONSTRAINTS | FORCES)
+        evaluate(eq, at + i, 0.0, equations.CONSTRAINTS | equations.FORCES)
         for p in range(n):
             total = eq.r[p]
             for c in range(rows):
@@ -211,11 +202,11 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
     for i in range(3):
         o = i * size
         load_stage(eq, stages, at + i)
-        evaluate(eq, at + i, 0.0, CONSTRAINTS | FORCES)
+        evaluate(eq, at + i, 0.0, equations.CONSTRAINTS | equations.FORCES)
         for p in range(n):
             for q in range(n):
                 mass[p, q] = M[p, q]
-        evaluate(eq, at + i, h, FORCES | TANGENT)
+        evaluate(eq, at + i, h, equations.FORCES | equations.TANGENT)
         for p in range(n):
             weight[p] = np.sqrt(abs(mass[p, p]) + 0.1 * h * h * abs(Ky[p, p]))
             for q in range(n):
@@ -224,11 +215,8 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
                     matrix[o + p, j * size + q] = A[i, j] * drag + AA[i, j] * stiff
                 matrix[o + p, o + q] += mass[p, q]
             for c in range(rows):
-                push = 0.0
-                for q in range(n):
-                    push += Ky[p, q] * correction[c, q]
                 matrix[o + p, o + n + c] = C[c, p]
-                matrix[o + p, o + n + rows + c] = -h * h * push
+            times_transposed(Ky[p], correction, -h * h, matrix[o + p, o + n + rows :])
         for c in range(rows):
             at_row, rate = o + n + c, o + n + rows + c
             for j in range(3):
@@ -236,13 +224,8 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
                     matrix[at_row, j * size + q] = AA[i, j] * Cy[c, q]
                     matrix[rate, j * size + q] = A[i, j] * C[c, q]
                     matrix[rate, j * size + q] += h * AA[i, j] * D[c, q]
-            for d in range(rows):
-                first = second = 0.0
-                for q in range(n):
-                    first += Cy[c, q] * correction[d, q]
-                    second += D[c, q] * correction[d, q]
-                matrix[at_row, o + n + rows + d] = -first
-                matrix[rate, o + n + rows + d] = -h * second
+            times_transposed(Cy[c], correction, -1.0, matrix[at_row, o + n + rows :])
+            times_transposed(D[c], correction, -h, matrix[rate, o + n + rows :])
         add_turns(eq, matrix, i, size, h)
     unit = system.unit
     for p in range(n):
@@ -255,7 +238,7 @@ def stage_jacobian(eq: Equations, stages: Stages, system: LinearSystem, at: int,
 
 @kernel
 def estimate_error(eq: Equations, stages: Stages, system: LinearSystem, at: int, h: float) -> bool:
-    """Size of the difference from an embedded formula of order 3 at the end of a step, eq.sizes.
+    """Norms of the difference from an embedded formula of order 3 at the end of a step, eq.sizes.
 
     The difference passes through one implicit step of length REAL h, which keeps it finite where
     the step does not resolve a vibration. False where that step is singular. (A second such step
@@ -281,9 +264,7 @@ def estimate_error(eq: Equations, stages: Stages, system: LinearSystem, at: int,
     lu_solve(system, n + 2 * rows)
     rhs = system.rhs
     for p in range(n):
-        push = 0.0
-        for c in range(rows):
-            push += eq.correction[c, p] * rhs[n + rows + c]
+        push = pushed(eq, rhs[n + rows :], p)
         dy[p] -= y[at + 2, p] + g * g * (rhs[p] - push)
         dv[p] -= v[at + 2, p] + g * rhs[p]
         eq.reference[p] = 0.0

@@ -9,30 +9,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import equations
 from ..compilation import Table, Vector, compiled, kernel
-from ..equations import (
-    ACCELERATIONS,
-    BODY_FORCES,
-    CONSTRAINTS,
-    FORCES,
-    OTHER_FORCES,
-    ROWS,
-    Equations,
-    evaluate,
-    pullback,
-)
+from ..equations import Equations, evaluate, pullback
 from ..kinematics import Kinematics
+from ..model import FlatModel
+from ..tables import BESIDE_JUMP
 from .linear import LinearSystem, linear_system, lu_factor, lu_solve, lu_solve_transposed
 
 Array = NDArray[np.float64]
 
 #: Outcome of the compiled functions.
 CONVERGED, SINGULAR, DIVERGED = 0, 1, 2
+#: Error where :func:`start_accelerations` finds none.
+NO_START = (
+    "the accelerations at the start cannot be found: the mass matrix of the bodies and the joints "
+    "together are singular"
+)
 
 
 @kernel
 def set_units(eq: Equations, system: LinearSystem, cy: float) -> None:
-    """Units of coordinates by mass and stiffness, and of multipliers by what they hold.
+    """Units of coordinates by mass and stiffness, and of multipliers by their rows.
 
     In these the matrix of the equations has no physical units.
     """
@@ -74,11 +72,11 @@ def factor_mass(eq: Equations, system: LinearSystem) -> bool:
 
 @compiled(Equations, LinearSystem, int)
 def accelerations(eq: Equations, system: LinearSystem, instant: int) -> int:
-    """Set (w, lam) at (y, v) and an instant; gives the outcome."""
+    """Set (w, lam) at (y, v) and an instant; the result is the outcome."""
     n, rows = eq.r.size, eq.value.size
     for i in range(n):
         eq.w[i] = 0.0
-    evaluate(eq, instant, 0.0, CONSTRAINTS | FORCES | ACCELERATIONS)
+    evaluate(eq, instant, 0.0, equations.CONSTRAINTS | equations.FORCES | equations.ACCELERATIONS)
     for i in range(n):
         system.rhs[i] = -eq.r[i]
     for i in range(rows):
@@ -101,7 +99,7 @@ def accelerations_pullback(eq: Equations, system: LinearSystem, instant: int) ->
     v_bar and the bars of the integrals, and leaves the adjoint.
     """
     n, rows = eq.r.size, eq.value.size
-    evaluate(eq, instant, 0.0, CONSTRAINTS | FORCES)
+    evaluate(eq, instant, 0.0, equations.CONSTRAINTS | equations.FORCES)
     if not factor_mass(eq, system):
         return SINGULAR
     lu_solve_transposed(system, n + rows)
@@ -110,20 +108,16 @@ def accelerations_pullback(eq: Equations, system: LinearSystem, instant: int) ->
     for i in range(rows):
         eq.on_values[i] = eq.on_rates[i] = 0.0
         eq.on_accelerations[i] = system.rhs[n + i]
-    pullback(eq, instant, BODY_FORCES | OTHER_FORCES | ROWS)
+    pullback(eq, instant, equations.BODY_FORCES | equations.OTHER_FORCES | equations.ROWS)
     return CONVERGED
 
 
 def start_accelerations(
     kinematics: Kinematics, instant: int, y: Array, v: Array
 ) -> tuple[Array, Array] | None:
-    """Accelerations (n,) and multipliers (rows,) at a state; None where they cannot be found.
+    """Accelerations (n,) and multipliers (rows,) at (y, v) and an instant of the tables.
 
-    Args:
-        kinematics: Equations of motion.
-        instant: Number of the instant in the tables of the mechanism.
-        y: Coordinates, shape (n,).
-        v: Velocities, shape (n,).
+    None where they cannot be found.
     """
     eq = kinematics.equations
     kinematics.set(y, v)
@@ -134,6 +128,25 @@ def start_accelerations(
     return eq.w.copy(), eq.lam.copy()
 
 
+def accelerations_at_jump(
+    model: FlatModel, t: float, y: Array, v: Array
+) -> list[tuple[Kinematics, Array, Array]] | None:
+    """Equations, accelerations (n,) and multipliers (rows,) at (y, v) just before and after t.
+
+    None where the accelerations cannot be found.
+    """
+    sides = []
+    for share in (1.0 - BESIDE_JUMP, 1.0 + BESIDE_JUMP):
+        tables = model.tables.tabulate(np.full(2, share * t))
+        kinematics = Kinematics(model.arrays._replace(**tables))
+        kinematics.begin(y)
+        found = start_accelerations(kinematics, 0, y, v)
+        if found is None:
+            return None
+        sides.append((kinematics, *found))
+    return sides
+
+
 def start_accelerations_pullback(
     kinematics: Kinematics,
     instant: int,
@@ -141,20 +154,10 @@ def start_accelerations_pullback(
     w_bar: Array,
     lam_bar: Array,
 ) -> tuple[Array, Array, Array]:
-    """Transpose of :func:`start_accelerations`; adds to the bars of the markers.
+    """Transpose of :func:`start_accelerations` at a state (y, v, w, lam).
 
-    Args:
-        kinematics: Equations of motion.
-        instant: Number of the instant in the tables of the mechanism.
-        state: Coordinates, velocities, accelerations and multipliers.
-        w_bar: Derivative with respect to the accelerations, shape (n,).
-        lam_bar: Derivative with respect to the multipliers, shape (rows,).
-
-    Returns:
-        Derivatives with respect to coordinates and velocities, and the adjoint of the forces.
-
-    Raises:
-        RuntimeError: If the matrix is singular.
+    Gives the derivatives with respect to y and v and the adjoint of the forces, (n,) each, and adds
+    to the bars of the markers.
     """
     eq = kinematics.equations
     kinematics.set(*state)

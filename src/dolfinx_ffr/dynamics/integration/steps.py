@@ -26,25 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import equations
 from ..compilation import IntVector, Matrix, Vector, compiled, kernel
-from ..equations import (
-    BODY_FORCES,
-    COMPOSE,
-    CONSTRAINTS,
-    CORRECTIONS,
-    ENTER,
-    FORCES,
-    LEAVE,
-    LOCALISE,
-    METRIC,
-    OTHER_FORCES,
-    ROWS,
-    TANGENT,
-    Equations,
-    chart,
-    evaluate,
-    pullback,
-)
+from ..equations import Equations, chart, evaluate, pullback
 from .linear import LinearSystem, lu_factor, lu_solve, lu_solve_transposed
 from .start import CONVERGED, DIVERGED, SINGULAR, set_units
 
@@ -57,8 +41,8 @@ MAX_ITERATIONS = 25
 #: beside the round-off of positions and velocities as it shows in accelerations.
 NEGLIGIBLE, ROUND_OFF = 1e-10, 2e-15
 #: It ends as well when the correction has fallen by this factor at least and the next one, which
-#: falls likewise, would be below this share. Less would do for the motion, but the adjoint is that
-#: of steps solved exactly.
+#: falls likewise, would be below this share. The trajectory needs less, but the adjoint assumes
+#: steps that are solved exactly.
 FAST, NEXT = 1e-2, 1e-14
 #: From the third iteration on corrections of this size, relative to accelerations and to round-off,
 #: are round-off that a nearly singular position magnifies; from the ninth on no iteration makes
@@ -67,8 +51,9 @@ MAGNIFIED, MAGNIFIED_ROUND_OFF, STALLED = 1e-8, 1e-10, 1e-8
 
 
 class Steps(NamedTuple):
-    """Motion in constant steps, and vectors of one step."""
+    """Trajectory in constant steps, and vectors of one step."""
 
+    parameters: Vector  # (5,) step h, alpha_m, alpha_f, gamma, beta
     y: Matrix  # (steps + 1, n) coordinates
     v: Matrix  # (steps + 1, n) velocities
     w: Matrix  # (steps + 1, n) accelerations
@@ -83,7 +68,7 @@ class Steps(NamedTuple):
 
 
 class StepBars(NamedTuple):
-    """Derivatives with respect to a motion, and their transposes, an adjoint for each instant."""
+    """Derivatives with respect to a trajectory, and their transposes, with adjoints over time."""
 
     y: Matrix  # (instants, n) derivatives with respect to coordinates
     v: Matrix  # (instants, n) velocities
@@ -96,30 +81,20 @@ class StepBars(NamedTuple):
 
 
 def step_bars(y: Array, v: Array, w: Array, lam: Array) -> StepBars:
-    """Copies of the derivatives with respect to a motion, with room for their transposes.
-
-    Args:
-        y: With respect to coordinates, shape (instants, n).
-        v: With respect to velocities, shape (instants, n).
-        w: With respect to accelerations, shape (instants, n).
-        lam: With respect to multipliers, shape (instants, rows).
-    """
-
-    def copy(part: Array) -> Array:
-        return np.array(part, dtype=np.float64, order="C")
-
+    """Copies of derivatives with respect to a trajectory, with room for their transposes."""
+    y, v, w, lam = (np.array(part, dtype=np.float64, order="C") for part in (y, v, w, lam))
     adjoint, left, right = (np.zeros(y.shape) for _ in range(3))
-    start = np.zeros((4, y.shape[1]))
-    return StepBars(copy(y), copy(v), copy(w), copy(lam), adjoint, left, right, start)
+    return StepBars(y, v, w, lam, adjoint, left, right, np.zeros((4, y.shape[1])))
 
 
 @kernel
-def coefficients(
-    h: float, alpha_m: float, alpha_f: float, gamma: float, beta: float
-) -> tuple[float, float, float, float, float]:
-    """Coefficients of a' = a0 w + a1 w' - a2 a; derivatives cy, cv of y', v' in w'."""
+def coefficients(parameters: Vector) -> tuple[float, ...]:
+    """h, gamma, beta; a0, a1, a2 of a' = a0 w + a1 w' - a2 a; derivatives cy, cv by w'."""
+    h, gamma, beta = parameters[0], parameters[3], parameters[4]
+    alpha_m, alpha_f = parameters[1], parameters[2]
     a0, a1 = alpha_f / (1.0 - alpha_m), (1.0 - alpha_f) / (1.0 - alpha_m)
-    return a0, a1, alpha_m / (1.0 - alpha_m), h * h * beta * a1, h * gamma * a1
+    a2 = alpha_m / (1.0 - alpha_m)
+    return h, gamma, beta, a0, a1, a2, h * h * beta * a1, h * gamma * a1
 
 
 @kernel
@@ -129,7 +104,7 @@ def step_system(eq: Equations, system: LinearSystem, instant: int, cy: float, cv
     cy and cv are the derivatives of y and v with respect to w; the rows of the constraints are
     divided by them, which makes the matrix well conditioned for any step.
     """
-    evaluate(eq, instant, cv, CONSTRAINTS | FORCES | TANGENT)
+    evaluate(eq, instant, cv, equations.CONSTRAINTS | equations.FORCES | equations.TANGENT)
     n, rows, A, rhs = eq.r.size, eq.value.size, system.A, system.rhs
     M, Ky, C, D, correction, lam = eq.M, eq.Ky, eq.C, eq.D, eq.correction, eq.lam
     Cy = eq.Cy
@@ -176,6 +151,15 @@ def times_transposed(x: Vector, B: Matrix, factor: float, out: Vector) -> None:
 
 
 @kernel
+def pushed(eq: Equations, factors: Vector, i: int) -> float:
+    """Entry i of D C_y^T times factors (rows,)."""
+    total = 0.0
+    for c in range(eq.value.size):
+        total += eq.correction[c, i] * factors[c]
+    return total
+
+
+@kernel
 def solved(
     iteration: int, change: float, previous: float, largest: float, round_off: float
 ) -> bool:
@@ -189,26 +173,18 @@ def solved(
     return iteration > 7 and change <= STALLED * (largest + round_off)
 
 
-@compiled(Equations, Steps, LinearSystem, float, float, float, float, float)
-def march(
-    eq: Equations,
-    steps: Steps,
-    system: LinearSystem,
-    h: float,
-    alpha_m: float,
-    alpha_f: float,
-    gamma: float,
-    beta: float,
-) -> int:
-    """All time steps from row 0 of the arrays; gives the outcome."""
-    a0, a1, a2, cy, cv = coefficients(h, alpha_m, alpha_f, gamma, beta)
+@compiled(Equations, Steps, LinearSystem)
+def march(eq: Equations, steps: Steps, system: LinearSystem) -> int:
+    """All time steps from row 0 of the arrays; the result is the outcome."""
+    h, gamma, beta, a0, a1, a2, cy, cv = coefficients(steps.parameters)
     n, rows = eq.r.size, eq.value.size
     y, v, w, lam, s, rhs = eq.y, eq.v, eq.w, eq.lam, steps.pushes, system.rhs
-    yp, vp, M, Ky, correction = steps.y_known, steps.v_known, eq.M, eq.Ky, eq.correction
+    yp, vp, M, Ky = steps.y_known, steps.v_known, eq.M, eq.Ky
     for i in range(n):
         y[i], v[i] = steps.y[0, i], steps.v[0, i]
         eq.base[i] = y[i]
-    evaluate(eq, 0, 0.0, CONSTRAINTS | CORRECTIONS)
+    chart(eq, 0, equations.BEGIN)
+    evaluate(eq, 0, 0.0, equations.CONSTRAINTS | equations.CORRECTIONS)
     for k in range(steps.iterations.size):
         for i in range(n):
             wk, ak = steps.w[k, i], steps.a[k, i]
@@ -234,16 +210,13 @@ def march(
             change = largest = round_off = 0.0
             finite = True
             for i in range(n):
-                shift = pushed = 0.0
-                for c in range(rows):
-                    shift += correction[c, i] * rhs[n + rows + c]
-                    pushed += correction[c, i] * s[c]
+                shift = pushed(eq, rhs[n + rows :], i)
                 # Weights that make corrections in metres, radians and modal units comparable.
                 weight = np.sqrt(abs(M[i, i] + cy * Ky[i, i]))
                 delta = rhs[i]
                 finite = finite and np.isfinite(delta)
                 w[i] -= delta
-                y[i], v[i] = yp[i] + cy * (w[i] - pushed), vp[i] + cv * w[i]
+                y[i], v[i] = yp[i] + cy * (w[i] - pushed(eq, s, i)), vp[i] + cv * w[i]
                 change = max(change, weight * max(abs(delta), abs(delta - shift)))
                 largest = max(largest, weight * abs(w[i]))
                 size = max(abs(y[i]), eq.floor[i])
@@ -257,7 +230,7 @@ def march(
             previous = change
         for c in range(rows):
             steps.lam[k + 1, c], steps.eta[k + 1, c] = lam[c], s[c] * cy / h
-        chart(eq, k + 1, COMPOSE)
+        chart(eq, k + 1, equations.COMPOSE)
         for i in range(n):
             eq.base[i] = y[i]
             steps.y[k + 1, i], steps.v[k + 1, i], steps.w[k + 1, i] = y[i], v[i], w[i]
@@ -265,29 +238,20 @@ def march(
         steps.last[0] = k
         if status != CONVERGED:
             return status
-        evaluate(eq, k + 1, 0.0, CONSTRAINTS | CORRECTIONS)
+        chart(eq, k + 1, equations.BEGIN)
+        evaluate(eq, k + 1, 0.0, equations.CONSTRAINTS | equations.CORRECTIONS)
         steps.last[0] = k + 1
     return CONVERGED
 
 
-@compiled(Equations, Steps, StepBars, LinearSystem, float, float, float, float, float)
-def backward(
-    eq: Equations,
-    steps: Steps,
-    bars: StepBars,
-    system: LinearSystem,
-    h: float,
-    alpha_m: float,
-    alpha_f: float,
-    gamma: float,
-    beta: float,
-) -> int:
-    """Transpose of :func:`march`; gives the outcome.
+@compiled(Equations, Steps, StepBars, LinearSystem)
+def backward(eq: Equations, steps: Steps, bars: StepBars, system: LinearSystem) -> int:
+    """Transpose of :func:`march`; the result is the outcome.
 
-    Fills in what the bars leave open, rows of the start excepted; the derivative with respect to an
-    integral is minus the sum over time of adjoint . dr.
+    Fills in what the bars leave open, except the row of the start; the derivative with respect to
+    an integral is minus the sum over time of adjoint . dr.
     """
-    a0, a1, a2, cy, cv = coefficients(h, alpha_m, alpha_f, gamma, beta)
+    h, gamma, beta, a0, a1, a2, cy, cv = coefficients(steps.parameters)
     n, rows, rhs = eq.r.size, eq.value.size, system.rhs
     yb, vb, wb, ab = eq.y_bar, eq.v_bar, bars.start[2], bars.start[3]
     for c in range(rows):
@@ -298,10 +262,16 @@ def backward(
         for i in range(n):
             eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
             eq.base[i] = eq.y[i]
-        evaluate(eq, k - 1, 0.0, CONSTRAINTS | CORRECTIONS)
+        chart(eq, k - 1, equations.BEGIN)
+        evaluate(eq, k - 1, 0.0, equations.CONSTRAINTS | equations.CORRECTIONS)
         for i in range(n):
             eq.y[i], eq.v[i], eq.w[i] = steps.y[k, i], steps.v[k, i], steps.w[k, i]
-        chart(eq, k, LOCALISE)
+        # Rotations within the step, which may be more than half a turn.
+        for b in range(eq.turning.size):
+            for i in range(eq.turning[b], eq.turning[b] + 3):
+                pull = (0.5 - beta) * steps.a[k - 1, i] + beta * steps.a[k, i]
+                eq.y[i] = steps.y[k - 1, i] + h * steps.v[k - 1, i] + h * h * pull
+                eq.y[i] -= h * pushed(eq, steps.eta[k], i)
         for c in range(rows):
             eq.lam[c] = steps.lam[k, c]
         step_system(eq, system, k, cy, cv)
@@ -311,24 +281,21 @@ def backward(
             return SINGULAR
         for i in range(n):
             yb[i] += bars.y[k, i]
-        chart(eq, k, ENTER)
+        chart(eq, k, equations.ENTER)
         for i in range(n):
             vb[i] += bars.v[k, i]
             wb[i] += bars.w[k, i]
             rhs[i] = wb[i] + a1 * ab[i] + cy * yb[i] + cv * vb[i]
         for c in range(rows):
             rhs[n + c] = bars.lam[k, c]
-            total = 0.0
-            for i in range(n):
-                total += eq.correction[c, i] * yb[i]
-            rhs[n + rows + c] = -cy * total
+        times_transposed(yb, eq.correction, -cy, rhs[n + rows :])
         lu_solve_transposed(system, n + 2 * rows)
         for i in range(n):
             bars.adjoint[k, i] = eq.adjoint[i] = rhs[i]
         for c in range(rows):
             eq.on_values[c] = rhs[n + c] / cy
             eq.on_rates[c] = rhs[n + rows + c] / cv
-        pullback(eq, k, BODY_FORCES | OTHER_FORCES | ROWS)
+        pullback(eq, k, equations.BODY_FORCES | equations.OTHER_FORCES | equations.ROWS)
         # The share of y' = ... - h D C_y^T eta, with the constraints where the step began.
         for i in range(n):
             eq.adjoint[i] = yb[i]
@@ -336,18 +303,15 @@ def backward(
             wb[i] = a0 * total
             ab[i] = h * h * (0.5 - beta) * yb[i] + h * (1.0 - gamma) * vb[i] - a2 * total
             vb[i] += h * yb[i]
-            total = 0.0
-            for c in range(rows):
-                total += eq.correction[c, i] * steps.eta[k, c]
-            bars.right[k, i] = total
-        chart(eq, k, LEAVE)
+            bars.right[k, i] = pushed(eq, steps.eta[k], i)
+        chart(eq, k, equations.LEAVE)
         for i in range(n):
             eq.y[i], eq.v[i] = steps.y[k - 1, i], steps.v[k - 1, i]
         for c in range(rows):
             eq.lam[c] = h * steps.eta[k, c]
             eq.on_values[c] = eq.on_rates[c] = 0.0
-        evaluate(eq, k - 1, 0.0, CONSTRAINTS)
-        pullback(eq, k - 1, ROWS | METRIC)
+        evaluate(eq, k - 1, 0.0, equations.CONSTRAINTS)
+        pullback(eq, k - 1, equations.ROWS | equations.METRIC)
         for i in range(n):
             bars.left[k, i] = eq.adjoint[i]
     for i in range(n):

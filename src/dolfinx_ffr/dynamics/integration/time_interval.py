@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""A duration and an accuracy, for which method and steps are found.
-
-Steps that are the same for all designs make psi a smooth function of the design. Which method gives
-an accuracy sooner, and with how many such steps, depends on the motion and on what is asked of it:
-the Radau IIA method is of order 5 in what is smooth and damps vibrations that its steps do not
-resolve, while generalised alpha is of order 2, cheaper by the step and follows what is rough, such
-as forces of joints. So both are tried, with twice the steps again and again.
-"""
+"""Choice of a method and its steps for a time interval and a tolerance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from time import perf_counter
 from typing import ClassVar
 
 import numpy as np
@@ -20,41 +16,99 @@ from numpy.typing import NDArray
 from ... import validation
 from ..compilation import Compiled
 from ..failures import SimulationError
+from ..load_steps import LoadSteps
 from ..model import FlatModel
 from ..trajectory import Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .accuracy import LOOSEST, TIGHTEST
+from .certificate import COST, Certificate, Judge, Run, certified, radau_in, relative_change
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
 
-__all__ = ["TimeInterval"]
-
 Array = NDArray[np.float64]
-Run = Callable[[Integrator], Trajectory]
-Change = Callable[[Trajectory, Trajectory], float]
 
-#: Steps to begin with. With fewer of Radau IIA, 25 or 35 in five turns of a crank, Newton's method
-#: failed now and then at other designs than the one at which they are chosen.
-FEWEST = {"radau": 50, "alpha": 250}
-#: Time of a step of Radau IIA and its adjoint over that of generalised alpha: 5.7 to 8.6 were
-#: measured with 4 to 80 normal modes. A number, so that the choice does not depend on the machine.
-COST = 6
-#: Most steps that are tried, of generalised alpha; of Radau IIA as many as cost the same
+#: Steps of generalised alpha to begin with
+FEWEST_ALPHA = 250
+#: Most steps that are chosen, of generalised alpha; of Radau IIA as many as cost the same
 MOST_STEPS = 2**16
+#: Part of the tolerance that is left to the reference numbers
+REFERENCE = 1.0 / 3.0
+#: Where the tolerance is out of reach, an error up to this factor above the least is as good
+AS_GOOD = 1.5
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """Method and steps for an accuracy, and how far they can be trusted."""
+
+    integrator: Integrator  #: Method with its steps.
+    error: float  #: Estimate of the largest relative error of all objectives.
+    tolerance: float  #: Relative error that was asked for.
+    #: Whether vibrations contribute that steps as long as the motion allows would lose.
+    rings: bool
+    resolved: bool  #: Whether all changes of loads and prescribed motions could be followed.
+    seconds: float  #: Time that the choice took [s].
+
+    @property
+    def met(self) -> bool:
+        """Whether the steps meet the tolerance."""
+        return self.resolved and self.error <= self.tolerance
+
+    @property
+    def cost(self) -> int:
+        """Time of a trajectory and its adjoint, in steps of generalised alpha."""
+        return _cost(self.integrator)
+
+    def __str__(self) -> str:
+        """One line for a log."""
+        method, error = self.integrator.in_words, f"{self.error:.1e}"
+        text = f"time steps: {method}, estimated relative error of psi {error}"
+        if self.rings:
+            text += ", vibrations contribute to it"
+        return f"{text} (chosen in {self.seconds:.2g} s)"
+
+    @property
+    def doubt(self) -> str:
+        """Warning where the tolerance is not met."""
+        if not self.resolved:
+            reason = (
+                ", and a load or a motion changes faster than any steps follow; give it as a "
+                "smooth function of time"
+            )
+        elif self.rings:
+            reason = (
+                ", as vibrations contribute that the motion itself excites (a load or a drive that "
+                "sets in suddenly, a spring out of balance); damp them, let loads and drives begin "
+                "smoothly, begin in StaticEquilibrium(), or ask for less"
+            )
+        else:
+            reason = (
+                "; name the times at which forces or motions jump (Mechanism.jumps), or ask for "
+                "less"
+            )
+        return (
+            f"the time steps are too long for the relative error of {self.tolerance:.1e} that was "
+            f"asked for: with {self.integrator.in_words} the estimated error is {self.error:.1e}"
+            f"{reason}"
+        )
 
 
 @dataclass(frozen=True)
 class TimeInterval(Integrator):
-    """Time interval of a motion, and the error of psi that its steps may make.
+    """Time interval of a simulation, and the error of psi that its steps may make.
 
     In place of an integrator it leaves method and steps to :class:`Problem` and
-    :class:`MechanicalProblem`: they take :class:`RadauIIA` or :class:`GeneralizedAlpha`, with the
-    least number of equal steps, doubled again and again, at which the objective and all that are
-    bounded differ by less than the tolerance from what four times as many steps give, and twice as
-    many do so, too. Of both methods that is taken which is cheaper, its adjoint included. The
-    choice is the same on every machine and rank, and told by ``problem.integrator``.
+    :class:`MechanicalProblem`. The objective and all bounded objectives are computed by two methods
+    that treat vibrations in opposite ways, Radau IIA and the trapezoidal rule, until both agree:
+    so a vibration that matters is found even where it is far faster than the steps. Loads and
+    prescribed motions are sampled between the steps, too. Then the cheapest method and steps are
+    taken, adjoint included, that agree with these numbers to the tolerance, and still do with twice
+    as many steps: :class:`RadauIIA`, or :class:`GeneralizedAlpha`, without numerical damping where
+    vibrations matter. The choice is the same on every machine and rank, and told by
+    ``problem.integrator``.
 
-    :class:`Problem` chooses once, with every design element filled by one half, and keeps the steps
-    for all designs. How large the error is at a design, ``model_report`` tells.
+    :class:`Problem` chooses with every design element filled by one half, and by the full bodies,
+    and keeps the steps for all designs; :func:`optimize` looks at them again where psi has changed
+    by much, and at the end. How large the error is at a design, ``model_report`` tells.
 
     Example:
         >>> problem = Problem({"rod": rod}, mechanism, TimeInterval(2.0), IntegralCompliance())
@@ -68,80 +122,56 @@ class TimeInterval(Integrator):
     order: ClassVar[int] = 2
     compiled: ClassVar[tuple[Compiled, ...]] = (*RadauIIA.compiled, *GeneralizedAlpha.compiled)
 
-    #: Duration of the simulation, which starts at zero [s].
-    end_time: float
-    #: Largest relative error of the objective, and of those that are bounded, by the steps.
-    tolerance: float = 1e-4
+    end_time: float  #: Duration of the simulation, which starts at zero [s].
+    tolerance: float = 1e-4  #: Largest relative error of all objectives by the steps.
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         validation.number("end_time", self.end_time, above=0.0, unit="s")
         validation.number("tolerance", self.tolerance, least=TIGHTEST, most=LOOSEST)
 
-    def chosen(self, run: Run, change: Change) -> Integrator:
-        """The cheaper method with the steps that the tolerance takes.
+    def chosen(
+        self,
+        run: Run,
+        judge: Judge,
+        cells: LoadSteps,
+        *,
+        damped: bool,
+        present: Trajectory | None = None,
+    ) -> StepChoice:
+        """The cheapest method with the steps that the tolerance takes.
 
         Args:
             run: Simulates with a method.
-            change: Relative change of what is asked for, from a motion and a coarser one.
-
-        Raises:
-            SimulationError: If the tolerance is out of reach with both, or no motion is found.
+            judge: The numbers that are asked for, of a trajectory.
+            cells: Steps that resolve loads and prescribed motions.
+            damped: Whether anything in the machine damps vibrations.
+            present: A trajectory whose method is kept if it meets the tolerance.
         """
-        radau = self._settled(self._radau(), run, change)
-        if isinstance(radau, SimulationError):
-            alpha = self._settled(self._alpha(), run, change)
-            if isinstance(alpha, SimulationError):
-                raise alpha
-            return alpha[0]
-        method, exact = radau
-        for cheaper in self._alpha():
-            if cheaper.times.size > COST * method.times.size:
-                break
-            found = _tried(run, cheaper)
-            if not isinstance(found, SimulationError) and change(exact, found) <= self.tolerance:
-                return cheaper
-        return method
+        start, tolerance = perf_counter(), self.tolerance
+        share = REFERENCE * tolerance
+        exact = certified(run, judge, cells, share, damped=damped)
+        found: tuple[Integrator, float] | None = None
+        if present is not None:
+            error = relative_change(exact.values, judge(present)) + exact.error
+            found = (present.integrator, error) if error <= tolerance else None
+        if found is None:
+            families = [self._radau(cells), self._alpha(GeneralizedAlpha.spectral_radius)]
+            if not cells.corners.size and not damped:
+                families.append(self._alpha(1.0))
+            found = _cheapest(families, run, judge, exact, tolerance)
+        seconds = perf_counter() - start
+        return StepChoice(*found, tolerance, exact.rings, cells.resolved, seconds)
 
-    def _settled(
-        self, methods: Iterator[Integrator], run: Run, change: Change
-    ) -> tuple[Integrator, Trajectory] | SimulationError:
-        """The first method that the two that follow confirm, and the motion of the last of them.
+    def _radau(self, cells: LoadSteps) -> Iterator[Integrator]:
+        each, count = 1, cells.ends.size - 1
+        while each == 1 or COST * count * each <= MOST_STEPS:
+            yield replace(radau_in(cells, each), chosen_for=self.tolerance)
+            each *= 2
 
-        Returns:
-            What came in the way, if there is none.
-        """
-        tried: list[tuple[Integrator, Trajectory | SimulationError]] = []
-        for method in methods:
-            tried = [*tried, (method, _tried(run, method))][-3:]
-            *before, exact = (found for _, found in tried)
-            good = [found for found in before if not isinstance(found, SimulationError)]
-            if (
-                not isinstance(exact, SimulationError)
-                and len(good) == 2
-                and all(change(exact, found) <= self.tolerance for found in good)
-            ):
-                return tried[0][0], exact
-        if isinstance(exact, SimulationError):
-            return exact
-        return SimulationError(
-            f"the tolerance of {self.tolerance:.1e} is out of reach: the objective differs by "
-            f"{change(exact, good[-1]) if good else np.inf:.1e} still between the motions with "
-            f"most steps ({exact.step_ends.size - 1} of them); ask for less, name the times at "
-            "which forces or motions jump (Mechanism.jumps), or give an integrator",
-            exact,
-        )
-
-    def _radau(self) -> Iterator[Integrator]:
-        steps = FEWEST["radau"]
-        while COST * steps <= MOST_STEPS:
-            yield RadauIIA(self.end_time, steps=steps, judged=True)
-            steps *= 2
-
-    def _alpha(self) -> Iterator[Integrator]:
-        steps = FEWEST["alpha"]
+    def _alpha(self, spectral_radius: float) -> Iterator[Integrator]:
+        steps = FEWEST_ALPHA
         while steps <= MOST_STEPS:
-            yield GeneralizedAlpha(self.end_time, steps, judged=True)
+            yield GeneralizedAlpha(self.end_time, steps, spectral_radius, chosen_for=self.tolerance)
             steps *= 2
 
     @property
@@ -157,34 +187,117 @@ class TimeInterval(Integrator):
         return 0
 
     @property
-    def coarser(self) -> Integrator:
-        return TimeInterval(self.end_time, min(10.0 * self.tolerance, LOOSEST))
-
-    @property
     def finer(self) -> Integrator:
         return TimeInterval(self.end_time, max(0.1 * self.tolerance, TIGHTEST))
 
-    @property
-    def remedy(self) -> str:
-        return "ask for less, or give an integrator"
+    def amplification(self, phase: float) -> float:
+        raise TypeError(_NOT_CHOSEN)
 
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        raise TypeError(_UNSETTLED)
+        raise TypeError(_NOT_CHOSEN)
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        raise TypeError(_UNSETTLED)
+        raise TypeError(_NOT_CHOSEN)
 
 
-#: What is said of a motion without steps
-_UNSETTLED = (
+#: Error where steps are needed before they are chosen
+_NOT_CHOSEN = (
     "a TimeInterval has no steps before they are chosen for an objective: give it to Problem or "
     "MechanicalProblem, or an integrator here"
 )
 
 
-def _tried(run: Run, method: Integrator) -> Trajectory | SimulationError:
-    """A motion, or why there is none, as where steps are too long for it."""
-    try:
-        return run(method)
-    except SimulationError as error:
-        return error
+def recorded(integrator: Integrator) -> str:
+    """Method and steps as a text, from which :func:`restored_method` makes them again."""
+    return json.dumps({"method": type(integrator).__name__, **asdict(integrator)})  # type: ignore[call-overload]
+
+
+def restored_method(text: str) -> Integrator:
+    """Method and steps from the text that :func:`recorded` gave."""
+    numbers = json.loads(text)
+    kinds: dict[str, type[Integrator]] = {k.__name__: k for k in (RadauIIA, GeneralizedAlpha)}
+    return kinds[numbers.pop("method")](**numbers)
+
+
+def refined(
+    integrator: Integrator, run: Run, judge: Judge, exact: Certificate, tolerance: float
+) -> StepChoice:
+    """A method with its steps divided, or its tolerance lowered, until an accuracy is met.
+
+    Raises:
+        ValueError: If it begins with more steps than are ever taken.
+    """
+    first = integrator.toward(tolerance)
+    if not first.adaptive and _cost(first) > COST * MOST_STEPS:
+        most = COST * MOST_STEPS * (first.times.size - 1) // _cost(first)
+        raise ValueError(
+            f"time steps: {first.in_words} are more than the {most:,} from which steps are still "
+            "divided for a tolerance: begin with fewer, or give TimeInterval(end_time, tolerance)"
+        )
+
+    def finer() -> Iterator[Integrator]:
+        method = first
+        while method.adaptive or _cost(method) <= COST * MOST_STEPS:
+            yield method
+            if method.adaptive and method.finest:
+                return
+            method = method.finer
+
+    start = perf_counter()
+    found = _cheapest([finer()], run, judge, exact, tolerance)
+    seconds = perf_counter() - start
+    return StepChoice(*found, tolerance, exact.rings, True, seconds)
+
+
+def _cost(method: Integrator) -> int:
+    """Time of a trajectory and its adjoint, in steps of generalised alpha."""
+    return (COST if method.stages > 1 else 1) * (method.times.size - 1)
+
+
+def _cheapest(
+    families: list[Iterator[Integrator]],
+    run: Run,
+    judge: Judge,
+    exact: Certificate,
+    tolerance: float,
+) -> tuple[Integrator, float]:
+    """The cheapest method near enough to certain numbers, and its estimated error.
+
+    Each family is gone through from the longest steps on, the cheapest next step of all first. A
+    method is taken if the next one of its family is near enough, too. If there is none, the
+    cheapest of the methods with about the least error is taken.
+    """
+    known = dict(exact.tried)
+    tried: list[list[tuple[Integrator, float]]] = [[] for _ in families]
+    first = {number: next(family, None) for number, family in enumerate(families)}
+    waiting = {number: method for number, method in first.items() if method is not None}
+    failure: Exception | None = None
+    taken: tuple[Integrator, float] | None = None
+    while waiting:
+        number = min(waiting, key=lambda number: (_cost(waiting[number]), number))
+        method, own = waiting.pop(number), tried[number]
+        if taken is not None and _cost(method) >= 2 * _cost(taken[0]):
+            break
+        try:
+            values = known[method] if method in known else judge(run(method))
+            error = relative_change(exact.values, values) + exact.error
+        except (SimulationError, MemoryError) as caught:
+            failure, error = caught, math.inf
+        own.append((method, error))
+        if len(own) > 1 and own[-2][1] <= tolerance and error <= tolerance:
+            if taken is None or _cost(own[-2][0]) < _cost(taken[0]):
+                taken = own[-2]
+        elif (finer := next(families[number], None)) is not None:
+            waiting[number] = finer
+    if taken is not None:
+        return taken
+    every = [pair for own in tried for pair in own]
+    least = min((error for _, error in every), default=math.inf)
+    if not math.isfinite(least):
+        assert failure is not None
+        raise failure
+    good = [(method, error) for method, error in every if error <= AS_GOOD * least]
+    method, error = min(good, key=lambda pair: _cost(pair[0]))
+    # Far from the tolerance the larger part of the error tells more than the sum of both.
+    larger = max(error - exact.error, exact.error)
+    return method, larger if larger > tolerance else error

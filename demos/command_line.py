@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: MIT
+"""What the demos have in common: options, the record that they leave, and what rank 0 says."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+
+HELP = {
+    "elements": "of a body, along its axes",
+    "iterations": "at most",
+    "steps": "of time; by default some demos choose them for an accuracy of psi",
+    "order": "of the displacements",
+    "boundary": "steps of the boundary after them; by default a third as many",
+    "resume": "go on from the last checkpoint",
+    "output": "folder for the results",
+}
+#: What is as fine as a default
+AS_FINE = {"elements": np.greater_equal, "iterations": np.greater_equal, "size": np.less_equal}
+
+
+def parse(arguments: list[str] | None, name: str, **defaults: Any) -> argparse.Namespace:
+    """The options of a demo, ``run`` those of `optimize`; ``complete`` if as fine as by default.
+
+    The defaults tell of which kind options are: None stands for a whole number that is chosen
+    elsewhere, an empty text for a gmsh file.
+    """
+    style = argparse.ArgumentDefaultsHelpFormatter
+    parser = argparse.ArgumentParser(description=f"The demo {name}.", formatter_class=style)
+    for option, default in {**defaults, "output": Path("results", name)}.items():
+        kind: dict[str, Any] = {"type": int if default is None else type(default)}
+        if default is False:
+            kind = {"action": "store_true"}
+        elif isinstance(default, tuple):
+            kind = {"nargs": len(default), "type": int}
+        text = HELP.get(option, "gmsh file, its ends 'left' and 'right'" if default == "" else " ")
+        parser.add_argument("--" + option.replace("_", "-"), default=default, help=text, **kind)
+    options = parser.parse_args(arguments)
+    given = vars(options)
+    if "elements" in given:
+        options.elements = tuple(options.elements)
+    own_mesh = any(value for option, value in given.items() if "mesh" in option)
+    fine = [fits(given[n], defaults[n]) for n, fits in AS_FINE.items() if n in defaults]
+    options.complete = not own_mesh and all(np.all(each) for each in fine)
+    options.run = {n: given[n] for n in ("iterations", "resume", "output") if n in given}
+    if "boundary" in given:
+        steps = options.boundary
+        options.run["boundary"] = options.iterations // 3 if steps is None else steps
+    return options
+
+
+def say(*words: object) -> None:
+    """Print on rank 0."""
+    if MPI.COMM_WORLD.rank == 0:
+        print(*words)
+
+
+def bars(
+    options: argparse.Namespace, sizes: Mapping[str, tuple[float, float]]
+) -> dict[str, ffr.Domain]:
+    """Bars of some lengths and heights [m], or gmsh files of the options that take their places.
+
+    All elements of built-in bars are as long as those of the first one.
+    """
+    comm, first, domains = MPI.COMM_WORLD, next(iter(sizes.values()))[0], {}
+    for name, (length, height) in sizes.items():
+        file = getattr(options, f"{name}_mesh", "")
+        size = max(6, round(options.elements[0] * length / first)), options.elements[1]
+        built = None if file else ffr.Domain.rectangle(comm, length, height, elements=size)
+        domains[name] = built or ffr.Domain.from_gmsh(comm, file)
+    return domains
+
+
+def draw(
+    result: ffr.Result,
+    output: Path,
+    *,
+    full: float | None = None,
+    volume: float | None = None,
+    **scene: Any,
+) -> None:
+    """Draw the design of each body, the history, the scene and the film; collective.
+
+    ``full`` is the compliance of full bodies, ``volume`` the bound of the filled share, and the
+    options ``scene`` are for `plot_scene`. Without ``full`` psi is an error of a path.
+    """
+    for name, x in result.densities.items():
+        alone = len(result.densities) == 1
+        domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
+        told = f"{result.psi / full:.1%} of the full {name}'s psi with " if alone and full else ""
+        told = f"{told or name + ': '}{result.evaluation.volume[name]:.0%} of its material"
+        file = "design" if alone else file
+        ffr.write_density(domain, x, output / f"{file}.xdmf")
+        plotting.plot_design(domain, {told: x}, output / f"{file}.png")
+    bounds: dict[str, Any] = {"psi_solid": full} if full else {"psi_unit": "m^2 s"}
+    plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
+    plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **scene)
+    plotting.animate_motion(result.problem, result.evaluation, output / "motion.gif")
+
+
+def mark(
+    options: argparse.Namespace, result: ffr.Result, found: ffr.Verification | None, bound: float
+) -> tuple[float, float]:
+    """What psi has come down to, and what it must not be above.
+
+    A run as long and fine as by default has parts, and ``bound`` is for their psi; of another one,
+    or one that was interrupted, nothing is promised but numbers.
+    """
+    if options.complete and result.reason != "interrupted":
+        return found.psi if found else float("inf"), bound
+    say("no finished design of the built-in scene: its mark is not asserted")
+    return result.psi, max(result.psi, float(result.history["psi"].max()))
+
+
+def leave(
+    result: ffr.Result,
+    output: Path,
+    title: str,
+    *,
+    full: float,
+    found: ffr.Verification | None = None,
+    references: Mapping[str, float] | None = None,
+    warnings: list[dict[str, str]],
+    **numbers: Any,
+) -> None:
+    """Write summary.json and the report of a run, and say how it ended; collective.
+
+    ``full`` is psi of full bodies with the modes of the result, ``references`` have psi of other
+    designs, the full one first.
+    """
+    bodies, share = result.problem.flexible, result.psi / full
+    told = found.psi / full if found else share
+    flat = found and all(body.domain.dimension == 2 for body in bodies.values())
+    of = {"references": references or {"full": full}, "verification": found, "warnings": warnings}
+    parts = {name: result.part(name) for name in bodies} if flat else None
+    summary = {
+        "compliance_initial": float(result.history["psi"][0]),
+        "compliance_final": result.psi,
+        "compliance_final_relative": share,
+        **numbers,
+        **ffr.run_record(result, title=title, parts=parts, **of),
+        **({**found.record(), "compliance_part_relative": found.psi / full} if found else {}),
+        "elements": {name: body.domain.n_cells_global for name, body in bodies.items()},
+    }
+    ffr.write_summary(MPI.COMM_WORLD, output / "summary.json", summary)
+    ffr.write_report(MPI.COMM_WORLD, output)
+    say(f"{result.reason} after {result.iterations} iterations: psi is {told:.3f} of the full one")
+    say(found or "no parts come of this design")
+    say(f"pictures and numbers are in {output}")

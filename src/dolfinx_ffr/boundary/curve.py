@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: MIT
+"""Curves that move: uniform cubic B-splines, closed or between two points that stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, lil_matrix
+from scipy.sparse.linalg import spsolve
+
+from ..fem import Spline
+
+Array = NDArray[np.float64]
+
+#: Weight of the second differences of the controls when a curve is fitted to points: steps along
+#: the elements of a mesh go, members stay where they are
+SMOOTHING = 1.0
+#: Points to which a curve is fitted for each of its controls, at least
+_DENSE = 16
+
+
+@dataclass(frozen=True, eq=False)
+class FreeCurve:
+    """A uniform cubic B-spline with the material on its left.
+
+    An open one has its first and last control three times: there it ends, and they stay.
+    """
+
+    control: Array  #: (n, 2) [m]
+    #: Numbers of the nodes of the fixed curves between which it runs, None where it is closed
+    nodes: tuple[int, int] | None = None
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has no ends."""
+        return self.nodes is None
+
+    @property
+    def spans(self) -> int:
+        """Number of its polynomials, and largest parameter."""
+        return len(self.control) if self.closed else len(self.control) + 1
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Whether a control stays, shape (n,)."""
+        found = np.zeros(len(self.control), dtype=bool)
+        if not self.closed:
+            found[[0, -1]] = True
+        return found
+
+    def rows(self, s: Array, derivative: int = 0) -> csr_matrix:
+        """Shares of the controls in points at parameters, or in a derivative, (points, n)."""
+        n, m = len(self.control), self.spans
+        k = np.clip(np.floor(s).astype(np.int64), 0, m - 1)
+        t = np.asarray(s) - k
+        u = 1.0 - t
+        if derivative == 0:
+            parts = [u**3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+        elif derivative == 1:
+            parts = [-3 * u**2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
+        else:
+            parts = [6 * u, 18 * t - 12, 6 - 18 * t, 6 * t]
+        around = np.arange(n + 3) % n if self.closed else np.clip(np.arange(n + 4) - 2, 0, n - 1)
+        columns = around[k[:, None] + np.arange(4)].ravel()
+        first = np.arange(0, 4 * len(k) + 1, 4)
+        return csr_matrix((np.stack(parts, axis=1).ravel() / 6.0, columns, first), (len(k), n))
+
+    def at(self, s: Array) -> Array:
+        """Points at parameters from 0 to `spans`, shape (points, 2) [m]."""
+        return np.asarray(self.rows(s) @ self.control)
+
+    def normals(self, s: Array) -> Array:
+        """Unit normals out of the material, shape (points, 2)."""
+        slope = self.rows(s, 1) @ self.control
+        normal = np.column_stack([slope[:, 1], -slope[:, 0]])
+        return normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+
+    def turn(self, s: Array) -> tuple[Array, Array, Array, Array]:
+        """Curvature at parameters (points,) [1/m], first and second derivatives, and speed."""
+        a, b = (self.rows(s, order) @ self.control for order in (1, 2))
+        size = np.linalg.norm(a, axis=1)
+        # at the ends of an open curve, where it is straight, the slope vanishes
+        size[size < 1e-6 * np.max(size)] = np.inf
+        return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / size**3, a, b, size
+
+    @property
+    def smallest_radius(self) -> float:
+        """The smallest radius of curvature [m]."""
+        s = np.linspace(0.0, self.spans, 32 * self.spans + 1)
+        return 1.0 / max(float(np.max(np.abs(self.turn(s)[0]))), 1e-300)
+
+    @property
+    def control_normals(self) -> Array:
+        """Normals of the curve where each control weighs most, shape (n, 2)."""
+        n = len(self.control)
+        s = (np.arange(n) - 1.0) % n if self.closed else np.arange(n) + 1.0
+        if not self.closed:
+            s[[0, -1]] = 0.0, self.spans
+        return self.normals(s)
+
+    def sampled(self, step: float) -> Array:
+        """Parameters at which points are at most about ``step`` [m] apart."""
+        fine = self.at(np.linspace(0.0, self.spans, 8 * self.spans + 1))
+        length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
+        count = max(int(np.ceil(length / step)), 4 * self.spans)
+        return np.linspace(0.0, self.spans, count, endpoint=False)
+
+    def nearest(self, points: Array, near: Array) -> Array:
+        """Parameters of the nearest points, from parameters ``near`` them, by Newton's method."""
+        s = near
+        for _ in range(5):
+            t = self.rows(s, 1) @ self.control
+            off = np.einsum("ij,ij->i", points - self.at(s), t)
+            s = s + off / np.maximum(np.einsum("ij,ij->i", t, t), 1e-300)
+            s = s % self.spans if self.closed else np.clip(s, 0.0, self.spans)
+        return s
+
+    def moved(self, control: Array) -> FreeCurve:
+        """The same curve with other controls."""
+        return replace(self, control=control)
+
+    def spline(self) -> Spline:
+        """The same curve as drawings hold it."""
+        m = self.spans
+        ends = np.ones(4)
+        knots = np.concatenate([0.0 * ends, np.arange(1, m) / m, ends])
+        found = Spline.of(lambda t: self.at(np.asarray(t) * m), knots, 3)
+        first, last = (0, 0) if self.closed else (0, -1)
+        start = found.control[0] if self.closed else self.control[first]
+        found.control[0] = start
+        found.control[-1] = start if self.closed else self.control[last]
+        return found
+
+    @staticmethod
+    def fit(
+        points: Array, spacing: float, nodes: tuple[int, int] | None = None, multiple: int = 1
+    ) -> FreeCurve:
+        """A curve along a polygon, smoothed.
+
+        Args:
+            points: Vertices, shape (n, 2); of a closed curve the first one is not repeated [m].
+            spacing: Distance of the controls [m].
+            nodes: As the field; None for a closed curve.
+            multiple: Of which the number of controls of a closed curve is one.
+        """
+        closed = nodes is None
+        ring = np.vstack([points, points[:1]]) if closed else points
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))])
+        length = float(along[-1])
+        n = max(round(length / spacing), 5 if closed else 3)
+        n = -(-n // multiple) * multiple
+        curve = FreeCurve(np.zeros((n, 2)), nodes)
+        t = np.linspace(0.0, 1.0, _DENSE * n, endpoint=not closed)
+        x = np.column_stack([np.interp(t * length, along, ring[:, i]) for i in (0, 1)])
+        shares = curve.rows(t * curve.spans)
+        bend = lil_matrix((n, n))
+        bend.setdiag(-2.0)
+        bend.setdiag(1.0, 1)
+        bend.setdiag(1.0, -1)
+        if closed:
+            bend[0, n - 1] = bend[n - 1, 0] = 1.0
+        else:
+            bend[0, :] = bend[n - 1, :] = 0.0
+        smooth = csr_matrix(bend)
+        matrix = (shares.T @ shares + SMOOTHING * _DENSE * (smooth.T @ smooth)).tocsc()
+        right = shares.T @ x
+        if closed:
+            return curve.moved(np.asarray(spsolve(matrix, right)))
+        control = np.zeros((n, 2))
+        control[[0, -1]] = points[[0, -1]]
+        right = (right - matrix @ control)[1:-1]
+        control[1:-1] = np.reshape(spsolve(matrix[1:-1, 1:-1], right), (-1, 2))
+        return curve.moved(control)

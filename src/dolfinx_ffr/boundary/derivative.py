@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: MIT
+"""From derivatives with respect to the nodes of a fitted mesh to those by the controls."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from ..fem import Domain, gathered_nodes
+from .outline import Boundary
+
+Array = NDArray[np.float64]
+
+#: Middles of the sides of a triangle of order 2 and the ends of these sides, by local number
+_SIDES = ((3, (1, 2)), (4, (0, 2)), (5, (0, 1)))
+#: Distance of a node from a curve on which it lies, in minimum members
+_ON = 1e-5
+
+
+class NodeMotion:
+    """How the nodes of a mesh follow the controls of the boundary that it fits; collective.
+
+    Nodes on a free curve move with it at fixed parameters, others on the boundary stay. Vertices
+    inside follow by Laplace's equation on the straight triangles, and middles of sides are in the
+    middle of their ends where they are on no curve.
+
+    Args:
+        boundary: That of the mesh.
+        domain: Of triangles of order 1 or 2.
+    """
+
+    def __init__(self, boundary: Boundary, domain: Domain) -> None:
+        self._domain = domain
+        self.n_controls = boundary.n_controls
+        x, cells, self._numbers = gathered_nodes(domain)
+        self._count = len(x)
+        self._middles = np.zeros(0, dtype=np.int64)
+        self._ends = np.zeros((0, 2), dtype=np.int64)
+        if domain.comm.rank == 0:
+            self._prepare(boundary, x, cells)
+
+    def _prepare(self, boundary: Boundary, x: Array, cells: NDArray[np.int64]) -> None:
+        corners = cells[:, :3]
+        sides = np.concatenate([corners[:, [1, 2]], corners[:, [0, 2]], corners[:, [0, 1]]])
+        key = np.sort(sides, axis=1) @ np.array([len(x), 1])
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        outer = sides[first[count == 1]]
+        edge = np.unique(outer)
+        candidates = edge
+        if cells.shape[1] == 6:
+            middles = np.concatenate([cells[:, local] for local, _ in _SIDES])[first]
+            candidates = np.concatenate([edge, middles[count == 1]])
+        self._follow, on = _followers(boundary, x, candidates)
+        if cells.shape[1] == 6:
+            loose = ~on[middles]
+            self._middles, self._ends = middles[loose], sides[first][loose]
+        self._edge = edge
+        inside = np.zeros(len(x), dtype=bool)
+        inside[np.unique(corners)] = True
+        inside[edge] = False
+        self._inside = np.flatnonzero(inside)
+        stiffness = _laplace(x, corners)
+        self._coupling = stiffness[edge][:, self._inside]
+        self._factor = splu(stiffness[self._inside][:, self._inside].tocsc())
+
+    def pullback(self, nodes: Array) -> Array:
+        """From the derivative by nodes to that by controls, (controls, 2), the same on every rank.
+
+        Args:
+            nodes: For each node of this rank, as `Evaluation.nodes` has it.
+        """
+        comm = self._domain.comm
+        numbers, own = self._numbers
+        parts = comm.gather((numbers[own], nodes[own]))
+        found = None
+        if parts is not None:
+            bar = np.zeros((self._count, 2))
+            for where, values in parts:
+                bar[where] = values
+            total = bar.copy()
+            for j in (0, 1):
+                np.add.at(total, self._ends[:, j], 0.5 * bar[self._middles])
+            total[self._edge] -= self._coupling @ self._factor.solve(total[self._inside])
+            found = self._follow.T @ total
+        return np.asarray(comm.bcast(found))
+
+
+def _followers(
+    boundary: Boundary, x: Array, candidates: NDArray[np.int64]
+) -> tuple[csr_matrix, NDArray[np.bool_]]:
+    """Shares of the controls in nodes, (nodes, controls); which nodes are on free curves."""
+    on = np.zeros(len(x), dtype=bool)
+    shares = csr_matrix((len(x), boundary.n_controls))
+    near = 0.25 * boundary.member
+    for key, curve in boundary.free.items():
+        s = curve.sampled(near)
+        distance, which = cKDTree(curve.at(s)).query(x[candidates])
+        some = distance < near
+        nodes = candidates[some]
+        at = curve.nearest(x[nodes], s[which[some]])
+        rows = curve.rows(at)
+        fit = np.linalg.norm(rows @ curve.control - x[nodes], axis=1) < _ON * boundary.member
+        fit &= ~on[nodes]
+        on[nodes[fit]] = True
+        chosen = np.flatnonzero(fit)
+        place = csr_matrix(
+            (np.ones(len(chosen)), (nodes[chosen], chosen)), shape=(len(x), len(nodes))
+        )
+        shares = shares + place @ boundary.wide(rows, key)
+    return csr_matrix(shares), on
+
+
+def _laplace(x: Array, corners: NDArray[np.int64]) -> csr_matrix:
+    """The matrix of Laplace's equation on straight triangles, shape (nodes, nodes)."""
+    a, b, c = np.moveaxis(x[corners], 1, 0)
+    opposite = np.stack([c - b, a - c, b - a], axis=1)
+    e, f = b - a, c - a
+    area = 0.5 * np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
+    local = np.einsum("eid,ejd->eij", opposite, opposite) / (4.0 * area[:, None, None])
+    rows, columns = np.repeat(corners, 3, axis=1).ravel(), np.tile(corners, (1, 3)).ravel()
+    return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

@@ -1,0 +1,459 @@
+# SPDX-License-Identifier: MIT
+"""The boundary of a part as curves that stay and curves that move.
+
+Interfaces, solid regions and what lies between them stay: their lines and arcs are those of the
+part's drawing. All other sides become uniform B-splines: a closed one for each hole, an open one
+for each free side of the outline between two curves that stay.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import block_diag, coo_matrix, csc_matrix, csr_matrix, eye, lil_matrix, vstack
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from .. import validation
+from ..design import Isometry, Mirror, images
+from ..fem import Curve, Domain, Drawing, Face, polygon
+from ..part import Part, PartWarning
+from .curve import FreeCurve
+from .sides import Loops, Run, Side, sides_of
+from .symmetry import fitted
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+#: Accuracy of polygons, in minimum members
+_FINE = 5e-3
+#: Area of the smallest hole, in squares of the minimum member
+_SPECK = 5.0
+#: Half the width of what goes between holes that are joined, and of bays that are filled then, in
+#: minimum members
+_BETWEEN, _OPENED = 0.9, 0.5
+#: Distance of the controls of holes from what must stay solid, in minimum members
+_OFF_SOLID = 1.0
+#: Smallest radius by default, in minimum gaps: that of the narrowest round hole
+_RADIUS = 0.5
+#: Steps along the boundary at which members and gaps are measured, in minimum members
+_STEP = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points of the boundary of the material, shapes (points, ...)."""
+
+    points: Array  #: (points, 2) [m]
+    normals: Array  #: (points, 2) out of the material
+    rows: csr_matrix  #: Shares of the controls, (points, controls); zero where the curve stays
+    curves: Numbers  #: (points,) number of the curve that moves, -1 where it stays
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The boundary of one part; every rank holds all of it."""
+
+    origin: Part  #: Whose curves that stay are used
+    free: dict[int, FreeCurve]  #: The curves that move, by number
+    faces: Loops  #: Group and loops of each face, material on the left
+    #: Of each control of each curve the number of its master: those of one number move alike
+    masters: dict[int, Numbers]
+    isometries: tuple[Isometry, ...]  #: That leave the boundary, the identity first
+    room: shapely.Geometry  #: Where the controls of outlines may be
+    member: float  #: Minimum member [m]
+    gap: float  #: Minimum gap [m]
+    radius: float  #: Smallest radius of curvature [m]
+    spacing: float  #: Distance of the controls of holes [m]; twice that in outlines
+
+    @staticmethod
+    def of(
+        part: Part,
+        member: float,
+        *,
+        gap: float | None = None,
+        radius: float | None = None,
+        spacing: float | None = None,
+        outline: bool = True,
+        mirrors: Sequence[Mirror] = (),
+    ) -> Boundary:
+        """The boundary of a part, its free sides smoothed.
+
+        Args:
+            part: From a level set or densities, in one piece.
+            member: Minimum member [m].
+            gap: Minimum gap [m]; by default as the member.
+            radius: Smallest radius of curvature [m]; by default half a minimum gap.
+            spacing: Distance of the controls of holes [m]; by default two minimum members.
+            outline: Whether sides on the outline of the body may move, too.
+            mirrors: Lines about which the part is its own mirror image, and stays it exactly.
+
+        Raises:
+            TypeError: On every rank, if an argument is of a wrong kind.
+            ValueError: On every rank, if a number is out of range, the part is in pieces or has
+                lost an interface, nothing of its boundary can move, a curve has no mirror image, a
+                minimum member does not fit into the body, or curves cross once they are smoothed.
+
+        Warns:
+            PartWarning: Of holes that are left out, as they are smaller than five squares of the
+                minimum member.
+        """
+        needed = "a Part, of a body in the plane"
+        validation.instance("boundary: part", part, Part, needed)
+        validation.number("boundary: member", member, above=0.0, unit="m")
+        gap = member if gap is None else gap
+        validation.number("boundary: gap", gap, above=0.0, unit="m")
+        radius = _RADIUS * gap if radius is None else radius
+        validation.number("boundary: radius", radius, least=0.0, unit="m")
+        spacing = 2.0 * member if spacing is None else spacing
+        validation.number("boundary: spacing", spacing, above=0.0, unit="m")
+        validation.flag("boundary: outline", outline)
+        lines = validation.instances("boundary: mirrors", mirrors, Mirror, "lines of symmetry")
+        for line in lines:
+            if len(line.normal) != 2:
+                raise ValueError(f"boundary: {line} is a plane; give lines, of two components")
+        if part.pieces != 1 or part.lost_interfaces:
+            raise ValueError(
+                f"boundary: the part has {part.pieces} pieces and has lost the interfaces "
+                f"{part.lost_interfaces}; take a design in one piece that all interfaces hold"
+            )
+        whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing)
+        rings = [[polygon(loop, _FINE * member) for loop in loops] for loops in whole.outlines]
+        room = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
+        runs, faces = sides_of(part.drawing, room.boundary, 1e-3 * member, outline)
+        if not runs:
+            raise ValueError("boundary: interfaces and solid regions leave no side that could move")
+        # the last bits of a rank may decide nothing
+        alike = tuple(images(lines))
+        curves, masters = part.body.comm.bcast(fitted(runs, spacing, alike))
+        found = Boundary(part, curves, faces, masters, alike, room, member, gap, radius, spacing)
+        if found._inner.buffer(-member).is_empty:
+            raise ValueError(
+                f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
+                "give smaller ones"
+            )
+        found = found._without_specks()
+        found = found.moved(np.zeros(found.n_controls))
+        if not found.valid:
+            raise ValueError(
+                "boundary: curves cross once they are smoothed, as members are thinner than the "
+                "distance of the controls can show; give a smaller member or spacing, or a design "
+                "without hairlines"
+            )
+        return found
+
+    @property
+    def body(self) -> Domain:
+        """The body that was designed."""
+        return self.origin.body
+
+    @property
+    def drawing(self) -> Drawing:
+        """Of the part that it began with."""
+        return self.origin.drawing
+
+    @cached_property
+    def part(self) -> Part:
+        """What it encloses, to be measured, written and verified."""
+        return self.origin.redrawn(self.drawn())
+
+    # ------------------------------------------------------------------ its controls
+
+    @cached_property
+    def first(self) -> dict[int, int]:
+        """Number of the first control of each free curve."""
+        starts = np.cumsum([0, *(len(curve.control) for curve in self.free.values())])
+        return {key: int(start) for key, start in zip(self.free, starts, strict=False)}
+
+    @property
+    def n_controls(self) -> int:
+        """Number of controls of all free curves."""
+        return sum(len(curve.control) for curve in self.free.values())
+
+    @cached_property
+    def normals(self) -> Array:
+        """Of each control, out of the material, shape (controls, 2)."""
+        return np.vstack([curve.control_normals for curve in self.free.values()])
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Whether a control stays, shape (controls,)."""
+        return np.concatenate([curve.held for curve in self.free.values()])
+
+    @cached_property
+    def shares(self) -> csr_matrix:
+        """The offset of each control by those of the masters, (controls, masters)."""
+        number = np.concatenate([self.masters[key] for key in self.free])
+        _, column = np.unique(number, return_inverse=True)
+        return csr_matrix((np.ones(len(column)), (np.arange(len(column)), column)))
+
+    @cached_property
+    def leads(self) -> NDArray[np.bool_]:
+        """Whether a control is the first one of its number, shape (controls,)."""
+        found = np.zeros(self.n_controls, dtype=bool)
+        found[np.asarray(self.shares.argmax(axis=0)).ravel()] = True
+        return found
+
+    def metric(self, radius: float) -> csc_matrix:
+        """1 + radius^2 times second differences along each curve, (controls, controls)."""
+        blocks = []
+        for curve in self.free.values():
+            n = len(curve.control)
+            step = self.spacing * (1.0 if curve.closed else 2.0)
+            second = lil_matrix((n, n))
+            second.setdiag(2.0)
+            second.setdiag(-1.0, 1)
+            second.setdiag(-1.0, -1)
+            if curve.closed:
+                second[0, n - 1] = second[n - 1, 0] = -1.0
+            blocks.append(eye(n) + (radius / step) ** 2 * second)
+        return csc_matrix(block_diag(blocks))
+
+    def wide(self, rows: csr_matrix, key: int) -> csr_matrix:
+        """``rows`` on the controls of the curve ``key`` as rows on those of all."""
+        coo = rows.tocoo()
+        where = (coo.row, coo.col + self.first[key])
+        return csr_matrix((coo.data, where), (rows.shape[0], self.n_controls))
+
+    def moved(self, offsets: Array) -> Boundary:
+        """The boundary with its controls moved by ``offsets`` (controls,) along their normals [m].
+
+        They are kept where they may be.
+        """
+        free = {}
+        for key, curve in self.free.items():
+            part = slice(self.first[key], self.first[key] + len(curve.control))
+            control = curve.control + offsets[part, None] * self.normals[part]
+            kept = _kept(control, self._room_of(curve))
+            free[key] = curve.moved(np.where(curve.held[:, None], curve.control, kept))
+        return replace(self, free=free)
+
+    def ways(self, reach: float) -> Array:
+        """How far each control may move along its normal and against it, up to ``reach`` [m].
+
+        Shape (2, controls).
+        """
+        found = []
+        for key, curve in self.free.items():
+            first, room = self.first[key], self._room_of(curve)
+            way = reach * self.normals[first : first + len(curve.control)]
+            lines = [
+                shapely.linestrings(np.stack([curve.control, curve.control + side * way], axis=1))
+                for side in (1.0, -1.0)
+            ]
+            found.append(shapely.length(shapely.intersection(lines, room)))
+        return np.hstack(found)
+
+    def _room_of(self, curve: FreeCurve) -> shapely.Geometry:
+        return self._inner if curve.closed else self.room
+
+    @cached_property
+    def _inner(self) -> shapely.Geometry:
+        """Where the controls of holes may be: off what must stay solid."""
+        solid = shapely.MultiPolygon(
+            [self._polygon(loops) for group, loops in self.faces if group == "solid"]
+        )
+        return self.room.difference(solid.buffer(_OFF_SOLID * self.member))
+
+    def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
+        rings = [polygon([self.curve(side) for side in loop], self._fine) for loop in loops]
+        return shapely.Polygon(rings[0], rings[1:])
+
+    @property
+    def _fine(self) -> float:
+        return _FINE * self.member
+
+    # ------------------------------------------------------------------ what it encloses
+
+    def curve(self, side: Side) -> Curve:
+        """The curve of a ``side``, with the material on its left."""
+        curve = self._splines[side.number] if side.free else self.drawing.curves[side.number]
+        return curve if side.forward else curve.reversed()
+
+    @cached_property
+    def _splines(self) -> dict[int, Curve]:
+        return {key: curve.spline() for key, curve in self.free.items()}
+
+    @property
+    def material(self) -> shapely.Geometry:
+        """What it encloses, as polygons [m]."""
+        return shapely.union_all([self._polygon(loops) for _, loops in self.faces])
+
+    @property
+    def sides(self) -> Iterator[tuple[str, Side]]:
+        """All sides, with the group of their face."""
+        for group, loops in self.faces:
+            for loop in loops:
+                for side in loop:
+                    yield group, side
+
+    def samples(self) -> Samples:
+        """Points of the boundary of designed material, dense beside the minimum member."""
+        step = _STEP * self.member
+        points, normals, rows, owner = [], [], [], []
+        for key, curve in self.free.items():
+            s = curve.sampled(step)
+            value = curve.rows(s)
+            points.append(value @ curve.control)
+            normals.append(curve.normals(s))
+            rows.append(self.wide(value, key))
+            owner.append(np.full(len(s), key))
+        inner = {side.number for group, side in self.sides if group == "solid"}
+        for group, side in self.sides:
+            if group == "solid" or side.free or side.number in inner:
+                continue
+            curve_ = self.curve(side)
+            count = max(int(curve_.length / step), 2)
+            t = (np.arange(count) + 0.5) / count
+            slope = curve_.slope(t)
+            normal = np.column_stack([slope[:, 1], -slope[:, 0]])
+            points.append(curve_.at(t))
+            normals.append(normal / np.linalg.norm(normal, axis=1)[:, None])
+            rows.append(csr_matrix((count, self.n_controls)))
+            owner.append(np.full(count, -1))
+        every = csr_matrix(vstack(rows))
+        return Samples(np.vstack(points), np.vstack(normals), every, np.concatenate(owner))
+
+    @property
+    def valid(self) -> bool:
+        """Whether no curve crosses itself or another."""
+        return all(self._polygon(loops).is_valid for _, loops in self.faces)
+
+    @property
+    def smallest_radius(self) -> float:
+        """The smallest radius of curvature of all curves that move [m]."""
+        return min(curve.smallest_radius for curve in self.free.values())
+
+    @property
+    def holes(self) -> list[int]:
+        """The numbers of the closed curves."""
+        return [key for key, curve in self.free.items() if curve.closed]
+
+    def without(self, holes: Iterable[int]) -> Boundary:
+        """The boundary without some ``holes``, by the numbers of their curves."""
+        return self._with_holes(holes, [])
+
+    def joined(self, pair: tuple[int, int]) -> Boundary:
+        """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
+
+        What is between them goes. ValueError if that is wider than members may be, or the holes
+        are not both of one face.
+        """
+        keys = self.holes
+        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
+        where = tree.data[[keys.index(key) for key in pair]]
+        edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
+        rows, columns = np.array(sorted(edges)).T
+        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(keys), len(keys)))
+        number = connected_components(graph, directed=False)[1]
+        runs, gone = [], []
+        for group in np.unique(number[rows]):
+            among = [keys[i] for i in np.flatnonzero(number == group)]
+            union = shapely.union_all([self.hole(key) for key in among])
+            union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)
+            # no bays that curves so coarse could not follow
+            union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
+            if not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
+                raise ValueError("boundary: the holes are too far apart to be made one")
+            ring = shapely.geometry.polygon.orient(union, -1.0).exterior
+            runs.append(Run(np.asarray(ring.coords)[:-1], None))
+            gone += among
+        return self._with_holes(gone, runs)
+
+    def _with_holes(self, gone: Iterable[int], runs: Sequence[Run]) -> Boundary:
+        """Without some holes, and with others along closed runs where these were."""
+        left = set(gone)
+        inside = [
+            n for n, (_, loops) in enumerate(self.faces) if any(_is_hole(x, left) for x in loops)
+        ]
+        if runs and len(inside) != 1:
+            raise ValueError("boundary: the holes are not of one face")
+        beyond = 1 + max(self.free)
+        curves, masters = fitted(runs, self.spacing, self.isometries)
+        alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())
+        faces = []
+        for n, (group, loops) in enumerate(self.faces):
+            kept = [loop for loop in loops if not _is_hole(loop, left)]
+            if n in inside:
+                kept += [(Side(True, beyond + k),) for k in curves]
+            faces.append((group, tuple(kept)))
+        free = {k: c for k, c in self.free.items() if k not in left}
+        free |= {beyond + k: curve for k, curve in curves.items()}
+        own = {k: self.masters[k] for k in free if k in self.masters}
+        own |= {beyond + k: alike + numbers for k, numbers in masters.items()}
+        return replace(self, faces=tuple(faces), free=free, masters=own)
+
+    def hole(self, key: int) -> shapely.Polygon:
+        """What the closed curve ``key`` surrounds."""
+        curve = self.free[key]
+        return shapely.Polygon(curve.at(curve.sampled(_STEP * self.member)))
+
+    @property
+    def specks(self) -> list[int]:
+        """The numbers of holes that are too small to be kept."""
+        return [key for key in self.holes if self.hole(key).area < _SPECK * self.member**2]
+
+    def _without_specks(self) -> Boundary:
+        """Without holes that are too small, which is warned of."""
+        specks = self.specks
+        if not specks:
+            return self
+        centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]
+        near = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in centers)
+        warnings.warn(
+            f"boundary: holes near {near} mm are left out: each is smaller than five squares of "
+            "the minimum member",
+            PartWarning,
+            stacklevel=4,
+        )
+        return self.without(specks)
+
+    def drawn(self) -> Drawing:
+        """As a drawing, to be meshed or written."""
+        numbers: dict[tuple[bool, int], int] = {}
+        curves: list[Curve] = []
+        nodes: list[tuple[int, int]] = []
+        groups: list[str] = []
+        beyond = 1 + max(max(pair) for pair in self.drawing.nodes)
+
+        def number(side: Side) -> int:
+            key = side.free, side.number
+            if key not in numbers:
+                numbers[key] = len(curves)
+                if side.free:
+                    own = beyond + side.number
+                    curves.append(self._splines[side.number])
+                    nodes.append(self.free[side.number].nodes or (own, own))
+                    groups.append("")
+                else:
+                    curves.append(self.drawing.curves[side.number])
+                    nodes.append(self.drawing.nodes[side.number])
+                    groups.append(self.drawing.groups[side.number])
+            return numbers[key]
+
+        faces = [
+            Face(group, [[(number(side), side.forward) for side in loop] for loop in loops])
+            for group, loops in self.faces
+        ]
+        return Drawing(curves, nodes, groups, faces)
+
+
+def _is_hole(loop: Sequence[Side], holes: set[int]) -> bool:
+    return loop[0].free and loop[0].number in holes
+
+
+def _kept(points: Array, room: shapely.Geometry) -> Array:
+    """Points, those outside a region moved to the nearest place in it."""
+    found = points.copy()
+    given = shapely.points(points)
+    out = np.flatnonzero(~shapely.contains(room, given))
+    if len(out):
+        ways = shapely.get_coordinates(shapely.shortest_line(room, given[out])).reshape(-1, 2, 2)
+        found[out] = ways[:, 0]
+    return found

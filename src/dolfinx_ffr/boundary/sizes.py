@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""Members, gaps and radii no smaller than a minimum, as constraints on the controls."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from .outline import Boundary
+
+Array = NDArray[np.float64]
+
+#: By how much members are kept wider than the minimum
+_SPARE = 1.02
+#: Steps along a curve at which its curvature is measured, in smallest radii
+_STEP = 0.2
+#: Widths and radii up to this many times the minimum have a constraint
+_SEEN = 1.5
+#: Share of the way across that must be along the normal, and greatest product of both normals
+_ACROSS, _FACING = 0.8, -0.5
+
+
+class Rows(NamedTuple):
+    """Constraints value + slope . offsets <= 0."""
+
+    values: Array  #: (m,)
+    slopes: Array  #: (m, controls) [1/m]
+    least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
+    #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
+    members: NDArray[np.int64]
+
+    @property
+    def smallest(self) -> float:
+        """The smallest size that has a constraint [m]; infinite if there is none."""
+        return float(np.min(self.least * (1.0 - self.values), initial=np.inf))
+
+    @property
+    def missed(self) -> float:
+        """By how much the smallest size is below the minimum, relative to that; at least zero."""
+        return max(0.0, 1.0 - _SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
+
+
+def _rows(values: list[Array], slopes: list[Array], least: float | Array) -> Rows:
+    """Rows that are of no member."""
+    every = np.concatenate(values)
+    none = np.full((len(every), 2), -1)
+    return Rows(every, np.vstack(slopes), np.broadcast_to(least, every.shape), none)
+
+
+def size_rows(boundary: Boundary) -> Rows:
+    """1 - d / d_min for the narrowest place beside each control, of members and of gaps.
+
+    The way d between two points of the boundary is the shortest one at both, so at fixed parameters
+    its derivative is exact. Of places that are mirror images one has a constraint.
+    """
+    samples = boundary.samples()
+    x, n, owner = samples.points, samples.normals, samples.curves
+    widest = _SEEN * max(boundary.member, boundary.gap)
+    pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
+    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
+    way = x[j] - x[i]
+    distance = np.linalg.norm(way, axis=1)
+    facing = (np.einsum("ij,ij->i", n[i], n[j]) < _FACING) & (distance > 0.0)
+    moves = np.diff(samples.rows.indptr) > 0
+    values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
+    beside, minima = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
+    # through the material, and through the void
+    for side, least in ((-1.0, _SPARE * boundary.member), (1.0, _SPARE * boundary.gap)):
+        met = side * np.einsum("ij,ij->i", way, n[i]) > _ACROSS * distance
+        near = distance < _SEEN * least
+        chosen = np.flatnonzero(met & near & facing & moves[i])
+        chosen = chosen[np.argsort(distance[chosen], kind="stable")]
+        # of each point the nearest, and of all points at which a control weighs most
+        chosen = chosen[np.unique(i[chosen], return_index=True)[1]]
+        chosen = chosen[np.argsort(distance[chosen], kind="stable")]
+        weighs = np.asarray(samples.rows[i[chosen]].argmax(axis=1)).ravel()
+        number, first = np.unique(weighs, return_index=True)
+        chosen = chosen[first[boundary.leads[number]]]
+        apart = samples.rows[i[chosen]] - samples.rows[j[chosen]]
+        along = -way[chosen] / distance[chosen, None]
+        projected = np.einsum("md,kd->mk", along, boundary.normals)
+        values.append(1.0 - distance[chosen] / least)
+        slopes.append(-apart.toarray() * projected / least)
+        minima.append(np.full(len(chosen), least))
+        pair = np.column_stack([owner[i[chosen]], owner[j[chosen]]])
+        beside.append(pair if side < 0.0 else np.full_like(pair, -1))
+    rows = np.concatenate(values), np.concatenate(slopes)
+    return Rows(*rows, np.concatenate(minima), np.concatenate(beside))
+
+
+def radius_rows(boundary: Boundary) -> Rows:
+    """1 - rho / rho_min where the radius of curvature rho is smallest near each control.
+
+    At fixed parameters the derivative of the curvature is exact, and where it is largest along the
+    curve that is the derivative of the largest one.
+    """
+    least = _SPARE * boundary.radius
+    values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
+    for key, curve in boundary.free.items():
+        if not least:
+            break
+        s = curve.sampled(_STEP * least)
+        turn, a, b, size = curve.turn(s)
+        tight = np.flatnonzero(np.abs(turn) * _SEEN * least > 1.0)
+        # of the points at which a control weighs most the tightest
+        tight = tight[np.argsort(-np.abs(turn[tight]), kind="stable")]
+        weighs = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()
+        number, first_of = np.unique(weighs, return_index=True)
+        tight = tight[first_of[boundary.leads[boundary.first[key] + number]]]
+        a, b, size, turn = a[tight], b[tight], size[tight], turn[tight]
+        # d turn by a and by b, times the normals of the controls
+        by_b = np.column_stack([-a[:, 1], a[:, 0]]) / size[:, None] ** 3
+        by_a = np.column_stack([b[:, 1], -b[:, 0]]) / size[:, None] ** 3
+        by_a -= 3.0 * (turn / size**2)[:, None] * a
+        normals = curve.control_normals
+        change = curve.rows(s[tight], 1).toarray() * (by_a @ normals.T)
+        change += curve.rows(s[tight], 2).toarray() * (by_b @ normals.T)
+        change *= (np.sign(turn) / turn**2 / least)[:, None]
+        values.append(1.0 - 1.0 / np.abs(turn) / least)
+        slopes.append(boundary.wide(csr_matrix(change), key).toarray())
+    return _rows(values, slopes, least)
+
+
+def room_rows(boundary: Boundary, reach: float) -> Rows:
+    """Controls stay where they may be, after a step of at most ``reach`` [m]."""
+    values, slopes = [], []
+    for side, way in zip((1.0, -1.0), boundary.ways(reach), strict=True):
+        near = np.flatnonzero(boundary.leads & ~boundary.held & (way < (1.0 - 1e-9) * reach))
+        rows = np.zeros((len(near), boundary.n_controls))
+        rows[np.arange(len(near)), near] = side / boundary.member
+        values.append(-way[near] / boundary.member)
+        slopes.append(rows)
+    return _rows(values, slopes, np.inf)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""Curves that are their own mirror images exactly: what is free is one of each pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..design import Isometry
+from .curve import FreeCurve
+from .sides import Run
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+
+def fitted(
+    runs: Sequence[Run], spacing: float, isometries: Sequence[Isometry]
+) -> tuple[dict[int, FreeCurve], dict[int, Numbers]]:
+    """Curves along the runs, and of each control the number of those that it moves with.
+
+    Controls of holes are the ``spacing`` [m] apart, those of outlines twice that. Controls of one
+    number have the same offset along their normals. ValueError if a curve has no mirror image.
+    """
+    others = isometries[1:]  # the first is the identity
+    lines = [_line(run) for run in runs]
+    image = [_images(run, lines, others, spacing) for run in runs]
+    curves: dict[int, FreeCurve] = {}
+    pairs: list[tuple[int, Numbers, int, Numbers]] = []
+    for j, run in enumerate(runs):
+        if j in curves:
+            continue
+        own = [g for g, k in zip(others, image[j], strict=True) if k == j]
+        curves[j], among = _alone(run, spacing, own)
+        pairs += [(j, np.arange(len(to)), j, to) for to in among]
+        for g, k in zip(others, image[j], strict=True):
+            if k not in curves:
+                curves[k], to = _image(curves[j], g, runs[k])
+                pairs.append((j, np.arange(len(to)), k, to))
+    curves = dict(sorted(curves.items()))
+    sizes = [len(curve.control) for curve in curves.values()]
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    rows = np.concatenate([np.zeros(0, int), *(first[j] + a for j, a, _, _ in pairs)])
+    columns = np.concatenate([np.zeros(0, int), *(first[k] + b for _, _, k, b in pairs)])
+    n = int(first[-1])
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    _, number = connected_components(graph, directed=False)
+    return curves, {k: number[first[k] : first[k + 1]].astype(np.int64) for k in curves}
+
+
+def _images(
+    run: Run, lines: Sequence[shapely.LineString], isometries: Sequence[Isometry], near: float
+) -> list[int]:
+    """The number of the run that each isometry makes of this one."""
+    found = []
+    for g in isometries:
+        image = _line(Run(g(run.points), run.nodes))
+        far = shapely.hausdorff_distance(image, lines)
+        k = int(np.argmin(far))
+        if far[k] > near:
+            x, y = 1e3 * np.mean(run.points, axis=0)
+            raise ValueError(
+                f"boundary: the curve near ({x:.4g}, {y:.4g}) mm has no mirror image to "
+                f"{1e3 * near:.3g} mm; take a design with these mirrors, or leave them out"
+            )
+        found.append(k)
+    return found
+
+
+def _line(run: Run) -> shapely.LineString:
+    """Its points joined by lines, a ring to its first one again."""
+    return shapely.LineString(run.points if run.nodes else np.vstack([run.points, run.points[:1]]))
+
+
+def _alone(run: Run, spacing: float, own: Sequence[Isometry]) -> tuple[FreeCurve, list[Numbers]]:
+    """A curve that these isometries leave, and where each takes its controls."""
+    points, closed = run.points, run.nodes is None
+    line = next((g for g in own if np.linalg.det(g.turn) < 0.0), None)
+    if closed and line is not None:
+        points = _from_line(points, line)
+    step = spacing if closed else 2.0 * spacing
+    curve = FreeCurve.fit(points, step, run.nodes, multiple=2 * len(own) if own else 1)
+    control = curve.control.copy()
+    taken = [_taken(control, g, closed) for g in own]
+    inner = ~curve.held
+    for g, to in zip(own, taken, strict=True):
+        image = np.empty_like(control)
+        image[to] = g(curve.control)
+        control[inner] += image[inner]
+    control[inner] /= 1.0 + len(own)
+    return curve.moved(control), taken
+
+
+def _taken(control: Array, g: Isometry, closed: bool) -> Numbers:
+    """The number of the control at the image of each."""
+    n = len(control)
+    turned = np.linalg.det(g.turn) < 0.0
+    order = np.arange(n)[::-1] if turned else np.arange(n)
+    if not closed:
+        return order
+    images = g(control)
+    far = [np.sum((images - control[(order + s) % n]) ** 2) for s in range(n)]
+    return np.asarray((order + int(np.argmin(far))) % n)
+
+
+def _image(curve: FreeCurve, g: Isometry, run: Run) -> tuple[FreeCurve, Numbers]:
+    """The image of a curve, which ends where the run does, and the number of each control there."""
+    turned = np.linalg.det(g.turn) < 0.0
+    control = g(curve.control)
+    to = np.arange(len(control))
+    if turned:
+        control, to = control[::-1], to[::-1]
+    if run.nodes is not None:
+        control = np.vstack([run.points[:1], control[1:-1], run.points[-1:]])
+    return FreeCurve(np.ascontiguousarray(control), run.nodes), to
+
+
+def _from_line(points: Array, reflection: Isometry) -> Array:
+    """A ring from a place on the line of a reflection on."""
+    across = points - reflection(points)
+    normal = across[np.argmax(np.einsum("ij,ij->i", across, across))]
+    side = across @ normal
+    after = np.roll(side, -1)
+    k = int(np.flatnonzero((side <= 0.0) & (after > 0.0))[0])
+    share = side[k] / (side[k] - after[k])
+    start = (1.0 - share) * points[k] + share * points[(k + 1) % len(points)]
+    return np.vstack([start, np.roll(points, -(k + 1), axis=0)])

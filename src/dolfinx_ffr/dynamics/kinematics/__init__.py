@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""Equations of motion of mechanisms in the plane and in space, their Jacobians and transposes.
+
+The kernels for vectors, rows and forces are written once for d = 2 and 3, d being a constant when
+they are compiled. Bodies turn by an angle in the plane and by rotation matrices in space, with
+their angular velocities in their own axes, see group.py: what is not alike is a kernel or a method
+of both classes of arrays, PlaneArrays (plane.py) and SpaceArrays (space.py).
+"""
+
+from __future__ import annotations
+
+from .arrays import Coordinates, SpaceCoordinates
+from .body_arrays import KINDS, ModelArrays, body_arrays, is_spatial
+from .branches import holds_axes, reversed_row, tilts
+from .gradients import Samples, integral_bars, marker_bar, metric_bars
+from .instant import (
+    Evaluation,
+    Kinematics,
+    applied_forces,
+    compiled_kinematics,
+    equations_pullback,
+    evaluate_equations,
+    place_vectors,
+)
+from .lowering import Lowering
+from .metric import elastic_mass, length_of, mass_norm, norm_floors
+from .motion import (
+    MarkerMotion,
+    Momenta,
+    marker_motion,
+    marker_motion_pullback,
+    momenta_of,
+    turned_between,
+)
+
+__all__ = [
+    "KINDS",
+    "Coordinates",
+    "Evaluation",
+    "Kinematics",
+    "Lowering",
+    "MarkerMotion",
+    "ModelArrays",
+    "Momenta",
+    "Samples",
+    "SpaceCoordinates",
+    "applied_forces",
+    "body_arrays",
+    "compiled_kinematics",
+    "elastic_mass",
+    "equations_pullback",
+    "evaluate_equations",
+    "holds_axes",
+    "integral_bars",
+    "is_spatial",
+    "length_of",
+    "marker_bar",
+    "marker_motion",
+    "marker_motion_pullback",
+    "mass_norm",
+    "metric_bars",
+    "momenta_of",
+    "norm_floors",
+    "place_vectors",
+    "reversed_row",
+    "tilts",
+    "turned_between",
+]

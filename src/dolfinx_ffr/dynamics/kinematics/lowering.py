@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: MIT
+"""Rows and forces stated in vectors as the kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...body import BodyMarker, VolumeIntegrals
+from ...mechanism import (
+    BodyPoint,
+    BodyVector,
+    Element,
+    Ground,
+    Load,
+    Marker,
+    Moving,
+    Row,
+    SpringRow,
+    Undeformed,
+    VectorKind,
+    marker_name,
+)
+from .carried import padded_stiffening
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A row or a spring as the kernels take it."""
+
+    row: Row
+    #: States its right-hand side over time.
+    source: Row | SpringRow
+    #: Name of the joint or the force.
+    label: str
+    #: Angle of the vectors less that of the markers [rad].
+    offset: float = 0.0
+
+    def tabulate(self, instants: Array) -> Array:
+        """Right-hand side over time, shape (instants, 3)."""
+        table = self.source.tabulate(instants, self.label)
+        table[:, 0] -= self.offset
+        return table
+
+
+@dataclass
+class Lowering:
+    """Vectors, rows, springs and loads of a mechanism in space, in the order of their numbers."""
+
+    d: ClassVar[int] = 3  #: Components of a vector.
+    sides: ClassVar[int] = 6  #: Most vectors of a row.
+
+    bodies: Mapping[str, VolumeIntegrals]
+    undeformed: Undeformed
+    #: Places of each force among springs and loads, by name of the force.
+    forces: dict[str, list[int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Begin with nothing."""
+        self._vectors: list[BodyVector] = []
+        self._prescribed: list[tuple[BodyVector, str]] = []
+        self._rows: list[_Entry] = []
+        self._loads: list[tuple[Load, str]] = []
+        self._springs = 0
+        self._sides: list[list[int]] = []
+        self._targets: list[int] = []
+        self._axes: list[list[int]] = []
+
+    @property
+    def prescribed(self) -> list[tuple[Ground | Moving, str]]:
+        """Markers of vectors that move as prescribed, with the first users of these."""
+        return [(vector.marker, user) for vector, user in self._prescribed]  # type: ignore[misc]
+
+    @property
+    def markers(self) -> dict[BodyPoint, int]:
+        """Number of each marker of a body that is used, by (body, marker)."""
+        used = dict.fromkeys(v.marker for v in self._vectors if isinstance(v.marker, tuple))
+        return {marker: number for number, marker in enumerate(used)}
+
+    def enter(
+        self, rows: Sequence[tuple[Row, str]], elements: Sequence[tuple[Element, str]]
+    ) -> None:
+        """Take all rows and forces, with the names of their joints and forces.
+
+        Raises:
+            ValueError: If one has no counterpart in the plane; the message names it.
+        """
+        springs = [(spring, label) for element, label in elements for spring in element.springs]
+        self._loads = [(load, label) for element, label in elements for load in element.loads]
+        entered: list[tuple[Row, Row | SpringRow, str, str]]
+        entered = [(row, row, label, f"joint {label!r}") for row, label in rows]
+        entered += [(spring.row, spring, label, f"force {label!r}") for spring, label in springs]
+        self._springs = len(springs)
+        for row, source, label, user in entered:
+            own, offset = self._own_row(row, user)
+            self._rows.append(_Entry(own, source, label, offset))
+            numbers = [self._place(vector, user) for vector in own.vectors]
+            self._sides.append(numbers + [-1] * (self.sides - len(numbers)))
+        for load, label in self._loads:
+            user = f"force {label!r}"
+            self._check_load(load, user)
+            self._targets.append(self._place(load.target, user))
+            axes = [self._place(axis, user) for axis in load.axes[: self.d]]
+            self._axes.append(axes or [-1] * self.d)
+        self.forces = {label: [] for _, label in elements}
+        for number, (_, label) in enumerate([*springs, *self._loads]):
+            self.forces[label].append(number)
+
+    def tabulate(self, instants: Array) -> dict[str, Array]:
+        """What is prescribed over time, by name of the field of ModelArrays."""
+        known: dict[int, tuple[Array, Array]] = {}
+        prescribed = np.zeros((instants.size, len(self._prescribed), 3, self.d))
+        turns = np.zeros((instants.size, len(self._prescribed), 3))
+        for slot, (vector, where) in enumerate(self._prescribed):
+            marker = vector.marker
+            assert isinstance(marker, Ground | Moving)
+            if id(marker) not in known:
+                known[id(marker)] = self._tabulated(marker, instants, where)
+            table, turns[:, slot] = known[id(marker)]
+            prescribed[:, slot] = self._prescribed_vector(vector, table)
+        drives = [row.tabulate(instants) for row in self._rows]
+        loads = [self._components(load, instants, own)[:, : self.d] for load, own in self._loads]
+        return {
+            "prescribed": prescribed,
+            "prescribed_turn": turns,
+            "drive": _stacked(drives, (instants.size, 3)),
+            "load_table": _stacked(loads, (instants.size, self.d)),
+        }
+
+    def _tabulated(
+        self, marker: Ground | Moving, instants: Array, where: str
+    ) -> tuple[Array, Array]:
+        """Position and axes with derivatives, (instants, 3, 4, 3), and turns (instants, 3)."""
+        return marker.tabulate_in_space(instants, where), marker.turns_in_space(instants, where)
+
+    def _prescribed_vector(self, vector: BodyVector, table: Array) -> Array:
+        """A vector with its derivatives, (instants, 3, d), of a marker as tabulated above."""
+        if vector.kind == VectorKind.POINT:
+            return np.asarray(table[:, :, 0, : self.d])
+        return np.einsum("k,tdki->tdi", vector.components, table[:, :, 1:, : self.d])
+
+    def _own_row(self, row: Row, user: str) -> tuple[Row, float]:
+        """A row as the kernels take it, and the angle of its vectors less that of the markers."""
+        return row, 0.0
+
+    def _check_load(self, load: Load, user: str) -> None:
+        """Refuse a load that does not exist."""
+
+    def _components(self, load: Load, instants: Array, label: str) -> Array:
+        """Components of a load over time, (instants, 3), of which the first d count."""
+        return load.tabulate(instants, label)
+
+    def _set_shapes(self, vector: BodyVector, point: BodyMarker, shapes: Array) -> None:
+        """Set b(0) and its derivatives (d, modes + 1) of a direction or a spin."""
+        if vector.kind == VectorKind.SPIN:
+            shapes[:, 1:] = point.rotation
+            return
+        n = np.array(vector.components)
+        n = n if point.axes is None else point.axes @ n
+        shapes[:, 0], shapes[:, 1:] = n, np.cross(point.rotation, n, axisa=0, axisc=0)
+
+    def arrays(self, modes: int) -> dict[str, NDArray]:
+        """Flat arrays by name of the field of ModelArrays."""
+        every, d = [entry.row for entry in self._rows], self.d
+        springs = [entry.source for entry in self._rows[len(self._rows) - self._springs :]]
+        law = [(s.stiffness, s.damping) for s in springs if isinstance(s, SpringRow)]
+        normals = np.array([row.normal for row in every], dtype=np.float64).reshape(-1, 3)
+        return {
+            **self._vector_arrays(modes),
+            "kind": np.array([row.kind for row in every], dtype=np.int64),
+            "side": np.array(self._sides, dtype=np.int64).reshape(-1, self.sides),
+            "normal": np.ascontiguousarray(normals[:, :d]),
+            "ratio": np.array([row.ratio for row in every], dtype=np.float64),
+            "start_angles": np.array([(row.start_angle, 0.0) for row in every]).reshape(-1, 2),
+            "law": np.array(law, dtype=np.float64).reshape(-1, 2),
+            "load_vector": np.array(self._targets, dtype=np.int64),
+            "load_axes": np.array(self._axes, dtype=np.int64).reshape(-1, d),
+        }
+
+    def _place(self, vector: BodyVector, user: str) -> int:
+        """Number of a vector, each entered once."""
+        for number, known in enumerate(self._vectors):
+            alike = (known.kind, known.components) == (vector.kind, vector.components)
+            if alike and same(known.marker, vector.marker):
+                return number
+        if not isinstance(vector.marker, tuple):
+            self._prescribed.append((vector, f"{user}, marker {marker_name(vector.marker)!r}"))
+        self._vectors.append(vector)
+        return len(self._vectors) - 1
+
+    def _vector_arrays(self, modes: int) -> dict[str, NDArray]:
+        """Arrays of the vectors, by name of the field of ModelArrays."""
+        count, names, markers = len(self._vectors), list(self.bodies), self.markers
+        body, slot, marker, stiffened = (np.full(count, -1, dtype=np.int64) for _ in range(4))
+        bends: list[Array] = []
+        d = self.d
+        shapes = np.zeros((count, d, modes + 1))
+        for number, vector in enumerate(self._vectors):
+            if not isinstance(vector.marker, tuple):
+                slot[number] = [known for known, _ in self._prescribed].index(vector)
+                continue
+            integrals = self.bodies[vector.marker[0]]
+            point, r = integrals.markers[vector.marker[1]], integrals.modes
+            body[number], marker[number] = names.index(vector.marker[0]), markers[vector.marker]
+            if vector.kind == VectorKind.POINT:
+                shapes[number, :, : r + 1] = point.basis
+                if point.stiffening is not None and r:
+                    stiffened[number] = len(bends)
+                    bends.append(padded_stiffening(point.stiffening, modes))
+            else:
+                self._set_shapes(vector, point, shapes[number, :, : r + 1])
+        return {
+            "vector_body": body,
+            "vector_slot": np.maximum(slot, 0),
+            "vector_kind": np.array([vector.kind for vector in self._vectors], dtype=np.int64),
+            "vector_marker": marker,
+            "shapes": shapes,
+            "vector_stiffened": stiffened,
+            "vector_stiffening": np.array(bends).reshape(len(bends), d, modes, modes),
+        }
+
+
+def same(a: Marker, b: Marker) -> bool:
+    """Whether two markers are one."""
+    return a is b or a == b
+
+
+def _stacked(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """Tables over time, of shape (instants, ...), side by side along a second axis."""
+    if not tables:
+        return np.zeros((shape[0], 0, *shape[1:]))
+    return np.ascontiguousarray(np.stack(tables, axis=1))

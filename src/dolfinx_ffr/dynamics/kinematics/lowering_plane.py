@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""Rows and forces of the plane as the kernels take them: angles become rows POINT of spins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...body import BodyMarker
+from ...mechanism import BodyVector, Ground, Load, Marker, Moving, Row, RowKind, VectorKind, is_zero
+from .lowering import Lowering, same
+
+Array = NDArray[np.float64]
+
+_POINT, _DIRECTION = VectorKind.POINT, VectorKind.DIRECTION
+#: Vectors of the rows that there are in the plane.
+_IN_PLANE = {
+    RowKind.POINT: (_POINT,) * 2,
+    RowKind.PLANE: (_POINT, _POINT, _DIRECTION),
+    RowKind.DISTANCE: (_POINT,) * 2,
+    RowKind.ANGLE: (_DIRECTION,) * 3,
+    RowKind.GEAR: (_DIRECTION,) * 6,
+}
+#: Angle that directions have by round-off beyond that of the start [rad].
+_ROUND_OFF = 1e-12
+
+
+class PlaneLowering(Lowering):
+    """Vectors, rows, springs and loads of a mechanism in the plane."""
+
+    d, sides = 2, 3
+
+    def _tabulated(
+        self, marker: Ground | Moving, instants: Array, where: str
+    ) -> tuple[Array, Array]:
+        # The angle and its derivatives stand in place of the third axis' z.
+        place = marker.tabulate_in_plane(instants, where)
+        angle, rate, growth = place[:, :, 2].T
+        out = np.zeros((instants.size, 3, 4, 3))
+        out[:, :, 0, :2], out[:, :, 3, 2] = place[:, :, :2], place[:, :, 2]
+        c, s = np.cos(angle), np.sin(angle)
+        for k, (x, y) in enumerate(((c, s), (-s, c)), start=1):
+            across = np.stack([-y, x], axis=1)
+            along = np.stack([x, y], axis=1)
+            out[:, 0, k, :2], out[:, 1, k, :2] = along, rate[:, None] * across
+            out[:, 2, k, :2] = growth[:, None] * across - rate[:, None] ** 2 * along
+        return out, np.zeros((instants.size, 3))
+
+    def _prescribed_vector(self, vector: BodyVector, table: Array) -> Array:
+        if vector.kind == VectorKind.SPIN:
+            return np.stack([table[:, :, 3, 2], 0.0 * table[:, :, 3, 2]], axis=2)
+        return super()._prescribed_vector(vector, table)
+
+    def _components(self, load: Load, instants: Array, label: str) -> Array:
+        table = load.tabulate(instants, label)
+        return table[:, ::-1] if load.target.kind == VectorKind.SPIN else table
+
+    def _set_shapes(self, vector: BodyVector, point: BodyMarker, shapes: Array) -> None:
+        shapes[:, 0], shapes[0, 1:] = vector.components[:2], point.rotation
+
+    def _check_load(self, load: Load, user: str) -> None:
+        marker, (x, y, z) = load.target.marker, load.components
+        if load.target.kind == VectorKind.SPIN:
+            if not is_zero(x, y):
+                raise ValueError(f"{user}: in the plane a moment is one about z")
+            return
+        if not is_zero(z):
+            raise ValueError(f"{user}: there is no axis z in the plane")
+        own = all(same(axis.marker, marker) for axis in load.axes)
+        if load.axes and not (own and np.array_equal([e.components for e in load.axes], np.eye(3))):
+            raise ValueError(f"{user}: in the plane the axes of a force are those of its marker")
+
+    def _own_row(self, row: Row, user: str) -> tuple[Row, float]:
+        kind, vectors = row.kind, row.vectors
+        if _IN_PLANE.get(kind) != tuple(vector.kind for vector in vectors):
+            _refuse_kind(user, row)
+        if kind == RowKind.ANGLE:
+            offset = self._offset(vectors, row.start_angle, user)
+            return _difference_of_spins(row, *(vector.marker for vector in vectors[:2])), offset
+        if kind == RowKind.GEAR:
+            # Two angles against the ground in a ratio, which are zero in the placements.
+            offset, halves = 0.0, (vectors[:3], vectors[3:])
+            for own, factor in zip(halves, (1.0, -row.ratio), strict=True):
+                ground = own[1].marker
+                if not isinstance(ground, Ground):
+                    _refuse_kind(user, row)
+                offset += factor * (self._offset(own, 0.0, user) - ground.angle)
+            return _difference_of_spins(row, vectors[0].marker, vectors[3].marker), offset
+        if kind == RowKind.PLANE and (
+            vectors[2].components[2] or not same(vectors[1].marker, vectors[2].marker)
+        ):
+            _refuse_kind(user, row)
+        if row.normal[2]:
+            raise ValueError(f"{user}: there is no axis z in the plane")
+        if kind == RowKind.POINT and row.normal not in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
+            _refuse_kind(user, row)
+        return row, 0.0
+
+    def _offset(self, vectors: Sequence[BodyVector], start: float, user: str) -> float:
+        """Angle of three vectors less that of their markers, with the start's full turns [rad]."""
+        own, first, second = vectors
+        (x, y, _), (p, q, _), (r, s, _) = (vector.components for vector in vectors)
+        upright = not any(vector.components[2] for vector in vectors)
+        if not (upright and same(first.marker, second.marker) and p * s > q * r):
+            raise ValueError(
+                f"{user}: in the plane angles count about the axis (0, 0, 1); give this one"
+            )
+        turns = start - self.undeformed.twist(own.marker, first.marker, (0.0, 0.0, 1.0))
+        angle = math.atan2(y, x) - math.atan2(q, p)
+        more = math.remainder(angle - turns, 2.0 * math.pi)
+        return turns if abs(more) < _ROUND_OFF else turns + more
+
+
+def _difference_of_spins(row: Row, a: Marker, b: Marker) -> Row:
+    """A row that counts the angle of a marker less ratio times that of another."""
+    spins = tuple(BodyVector(marker, VectorKind.SPIN) for marker in (a, b))
+    return replace(row, kind=RowKind.POINT, vectors=spins, normal=(1.0, 0.0, 0.0))
+
+
+def _refuse_kind(user: str, row: Row) -> NoReturn:
+    raise ValueError(
+        f"{user}: a row {row.kind.name} of these vectors, or a spring against it, exists in space "
+        "only; in the plane there are POINT along x or y, PLANE and DISTANCE of points, and ANGLE "
+        "and GEAR of directions"
+    )

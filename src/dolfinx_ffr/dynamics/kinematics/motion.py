@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""Results of a motion: rotations, energies and momenta of bodies, and markers in space."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from ...body import BodyMarker
+from .arrays import SpaceCoordinates, carried_of
+from .body_arrays import ModelArrays
+from .carried import marked
+from .space import SpaceArrays, with_turns
+
+Array = NDArray[np.float64]
+
+
+class Momenta(NamedTuple):
+    """Energies and momenta of a body over time."""
+
+    #: Kinetic energy, shape (instants,) [J].
+    kinetic: Array
+    #: Linear momentum, shape (instants, d) [kg m/s].
+    linear: Array
+    #: Angular momentum about the origin of the global axes, shape (instants,), in space
+    #: (instants, 3) [kg m^2/s].
+    angular: Array
+    #: Mass times position of the centre of mass, shape (instants, d) [kg m].
+    first_moment: Array
+
+
+def momenta_of(model: ModelArrays, body: int, y: Array, v: Array) -> Momenta:
+    """Energies and momenta of a body; coordinates y and velocities v of shape (instants, n)."""
+    where, m, P = model.coordinates(body), model.mass[body], model.moments(body, carried=True)
+    qh, vh = marked(carried_of(model, body), y[:, where.elastic], v[:, where.elastic])
+    A, W = model.rotations(y[:, where.rotation]), model.cross_matrices(v[:, where.rotation])
+    R, velocity, S = y[:, where.position], v[:, where.position], model.S[body, : len(P)]
+    AT = A.transpose(0, 2, 1)
+    Zq = np.einsum("ta,tb,abkl->tkl", qh, qh, P, optimize=True)
+    Zv = np.einsum("ta,tb,abkl->tkl", vh, qh, P, optimize=True)
+    arm = np.einsum("tij,tj->ti", A, qh @ S)
+    drift = np.einsum("tij,tj->ti", A, np.einsum("tij,tj->ti", W, qh @ S) + vh @ S)
+    linear, G = m * velocity + drift, np.einsum("abkk->ab", P)
+    # Moments of momenta are the axial vectors of their products with the arms.
+    whole = linear[:, :, None] * R[:, None] + velocity[:, :, None] * arm[:, None]
+    whole += A @ (W @ Zq + Zv) @ AT
+    kinetic = 0.5 * m * np.sum(velocity**2, axis=1) + np.sum(velocity * drift, axis=1)
+    kinetic += np.sum(W * (0.5 * W @ Zq + Zv), axis=(1, 2)) + 0.5 * np.sum((vh @ G) * vh, axis=1)
+    return Momenta(kinetic, linear, model.axial(whole), m * R + arm)
+
+
+class MarkerMotion(NamedTuple):
+    """A marker over time, and what its derivatives are made of."""
+
+    #: Position, velocity and acceleration in the global axes, shape (instants, 3) each.
+    position: Array
+    velocity: Array
+    acceleration: Array
+    #: Rotation of the body, shape (instants, 3, 3).
+    A: Array
+    #: Place in the body's axes, its elastic rate, velocity and acceleration without the frame's.
+    c: Array
+    rate: Array
+    c1: Array
+    c2: Array
+    #: Shape functions at the marker, shape (instants, 3, modes).
+    shapes: Array
+
+
+def marker_motion(
+    where: SpaceCoordinates, marker: BodyMarker, y: Array, v: Array, w: Array
+) -> MarkerMotion:
+    """Motion of a marker of a body.
+
+    Args:
+        where: SpaceCoordinates of the body.
+        marker: The marker.
+        y: Coordinates over time, shape (instants, n).
+        v: Velocities over time, shape (instants, n).
+        w: Accelerations over time, shape (instants, n).
+    """
+    q, dq, ddq = (part[:, where.elastic] for part in (y, v, w))
+    omega, alpha = v[:, where.rotation], w[:, where.rotation]
+    A, shapes = SpaceArrays.rotations(y[:, where.rotation]), marker.shapes_at(q)
+    c = marker.position + marker.shift(q)
+    rate = np.einsum("tkj,tj->tk", shapes, dq)
+    c1 = np.cross(omega, c) + rate
+    c2 = np.cross(alpha, c) + np.cross(omega, c1 + rate) + np.einsum("tkj,tj->tk", shapes, ddq)
+    if marker.stiffening is not None:
+        c2 -= np.einsum("tj,kjl,tl->tk", dq, marker.stiffening, dq)
+
+    def turned(x: Array) -> Array:
+        return np.asarray(np.einsum("tij,tj->ti", A, x))
+
+    return MarkerMotion(
+        y[:, where.position] + turned(c),
+        v[:, where.position] + turned(c1),
+        w[:, where.position] + turned(c2),
+        A,
+        c,
+        rate,
+        c1,
+        c2,
+        shapes,
+    )
+
+
+def turned_between(t: Array, vectors: Array, times: Array) -> tuple[Array, Array]:
+    """Rotation vectors and angular velocities at times (n,) between instants t [s], (n, 3) each.
+
+    A spline on the group of rotations passes through the vectors (instants, 3) at the instants,
+    each less than half a turn from the next. Vectors keep the full turns of those before; angular
+    velocities are those in the turned axes.
+    """
+    spline = RotationSpline(t, Rotation.from_rotvec(vectors))
+    before = vectors[np.clip(np.searchsorted(t, times, "right") - 1, 0, t.size - 1)]
+    found, near = np.asarray(spline(times).as_rotvec()), []
+    for vector, known in zip(found, before, strict=True):
+        near.append(with_turns(vector, known))
+    return np.array(near), np.asarray(spline(times, 1))
+
+
+class MarkerBars(NamedTuple):
+    """Derivatives with respect to the coordinates of a body, and to the shapes of a marker."""
+
+    #: With respect to its coordinates, rotations as dA = A [dth], shape (instants, 6 + modes).
+    y: Array
+    #: With respect to its velocities, likewise.
+    v: Array
+    #: With respect to its accelerations, likewise.
+    w: Array
+    #: With respect to position (3,), displacement (3, modes), geometric stiffness (3, modes, modes)
+    position: Array
+    displacement: Array
+    stiffening: Array
+
+
+def marker_motion_pullback(
+    where: SpaceCoordinates,
+    marker: BodyMarker,
+    state: tuple[Array, Array, Array],
+    motion: MarkerMotion,
+    bars: tuple[Array, Array, Array],
+) -> MarkerBars:
+    """Transpose of :func:`marker_motion`.
+
+    Args:
+        where: SpaceCoordinates of the body.
+        marker: The marker.
+        state: Coordinates, velocities and accelerations over time, shape (instants, n) each.
+        motion: The motion of the marker.
+        bars: Derivatives of a number with respect to its position, velocity and acceleration, shape
+            (instants, 3) each.
+    """
+    y, v, w = state
+    q, dq, ddq = (part[:, where.elastic] for part in (y, v, w))
+    omega, alpha = v[:, where.rotation], w[:, where.rotation]
+    p, d, a = (np.einsum("tij,ti->tj", motion.A, bar) for bar in bars)
+    swung, cross = np.cross(a, omega), np.cross
+    s = p + cross(d, omega) + cross(a, alpha) + cross(swung, omega)
+    u = d + 2.0 * swung
+
+    def through(bar: Array) -> Array:
+        return np.asarray(np.einsum("tk,tkj->tj", bar, motion.shapes))
+
+    turn = cross(motion.c, p) + cross(motion.c1, d) + cross(motion.c2, a)
+    spin = cross(motion.c, d) + cross(motion.c, swung) + cross(motion.c1 + motion.rate, a)
+    by_y, by_v = through(s), through(u)
+    displacement = s.T @ q + u.T @ dq + a.T @ ddq
+    stiffening = np.zeros((3, q.shape[1], q.shape[1]))
+    if marker.stiffening is not None:
+        T = marker.stiffening
+        by_v -= 2.0 * np.einsum("tk,kjl,tl->tj", a, T, dq)
+        by_y -= np.einsum("tk,kjl,tl->tj", u, T, dq) + np.einsum("tk,kjl,tl->tj", a, T, ddq)
+        for bar, one, two in ((0.5 * s, q, q), (u, dq, q), (a, ddq, q), (a, dq, dq)):
+            stiffening -= np.einsum("tk,ti,tj->kij", bar, one, two, optimize=True)
+        stiffening = 0.5 * (stiffening + stiffening.transpose(0, 2, 1))
+    return MarkerBars(
+        np.hstack([bars[0], turn, by_y]),
+        np.hstack([bars[1], spin, by_v]),
+        np.hstack([bars[2], cross(motion.c, a), through(a)]),
+        s.sum(axis=0),
+        displacement,
+        stiffening,
+    )

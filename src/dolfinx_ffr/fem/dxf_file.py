@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""Visible curves of DXF files, by ezdxf, in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ..limits import MOST_CURVES, check_count
+from .curves import Arc, Array, Curve, Drawn, Line, Spline
+
+#: Units by their code in the header: inch, foot, mm, cm, m, yard, micrometre, decimetre [m]
+_INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 13: 1e-6, 14: 0.1}
+#: Entities that draw no outline
+_NOTES = {"TEXT", "MTEXT", "DIMENSION", "LEADER", "POINT", "HATCH", "ATTDEF", "VIEWPORT", "IMAGE"}
+#: Points by which curves are taken that are neither lines, arcs nor B-splines, as ellipses
+_POINTS = 65
+
+
+def read_dxf(path: Path, scale: float | None) -> list[Drawn]:
+    """The visible curves of a file, whose unit is ``scale`` [m], or that of its header."""
+    import ezdxf
+
+    try:
+        drawing = ezdxf.readfile(path)
+    except Exception as error:  # a damaged file fails anywhere in the reader
+        raise ValueError(f"outline {path}: no DXF file that can be read: {error}") from error
+    code = int(drawing.header.get("$INSUNITS", 0))
+    scale = _INSUNITS.get(code) if scale is None else scale
+    if scale is None:
+        raise ValueError(
+            f"outline {path}: the file does not say its unit ($INSUNITS = {code}); give unit='mm'"
+        )
+    found: list[Drawn] = []
+    for entity in _Visible(path, drawing).parts(drawing.modelspace(), "0"):
+        kind = entity.dxftype()
+        if kind in _NOTES:
+            continue
+        curves = _of_entity(entity, scale)
+        if curves is None:
+            raise ValueError(
+                f"outline {path}: the layer {entity.dxf.layer!r} holds a {kind}, which is no "
+                "curve in the plane; delete it, or convert it to lines, arcs or splines"
+            )
+        found += [Drawn(curve, frozenset([entity.dxf.layer])) for curve in curves]
+    return found
+
+
+class _Visible:
+    """The visible entities of a drawing, blocks and polylines in parts."""
+
+    def __init__(self, path: Path, drawing: Any) -> None:
+        self.path = path
+        # names of layers have no small and large letters
+        self.frozen = {x.dxf.name.lower() for x in drawing.layers if x.is_frozen()}
+        self.off = {x.dxf.name.lower() for x in drawing.layers if x.is_off()} | self.frozen
+        self._check_blocks(drawing)
+
+    def parts(self, entities: Iterable[Any], of: str) -> Iterator[Any]:
+        """Entities that are drawn; those on layer 0 of a block are on the layer of the block."""
+        for entity in entities:
+            if not entity.is_supported_dxf_attrib("layer"):
+                self._refuse(entity, "an unknown kind")
+            if entity.dxf.layer == "0" and of != "0":
+                entity.dxf.layer = of
+            layer = entity.dxf.layer.lower()
+            insert = entity.dxftype() == "INSERT"
+            # a block that is off is drawn where it is on other layers
+            if entity.dxf.get("invisible", 0) or layer in (self.frozen if insert else self.off):
+                continue
+            if insert:
+                for each in entity.multi_insert() if entity.mcount > 1 else [entity]:
+                    held = each.virtual_entities(skipped_entity_callback=self._refuse)
+                    yield from self.parts(held, entity.dxf.layer)
+            elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
+                yield from self.parts(entity.virtual_entities(), entity.dxf.layer)
+            else:
+                yield entity
+
+    def _refuse(self, entity: Any, reason: str) -> None:
+        if entity.dxftype() not in _NOTES:
+            raise ValueError(
+                f"outline {self.path}: a {entity.dxftype()} cannot be placed ({reason}); delete "
+                "it, or explode the block that holds it"
+            )
+
+    def _check_blocks(self, drawing: Any) -> None:
+        """Refuse blocks that hold themselves, are not there or clipped, or too many curves."""
+        counts: dict[str, int] = {}
+
+        def curves(entities: Iterable[Any], above: tuple[str, ...]) -> int:
+            """Number of curves in entities, also on layers that are not drawn."""
+            found = 0
+            for entity in entities:
+                if entity.dxftype() != "INSERT":
+                    found += len(entity) if entity.dxftype() in ("LWPOLYLINE", "POLYLINE") else 1
+                    continue
+                name = entity.dxf.name
+                block = drawing.blocks.get(name)
+                if block is None or block.block.dxf.flags & 4:
+                    raise ValueError(
+                        f"outline {self.path}: the block {name!r} is not in the file; bind "
+                        "external references in the program that wrote it"
+                    )
+                if entity.has_extension_dict and "ACAD_FILTER" in entity.get_extension_dict():
+                    raise ValueError(
+                        f"outline {self.path}: an insert of the block {name!r} is clipped, of "
+                        "which nothing is known here; explode it, and trim its curves"
+                    )
+                if name.lower() in above:
+                    raise ValueError(
+                        f"outline {self.path}: the block {name!r} holds itself; delete the insert "
+                        "in it, or explode it"
+                    )
+                if name.lower() not in counts:
+                    counts[name.lower()] = curves(block, (*above, name.lower()))
+                found += entity.mcount * counts[name.lower()]
+            return found
+
+        what, count = f"outline {self.path}", curves(drawing.modelspace(), ())
+        remedy = "delete blocks that are no outline"
+        check_count(what, count, "curves", remedy, most=MOST_CURVES)
+
+
+def _of_entity(entity: Any, scale: float) -> list[Curve] | None:
+    """The curves of an entity, None where it is no curve in the plane."""
+    kind = entity.dxftype()
+    if kind == "LINE":
+        ends = np.array([[*p] for p in (entity.dxf.start, entity.dxf.end)])
+        if _leaves_plane(ends):
+            return None
+        a, b = (scale * end[:2] for end in ends)
+        return [] if np.array_equal(a, b) else [Line(a, b)]
+    if kind in ("ARC", "CIRCLE"):
+        up = np.array([*entity.dxf.extrusion])
+        if not np.allclose(up[:2], 0.0, atol=1e-9 * abs(up[2])):
+            return None
+        center = scale * np.array([*entity.dxf.center])[:2]
+        first, sweep = 0.0, 2.0 * np.pi
+        if kind == "ARC":
+            first = np.radians(entity.dxf.start_angle)
+            angle = (entity.dxf.end_angle - entity.dxf.start_angle) % 360.0
+            sweep = float(np.radians(angle)) or sweep
+        if up[2] < 0.0:  # mirrored: x of its own coordinates is that of the drawing reversed
+            center, first, sweep = center * [-1.0, 1.0], np.pi - first, -sweep
+        return [_arc(center, scale * abs(float(entity.dxf.radius)), first, sweep)]
+    if kind == "SPLINE":
+        tool = entity.construction_tool()
+        control = np.array([[*p] for p in tool.control_points])
+        weights = np.array(tool.weights()) if len(tool.weights()) else np.ones(len(control))
+        if _leaves_plane(control):
+            return None
+        return _spline(scale * control[:, :2], np.array(tool.knots()), weights, tool.order - 1)
+    if kind == "ELLIPSE":
+        tool = entity.construction_tool()
+        angles = tool.start_param + np.linspace(0.0, 1.0, _POINTS) * tool.param_span
+        points = np.array([[*p] for p in tool.vertices(angles)])
+        return None if _leaves_plane(points) else [Spline.through(scale * points[:, :2])]
+    return None
+
+
+def _spline(control: Array, knots: Array, weights: Array, k: int) -> list[Curve]:
+    """A B-spline, also a rational one, or one that does not end in its control points."""
+    low, high = knots[k], knots[-k - 1]
+    inner = (knots[(knots > low) & (knots < high)] - low) / (high - low)
+    curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), k)
+
+    def at(t: Array) -> Array:
+        found = curve(low + t * (high - low))
+        return np.asarray(found[:, :2] / found[:, 2:])
+
+    if np.ptp(weights) == 0.0:
+        ends = np.ones(k + 1)
+        return [Spline.of(at, np.concatenate([0.0 * ends, inner, ends]), k)]
+    # where knots coincide, a rational one may bend sharply
+    places, count = np.unique(inner, return_counts=True)
+    ends = np.concatenate([[0.0], places[count > 1], [1.0]])
+    return [Spline.through(at(np.linspace(a, b, 2 * _POINTS))) for a, b in pairwise(ends)]
+
+
+def _leaves_plane(x: Array) -> bool:
+    """Whether points differ in z."""
+    return bool(x.shape[1] > 2 and np.ptp(x[:, 2]) > 1e-9 * max(float(np.ptp(x[:, :2])), 1e-300))
+
+
+def _arc(center: Array, radius: float, first: float, sweep: float) -> Arc:
+    ends = [center + radius * np.array([np.cos(a), np.sin(a)]) for a in (first, first + sweep)]
+    whole = abs(abs(sweep) - 2.0 * np.pi) < 1e-12
+    return Arc(ends[0], ends[0] if whole else ends[1], center, sweep)

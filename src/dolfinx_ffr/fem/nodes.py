@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: MIT
+"""Derivatives with respect to the positions of a mesh's nodes.
+
+A number that is a sum of integrals over the cells changes with the nodes of the mesh at fixed nodal
+values of all fields. UFL derives each integral by the spatial coordinate; what is left are fields
+whose nodal values are positions themselves, and the transposed interpolation takes them to nodes.
+
+References:
+    D. A. Ham, L. Mitchell, A. Paganini, F. Wechsung, Automated shape differentiation in the Unified
+    Form Language, Structural and Multidisciplinary Optimization 60 (2019),
+    doi:10.1007/s00158-019-02281-z.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem, mesh
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from . import _compat
+
+Array = NDArray[np.float64]
+
+
+class MeshNodes:
+    """The nodes of a mesh, by its space of displacements, and sums of derivatives by positions."""
+
+    def __init__(self, displacements: Any) -> None:
+        self.mesh: mesh.Mesh = displacements.mesh
+        #: The Lagrange space to which the positions of the mesh belong
+        self.space = _compat.coordinate_space(self.mesh)
+        self.dimension = int(self.mesh.geometry.dim)
+        self._displacements = displacements
+        self._collector = fem.Function(self.space)
+        #: Node of `space` for each node of the mesh's geometry on this rank, ghosts included
+        self._numbers = np.zeros(len(self.mesh.geometry.x), dtype=np.int32)
+        self._numbers[_compat.cell_geometry(self.mesh)] = _compat.dofmap_array(self.space)
+
+    def form(self, integral: ufl.Form) -> fem.Form:
+        """The compiled derivative of an ``integral`` with respect to the nodes."""
+        motion = ufl.TestFunction(self.space)
+        return fem.form(ufl.derivative(integral, ufl.SpatialCoordinate(self.mesh), motion))
+
+    def zeros(self) -> Array:
+        """A sum to which this rank's cells add, shape (dofs of `space`, ghosts included)."""
+        return np.zeros_like(self._collector.x.array)
+
+    @cached_property
+    def interpolation(self) -> csr_matrix:
+        """From nodes of `space` to the displacements' nodes of this rank, (own nodes, nodes)."""
+        space, count = self._displacements, self._displacements.dofmap.index_map.size_local
+        points = np.asarray(_compat.interpolation_points(space))
+        weights = _compat.tabulate(_compat.coordinate_element(self.mesh), self.mesh, points)
+        nodes, columns = _compat.dofmap_array(space), _compat.dofmap_array(self.space)
+        cell, local = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        for i in range(nodes.shape[1]):  # all cells of a node give it the same position
+            own = np.flatnonzero(nodes[:, i] < count)
+            cell[nodes[own, i]], local[nodes[own, i]] = own, i
+        rows = np.repeat(np.arange(count), columns.shape[1])
+        shape = (count, len(self._collector.x.array) // self.dimension)
+        return csr_matrix((weights[local].ravel(), (rows, columns[cell].ravel())), shape=shape)
+
+    def add_positions(self, total: Array, bar: Array) -> None:
+        """Add ``bar`` (dofs of this rank,), by the positions of the displacements' nodes."""
+        moved = self.interpolation.T @ bar.reshape(-1, self.dimension)
+        total += np.asarray(moved).ravel()
+
+    def collected(self, total: Array) -> Array:
+        """The ``total`` over all ranks for each row of ``mesh.geometry.x``, (nodes, dimension)."""
+        function = self._collector
+        function.x.array[:] = total
+        add_ghosts(function)
+        function.x.scatter_forward()
+        return np.array(function.x.array.reshape(-1, self.dimension)[self._numbers])
+
+    def inner(self, a: Array, b: Array) -> float:
+        """The sum over all nodes of a . b, each (nodes of this rank, dimension); collective."""
+        count = int(self.space.dofmap.index_map.size_local)
+        own = self._numbers < count
+        comm: MPI.Comm = self.mesh.comm
+        return float(comm.allreduce(float(np.sum(a[own] * b[own])), MPI.SUM))
+
+
+def add_ghosts(function: fem.Function) -> None:
+    """Add the values of ghosts to those of their owners."""
+    add, reverse = PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE
+    _compat.petsc_vector(function).ghostUpdate(addv=add, mode=reverse)
+
+
+def gathered_nodes(
+    domain: Any,
+) -> tuple[Array, NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.bool_]]]:
+    """All nodes (nodes, dimension) and cells (cells, nodes per cell) of a mesh, on rank 0 alone.
+
+    The last pair has the number there of each node of this rank, and whether this rank owns it.
+    """
+    geometry, comm = domain.mesh.geometry, domain.mesh.comm
+    index_map = geometry.index_map()
+    count = int(index_map.size_local)
+    local = np.arange(len(geometry.x), dtype=np.int32)
+    numbers = np.asarray(index_map.local_to_global(local), dtype=np.int64)
+    cells = numbers[_compat.cell_geometry(domain.mesh)[: domain.n_cells]]
+    x = geometry.x[:count, : geometry.dim]
+    parts = comm.gather((x, cells))
+    given = [(x[:0], cells[:0])] if parts is None else parts
+    nodes, every = (np.concatenate(part) for part in zip(*given, strict=True))
+    return nodes, every, (numbers, local < count)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""How much is too much: memory of the machine, and sizes at which one should be asked twice.
+
+A number that is mistyped, or a length in a wrong unit, would else end in hours of work or without
+memory. So what makes cells, points or curves estimates beforehand how many they are.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+from pathlib import Path
+
+__all__ = [
+    "INSIST",
+    "MOST_CELLS",
+    "MOST_CURVES",
+    "PAIR",
+    "available_memory",
+    "check_count",
+    "check_pairs",
+]
+
+#: Environment variable: how many cells, points or curves are allowed whatever the machine
+INSIST = "DOLFINX_FFR_MAX_CELLS"
+#: Most cells of a mesh: gmsh takes about ten minutes for as many triangles
+MOST_CELLS = 4_000_000
+#: Most curves of a drawing, for which gmsh takes minutes
+MOST_CURVES = 20_000
+#: Most pairs of points that see each other, which take a minute
+MOST_PAIRS = 100_000_000
+#: Memory that such a pair takes, with copies on the way [bytes]
+PAIR = 80
+#: Files in which a container's limit stands, of both versions of control groups.
+_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
+
+
+def available_memory(processes: int = 1) -> int:
+    """One process's share of the memory of the machine, or less by a limit [bytes]."""
+    shared = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    for file in _LIMITS:
+        try:
+            shared.append(int(Path(file).read_text()))
+        except (OSError, ValueError):  # no such file, or "max"
+            continue
+    own = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
+    limits = [soft for soft in own if soft != resource.RLIM_INFINITY]
+    return min([min(shared) // processes, *limits])
+
+
+def check_count(
+    what: str,
+    count: float,
+    things: str,
+    remedy: str,
+    *,
+    each: float = 0.0,
+    most: float = MOST_CELLS,
+    available: float | None = None,
+) -> None:
+    """Refuse more things than the memory holds, at ``each`` bytes, or than are made in minutes."""
+    asked = os.environ.get(INSIST, "").strip()
+    if asked:
+        try:
+            most = float(asked)
+        except ValueError:
+            raise ValueError(
+                f"the environment variable {INSIST} is {asked!r}; give it a number"
+            ) from None
+    room = math.inf
+    if each and not asked:
+        room = (available_memory() if available is None else available) / each
+    if count <= min(most, room):
+        return
+    why = f"more than the {most:,.0f} that are made without being asked twice"
+    if room < most:
+        why = (
+            f"some {count * each / 1e9:,.3g} GB, more than the {room * each / 1e9:,.3g} GB of this "
+            "machine"
+        )
+    shown = f"{count:,.0f}" if count < 1e15 else f"{count:.3g}"
+    raise ValueError(
+        f"{what}: some {shown} {things} are {why}; {remedy}, or allow more by the environment "
+        f"variable {INSIST}"
+    )
+
+
+def check_pairs(
+    what: str,
+    counts: tuple[float, float],
+    reach: float,
+    dimension: int,
+    remedy: str,
+    available: float,
+) -> None:
+    """Refuse a sparse matrix between two sets of points of which too many see each other.
+
+    They see as far as ``reach``, in distances of the points of the second set.
+    """
+    ball = (math.pi, 4.0 * math.pi / 3.0)[dimension - 2]
+    side = min(reach, counts[1])  # so that no power overflows
+    near = min(counts[1], 1.0 + ball * side**dimension)
+    pairs = "pairs of points within the radius"
+    check_count(
+        what, counts[0] * near, pairs, remedy, each=PAIR, most=MOST_PAIRS, available=available
+    )

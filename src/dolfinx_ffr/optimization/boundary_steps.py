@@ -1,0 +1,490 @@
+# SPDX-License-Identifier: MIT
+"""Descent of boundaries: a mesh for each step, the exact gradient, constraints that hold."""
+
+from __future__ import annotations
+
+import math
+import signal
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.sparse import block_diag as sparse_block_diag
+from scipy.sparse import csc_matrix
+from tqdm import tqdm
+
+from .. import validation
+from ..boundary import (
+    Boundary,
+    NodeMotion,
+    Rows,
+    best_step,
+    radius_rows,
+    room_rows,
+    size_rows,
+)
+from ..design import Design, LevelSet
+from ..dynamics import SimulationError
+from ..part import Part, PartWarning
+from ..problem import Evaluation, Problem
+from .enough_modes import EVERY, with_enough_modes, with_steps_for
+from .result import BoundaryResult, Result, ranks_of, warn
+from .running import interruptible, warnings_above
+
+Array = NDArray[np.float64]
+#: What the minimum width of the strut between two curves costs, as share of psi
+Costs = dict[tuple[int, int], float]
+
+#: Distance over which steps are smooth, in minimum members
+_SMOOTH = 2.4
+#: First, longest and shortest step, in minimum members
+_FIRST, _LONGEST, _SHORTEST = 0.5, 0.65, 1e-3
+#: Size of triangles, in minimum members, and at most in widths of members; and their number at
+#: least, so that psi of a part with few members is told as well
+_SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
+#: Weights of the largest violations in the merit, which decides whether a step is taken; that of
+#: bounds is at least so many times the sum of their multipliers, beyond which a penalty is exact
+_OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
+#: Violation of bounds and of minimum sizes up to which a boundary may be the best one
+_HELD = 2e-3
+#: Rise of the merit beyond which a step is taken back; another mesh alone changes it by 1e-4
+_RISE = 1e-3
+#: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
+#: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
+_GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
+#: Minimum member and gap of densities, in mean elements: those of a level set by default
+_LEAST = 0.64
+#: Share by which the result may miss a bound or a minimum size before that is warned of
+_MISSED = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Boundaries with the meshes that fit them, and what was computed there."""
+
+    boundaries: dict[str, Boundary]
+    problem: Problem
+    evaluation: Evaluation
+    sizes: dict[str, Rows]  #: Of members and gaps
+    radii: dict[str, Rows]
+    excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
+
+    @property
+    def excess(self) -> float:
+        """Largest violation of a bound, at least zero."""
+        return max(0.0, *self.excesses.values()) if self.excesses else 0.0
+
+    def merit(self, of_bounds: float) -> float:
+        """Logarithm of psi and the violations with their weights."""
+        rows = [*self.sizes.values(), *self.radii.values()]
+        narrow = max(float(np.max(part.values, initial=0.0)) for part in rows)
+        return math.log(self.evaluation.psi) + _OF_SIZES * narrow + of_bounds * self.excess
+
+    def rank(self, of_bounds: float) -> tuple[bool, float]:
+        """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
+        rows = (*self.sizes.values(), *self.radii.values())
+        missed = self.excess > _HELD or any(part.missed > _HELD for part in rows)
+        return missed, self.merit(of_bounds)
+
+    def told(self, step: float, rejected: int, removed: int) -> dict[str, float]:
+        """One row of the history."""
+        bodies = self.problem.flexible
+        area = sum(bodies[name].domain.area for name in self.boundaries)
+        return {
+            "psi": self.evaluation.psi,
+            "volume": area / sum(b.body.area for b in self.boundaries.values()),
+            "narrowest": min(rows.smallest for rows in self.sizes.values()),
+            "tightest": min(rows.smallest for rows in self.radii.values()),
+            "excess": self.excess,
+            "step": step,
+            "cells": sum(bodies[name].domain.n_cells_global for name in self.boundaries),
+            "modes": sum(bodies[name].modes for name in self.boundaries),
+            "rejected": rejected,
+            "removed": removed,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Derivatives by the offsets of the masters along their normals, in minimum members."""
+
+    psi: Array  #: Of log psi, (masters,)
+    values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
+    slopes: Array  #: Their derivatives, (m, masters)
+
+
+@dataclass(frozen=True, eq=False)
+class _Descent:
+    """Steps of the boundaries of a problem's designed bodies."""
+
+    problem: Problem
+    volume: dict[str, float]  #: Upper bounds of the filled shares
+    sizes: dict[str, float]  #: Of the triangles [m]
+    others: dict[str, Array]  #: Variables of designs without a domain, which stay
+
+    def point(self, problem: Problem) -> dict[str, Array]:
+        """Where the problem is evaluated: full bodies."""
+        full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+        return full | self.others
+
+    def tried(self, boundaries: dict[str, Boundary]) -> Trial:
+        """Boundaries meshed and evaluated; collective."""
+        bodies = dict(self.problem.bodies)
+        for name, boundary in boundaries.items():
+            domain = boundary.part.domain(self.sizes[name], across=_ACROSS)
+            domain.whole = boundary.body
+            bodies[name] = self.problem.flexible[name].with_domain(domain)
+        problem = self.problem.with_bodies(bodies)
+        return self.evaluated(boundaries, problem, problem.value(self.point(problem)))
+
+    def evaluated(
+        self, boundaries: dict[str, Boundary], problem: Problem, found: Evaluation
+    ) -> Trial:
+        """A trial of which all but the constraints is known; collective."""
+        # stress limits are those of these parts
+        problem, found = problem.calibrated(found)
+        if not found.psi > 0.0:
+            raise ValueError(
+                f"boundary: psi is {found.psi:.6g}, and steps are measured by its logarithm; give "
+                "an objective that is positive"
+            )
+        excesses = {name: float(bound.value) for name, bound in found.constraints.items()}
+        for name, most in self.volume.items():
+            share = problem.flexible[name].domain.area / boundaries[name].body.area
+            excesses[f"volume of {name}"] = share / most - 1.0
+        sizes = {name: size_rows(boundary) for name, boundary in boundaries.items()}
+        radii = {name: radius_rows(boundary) for name, boundary in boundaries.items()}
+        return Trial(boundaries, problem, found, sizes, radii, excesses)
+
+    def slopes(self, trial: Trial) -> _Slopes:
+        """Derivatives of psi and of all constraints at a trial; collective."""
+        bodies, boundaries = trial.problem.flexible, trial.boundaries
+        evaluation = trial.problem.differentiate(trial.evaluation, nodes=True)
+        motions = {n: NodeMotion(b, bodies[n].domain) for n, b in boundaries.items()}
+
+        def along(nodes: Mapping[str, Array] | None) -> Array:
+            assert nodes is not None
+            parts = []
+            for name, boundary in boundaries.items():
+                bar = np.zeros(boundary.n_controls)
+                if name in nodes:
+                    by_control = motions[name].pullback(nodes[name])
+                    bar = np.einsum("kd,kd->k", by_control, boundary.normals)
+                parts.append(boundary.member * (boundary.shares.T @ bar))
+            return np.concatenate(parts)
+
+        def rows(found: dict[str, Rows]) -> Array:
+            own = [b.member * (found[n].slopes @ b.shares) for n, b in boundaries.items()]
+            return np.asarray(block_diag(*own))
+
+        bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
+        for name, most in self.volume.items():
+            body = bodies[name]
+            areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
+            bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
+        # no offset is longer than 1.5 times that of the step
+        rooms = {n: room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
+        geometric = (trial.sizes, trial.radii, rooms)
+        values = [part.values for found in geometric for part in found.values()]
+        return _Slopes(
+            along(evaluation.nodes) / evaluation.psi,
+            np.concatenate([*values, list(trial.excesses.values())]),
+            np.vstack([*map(rows, geometric), *bounds]),
+        )
+
+    def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
+        """The best step, the longest offset of which is ``reach`` minimum members."""
+        boundaries = trial.boundaries
+        metrics = [
+            b.shares.T @ b.metric(_SMOOTH * b.member) @ b.shares for b in boundaries.values()
+        ]
+        held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
+        step = best_step(
+            csc_matrix(sparse_block_diag(metrics)),
+            found.psi,
+            found.values,
+            found.slopes,
+            np.concatenate(held),
+            reach,
+        )
+        cost = step.multipliers / step.weight
+        offsets, costs, first, row = {}, {}, 0, 0
+        for name, boundary in boundaries.items():
+            count, shares = boundary.shares.shape[1], boundary.shares
+            offsets[name] = boundary.member * (shares @ step.offsets[first : first + count])
+            first += count
+            costs[name] = own = Costs()
+            for pair in trial.sizes[name].members.tolist():
+                a, b = sorted(pair)
+                if 0 <= a < b and cost[row] > 0.0:
+                    own[a, b] = own.get((a, b), 0.0) + float(cost[row])
+                row += 1
+        return _Step(offsets, costs, float(np.sum(cost[len(cost) - len(trial.excesses) :])))
+
+    def moved(self, trial: Trial, step: _Step) -> Trial | None:
+        """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
+        try:
+            moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
+            return self.tried(moved)
+        except (ValueError, SimulationError):
+            return None
+
+    def accurate(
+        self, trial: Trial, tolerance: float | None, first: Mapping[str, int]
+    ) -> tuple[_Descent, Trial, dict[str, float]]:
+        """With as many normal modes, and as short time steps, as the parts need; collective."""
+        x, problem, found = self.point(trial.problem), trial.problem, trial.evaluation
+        errors: dict[str, float] = {}
+        if tolerance is not None:
+            problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
+        problem, found = with_steps_for(problem, x, found)
+        if problem is trial.problem:
+            return self, trial, errors
+        found_there = self.evaluated(trial.boundaries, problem, found)
+        return replace(self, problem=problem), found_there, errors
+
+    def simpler(self, trial: Trial, costs: dict[str, Costs], weight: float) -> tuple[Trial, int]:
+        """Without struts and holes that do not pay, and how many holes went; collective."""
+        removed = 0
+        for name, boundary in trial.boundaries.items():
+            best = None
+            for changed in _simpler(boundary, costs[name]):
+                try:
+                    other = self.tried({**trial.boundaries, name: changed})
+                except (ValueError, SimulationError):
+                    continue
+                if best is None or other.merit(weight) < best.merit(weight):
+                    best = other
+            if best is not None and best.merit(weight) < trial.merit(weight) + _GONE:
+                removed += len(boundary.holes) - len(best.boundaries[name].holes)
+                trial = best
+        return trial, removed
+
+
+def _simpler(boundary: Boundary, costs: Costs) -> Iterator[Boundary]:
+    """The boundary without its specks, and without the struts whose minimum width costs most."""
+    if boundary.specks:
+        yield boundary.without(boundary.specks)
+    holes = set(boundary.holes)
+    dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
+    dear.sort(key=lambda pair: -costs[pair])
+    for pair in dear[:_TRIED]:
+        try:
+            joined = boundary.joined(pair)
+        except ValueError:
+            continue
+        if joined.valid:
+            yield joined
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of all boundaries."""
+
+    offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
+    costs: dict[str, Costs]  #: Of struts, by body
+    of_bounds: float  #: Sum of the multipliers of all bounds, in units of log psi
+
+
+def move_boundary(
+    problem: Problem,
+    boundary: Boundary | Mapping[str, Boundary],
+    *,
+    volume: float | Mapping[str, float] | None = None,
+    variables: Mapping[str, Array] | None = None,
+    iterations: int = 30,
+    size: float | None = None,
+    mode_tolerance: float | None = 2e-3,
+    progress: bool = True,
+) -> BoundaryResult:
+    """Lower the objective by moving the boundaries of parts; collective.
+
+    Each step makes new meshes that fit the boundaries, and takes the exact derivative with respect
+    to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
+    gaps and radii are linear constraints of the step. Every five steps struts whose minimum width
+    costs more than they carry, and holes that close, are tried without, and normal modes are added
+    where they do not suffice. Ctrl-C ends the run after the step at hand.
+
+    Args:
+        problem: As the parts were designed.
+        boundary: Of the part; of several designed bodies a mapping from their names to one each.
+        volume: Upper bound of the filled share of the body, of several one for each, or None.
+        variables: Values of designs without a domain by name, shape (size,); they stay.
+        iterations: Number of gradients, at most.
+        size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
+        mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
+            which it gets more; None leaves the modes as they are.
+        progress: Show a progress bar on rank 0.
+
+    Returns:
+        The best boundaries, on every rank.
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if a number is out of range, a designed body has no boundary, psi
+            is not positive, or boundaries that are given cannot be meshed.
+        SimulationError: On every rank, if those parts cannot be simulated.
+
+    Warns:
+        PartWarning: If a bound or a minimum size is missed by more than 1 %.
+        DesignWarning: If no number of modes suffices.
+    """
+    validation.instance("boundary: problem", problem, Problem, "a Problem")
+    steps = validation.integer("boundary: iterations", iterations, least=1)
+    validation.flag("boundary: progress", progress)
+    if mode_tolerance is not None:
+        validation.number("boundary: mode_tolerance", mode_tolerance, above=0.0)
+    names = list(problem.flexible)
+    given = boundary if isinstance(boundary, Mapping) else dict.fromkeys(names[:1], boundary)
+    if set(given) != set(names):
+        raise ValueError(
+            f"boundary: boundaries are given for {sorted(given)}, and the problem designs "
+            f"{sorted(names)}; give a mapping from name to boundary, or some bodies by their "
+            "volume integrals (evaluation.bodies[name].integrals)"
+        )
+    for name in names:
+        validation.instance(f"boundary: that of {name!r}", given[name], Boundary, "a Boundary")
+    shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
+    bounds = {}
+    for name, most in shares.items():
+        if most is not None:
+            validation.choice("boundary: volume", name, names)
+            bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
+    if size is not None:
+        validation.number("boundary: size", size, above=0.0, unit="m")
+    sizes = {n: _size(given[n]) if size is None else size for n in names}
+    others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
+    descent = _Descent(problem, bounds, sizes, others)
+    ordered = {name: given[name] for name in names}
+    return _descended(descent, ordered, steps, mode_tolerance, progress)
+
+
+def _size(boundary: Boundary) -> float:
+    """The size of triangles [m] that is fine enough for psi, and for the members."""
+    each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
+    return min(_SIZE * boundary.member, math.sqrt(each))
+
+
+def _descended(
+    descent: _Descent,
+    boundaries: dict[str, Boundary],
+    steps: int,
+    tolerance: float | None,
+    progress: bool,
+) -> BoundaryResult:
+    """The best of all steps; collective."""
+    comm = ranks_of(descent.problem)
+    first = {name: body.modes for name, body in descent.problem.flexible.items()}
+    silent = not progress or comm.rank > 0
+    with (
+        tqdm(total=steps, desc="boundary", unit="step", disable=silent) as bar,
+        warnings_above(bar),
+        interruptible(comm) as interrupted,
+    ):
+        trial = descent.tried(boundaries)
+        descent, trial, errors = descent.accurate(trial, tolerance, first)
+        best, known = trial, errors
+        reach, reason, weight, removed = _FIRST, "iterations", _OF_BOUNDS, 0
+        told = [trial.told(0.0, 0, 0)]
+        shown = {name: [b.material] for name, b in boundaries.items()}
+        for number in range(1, steps + 1):
+            if asked := interrupted():
+                reason = "terminated" if asked == signal.SIGTERM else "interrupted"
+                break
+            slopes, rejected, found = descent.slopes(trial), 0, None
+            while found is None and reach >= _SHORTEST:
+                step = descent.step(trial, slopes, reach)
+                weight = max(weight, _EXACT * step.of_bounds)
+                found = descent.moved(trial, step)
+                if found is not None and found.merit(weight) > trial.merit(weight) + _RISE:
+                    found = None
+                if found is None:
+                    reach, rejected = 0.5 * reach, rejected + 1
+            if found is None:
+                reason = "no better step"
+                break
+            better = found.merit(weight) < trial.merit(weight)
+            reach = min(reach * (1.2 if better else 0.7), _LONGEST)
+            trial, removed = found, 0
+            if number % EVERY == 0 or number == steps:
+                trial, removed = descent.simpler(trial, step.costs, weight)
+                grown, trial, errors = descent.accurate(trial, tolerance, first)
+                if grown is not descent:  # what was told with fewer modes does not count
+                    descent, best = grown, trial
+            if trial.rank(weight) <= best.rank(weight):
+                best, known = trial, errors
+            longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
+            told.append(trial.told(longest, rejected, removed))
+            for name, b in trial.boundaries.items():
+                shown[name].append(b.material)
+            bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
+            bar.update()
+    _warn_of_missed(best)
+    history = {key: np.array([row[key] for row in told]) for key in told[0]}
+    of_best = best.boundaries, best.problem, best.evaluation
+    return BoundaryResult(*of_best, history, reason, known, shown)
+
+
+def with_moved_boundaries(
+    result: Result, steps: int, tolerance: float | None, progress: bool
+) -> Result:
+    """The result of a run, and that of ``steps`` of the boundaries of its parts; collective.
+
+    Warns:
+        DesignWarning: If there are no such steps, with the reason.
+    """
+    designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
+    bound = {name: result.bounds.get(name, 1.0) for name in designs}
+    others = {n: x for n, x in result.variables.items() if n not in designs}
+    try:
+        boundaries = {}
+        for name, design in designs.items():
+            part = result.part(name)
+            assert isinstance(part, Part), "optimize has refused bodies in space"
+            mirrors = design.mirrors if isinstance(design, LevelSet) else ()
+            member, gap = _sizes(design)
+            boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+        moved = move_boundary(
+            result.problem,
+            boundaries,
+            volume=bound,
+            variables=others,
+            iterations=steps,
+            mode_tolerance=tolerance,
+            progress=progress,
+        )
+    except (ValueError, SimulationError) as error:
+        warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
+        return result
+    return replace(result, moved=moved)
+
+
+def _sizes(design: Design) -> tuple[float, float]:
+    """Minimum member and gap of a design [m]."""
+    if isinstance(design, LevelSet):
+        return design.minimum_member, design.minimum_gap
+    return _LEAST * design.domain.cell_size, _LEAST * design.domain.cell_size
+
+
+def _warn_of_missed(trial: Trial) -> None:
+    """Warn of bounds and of minimum sizes that do not hold."""
+    said = [
+        f"{name!r} is violated by {over:.1%} of its bound"
+        for name, over in trial.excesses.items()
+        if over > _MISSED
+    ]
+    for found, what in ((trial.sizes, "a member or gap"), (trial.radii, "a radius")):
+        said += [
+            f"{what} of {name!r} is {rows.missed:.1%} below its minimum"
+            for name, rows in found.items()
+            if rows.missed > _MISSED
+        ]
+    if said:
+        warnings.warn(
+            f"boundary: {'; '.join(said)}: take more iterations, another start or other bounds",
+            PartWarning,
+            stacklevel=4,
+        )

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: MIT
+"""The paper's approximate gradient, with its error shown.
+
+Exact values are computed at selected elements (`GradientElements`, `elementwise_gradient`). Between
+them the gradient per area is a linear combination of radial basis functions,
+
+    1/V_e dpsi/dx_e  ~  sum_j alpha_j g(|X_e - X_j|) + polynomial,
+
+with X_e the centroids and V_e the areas of the elements. (On a mesh of equal elements this is the
+paper's eq. 4.)
+
+The error is estimated by leaving out: at each selected element the interpolant through all others
+misses the known value by e_j. Any other element has the e_j of the nearest selected one,
+
+    estimate^2 = sum_e (V_e e_j(e))^2 / sum_e (dpsi/dx_e)^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import ClassVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .. import validation
+from ..design import ExponentialSpline, Kernel, ThinPlate, check_kernel
+from ..fem import Array, Domain
+from ..optimization import Distance, GradientErrors, GradientReport
+from ..parallel import on_every_rank
+from ..problem import Evaluation, Problem
+from .elementwise import ExactValues
+from .rbf_interpolation import ScatteredInterpolation, best_length
+from .sampling import GradientElements
+
+Mask = NDArray[np.bool_]
+
+#: Share of the selected elements beside which one more is selected in a round of refinement
+REFINED = 0.25
+
+
+@dataclass(frozen=True)
+class ApproximateGradient(ExactValues):
+    """Exact derivatives at selected elements, radial basis functions between them.
+
+    Use it to see what the approximation costs and gains; `ExactAdjoint` is exact and faster.
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+
+    exact: ClassVar[bool] = False
+    #: Which elements get exact values
+    elements: GradientElements = field(default_factory=lambda: GradientElements(share=0.35))
+    #: Radial basis function; or its class, whose length is then chosen by leaving out (about twenty
+    #: lengths are tried, which takes long with more than a thousand elements)
+    kernel: Kernel | Callable[[float], Kernel] = ExponentialSpline
+    #: Degree of the polynomial, -1 for none; None takes the least that the kernel needs
+    degree: int | None = None
+    #: Estimated error above which further elements are selected, up to ``largest_share``; None: no
+    tolerance: float | None = None
+    #: Share of the designed elements that refinement does not exceed
+    largest_share: float = 1.0
+    #: Iterations after which the true error is measured with the exact adjoint; 0: never
+    compare_every: int = 0
+    #: Half-width of the band around the active boundary for which errors are reported as well [m];
+    #: None takes two mean elements
+    band: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check kinds and numbers."""
+        what, needed = "approximate gradient", "GradientElements(...)"
+        validation.instance(f"{what}: elements", self.elements, GradientElements, needed)
+        if not callable(self.kernel):
+            check_kernel(what, self.kernel)
+        if self.degree is not None:
+            validation.integer(f"{what}: degree", self.degree, least=-1)
+        for name in ("tolerance", "band"):
+            if getattr(self, name) is not None:
+                validation.number(f"{what}: {name}", getattr(self, name), above=0.0)
+        validation.number(f"{what}: largest_share", self.largest_share, above=0.0, most=1.0)
+        validation.integer(f"{what}: compare_every", self.compare_every)
+        self._check(what)
+
+    def __call__(
+        self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
+    ) -> tuple[Evaluation, dict[str, GradientReport]]:
+        start = perf_counter()
+        gradient, reports = {}, {}
+        for name in problem.flexible:
+            found = self._approximate(problem, evaluation, name, distance(name))
+            gradient[name], reports[name] = found
+        seconds = {**evaluation.seconds, "approximate gradient": perf_counter() - start}
+        if self.compare_every and iteration % self.compare_every == 0:
+            exact = problem.differentiate(evaluation).gradient or {}
+            for name, body in problem.flexible.items():
+                compared = body.domain, gradient[name], exact[name]
+                design, away = body.domain.design_cells, distance(name)
+                report = replace(reports[name], errors=gradient_errors(*compared, design))
+                if away is not None:
+                    near = design & (np.abs(away) <= (self.band or 2.0 * body.domain.cell_size))
+                    report = replace(report, band_errors=gradient_errors(*compared, near))
+                reports[name] = report
+        return replace(evaluation, gradient=gradient, seconds=seconds), reports
+
+    def _approximate(
+        self, problem: Problem, evaluation: Evaluation, name: str, distance: Array | None
+    ) -> tuple[Array, GradientReport]:
+        """The gradient of one body, shape (cells,), and its report."""
+        domain = problem.flexible[name].domain
+        designed = int(np.count_nonzero(domain.everywhere(domain.design_cells)))
+        selected = domain.everywhere(self.elements.select(domain, distance))
+        known = np.zeros(len(selected), dtype=bool)
+        values = np.zeros(domain.n_cells)
+        method = self
+        while True:
+            cells = {name: domain.owned(selected & ~known)}
+            found = self._at(problem, evaluation, cells)[name]
+            values[found.cells] = found.values
+            known |= selected
+            through = _Interpolated(method, domain, known, domain.everywhere(values))
+            method = replace(self, kernel=through.kernel)  # its length is chosen once
+            free = int(self.largest_share * designed) - through.report.elements
+            if self.tolerance is None or through.report.estimate <= self.tolerance or free <= 0:
+                return domain.owned(through.gradient), through.report
+            selected = known.copy()
+            selected[through.worst(free)] = True
+
+    def interpolate(
+        self, domain: Domain, selected: Mask, values: Array
+    ) -> tuple[Array, GradientReport]:
+        """The gradient of all elements of this rank from exact ``values`` at some, and a report.
+
+        The elements of ``domain`` whose derivatives are known are ``selected``. All arrays have
+        shape (cells,); the gradient is zero at elements that are not designed.
+        """
+        through = _Interpolated(self, domain, *map(domain.everywhere, (selected, values)))
+        return domain.owned(through.gradient), through.report
+
+
+class _Interpolated:
+    """The gradient of one body from exact values at known elements, (cells of all ranks,)."""
+
+    def __init__(
+        self, method: ApproximateGradient, domain: Domain, known: Mask, values: Array
+    ) -> None:
+        design = domain.everywhere(domain.design_cells)
+        points, areas = domain.everywhere(domain.centroids), domain.everywhere(domain.cell_volumes)
+        density = values[known] / areas[known]
+        kernel = method.kernel
+        if isinstance(kernel, type):  # its length is chosen by leaving out; a thin plate has none
+            given = {"points": points[known], "values": density, "degree": method.degree}
+            kernel = kernel() if kernel is ThinPlate else kernel(best_length(kernel, **given))
+        self.kernel = cast(Kernel, kernel)
+        through = ScatteredInterpolation(points[known], self.kernel, degree=method.degree)
+        rest = design & ~known
+        self.gradient = np.where(known, values, 0.0)
+        self.gradient[rest] = areas[rest] * through(density, points[rest])
+        self._rest = np.flatnonzero(rest)
+        self._away, self._nearest = cKDTree(points[known]).query(points[rest])
+        self._expected = np.abs(through.leave_one_out(density))[self._nearest] * areas[rest]
+        size, count = float(np.linalg.norm(self.gradient)), int(np.count_nonzero(known))
+        self.report = GradientReport(
+            elements=count,
+            share=count / int(np.count_nonzero(design)),
+            selected=domain.owned(known),
+            estimate=float(np.linalg.norm(self._expected)) / size if size > 0.0 else 0.0,
+            length=float(getattr(self.kernel, "length", getattr(self.kernel, "radius", math.nan))),
+            condition=through.condition,
+        )
+
+    def worst(self, free: int) -> NDArray[np.int64]:
+        """Which elements to add where the expected error is largest, ``free`` at most."""
+        count = self.report.elements
+        total = np.bincount(self._nearest, self._expected**2, minlength=count)
+        wanted = min(max(int(REFINED * count), 1), free, int(np.count_nonzero(total)))
+        # equal ones, as in a symmetric body, in the order of the mesh in spite of round-off
+        places = np.argsort(-np.round(total / np.max(total, initial=1e-300), 9), kind="stable")
+        # in the neighborhood of each of them, the element that is farthest away
+        order = np.lexsort((-self._away, self._nearest))
+        first = order[np.searchsorted(self._nearest[order], places[:wanted])]
+        return np.asarray(self._rest[first], dtype=np.int64)
+
+
+def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) -> GradientErrors:
+    """How a ``gradient`` differs from the ``exact`` one over some ``cells`` of a ``domain``.
+
+    All arrays have shape (cells,) of this rank. The result is the same on every rank, and NaN where
+    no element counts or the exact gradient is zero.
+
+    Raises:
+        TypeError: On every rank, if an argument is of a wrong kind.
+        ValueError: On every rank, if an array has another shape, or holds NaN or infinity.
+    """
+    validation.instance("gradient errors: domain", domain, Domain, "a Domain")
+    shape = (domain.n_cells,)
+    with on_every_rank(domain.comm, "gradient errors"):
+        a = validation.real_array("gradient errors: gradient", gradient, shape)
+        b = validation.real_array("gradient errors: exact", exact, shape)
+        mask = np.asarray(cells)
+        if mask.dtype != np.bool_ or mask.shape != shape:
+            raise ValueError(
+                f"gradient errors: cells must be True or False for each of {domain.n_cells} cells"
+            )
+    a, b = a[mask], b[mask]
+    d: Array = a - b
+    aa, bb, ab, dd = map(domain.sum, (a * a, b * b, a * b, d * d))
+    ends = [float(np.max(np.abs(v), initial=0.0)) for v in (b, d)]
+    largest, worst = map(max, zip(*domain.comm.allgather(ends), strict=True))
+    if bb == 0.0:
+        return GradientErrors(math.nan, math.nan, math.nan)
+    cosine = ab / math.sqrt(aa * bb) if aa > 0.0 else math.nan
+    return GradientErrors(math.sqrt(dd / bb), cosine, worst / largest)

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: MIT
+"""The gradient element by element: exact values at any chosen subset of elements.
+
+The route of the paper. For the density x_e of each chosen element,
+
+1. the derivative of every shape function (`mode_derivatives`);
+2. from it the derivative of every volume integral, for example
+
+       dG_ab = w_a^T dM w_b + dw_a^T M w_b + w_a^T M dw_b;
+
+3. the gradient function, integrated over time,
+
+       dpsi/dx_e = int (T_OF - mu^T T_KR - nu^T T_EM) dt,
+
+   T_OF, T_KR and T_EM: derivatives of the objective at fixed motion, of the kinematic relations
+   (the markers by which joints, forces and point masses hold on to the body), and of the equations
+   of motion; mu and nu: adjoint variables.
+
+The equations of motion are linear in the volume integrals, which do not depend on time. So mu and
+nu are integrated over time against each integral once, by the discrete adjoint
+(`Problem.integral_gradients`), and step 3 is one inner product for each element.
+
+References:
+    A. Held, S. Knüfer, R. Seifried, Multibody System Dynamics 40 (2017),
+    doi:10.1007/s11044-016-9540-9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
+
+from .. import validation
+from ..body import VolumeIntegrals
+from ..fem import Array, rotated
+from ..optimization import Distance, GradientReport, of_all_elements
+from ..problem import Evaluation, Problem
+from ..reduction import FlexibleBody, ReducedBody
+from .mode_derivatives import SOLVERS, Solver, cell_numbers, check_reduced, mode_derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class IntegralDerivatives:
+    """Derivatives of a body's volume integrals with respect to the densities of some elements."""
+
+    cells: NDArray[np.int64]  #: (cells,) elements of this rank
+    mass: Array  #: (cells,) [kg]
+    S: Array  #: (cells, r + 1, 2) [kg m]
+    G: Array  #: (cells, r + 1, r + 1) [kg m^2]
+    N: Array  #: (cells, r + 1, r + 1) [kg m^2]
+    K: Array  #: (cells, r, r) [N/m]
+    #: By name of the marker, displacement (cells, 2, r) and rotation shape functions (cells, r);
+    #: markers at interfaces do not depend on densities and are left out
+    markers: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    def motion_part(self, bar: VolumeIntegrals) -> Array:
+        """The inner product with derivatives ``bar`` by mass, S, G, N and K, shape (cells,)."""
+        total = bar.mass * self.mass
+        for own, other in ((self.S, bar.S), (self.G, bar.G), (self.N, bar.N), (self.K, bar.K)):
+            total = total + np.einsum("cab,ab->c", own, other)
+        return total
+
+    def kinematic_part(self, bar: VolumeIntegrals) -> Array:
+        """The inner product with derivatives ``bar`` by the markers' shape functions, (cells,)."""
+        total = np.zeros(len(self.cells))
+        for name, (displacement, rotation) in self.markers.items():
+            total += np.einsum("cka,ka->c", displacement, bar.markers[name].displacement)
+            total += rotation @ bar.markers[name].rotation
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class ElementGradient:
+    """Exact derivatives of psi with respect to the densities of some elements of one body."""
+
+    cells: NDArray[np.int64]  #: (cells,) elements of this rank
+    objective: Array  #: (cells,) share of T_OF
+    kinematics: Array  #: (cells,) share of T_KR
+    motion: Array  #: (cells,) share of T_EM
+    count: int  #: Elements on all ranks
+    seconds: float  #: Time spent [s]
+
+    @property
+    def values(self) -> Array:
+        """The derivatives, shape (cells,)."""
+        return self.objective + self.kinematics + self.motion
+
+
+def integral_derivatives(
+    body: FlexibleBody,
+    reduced: ReducedBody,
+    cells: ArrayLike | None = None,
+    *,
+    solver: Solver = "bordered",
+    batch: int = 128,
+    progress: bool = False,
+) -> IntegralDerivatives:
+    """The derivatives of a body's volume integrals with respect to single densities.
+
+    ``body``, ``reduced``, ``cells`` (None: all elements of this rank), ``solver`` and ``batch`` are
+    those of `mode_derivatives`; ``progress`` shows a progress bar on rank 0.
+
+    Raises:
+        ValueError: On every rank, if an element does not exist, the solver is not known, or the
+            body has geometric stiffness or is one in space.
+        RuntimeError: On every rank, if a solver fails.
+    """
+    check_reduced("integral derivatives", body, reduced)
+    if body.domain.dimension == 3 or body.stiffening is not None:
+        what = "geometric stiffness" if body.domain.dimension == 2 else "bodies in space"
+        raise ValueError(
+            f"element by element: derivatives of {what} are not offered; use Problem.gradient, "
+            "which has them"
+        )
+    elasticity, reduction, basis = body.elasticity, body.reduction, reduced.basis
+    chosen = cell_numbers(body, cells)
+    n, r = len(chosen), basis.shapes.shape[1]
+    fields = np.column_stack([reduction.reference, basis.shapes])
+    unit = reduction.unit_translations
+
+    # the change of the matrices at fixed shape functions
+    every = np.column_stack([fields, unit[:, 0]])
+    forces = elasticity.cell_derivatives(reduced.density, every, basis.shapes)
+    mass_forces, stiffness_forces = (part[chosen] for part in forces)
+    mass = mass_forces[:, :, 0, r + 1].sum(axis=1)
+    mass_forces = mass_forces[..., : r + 1]
+    local = elasticity.at_cells(fields)[chosen]
+    turned = np.stack([-local[:, :, 1], local[:, :, 0]], axis=2)
+    S = mass_forces.sum(axis=1).transpose(0, 2, 1).copy()
+    G, N = (np.einsum("cnda,cndb->cab", own, mass_forces) for own in (local, turned))
+    K = np.einsum("cnda,cndb->cab", local[..., 1:], stiffness_forces)
+    markers = {name: (np.zeros((n, 2, r)), np.zeros((n, r))) for name in body.markers}
+
+    # the change of the shape functions, measured against these fields
+    matrices = body.factored(reduced).matrices
+    mass_fields = elasticity.apply(matrices.mass, fields)
+    parts = [mass_fields, -rotated(mass_fields), elasticity.apply(matrices.mass, unit)]
+    parts.append(elasticity.apply(matrices.stiffness, basis.shapes))
+    parts += [marker.rows.T.toarray() for marker in body.markers.values()]
+    against, ends = np.hstack(parts), np.cumsum([part.shape[1] for part in parts])[:-1]
+    total, hidden = elasticity.comm.allreduce(n) * r, not progress or elasticity.comm.rank > 0
+    what = "element by element"
+    with tqdm(total=total, disable=hidden, unit="system", desc=what, leave=False) as bar:
+        for derivative in mode_derivatives(body, reduced, chosen, solver=solver, batch=batch):
+            products = elasticity.inner(against, derivative.fields)
+            i, (number, column) = derivative.shape, derivative.cells.T
+            own = np.split(products[:, column].T, ends, axis=1)
+            G[number, i + 1, :] += own[0]
+            G[number, :, i + 1] += own[0]
+            N[number, i + 1, :] += own[1]
+            N[number, :, i + 1] -= own[1]
+            S[number, i + 1, :] += own[2]
+            K[number, i, :] += own[3]
+            K[number, :, i] += own[3]
+            for (displacement, rotation), motion in zip(markers.values(), own[4:], strict=True):
+                displacement[number, :, i] = motion[:, :2]
+                rotation[number, i] = motion[:, 2]
+            bar.update(products.shape[1])
+    return IntegralDerivatives(chosen, mass, S, G, N, K, markers)
+
+
+def elementwise_gradient(
+    problem: Problem,
+    evaluation: Evaluation,
+    cells: Mapping[str, ArrayLike] | ArrayLike | None = None,
+    *,
+    solver: Solver = "bordered",
+    batch: int = 128,
+    progress: bool = True,
+) -> dict[str, ElementGradient]:
+    """Exact derivatives of psi with respect to the densities of chosen elements, by body.
+
+    The ``evaluation`` is what `value` of the ``problem`` returned, at any time. Elements ``cells``
+    of this rank are a mask or numbers, with more than one flexible body a mapping by name; None
+    takes all. ``solver`` and ``batch`` are those of `mode_derivatives`, ``progress`` shows a bar.
+
+    Raises:
+        ValueError: On every rank, if a body or an element does not exist, the solver is not known,
+            or the objective depends on the stress of a body.
+        RuntimeError: On every rank, if a solver fails.
+    """
+    validation.instance("element by element: problem", problem, Problem, "a Problem")
+    needed = "what `Problem.value` returned"
+    validation.instance("element by element: evaluation", evaluation, Evaluation, needed)
+    names = sorted(problem.flexible)
+    if not (cells is None or isinstance(cells, Mapping) or len(names) == 1):
+        raise ValueError(
+            f"element by element: {len(names)} bodies have densities ({names}); give a mapping "
+            "from name to elements"
+        )
+    wanted = dict(cells) if isinstance(cells, Mapping) else dict.fromkeys(problem.flexible, cells)
+    unknown = sorted(set(wanted) - set(names))
+    if unknown:
+        raise ValueError(f"element by element: no flexible body {unknown[0]!r}; there are {names}")
+    partial = problem.partial_derivatives(evaluation)
+    if partial.stresses:
+        raise ValueError(
+            "element by element: derivatives of the stress of shape functions are not offered, "
+            f"and {problem.objective} depends on it; use Problem.gradient, which has them"
+        )
+    direct, motion = problem.integral_gradients(evaluation)
+    result = {}
+    for name, chosen in wanted.items():
+        start = perf_counter()
+        body, reduced = problem.flexible[name], evaluation.bodies[name]
+        change = integral_derivatives(
+            body, reduced, chosen, solver=solver, batch=batch, progress=progress
+        )
+        objective = np.zeros(len(change.cells))
+        if name in direct:
+            objective += change.motion_part(direct[name]) + change.kinematic_part(direct[name])
+        if name in partial.densities:
+            objective += partial.densities[name][change.cells]
+        result[name] = ElementGradient(
+            cells=change.cells,
+            objective=objective,
+            kinematics=change.kinematic_part(motion[name]),
+            motion=change.motion_part(motion[name]),
+            count=body.domain.comm.allreduce(len(change.cells)),
+            seconds=perf_counter() - start,
+        )
+    return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactValues:
+    """How gradient methods compute exact values at single elements."""
+
+    solver: Solver = "bordered"  #: Of the normal modes' derivatives, "bordered" or "deflated"
+    batch: int = 128  #: Elements whose linear systems are solved at once
+    #: Show a progress bar for every gradient; the ranks may differ in that
+    progress: bool = field(default=False, compare=False)
+
+    def _check(self, what: str) -> None:
+        validation.choice(f"{what}: solver", self.solver, SOLVERS)
+        validation.integer(f"{what}: batch", self.batch, least=1)
+
+    def _at(
+        self, problem: Problem, evaluation: Evaluation, cells: Mapping[str, ArrayLike]
+    ) -> dict[str, ElementGradient]:
+        own: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(ExactValues)}
+        return elementwise_gradient(problem, evaluation, cells, **own)
+
+
+@dataclass(frozen=True)
+class ElementByElement(ExactValues):
+    """Exact values at all designed elements, one after the other; zero at the others."""
+
+    exact: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        self._check("element by element")
+
+    def __call__(
+        self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
+    ) -> tuple[Evaluation, dict[str, GradientReport]]:
+        cells = {name: body.domain.design_cells for name, body in problem.flexible.items()}
+        found = self._at(problem, evaluation, cells)
+        gradient = {}
+        for name, part in found.items():
+            gradient[name] = np.zeros(problem.flexible[name].domain.n_cells)
+            gradient[name][part.cells] = part.values
+        seconds = dict(evaluation.seconds)
+        seconds["element by element"] = sum(part.seconds for part in found.values())
+        return replace(evaluation, gradient=gradient, seconds=seconds), of_all_elements(problem)

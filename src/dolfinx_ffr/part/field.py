@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""Fields of users, positive in material: their values, and where they are zero."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .. import validation
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+#: Of positions (n, d) [m], gives (n,) numbers
+Field = Callable[[Array], Array]
+
+#: Steps by which zeros are found; each at least halves what two of them leave
+_STEPS = 60
+#: Points at which a field is evaluated at once
+_BLOCK = 100_000
+
+
+def evaluated(field: Field, points: Array) -> Array:
+    """Values (n,) of a field of a user at points (n, d), or one clear error."""
+    what = "part" if points.shape[1] == 2 else "solid"
+    found = np.empty(len(points))
+    for first in range(0, len(points), _BLOCK):
+        part = points[first : first + _BLOCK]
+        values = validation.numbers(f"{what}: what the field gives", field(part))
+        if values.shape != (len(part),):
+            raise ValueError(
+                f"{what}: the field gives an array of shape {values.shape} for {len(part)} points; "
+                "it must give one number for each"
+            )
+        found[first : first + _BLOCK] = values
+    bad = ~np.isfinite(found)
+    if np.any(bad):
+        where = ", ".join(f"{x:.6g}" for x in points[int(np.argmax(bad))])
+        raise ValueError(
+            f"{what}: the field is NaN or infinite at {int(np.count_nonzero(bad))} points, the "
+            f"first ({where}) m; it must be finite all over the body"
+        )
+    return found
+
+
+def refuse_zero(what: str, values: Array, cells: Integers) -> None:
+    """Refuse values (points,) that are zero all over designed cells (cells, corners)."""
+    if zero := int(np.count_nonzero(np.all(values[cells] == 0.0, axis=1))):
+        raise ValueError(
+            f"{what}: the field is zero all over {zero} of {len(cells)} cells of the lattice, and "
+            "says neither material nor void there; give a field that is positive in material and "
+            "negative in void, as density - 0.5"
+        )
+
+
+def zeros_between(field: Field, a: Array, b: Array, at_a: Array, at_b: Array) -> Array:
+    """How far from a to b, (n, d) each, the field is zero, as a share (n,) of the way.
+
+    The method of Anderson and Bjoerck, BIT 13 (1973), doi:10.1007/BF01933951: regula falsi that
+    shrinks the bracket from both sides. Without a change of sign it is the end nearer to zero.
+    """
+    s, t = np.zeros(len(a)), np.ones(len(a))
+    f, g = at_a.copy(), at_b.copy()
+    found = np.where(np.abs(f) <= np.abs(g), s, t)
+    active = np.flatnonzero(f * g < 0.0)
+    size = np.maximum(np.abs(f), np.abs(g))
+    for step in range(_STEPS):
+        if not len(active):
+            break
+        i = active
+        u = t[i] - g[i] * (t[i] - s[i]) / (g[i] - f[i])
+        if step % 4 == 3:  # whatever the field is, the bracket gets shorter
+            u = 0.5 * (s[i] + t[i])
+        value = evaluated(field, a[i] + u[:, None] * (b[i] - a[i]))
+        turned = value * g[i] < 0.0
+        shrink = 1.0 - value / np.where(g[i] == 0.0, 1.0, g[i])
+        shrink = np.where(shrink > 0.0, shrink, 0.5)
+        s[i], f[i] = np.where(turned, t[i], s[i]), np.where(turned, g[i], f[i] * shrink)
+        t[i], g[i] = u, value
+        found[i] = u
+        done = (np.abs(value) <= 1e-14 * size[i]) | (np.abs(t[i] - s[i]) < 1e-14)
+        active = i[~done]
+    return found
+
+
+def cross(a: Array, b: Array) -> Array:
+    """The cross products of vectors (..., 2) in the plane."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def turns(sides: Array) -> Array:
+    """The angles (n - 1,) between sides (n, 2) that follow each other, anticlockwise [rad]."""
+    before, after = sides[:-1], sides[1:]
+    return np.asarray(np.arctan2(cross(before, after), np.einsum("ij,ij->i", before, after)))
+
+
+def connected(pairs: Integers, count: int) -> Integers:
+    """Number of the connected component, from 0, of each of ``count`` things, by pairs (n, 2)."""
+    ones = np.ones(len(pairs), dtype=bool)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])

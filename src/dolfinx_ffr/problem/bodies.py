@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""The bodies of a problem: from their densities to a response of objectives, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..body import VolumeIntegrals
+from ..fem import Domain
+from ..objective import DensityField, Derivatives, Inventory, Response
+from ..reduction import BodyStress, FlexibleBody, ReducedBody
+
+Array = NDArray[np.float64]
+Body = FlexibleBody | VolumeIntegrals
+Densities = ArrayLike | Mapping[str, ArrayLike]
+Reduced = Mapping[str, ReducedBody]
+
+
+class Pulled(NamedTuple):
+    """Derivatives that were carried back to the densities, and what that took."""
+
+    gradient: dict[str, Array]  #: By body, for each cell of this rank, shape (cells,)
+    nodes: dict[str, Array] | None  #: By body, for each node of this rank, where it was asked for
+    iterations: dict[str, int]  #: Conjugate gradient iterations, by body
+    seconds: dict[str, float]  #: By name of the part [s]
+
+
+class DesignedBodies:
+    """Bodies by name; at least one has a density."""
+
+    def __init__(self, bodies: Mapping[str, Body]) -> None:
+        kinds = (FlexibleBody, VolumeIntegrals)
+        validation.instances_by_name(
+            "problem: bodies", bodies, kinds, "a FlexibleBody or VolumeIntegrals"
+        )
+        self.every = dict(bodies)
+        #: The bodies with a density
+        self.flexible = {k: b for k, b in bodies.items() if isinstance(b, FlexibleBody)}
+        if not self.flexible:
+            raise ValueError(
+                f"problem: none of the bodies {sorted(bodies)} has a density to design; give "
+                "at least one FlexibleBody, or use MechanicalProblem, which needs none"
+            )
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share the bodies."""
+        comm: MPI.Comm = next(iter(self.flexible.values())).domain.comm
+        return comm
+
+    @property
+    def space(self) -> bool:
+        """Whether the bodies are in space."""
+        return any(
+            (body.dimension if isinstance(body, VolumeIntegrals) else body.domain.dimension) == 3
+            for body in self.every.values()
+        )
+
+    @property
+    def modes(self) -> dict[str, int]:
+        """Number of elastic coordinates of each body."""
+        return {
+            name: body.modes if isinstance(body, VolumeIntegrals) else body.n_elastic
+            for name, body in self.every.items()
+        }
+
+    def inventory(self) -> Inventory:
+        """The bodies as objectives may name them, without joints and before there is a design."""
+        markers = {
+            name: body.markers
+            if isinstance(body, VolumeIntegrals)
+            else [*body.domain.interfaces, *body.markers]
+            for name, body in self.every.items()
+        }
+        full = {
+            name: _field(body, np.ones(body.domain.n_cells)) for name, body in self.flexible.items()
+        }
+        return Inventory(markers, self.modes, (), full)
+
+    def filled(self, share: float) -> dict[str, Array]:
+        """Densities, shape (cells,), that equal ``share`` in all designed elements."""
+        domains = {name: body.domain for name, body in self.flexible.items()}
+        return {
+            name: np.where(domain.design_cells, share, domain.passive_density)
+            for name, domain in domains.items()
+        }
+
+    def checked(self, x: Densities) -> dict[str, Array]:
+        """Densities by body, shape (cells,); one array may be given for the only body."""
+        if isinstance(x, Mapping):
+            if set(x) != set(self.flexible):
+                raise ValueError(
+                    f"problem: densities given for {sorted(x)}, but the flexible bodies are "
+                    f"{sorted(self.flexible)}"
+                )
+            given = dict(x)
+        elif len(self.flexible) > 1:
+            raise ValueError(
+                f"problem: {len(self.flexible)} bodies have densities ({sorted(self.flexible)}); "
+                "give a mapping from name to density"
+            )
+        else:
+            given = {next(iter(self.flexible)): x}
+        return {
+            name: body.domain.check_density(given[name], f"density of {name!r}")
+            for name, body in self.flexible.items()
+        }
+
+    def reduce(self, densities: Mapping[str, Array]) -> dict[str, ReducedBody]:
+        """Shape functions and integrals at densities that have been checked; collective."""
+        return {name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()}
+
+    def volume(self, reduced: Reduced) -> dict[str, float]:
+        """The filled share of each body; collective."""
+        domains = {name: self.flexible[name].domain for name in reduced}
+        return {
+            name: domain.sum(reduced[name].density * (domain.cell_volumes / domain.area))
+            for name, domain in domains.items()
+        }
+
+    def response(self, reduced: Reduced) -> Response:
+        """The bodies as a response without a trajectory; no stress is computed yet."""
+        return Response(
+            None,
+            {
+                name: body if isinstance(body, VolumeIntegrals) else reduced[name].integrals
+                for name, body in self.every.items()
+            },
+            {name: _field(self.flexible[name], part.density) for name, part in reduced.items()},
+            {name: BodyStress(self.flexible[name], part) for name, part in reduced.items()},
+        )
+
+    def pullback(self, reduced: Reduced, bars: Derivatives, *, nodes: bool = False) -> Pulled:
+        """Derivatives with respect to the densities, and to the ``nodes`` of the meshes if wanted.
+
+        Part of them goes through the reduction.
+        """
+        found = Pulled({}, {} if nodes else None, {}, {})
+        for name, body in self.flexible.items():
+            gradient, found.iterations[name] = np.zeros(body.domain.n_cells), 0
+            moved: Array | None = None
+            integrals = bars.integrals[name]
+            # the same on every rank, so all skip a body that does not matter, or none
+            if name in bars.stresses or integrals.dot(integrals) != 0.0:
+                shapes = None
+                if name in bars.stresses:
+                    shapes = body.stress_pullback(reduced[name], bars.stresses[name])
+                gradient, moved, learnt = body.pullback(
+                    reduced[name], integrals, shapes, nodes=nodes
+                )
+                found.iterations[name] = int(learnt.pop("iterations"))
+                found.seconds.update(added([found.seconds, learnt]))
+            if name in bars.densities:
+                gradient = gradient + bars.densities[name]
+            found.gradient[name] = gradient
+            if found.nodes is not None:
+                shape = len(body.domain.mesh.geometry.x), body.domain.dimension
+                moved = np.zeros(shape) if moved is None else moved
+                measures = bars.areas.get(name), bars.weights.get(name)
+                if any(bar is not None for bar in measures):
+                    moved = moved + body.measures_pullback(*measures)
+                found.nodes[name] = moved
+        return found
+
+
+def added(parts: list[dict[str, float]]) -> dict[str, float]:
+    """Sums by name."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: sum(part.get(name, 0.0) for part in parts) for name in names}
+
+
+def _field(body: FlexibleBody, density: Array) -> DensityField:
+    """A density as objectives see it."""
+
+    def on(domain: Domain, values: Array, whole: DensityField | None) -> DensityField:
+        areas, gathered = domain.cell_volumes, domain.comm.allgather
+        return DensityField(values, areas, domain.centroids, domain.sum, gathered, whole)
+
+    whole = body.domain.whole
+    return on(
+        body.domain, density, None if whole is None else on(whole, np.ones(whole.n_cells), None)
+    )

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: MIT
+"""The lowest eigenpairs of K phi = lambda M phi by SLEPc."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from petsc4py import PETSc
+
+import numpy as np
+from numpy.typing import NDArray
+from slepc4py import SLEPc
+
+from ..fem import Block
+
+#: Iterations after which the solvers with an exact and with an approximate inverse give up
+MAX_ITERATIONS = {True: 200, False: 500}
+
+
+class _Preconditioner:
+    """A function of blocks, by the method names that PETSc looks for."""
+
+    def __init__(self, function: Callable[[Block], Block]) -> None:
+        self._function = function
+
+    def apply(self, _: PETSc.PC, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        solution.setArray(self._function(right.getArray(readonly=True)[:, None])[:, 0])
+
+    def matApply(self, _: PETSc.PC, right: PETSc.Mat, solution: PETSc.Mat) -> None:
+        solution.getDenseArray()[:] = self._function(right.getDenseArray(readonly=True))
+
+
+def lowest_eigenpairs(
+    stiffness: PETSc.Mat,
+    mass: PETSc.Mat,
+    number: int,
+    *,
+    starts: Block,
+    known: Block | None,
+    inverse: Callable[[Block], Block],
+    exact: bool,
+    tolerance: float,
+) -> tuple[NDArray[np.float64], Block]:
+    """At least ``number`` lowest eigenpairs, (k,) and (dofs, k), M-orthogonal to ``known`` ones."""
+    eps = SLEPc.EPS().create(stiffness.comm)
+    transform = eps.getST()
+    ksp = transform.getKSP()
+    vector = stiffness.createVecRight()
+    begin, deflated = vectors(vector, starts), [] if known is None else vectors(vector, known)
+    try:
+        eps.setOperators(stiffness, mass)
+        eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+        eps.setDimensions(number)
+        eps.setTolerances(tolerance, MAX_ITERATIONS[exact])
+        if exact:
+            eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+            eps.setTarget(0.0)
+            transform.setType(SLEPc.ST.Type.SINVERT)
+            transform.setShift(0.0)
+            eps.setPurify(False)  # left to the caller, who does it for all at once
+        else:
+            eps.setType(SLEPc.EPS.Type.LOBPCG)
+            eps.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
+            eps.setLOBPCGBlockSize(len(begin))
+            transform.setType(SLEPc.ST.Type.PRECOND)
+            # all at once: one by one, each inner product by mass takes a product with the matrix
+            eps.getBV().setOrthogonalization(block=SLEPc.BV.OrthogBlockType.SVQB)
+        ksp.setType("preonly")
+        ksp.getPC().setType("python")
+        ksp.getPC().setPythonContext(_Preconditioner(inverse))
+        eps.setInitialSpace(begin)
+        if deflated:
+            eps.setDeflationSpace(deflated)
+        eps.solve()
+        converged = eps.getConverged()
+        if converged < number:
+            before = len(deflated)
+            raise RuntimeError(
+                f"reduction: only {before + converged} of {before + number} normal modes "
+                f"converged in {eps.getIterationNumber()} iterations; the mesh may be too coarse "
+                "for so many modes, or the design may have fallen apart"
+                + ("" if exact else '; else take solver="direct"')
+            )
+        eigenvalues, fields = np.empty(converged), np.empty((len(starts), converged))
+        for i in range(converged):
+            eigenvalues[i] = eps.getEigenpair(i, vector).real
+            fields[:, i] = vector.getArray(readonly=True)
+    finally:
+        # by name, as PETSc keeps what Python drops last until the end of the program
+        for item in (ksp, transform, eps, vector, *begin, *deflated):
+            item.destroy()
+    # all ranks decide by the same numbers, to the last bit
+    eigenvalues = stiffness.comm.tompi4py().bcast(eigenvalues)
+    order = np.argsort(eigenvalues, kind="stable")
+    return eigenvalues[order], fields[:, order]
+
+
+def vectors(like: PETSc.Vec, block: Block) -> list[PETSc.Vec]:
+    """The columns of a block."""
+    found = [like.duplicate() for _ in block.T]
+    for vector, column in zip(found, block.T, strict=True):
+        vector.setArray(column)
+    return found

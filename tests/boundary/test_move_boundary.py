@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: MIT
+"""Moving the boundary of a part: its derivative, its sizes, its bounds."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import cKDTree
+from shapely.affinity import affine_transform
+from slider_crank import STEEL, reference_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.boundary import Boundary
+from dolfinx_ffr.boundary.derivative import NodeMotion
+from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
+from dolfinx_ffr.optimization import move_boundary
+from dolfinx_ffr.optimization.boundary_steps import _Descent
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+MEMBER = 2e-3
+CENTERS = np.linspace(0.04, 0.32, 8)
+
+
+def field(x: np.ndarray) -> np.ndarray:
+    """Round holes of 12 mm along the middle of the rod, one touches the solid end."""
+    holes = np.array([*CENTERS, 0.378])
+    distance = np.hypot(x[:, :1] - holes, x[:, 1:2] - 1e-3 * np.sin(np.arange(len(holes))))
+    return np.min(distance, axis=1) - 0.011
+
+
+@functools.cache
+def scene(alone: bool = False) -> tuple[ffr.Problem, Boundary]:
+    comm = MPI.COMM_SELF if alone else MPI.COMM_WORLD
+    problem = reference_problem(comm, (40, 4), steps=150, modes=6)
+    body = problem.flexible["rod"]
+    part = ffr.Part(body.domain, field, 0.01, material=body.material)
+    return problem, Boundary.of(part, MEMBER)
+
+
+def test_what_stays_and_what_moves() -> None:
+    _, boundary = scene(alone=True)
+    closed = [curve for curve in boundary.free.values() if curve.closed]
+    assert len(closed) == len(CENTERS) + 1  # the one beside the solid end is closed, too
+    assert len(boundary.free) == len(closed) + 2
+    material = boundary.material
+    assert material.is_valid
+    assert len(material.interiors) == len(closed)
+    # a minimum member from the outline and the solid ends
+    for curve in closed:
+        x = curve.at(np.linspace(0.0, curve.spans, 300))
+        assert np.min(x[:, 0]) > 0.0
+        assert np.max(x[:, 0]) < 0.38 - 0.99 * MEMBER
+
+
+def shifted(boundary: Boundary, offsets: np.ndarray) -> Boundary:
+    """With its controls moved along their normals, wherever that is."""
+    free = {}
+    for key, curve in boundary.free.items():
+        part = slice(boundary.first[key], boundary.first[key] + len(curve.control))
+        free[key] = curve.moved(curve.control + offsets[part, None] * boundary.normals[part])
+    return replace(boundary, free=free)
+
+
+def psi(problem: ffr.Problem, boundary: Boundary) -> tuple[ffr.Problem, ffr.Evaluation]:
+    domain = boundary.part.domain(3.2 * MEMBER, across=1.2)
+    moved = problem.with_bodies({"rod": problem.flexible["rod"].with_domain(domain)})
+    return moved, moved.value(np.ones(domain.n_cells))
+
+
+@pytest.mark.mpi
+def test_the_derivative_is_that_of_parts_meshed_anew() -> None:
+    """Beside differences over new meshes; their own noise is some 1e-5 of psi."""
+    problem, boundary = scene()
+    here, evaluation = psi(problem, boundary)
+    evaluation = here.differentiate(evaluation, nodes=True)
+    assert evaluation.nodes is not None
+    bar = NodeMotion(boundary, here.flexible["rod"].domain).pullback(evaluation.nodes["rod"])
+    slope = np.where(boundary.held, 0.0, np.einsum("kd,kd->k", bar, boundary.normals))
+    offsets = -5e-4 * slope / np.max(np.abs(slope))
+    exact = float(slope @ offsets)
+    values = [psi(problem, shifted(boundary, side * offsets))[1].psi for side in (1.0, -1.0)]
+    found = 0.5 * (values[0] - values[1])
+    assert abs(exact) > 0.01 * evaluation.psi
+    assert found == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rows_of", "least"), [(size_rows, 0.014), (radius_rows, 0.012)], ids=["members", "radii"]
+)
+def test_narrow_and_tight_places_and_their_derivatives(
+    rows_of: Callable[[Boundary], Rows], least: float
+) -> None:
+    """Holes of 22 mm are 18 mm apart; moved along their normals they come closer and turn more."""
+    boundary = replace(scene(alone=True)[1], member=least, gap=least, radius=least)
+    rows = rows_of(boundary)
+    assert 0.0 < np.max(rows.values) < 0.9
+    random = np.random.default_rng(0)
+    offsets = np.where(boundary.held, 0.0, random.standard_normal(boundary.n_controls))
+    step = 1e-8
+    ahead, behind = (
+        float(np.max(rows_of(shifted(boundary, h * offsets)).values)) for h in (step, -step)
+    )
+    exact = float(rows.slopes[np.argmax(rows.values)] @ offsets)
+    assert (ahead - behind) / (2.0 * step) == pytest.approx(exact, rel=1e-3)
+
+
+def test_mirror_images_move_alike() -> None:
+    """Of a part with two mirror lines a quarter is free, and all that moves stays symmetric."""
+    problem, boundary = scene(alone=True)
+    holes = np.linspace(0.05, 0.35, 8)
+
+    def even(x: np.ndarray) -> np.ndarray:
+        sides = ((x[:, :1] - holes) / 0.016) ** 6 + (x[:, 1:2] / 0.011) ** 6
+        return 0.01 * (np.min(sides, axis=1) ** (1 / 6) - 1.0)
+
+    body = problem.flexible["rod"].domain
+    lines = (ffr.Mirror((0.2, 0.0), (1.0, 0.0)), ffr.Mirror((0.2, 0.0), (0.0, 1.0)))
+    part = ffr.Part(body, even, 0.01)
+    made = Boundary.of(part, MEMBER, mirrors=lines)
+    assert made.n_controls < Boundary.of(part, MEMBER).n_controls + 4 * len(holes)
+    assert made.shares.shape[1] < 0.3 * made.n_controls + 4
+    random = np.random.default_rng(1)
+    moved = made.moved(made.shares @ (2e-4 * random.standard_normal(made.shares.shape[1])))
+    control = np.vstack([curve.control for curve in moved.free.values()])
+    for line in lines:
+        image = line.reflection(control)
+        assert np.max(cKDTree(control).query(image)[0]) < 1e-12
+    assert (
+        moved.material.symmetric_difference(
+            affine_transform(moved.material, [1, 0, 0, -1, 0, 0])
+        ).area
+        < 1e-9 * moved.material.area
+    )
+    # a pair that is joined is joined on the other side, too
+    keys = sorted(moved.holes, key=lambda key: moved.hole(key).centroid.x)
+    wide = replace(moved, member=0.008, gap=0.008)
+    joined = wide.joined((keys[0], keys[1]))
+    assert len(joined.holes) == len(holes) - 2
+    assert joined.shares.shape[1] < 0.4 * joined.n_controls
+    with pytest.raises(ValueError, match="too far apart"):
+        moved.joined((keys[0], keys[3]))
+    with pytest.raises(ValueError, match="has no mirror image"):
+        Boundary.of(boundary.origin, MEMBER, mirrors=lines[:1])
+
+
+def test_nodes_follow_the_controls() -> None:
+    """What goes back from nodes to controls is the transpose of the motion that it stands for."""
+    boundary = scene(alone=True)[1]
+    domain = boundary.part.domain(3.2 * MEMBER, across=1.2)
+    motion, x = NodeMotion(boundary, domain), domain.mesh.geometry.x[:, :2]
+    random = np.random.default_rng(0)
+    controls = random.standard_normal((boundary.n_controls, 2))
+    numbers, _ = motion._numbers
+    moved = motion._follow @ controls
+    edge, inside = motion._edge, motion._inside
+    moved[inside] = -motion._factor.solve(motion._coupling.T @ moved[edge])
+    moved[motion._middles] = moved[motion._ends].mean(axis=1)
+    bar = random.standard_normal(x.shape)
+    there = motion.pullback(bar)
+    assert np.sum(there * controls) == pytest.approx(np.sum(bar * moved[numbers]), rel=1e-12)
+    # nodes on the curves are where the controls put them
+    control = np.vstack([curve.control for curve in boundary.free.values()])
+    on = np.flatnonzero(np.diff(motion._follow.indptr))
+    assert len(on) > 300
+    assert np.max(np.abs((motion._follow @ control)[numbers] - x)[np.isin(numbers, on)]) < 1e-8
+
+
+@pytest.mark.mpi
+def test_psi_falls_and_members_stay() -> None:
+    problem, boundary = scene()
+    result = move_boundary(problem, boundary, iterations=4, volume=0.79, progress=False)
+    history = result.history
+    assert len(history["psi"]) == 5
+    assert history["psi"][-1] < 0.99 * history["psi"][0]
+    assert history["excess"][-1] < 2e-3
+    assert history["volume"][-1] < 0.7915
+    assert history["narrowest"][-1] > 0.99 * MEMBER
+    part = result.boundary.part
+    assert part.pieces == 1 and part.holes == len(CENTERS) + 1
+    assert part.area == pytest.approx(history["volume"][-1] * boundary.body.area, rel=2e-3)
+    # polygons of the accuracy of 0.5 % of a member along a metre of boundary
+    assert part.area == pytest.approx(result.boundary.material.area, rel=1e-3)
+    assert part.thinnest_member is None or part.thinnest_member.value > 0.99 * MEMBER
+    found = part.verify(result.problem, result.evaluation, most=2, progress=False)
+    assert found.psi == pytest.approx(result.psi, rel=2e-3)
+    assert result.psi == history["psi"].min()
+
+
+def test_a_stress_limit_is_one_of_the_part() -> None:
+    """Least volume: the limit is held by the largest stress of each part itself."""
+    problem, boundary = scene(alone=True)
+    free, evaluation = psi(problem, boundary)
+    largest = ffr.worst_stress(free.flexible["rod"], evaluation, "rod").largest
+
+    def bounded(share: float) -> ffr.Problem:
+        limit = ffr.Constraint(ffr.PeakStress("rod"), upper=share * largest)
+        parts = problem.bodies, problem.mechanism, problem.integrator
+        return ffr.Problem(*parts, ffr.Mass("rod"), constraints=[limit])
+
+    coarse = {"size": 3.2 * MEMBER, "progress": False}
+    with pytest.warns(ffr.PartWarning, match="PeakStress' is violated by .*% of its bound"):
+        result = move_boundary(bounded(0.5), boundary, iterations=1, **coarse)
+    assert result.history["excess"][0] == pytest.approx(1.0, rel=1e-6)
+    result = move_boundary(bounded(0.97), boundary, iterations=6, **coarse)
+    found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
+    assert found < 0.97 * 1.01 * largest
+    assert result.psi < 0.99 * result.history["psi"][0]
+
+
+def test_what_cannot_be_moved() -> None:
+    problem, boundary = scene(alone=True)
+    part = boundary.origin
+    for call, why in (
+        (lambda: Boundary.of(part, 0.03), "do not fit into the body"),
+        (
+            lambda: Boundary.of(part, -1.0),
+            "member must be positive|must lie above 0|greater than 0",
+        ),
+        (lambda: move_boundary(problem, boundary, iterations=0), "iterations"),
+        (lambda: move_boundary(problem, boundary, volume=1.5), "volume"),
+        (lambda: move_boundary(problem, boundary, size=0.0), "size"),
+        (lambda: move_boundary(problem.with_bodies({**problem.bodies}), part), "a Boundary"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=why):
+            call()
+    negative = ffr.Problem(
+        problem.bodies, problem.mechanism, problem.integrator, -1.0 * ffr.Mass("rod")
+    )
+    with pytest.raises(ValueError, match="give an objective that is positive"):
+        move_boundary(negative, boundary, progress=False)
+    with pytest.warns(ffr.PartWarning, match="holes near .* mm are left out"):
+        Boundary.of(part, 9e-3)
+
+
+def test_boundaries_of_two_bodies_move_together() -> None:
+    """A double pendulum: each has its own bound, and the derivative is that of both."""
+    bodies, boundaries = {}, {}
+    for name in ("upper", "lower"):
+        domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4))
+        bodies[name] = ffr.FlexibleBody(
+            domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=4
+        )
+        boundaries[name] = Boundary.of(ffr.Part(domain, field, 0.01), MEMBER, gap=3e-3)
+    mechanism = ffr.Mechanism(
+        {"upper": ffr.Placement((0.0, 0.0)), "lower": ffr.Placement((0.4, 0.0))},
+        [
+            ffr.Revolute(("upper", "left"), ffr.Ground()),
+            ffr.Revolute(("lower", "left"), ("upper", "right")),
+        ],
+        gravity=(0.0, -9.81),
+    )
+    integrator = ffr.GeneralizedAlpha(0.2, 200)
+    problem = ffr.Problem(bodies, mechanism, integrator, ffr.IntegralCompliance())
+    with pytest.raises(ValueError, match=r"given for \['upper'\], and the problem designs"):
+        move_boundary(problem, {"upper": boundaries["upper"]})
+    # beside differences over new meshes, whose own noise is some 1e-5 of psi
+    descent = _Descent(problem, {}, dict.fromkeys(boundaries, 3.2 * MEMBER), {})
+    slope = descent.slopes(descent.tried(boundaries)).psi
+    along, first, log_psi = -0.2 * slope / np.max(np.abs(slope)), 0, []
+    offsets = {}
+    for name, b in boundaries.items():
+        part = slice(first, first + b.shares.shape[1])
+        offsets[name] = np.where(b.held, 0.0, b.member * (b.shares @ along[part]))
+        along[part][b.shares.T @ b.held > 0] = 0.0
+        first = part.stop
+    for side in (1.0, -1.0):
+        beside = {n: shifted(b, side * offsets[n]) for n, b in boundaries.items()}
+        log_psi.append(np.log(descent.tried(beside).evaluation.psi))
+    assert 0.5 * (log_psi[0] - log_psi[1]) == pytest.approx(slope @ along, rel=0.01)
+    result = move_boundary(
+        problem, boundaries, volume={"lower": 0.78}, iterations=3, progress=False
+    )
+    assert result.psi < 0.97 * result.history["psi"][0]
+    assert result.part("lower").area < 0.7815 * 0.016
+    assert [len(shapes) for shapes in result.materials.values()] == [4, 4]
+    for name, boundary in boundaries.items():
+        controls = [
+            np.vstack([c.control for c in b.free.values()])
+            for b in (boundary, result.boundaries[name])
+        ]
+        assert np.max(np.abs(controls[1] - controls[0])) > 1e-4
+
+
+@pytest.mark.mpi
+def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None:
+    """What is told then is the part: psi, volume and sizes, in files and pictures."""
+    problem = reference_problem(MPI.COMM_WORLD, (40, 4), steps=100, modes=4)
+    domain = problem.flexible["rod"].domain
+    levelset = ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain))
+    run = {"volume": 0.6, "iterations": 12, "progress": False, "mode_tolerance": None}
+    result = ffr.optimize(problem, levelset, boundary=2, **run)
+    moved = result.moved
+    assert moved is not None and result.psi == result.evaluation.psi
+    part = result.part("rod")
+    assert part.area == pytest.approx(moved.history["volume"][-1] * domain.area, rel=2e-3)
+    found = result.finish(shared_tmp_path, progress=False)
+    assert found is not None and (shared_tmp_path / "part.step").exists()
+    assert abs(found.difference) < 2e-3
+    assert found.psi < 0.99 * moved.history["psi"][0]
+    summary = result.summary()["boundary"]
+    assert summary["steps"] == len(moved.history["psi"]) - 1 and summary["psi"] == moved.psi
+    film = shared_tmp_path / "boundary.gif"
+    ffr.plotting.animate_boundary(domain, moved.materials["rod"], moved.history["psi"], film)
+    with Image.open(film) as pictures:
+        assert pictures.n_frames >= len(moved.history["psi"])
+    with pytest.raises(TypeError, match="optimize: boundary must be a number"):
+        ffr.optimize(problem, levelset, boundary="3", **run)
+
+
+def test_bodies_in_space_have_no_boundary_that_moves() -> None:
+    """Which is said before the first iteration, as is a mirror plane in place of a line."""
+    box = ffr.Domain.box(MPI.COMM_SELF, 0.4, 0.04, 0.04, elements=(6, 2, 2))
+    body = ffr.FlexibleBody(
+        box, ffr.Isotropic(3e9, 0.35, 1200.0), frame=ffr.TangentFrame("left"), modes=0
+    )
+    mechanism = ffr.Mechanism({"rod": ffr.Placement((0.0, 0.0, 0.0))}, gravity=(0, 0, -9.81))
+    problem = ffr.Problem({"rod": body}, mechanism, ffr.RadauIIA(0.1, steps=3), ffr.Mass("rod"))
+    with pytest.raises(ValueError, match=r"'rod' is a body in space, .* give boundary=0"):
+        ffr.optimize(problem, ffr.DensityDesign(box), boundary=3)
+    plane = ffr.Mirror((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    with pytest.raises(ValueError, match="is a plane; give lines"):
+        Boundary.of(scene(alone=True)[1].origin, MEMBER, mirrors=[plane])

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Time steps that were chosen are right for all bodies, and looked at again along a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from shared.problems import crank_motion, slider_crank
+
+import dolfinx_ffr as ffr
+
+TOLERANCE = 1e-3
+
+
+def problem_of(comm: MPI.Intracomm) -> ffr.Problem:
+    """A rod on a crank, its steps chosen."""
+    rod = slider_crank(comm).flexible["rod"]
+    interval = ffr.TimeInterval(0.4, TOLERANCE)
+    return ffr.Problem({"rod": rod}, crank_motion(0.4), interval, ffr.IntegralCompliance())
+
+
+def too_few(problem: ffr.Problem) -> ffr.Problem:
+    """The same with far longer steps, as if they had been chosen."""
+    method = ffr.GeneralizedAlpha(0.4, 100, chosen_for=TOLERANCE)
+    return problem.with_integrators(dict.fromkeys(problem.load_cases, method))
+
+
+@pytest.mark.mpi
+def test_steps_do_for_any_density(comm: MPI.Intracomm, capfd: pytest.CaptureFixture[str]) -> None:
+    problem = problem_of(comm)
+    said = capfd.readouterr().err
+    assert ("time steps: " in said and "estimated relative error" in said) or comm.rank > 0
+    for filled in (0.5, 1.0):
+        x = np.full(problem.flexible["rod"].domain.n_cells, filled)
+        evaluation = problem.value(x)
+        (error,) = problem.time_errors(evaluation).values()
+        assert error <= TOLERANCE
+        exact = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=3200)}).value(x)
+        assert abs(evaluation.psi / exact.psi - 1.0) <= error
+        # they are looked at again, and stay
+        assert problem.with_steps_for(evaluation) is problem
+        # those that were given are nobody's choice
+        given = problem.with_integrators({"motion": ffr.RadauIIA(0.4, steps=25)})
+        assert given.with_steps_for(given.value(x)) is given
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")  # of what is tried
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.LargeDeformationWarning")
+def test_steps_that_do_no_more_are_chosen_anew(comm: MPI.Intracomm, tmp_path: Path) -> None:
+    """In a run, from its start, and kept where it is resumed."""
+    problem = too_few(problem_of(comm))
+    x = np.full(problem.flexible["rod"].domain.n_cells, 0.5)
+    again = problem.with_steps_for(problem.value(x))
+    assert again is not problem and again.integrator != problem.integrator
+    (error,) = again.time_errors(again.value(x)).values()
+    assert error <= TOLERANCE
+    folder = comm.bcast(tmp_path)
+    options = {"volume": 0.6, "output": folder, "progress": False, "mode_tolerance": None}
+    design = ffr.DensityDesign(problem.flexible["rod"].domain, radius=0.02)
+    with pytest.warns(ffr.DesignWarning):  # gray after so few iterations
+        found = ffr.optimize(problem, design, iterations=2, **options)
+        assert found.problem.integrator == again.integrator
+        more = ffr.optimize(problem, design, iterations=3, resume=True, **options)
+    assert more.history["psi"][2] == pytest.approx(found.history["psi"][2], rel=1e-6)
+    assert more.problem.integrator == again.integrator

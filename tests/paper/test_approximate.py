@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""The approximate gradient, the errors it shows, and the design loop with each gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from slider_crank import reference_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.paper import gradient_errors
+
+Distance = Callable[[str], np.ndarray | None]
+
+
+def holed(comm: MPI.Comm) -> tuple[ffr.Problem, ffr.Evaluation, Distance]:
+    """A coarse rod with holes, evaluated, and the distance from their edges."""
+    problem = reference_problem(comm, (30, 6), modes=4, steps=100)
+    levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+    alpha = levelset.with_holes(5, 1, 0.012)
+    distance = levelset.distance(alpha)
+    return problem, problem.value(levelset.density(alpha)), lambda name: distance
+
+
+def smooth(comm: MPI.Comm) -> tuple[ffr.Problem, ffr.Evaluation]:
+    """A rod of even density, whose gradient is smooth inside, evaluated."""
+    problem = reference_problem(comm, (60, 12), modes=4, steps=200)
+    domain = problem.flexible["rod"].domain
+    return problem, problem.value(np.where(domain.design_cells, 0.8, 1.0))
+
+
+def approximate(
+    problem: ffr.Problem,
+    evaluation: ffr.Evaluation,
+    distance: Distance = lambda name: None,
+    *,
+    share: float,
+    kernel: Any = ffr.ThinPlate(),  # noqa: B008
+    **options: Any,
+) -> tuple[np.ndarray, ffr.optimization.GradientReport]:
+    """The gradient by a share of the elements, and its report."""
+    elements = ffr.paper.GradientElements(share=share)
+    method = ffr.paper.ApproximateGradient(elements, kernel, **options)
+    found, reports = method(problem, evaluation, distance, 0)
+    assert found.gradient is not None
+    return found.gradient["rod"], reports["rod"]
+
+
+def assert_exact(
+    problem: ffr.Problem, evaluation: ffr.Evaluation, found: np.ndarray, cells: np.ndarray
+) -> None:
+    """Demand the exact gradient at some of the cells."""
+    exact = problem.differentiate(evaluation).gradient
+    assert exact is not None
+    largest = problem.comm.allreduce(np.abs(exact["rod"]).max(initial=0.0), MPI.MAX)
+    assert_allclose(found[cells], exact["rod"][cells], rtol=1e-7, atol=1e-10 * largest)
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+def test_all_elements_selected_is_exact(comm: MPI.Comm) -> None:
+    """Nothing is left to interpolate: the exact gradient, and errors of zero."""
+    problem, evaluation, distance = holed(comm)
+    found, report = approximate(problem, evaluation, distance, share=1.0)
+    assert_exact(problem, evaluation, found, problem.flexible["rod"].domain.design_cells)
+    assert report.share == 1.0 and report.estimate == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        pytest.param(ffr.ExponentialSpline(0.1), marks=pytest.mark.mpi),
+        ffr.Gaussian(0.01),
+        ffr.Multiquadric(0.01),
+        ffr.ThinPlate(),
+        ffr.Wendland(0.1),
+    ],
+    ids=lambda kernel: type(kernel).__name__,
+)
+def test_more_elements_less_error(comm: MPI.Comm, kernel: ffr.rbf.Kernel) -> None:
+    """Selected values are exact, and the error falls as more of them are selected."""
+    scene = smooth(comm)
+    errors = []
+    for share in (0.1, 0.2, 0.6):
+        options = {"kernel": kernel, "degree": 1, "compare_every": 1}
+        found, report = approximate(*scene, share=share, **options)
+        assert report.errors is not None
+        assert_exact(*scene, found, report.selected)
+        assert report.elements == comm.allreduce(int(np.count_nonzero(report.selected)))
+        errors.append(report.errors.l2)
+        assert report.errors.cosine > 1.0 - report.errors.l2
+        assert report.band_errors is None  # no boundary is known
+    assert errors[2] < 0.5 * errors[1] < 0.5 * errors[0]
+
+
+def test_estimate_follows_the_true_error(comm: MPI.Comm) -> None:
+    """On a smooth gradient the estimate is right within a factor of three, at any share."""
+    scene = smooth(comm)
+    for share in (0.1, 0.2, 0.4, 0.6):
+        report = approximate(*scene, share=share, compare_every=1)[1]
+        assert report.errors is not None
+        assert report.errors.l2 / 3.0 < report.estimate < 3.0 * report.errors.l2
+
+
+@pytest.mark.mpi
+def test_refinement_until_the_tolerance(comm: MPI.Comm) -> None:
+    """Elements are added where the estimate is worst, until it holds or the share is used up."""
+    scene = holed(comm)
+    plain, refined, bounded = (
+        approximate(*scene, share=0.15, compare_every=1, **options)[1]
+        for options in ({}, {"tolerance": 0.05}, {"tolerance": 0.05, "largest_share": 0.3})
+    )
+    assert plain.errors is not None and refined.errors is not None
+    assert refined.estimate <= 0.05 < plain.estimate
+    assert refined.errors.l2 < 0.5 * plain.errors.l2
+    assert plain.elements < bounded.elements < refined.elements
+    assert bounded.share <= 0.3
+
+
+@pytest.mark.mpi
+def test_same_on_any_number_of_ranks(comm: MPI.Comm) -> None:
+    """Selection, gradient and estimate are those of one rank."""
+    found = []
+    for ranks in (comm, MPI.COMM_SELF):
+        scene = holed(ranks)
+        options = {"kernel": ffr.ExponentialSpline(0.1), "tolerance": 0.3}
+        gradient, report = approximate(*scene, share=0.3, **options)
+        domain = scene[0].flexible["rod"].domain
+        local = (domain.centroids, report.selected, gradient)
+        found.append([*map(domain.everywhere, local), report.estimate])
+    (centers, selected, gradient, estimate), alone = found
+    assert_allclose(centers, alone[0])
+    assert np.array_equal(selected, alone[1])
+    assert_allclose(gradient, alone[2], rtol=1e-7, atol=1e-8 * np.abs(alone[2]).max())
+    assert estimate == pytest.approx(alone[3], rel=1e-6)
+
+
+@pytest.mark.mpi
+def test_errors_of_a_gradient(comm: MPI.Comm) -> None:
+    """Closed forms: scaled, turned and locally wrong gradients."""
+    domain = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(10, 4))
+    exact = np.cos(20.0 * domain.centroids[:, 0])
+    every = np.ones(domain.n_cells, dtype=bool)
+    scaled = gradient_errors(domain, 1.1 * exact, exact, every)
+    assert scaled.l2 == pytest.approx(0.1) and scaled.cosine == pytest.approx(1.0)
+    assert gradient_errors(domain, -exact, exact, every).cosine == pytest.approx(-1.0)
+    half = domain.centroids[:, 0] < 0.2
+    wrong = np.where(half, exact, 0.0)
+    assert gradient_errors(domain, wrong, exact, half).l2 == 0.0
+    largest = comm.allreduce(np.abs(exact).max(initial=0.0), MPI.MAX)
+    missed = comm.allreduce(np.abs(exact[~half]).max(initial=0.0), MPI.MAX)
+    assert gradient_errors(domain, wrong, exact, every).worst == pytest.approx(missed / largest)
+    assert np.isnan(gradient_errors(domain, exact, 0.0 * exact, every).l2)
+
+
+def test_length_chosen_by_leaving_out(comm: MPI.Comm) -> None:
+    """A class in place of a kernel: its length is reported, and no worse than one far off."""
+    scene = smooth(comm)
+    chosen, far = (
+        approximate(*scene, share=0.2, kernel=kernel, compare_every=1)[1]
+        for kernel in (ffr.ExponentialSpline, ffr.ExponentialSpline(0.001))
+    )
+    assert chosen.errors is not None and far.errors is not None
+    assert chosen.length > 0.0
+    assert chosen.errors.l2 < far.errors.l2
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
+    """Exact adjoint and element by element walk the same way; the history tells of errors."""
+
+    def run(method: ffr.optimization.GradientMethod | None) -> ffr.Result:
+        problem = reference_problem(comm, (24, 6), modes=3, steps=100)
+        levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+        return ffr.optimize(
+            problem,
+            levelset,
+            levelset.with_holes(4, 1, 0.01),
+            volume=0.7,
+            gradient=method,
+            optimizer=ffr.LevelSetEvolution(sharpness=(11.0,)),
+            iterations=4,
+            progress=False,
+        )
+
+    exact, element = run(None), run(ffr.paper.ElementByElement())
+    assert_allclose(element.history["psi"], exact.history["psi"], rtol=1e-6)
+    assert list(element.history) == list(exact.history)
+    assert "gradient_estimate" not in exact.history
+    elements = ffr.paper.GradientElements(share=0.4)
+    near = run(ffr.paper.ApproximateGradient(elements, ffr.ThinPlate(), compare_every=2))
+    history = near.history
+    domain = exact.designs["rod"].domain
+    designed = comm.allreduce(int(np.count_nonzero(domain.design_cells)))
+    assert np.all(history["gradient_elements"] < 0.5 * designed)
+    assert np.all(history["gradient_estimate"] > 0.0)
+    kept = history["accepted"] > 0
+    measured = np.isfinite(history["gradient_error"]) & np.isfinite(history["band_error"])
+    assert np.all(measured[kept & (history["iteration"] % 2 == 0)])
+    assert history["psi"][-1] < history["psi"][0]
