@@ -82,10 +82,10 @@ class BoundaryResult:
         return found
 
     def summary(self) -> dict[str, Any]:
-        """The last row of the history, and how it ended, for `Result.summary`."""
-        last = {key: float(column[-1]) for key, column in self.history.items()}
-        return last | {
-            "psi": self.psi,
+        """The row of the history that the result is, and how it ended, for `Result.summary`."""
+        row = int(np.flatnonzero(self.history["psi"] == self.psi)[-1])
+        told = {key: float(column[row]) for key, column in self.history.items()}
+        return told | {
             "steps": len(self.history["psi"]) - 1,
             "reason": self.reason,
         }
