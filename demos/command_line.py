@@ -51,10 +51,9 @@ def parse(arguments: list[str] | None, name: str, **defaults: Any) -> argparse.N
     own_mesh = any(value for option, value in given.items() if "mesh" in option)
     fine = [fits(given[n], defaults[n]) for n, fits in AS_FINE.items() if n in defaults]
     options.complete = not own_mesh and all(np.all(each) for each in fine)
-    options.run = {n: given[n] for n in ("iterations", "resume", "output") if n in given}
-    if "boundary" in given:
-        steps = options.boundary
-        options.run["boundary"] = options.iterations // 3 if steps is None else steps
+    options.run = {
+        n: given[n] for n in ("iterations", "boundary", "resume", "output") if n in given
+    }
     return options
 
 
@@ -96,7 +95,11 @@ def draw(
     for name, x in result.densities.items():
         alone = len(result.densities) == 1
         domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
-        told = f"{result.psi / full:.1%} of the full {name}'s psi with " if alone and full else ""
+        told = (
+            f"{result.evaluation.psi / full:.1%} of the full {name}'s psi with "
+            if alone and full
+            else ""
+        )
         told = f"{told or name + ': '}{result.evaluation.volume[name]:.0%} of its material"
         file = "design" if alone else file
         ffr.write_density(domain, x, output / f"{file}.xdmf")

@@ -299,7 +299,7 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
     run = {"volume": 0.6, "iterations": 12, "progress": False, "mode_tolerance": None}
     result = ffr.optimize(problem, levelset, boundary=2, **run)
     moved = result.moved
-    assert moved is not None and result.psi == result.evaluation.psi
+    assert moved is not None and result.psi == moved.psi < result.evaluation.psi
     part = result.part("rod")
     assert part.area == pytest.approx(moved.summary()["volume"] * domain.area, rel=2e-3)
     found = result.finish(shared_tmp_path, progress=False)
@@ -324,7 +324,7 @@ def test_bodies_in_space_have_no_boundary_that_moves() -> None:
     )
     mechanism = ffr.Mechanism({"rod": ffr.Placement((0.0, 0.0, 0.0))}, gravity=(0, 0, -9.81))
     problem = ffr.Problem({"rod": body}, mechanism, ffr.RadauIIA(0.1, steps=3), ffr.Mass("rod"))
-    with pytest.raises(ValueError, match=r"'rod' is a body in space, .* give boundary=0"):
+    with pytest.raises(ValueError, match=r"with bodies in the plane; give boundary=0"):
         ffr.optimize(problem, ffr.DensityDesign(box), boundary=3)
     plane = ffr.Mirror((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     with pytest.raises(ValueError, match="is a plane; give lines"):

@@ -425,7 +425,8 @@ def _descended(
     _warn_of_missed(best)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
-    return BoundaryResult(*of_best, history, reason, known, shown)
+    over = {name: value for name, value in best.excesses.items() if value > _HELD}
+    return BoundaryResult(*of_best, history, reason, known, shown, over)
 
 
 def with_moved_boundaries(
@@ -459,7 +460,7 @@ def with_moved_boundaries(
     except (ValueError, SimulationError) as error:
         warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
         return result
-    return replace(result, moved=moved)
+    return replace(result, moved=moved, violations=moved.violations)
 
 
 def _sizes(design: Design) -> tuple[float, float]:

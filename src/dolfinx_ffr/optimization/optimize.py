@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..design import Design, Variables
-from ..fem import Domain
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .boundary_steps import with_moved_boundaries
@@ -24,6 +23,9 @@ from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
 from .result import Result, ranks_of, warn
 from .running import alone_in
+
+#: Most steps of boundaries by default
+_BOUNDARY = 25
 
 
 def optimize(
@@ -40,7 +42,7 @@ def optimize(
     progress: bool = True,
     callback: Callback | None = None,
     mode_tolerance: float | None = 2e-3,
-    boundary: int = 0,
+    boundary: int | None = None,
     **options: Any,
 ) -> Result:
     """Design one or several bodies by the gradient of all their elements.
@@ -78,9 +80,10 @@ def optimize(
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out. It is
             estimated every five iterations, and modes are added where it is exceeded; None leaves
             the modes as they are.
-        boundary: Steps of the boundaries of the parts after those of the densities, for bodies in
-            the plane: `Result.moved` has what they come to, and parts are theirs; see
-            `move_boundary`.
+        boundary: Steps of the boundaries of the parts after those of the densities, see
+            `move_boundary`: `Result.moved` has what they come to, and psi, violations and parts of
+            the result are theirs. By default a third as many as the iterations, and 25 at most, for
+            bodies in the plane and exact gradients; 0 leaves the boundaries to the mesh.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
@@ -109,7 +112,8 @@ def optimize(
         said |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
         check_alike(comm, "optimize", said)
         iterations = validation.integer("optimize: iterations", iterations)
-        steps = validation.integer("optimize: boundary", boundary)
+        if boundary is not None:
+            validation.integer("optimize: boundary", boundary)
         validation.flag("optimize: resume", resume)
         validation.flag("optimize: progress", progress)
         folder = None if output is None else validation.path("optimize: output", output)
@@ -146,8 +150,15 @@ def optimize(
                 )
         begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
         check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
-        if steps:
-            _check_boundaries(problem, domains)
+        flat = isinstance(problem, Problem) and all(d.dimension == 2 for d in domains.values())
+        steps = boundary or 0
+        if boundary is None and flat and domains and (gradient is None or gradient.exact):
+            steps = min(iterations // 3, _BOUNDARY)
+        if steps and not flat:
+            raise ValueError(
+                "optimize: a boundary moves where the problem is a Problem with bodies in the "
+                "plane; give boundary=0"
+            )
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(
             problem,
@@ -167,17 +178,6 @@ def optimize(
                 result = with_moved_boundaries(result, steps, mode_tolerance, progress)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
-
-
-def _check_boundaries(problem: Problem, domains: Mapping[str, Domain]) -> None:
-    """Refuse steps of boundaries, before the long work, where there can be none."""
-    validation.instance("optimize: problem", problem, Problem, "a Problem, or boundary=0")
-    for name, domain in domains.items():
-        if domain.dimension != 2:
-            raise ValueError(
-                f"optimize: {name!r} is a body in space, and boundaries move in the plane alone; "
-                "give boundary=0"
-            )
 
 
 def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> dict[str, Variables]:

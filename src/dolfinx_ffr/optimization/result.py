@@ -69,11 +69,19 @@ class BoundaryResult:
     mode_errors: dict[str, float]
     #: What the boundaries enclose at each step of the history, as polygons [m], by body
     materials: dict[str, list[BaseGeometry]]
+    #: As those of `Result`, of the parts
+    violations: dict[str, float]
 
     @property
     def psi(self) -> float:
         """Of the parts."""
         return self.evaluation.psi
+
+    @property
+    def volume(self) -> dict[str, float]:
+        """Filled share of each body that is designed, in the plane."""
+        bodies = self.problem.flexible
+        return {n: bodies[n].domain.area / b.body.area for n, b in self.boundaries.items()}
 
     @property
     def boundary(self) -> Boundary:
@@ -102,7 +110,7 @@ class Result:
 
     densities: dict[str, Array]  #: Of this rank's cells by body, shape (cells,)
     variables: dict[str, Array]  #: By body, the same on every rank, shape (size of the design,)
-    evaluation: Evaluation = field(repr=False)  #: psi and trajectory of the design, by `problem`
+    evaluation: Evaluation = field(repr=False)  #: psi and trajectory of `densities`, by `problem`
     history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
     #: Why the loop ended: "converged", "iterations" (none were left), "interrupted", "stalled" (the
     #: design would fall apart with a narrower Heaviside function), or "infeasible" (without a
@@ -112,7 +120,8 @@ class Result:
     designs: dict[str, Variables] = field(repr=False)
     #: The problem that evaluates the design: for a crisp level set with the law of cut elements
     problem: Problem = field(repr=False)
-    #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume)
+    #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume);
+    #: those of the parts, where boundaries were moved
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for, NaN where it cannot be estimated
@@ -134,16 +143,17 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """How the run ended, for `write_summary`."""
-        errors = [error for error in self.mode_errors.values() if not np.isnan(error)]
+        told = self.moved or self
+        errors = [error for error in told.mode_errors.values() if not np.isnan(error)]
         return {
             "psi": self.psi,
             "reason": self.reason,
             "iterations": self.iterations,
             "feasible": self.feasible,
             "violations": self.violations,
-            "volume": self.evaluation.volume,
+            "volume": (self.moved or self.evaluation).volume,
             "gray": float(self.history["gray"][-1]),
-            "modes": {name: body.modes for name, body in self.problem.flexible.items()},
+            "modes": {name: body.modes for name, body in told.problem.flexible.items()},
             "mode_error": max(errors, default=None),
         } | ({"boundary": self.moved.summary()} if self.moved else {})
 
@@ -247,8 +257,8 @@ class Result:
 
     @property
     def psi(self) -> float:
-        """Objective of the design."""
-        return self.evaluation.psi
+        """Objective of the parts whose boundaries were moved, else of the densities."""
+        return (self.moved or self).evaluation.psi
 
     @property
     def iterations(self) -> int:
