@@ -95,11 +95,8 @@ def draw(
     for name, x in result.densities.items():
         alone = len(result.densities) == 1
         domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
-        told = (
-            f"{result.evaluation.psi / full:.1%} of the full {name}'s psi with "
-            if alone and full
-            else ""
-        )
+        share = result.evaluation.psi / (full or 1.0)
+        told = f"{share:.1%} of the full {name}'s psi with " if alone and full else ""
         told = f"{told or name + ': '}{result.evaluation.volume[name]:.0%} of its material"
         file = "design" if alone else file
         ffr.write_density(domain, x, output / f"{file}.xdmf")
