@@ -5,9 +5,9 @@ The stress is linear in the displacement, so each shape function has a stress mo
 at time t is their sum: sigma(X, t) = sum_j q_j(t) sigma(phi_j)(X). The von Mises stress, as in
 `objective.PeakStress`, is found at all points and time steps by matrix products.
 
-**Where.** At points of each cell in which derivatives converge faster than elsewhere: the middle of
-cells of order 1, the 2 x 2 Gauss points of quadrilaterals of order 2, the three points of the rule
-of degree 2 in triangles of order 2. A peak on the boundary is reached only as the mesh is refined.
+**Where.** In the middle of cells of order 1, and from order 2 on at the corners of each cell, from
+points in which derivatives converge faster than elsewhere (`fem.StressRecovery`). Cells of order 1
+reach a peak on the boundary only as the mesh is refined.
 
 **Static correction.** Normal modes that were left out still follow the inertia forces statically.
 With b the acceleration of the body's points in its frame,
