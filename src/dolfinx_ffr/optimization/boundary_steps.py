@@ -28,6 +28,7 @@ from ..boundary import (
 )
 from ..design import Design, LevelSet
 from ..dynamics import SimulationError
+from ..objective import PeakStress
 from ..part import Part, PartWarning
 from ..problem import Evaluation, Problem
 from .enough_modes import EVERY, with_enough_modes, with_steps_for
@@ -45,6 +46,8 @@ _FIRST, _LONGEST, _SHORTEST = 0.5, 0.65, 1e-3
 #: Size of triangles, in minimum members, and at most in widths of members; and their number at
 #: least, so that psi of a part with few members is told as well
 _SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
+#: Size of triangles in notches, in radii, where the stress counts
+_TURN = 1.0
 #: Weights of the largest violations in the merit, which decides whether a step is taken; that of
 #: bounds is at least so many times the sum of their multipliers, beyond which a penalty is exact
 _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
@@ -124,6 +127,7 @@ class _Descent:
     volume: dict[str, float]  #: Upper bounds of the filled shares
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, which stay
+    turn: float  #: Size of triangles in notches, in radii
 
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
@@ -134,7 +138,7 @@ class _Descent:
         """Boundaries meshed and evaluated; collective."""
         bodies = dict(self.problem.bodies)
         for name, boundary in boundaries.items():
-            domain = boundary.part.domain(self.sizes[name], across=_ACROSS)
+            domain = boundary.part.domain(self.sizes[name], across=_ACROSS, turn=self.turn)
             domain.whole = boundary.body
             bodies[name] = self.problem.flexible[name].with_domain(domain)
         problem = self.problem.with_bodies(bodies)
@@ -357,7 +361,11 @@ def move_boundary(
         validation.number("boundary: size", size, above=0.0, unit="m")
     sizes = {n: _size(given[n]) if size is None else size for n in names}
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
-    descent = _Descent(problem, bounds, sizes, others)
+    objectives = [case.objective for case in problem.load_cases.values()]
+    objectives += [constraint.objective for constraint in problem.constraints]
+    terms = [term for each in objectives for _, term in each._summands()]
+    turn = _TURN if any(isinstance(term, PeakStress) for term in terms) else math.inf
+    descent = _Descent(problem, bounds, sizes, others, turn)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress)
 

@@ -174,7 +174,7 @@ def optimize(
         )
         with alone_in(comm, folder, "optimize: output"):
             result = (optimizer or MMA()).run(loop, designs, begin, filled)
-            if steps and result.reason not in ("interrupted", "infeasible"):
+            if steps and result.reason != "interrupted":
                 result = with_moved_boundaries(result, steps, mode_tolerance, progress)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result

@@ -12,6 +12,7 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -65,6 +66,8 @@ _ACROSS = 0.7
 _SMALLER = (1.0, 0.5, 0.25)
 #: Smallest size of triangles, in units of what was asked for
 _SMALLEST = 0.03
+#: Angle between sides of a polygon from which on it is a corner, rather than part of a curve
+_CORNER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,30 +263,35 @@ class Part(Enclosed):
         first = _FIRST * self.spacing if size is None else size
         return [first / 2**halving for halving in range(count)]
 
-    def domain(self, size: float, order: int = 2, *, across: float = _ACROSS) -> Domain:
+    def domain(
+        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = math.inf
+    ) -> Domain:
         """A mesh of triangles that fits the part, see `Enclosed.domain`; collective.
 
         The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
-        units of its width: thin members get smaller ones, by default about two across. From an
-        ``order`` of 2 on cells at curves are curved. A ValueError on every rank if gmsh cannot mesh
-        the part, or a number is out of range.
+        units of its width: thin members get smaller ones, by default about two across; ``turn`` is
+        that in a notch, in units of its radius, by default none. From an ``order`` of 2 on cells at
+        curves are curved. A ValueError on every rank if gmsh cannot mesh the part, or a number is
+        out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
         validation.number("part: across", across, above=0.0)
+        if turn < math.inf:
+            validation.number("part: turn", turn, above=0.0)
         degree = validation.integer("part: order", order, least=1)
         comm = self.body.comm
         with gmsh_model() if comm.rank == 0 else nullcontext() as gmsh:
-            on_rank_0(comm, lambda: self._mesh(gmsh, size, degree, across))
+            on_rank_0(comm, lambda: self._mesh(gmsh, size, degree, across, turn))
             kept = [n for n in self.body.interfaces if n not in self.lost_interfaces]
             how: dict[str, Any] = {"interfaces": kept, "order": degree}
             how["centers"] = {n: self.body.interfaces[n].center.tolist() for n in kept}
             return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
 
-    def _mesh(self, gmsh: Any, size: float, degree: int, across: float) -> None:
+    def _mesh(self, gmsh: Any, size: float, degree: int, across: float, turn: float) -> None:
         check_size("part: the mesh", self.drawing, size)
         for attempt in _SMALLER:
             try:
-                local = self._local_sizes(attempt * size, across)
+                local = self._local_sizes(attempt * size, across, turn)
                 mesh_faces(gmsh, self.drawing, attempt * size, order=min(degree, 2), local=local)
                 return
             except ValueError:
@@ -292,14 +300,30 @@ class Part(Enclosed):
             gmsh.model.remove()
             gmsh.model.add("dolfinx_ffr again")
 
-    def _local_sizes(self, size: float, across: float) -> LocalSizes | None:
-        """Sizes in narrow members, less than their width; None where there are none."""
+    def _local_sizes(self, size: float, across: float, turn: float) -> LocalSizes | None:
+        """Sizes in narrow members and in notches; None where there are none."""
         rings = [polygon(loop, self.accuracy) for loops in self.outlines for loop in loops]
         positions, widths = member_widths(rings, 0.1 * size, 1.5 * size)
-        narrow = across * widths < size
-        if not np.any(narrow):
+        sizes = across * widths
+        if turn < math.inf:
+            notches, radii = zip(*map(_notches, rings), strict=True)
+            positions = np.vstack([positions, *notches])
+            sizes = np.concatenate([sizes, *(turn * each for each in radii)])
+        small = sizes < size
+        if not np.any(small):
             return None
-        return LocalSizes(positions[narrow], np.maximum(across * widths[narrow], _SMALLEST * size))
+        return LocalSizes(positions[small], np.maximum(sizes[small], _SMALLEST * size))
+
+
+def _notches(ring: Array) -> tuple[Array, Array]:
+    """Where a ring (n, 2) around material on its left bends around a notch, and the radii [m]."""
+    after = np.roll(ring, -1, axis=0) - ring
+    before = np.roll(after, 1, axis=0)
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    angle = np.arctan2(cross, np.einsum("ij,ij->i", before, after))
+    side = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    bent = (angle < 0.0) & (angle > -_CORNER)
+    return ring[bent], side[bent] / -angle[bent]
 
 
 def outer_loops(drawing: Drawing) -> list[list[tuple[Curve, str]]]:
