@@ -236,6 +236,13 @@ class MechanicalProblem:
             return self
         return replace(self, objective=objective, constraints=constraints)
 
+    def parted(self, response: Response) -> MechanicalProblem:
+        """The problem with the `Constraint.parts` in place of each constraint."""
+        constraints = [part for each in self.constraints for part in each.parts(response)]
+        if len(constraints) == len(self.constraints):
+            return self
+        return replace(self, constraints=constraints)
+
     def settled(self, bodies: Bodies | Response) -> MechanicalProblem:
         """The same problem with the method and the steps that a :class:`TimeInterval` takes.
 

@@ -25,6 +25,8 @@ class Side:
 
 
 Loops = tuple[tuple[str, tuple[tuple[Side, ...], ...]], ...]
+#: Curves of a drawing one after the other, by number and whether they run forwards
+Curves = list[tuple[int, bool]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +63,6 @@ def sides_of(
         for a, name, deep in zip(of, given.groups, within, strict=True)
     ]
     ends = _Ends(given)
-    beside = {}  # runs of a solid region beside void, by their ends
-    for face in given.faces:
-        if face.group == "solid":
-            for loop in face.loops:
-                for run, chosen in _runs(loop, inside):
-                    if chosen:
-                        beside[ends.first(run), ends.last(run)] = run
     runs: list[Run] = []
 
     def added(points: Array, nodes: tuple[int, int] | None = None) -> Side:
@@ -75,32 +70,80 @@ def sides_of(
         return Side(True, len(runs) - 1)
 
     faces: list[tuple[str, tuple[tuple[Side, ...], ...]]] = []
+    # sides of solid regions beside void, and all others of designed regions, by their first node
+    solid: dict[int, Curves] = {}
+    moving: dict[int, Curves] = {}
+    staying: list[Curves] = []
+    loops: list[tuple[tuple[Side, ...], Array]] = []
     for face in given.faces:
+        for loop in face.loops:
+            if face.group == "solid":
+                solid |= {ends.first(run): run for run, chosen in _runs(loop, inside) if chosen}
+            elif all(free[i] for i, _ in loop):
+                points = ends.points(loop)
+                loops.append(((added(points),), points))
+            else:
+                for run, chosen in _runs(loop, free):
+                    if chosen:
+                        moving[ends.first(run)] = run
+                    else:
+                        staying.append(run)
         if face.group == "solid":
             stay = tuple(tuple(Side(False, i, way) for i, way in loop) for loop in face.loops)
             faces.append((face.group, stay))
-            continue
-        loops: list[tuple[Side, ...]] = []
-        for loop in face.loops:
-            if all(free[i] for i, _ in loop):
-                loops.append((added(ends.points(loop)),))
-                continue
-            around: list[Side] = []
-            for run, chosen in _runs(loop, free):
-                pair = ends.first(run), ends.last(run)
-                if not chosen:
-                    around += [Side(False, i, way) for i, way in run]
-                elif pair[::-1] in beside:
-                    other = beside[pair[::-1]]
-                    ring = np.vstack([ends.points(run), ends.points(other)])
-                    loops.append((added(ring),))
-                    around += [Side(False, i, not way) for i, way in other[::-1]]
-                else:
-                    whole = np.vstack([ends.points(run), ends.end(run)[None]])
-                    around.append(added(whole, pair))
-            loops.insert(0, tuple(around))
-        faces.append((face.group, tuple(loops)))
-    return runs, tuple(faces)
+    for first in list(moving):
+        if ring := _ring(first, moving, solid, ends):
+            points = np.vstack([ends.points(run) for run in ring])
+            loops.append(((added(points),), points))
+            for run in ring[::2]:
+                del moving[ends.first(run)]
+            staying += [[(i, not way) for i, way in run[::-1]] for run in ring[1::2]]
+    whole = {ends.first(run): run for run in [*staying, *moving.values()]}
+    while whole:
+        around: list[Side] = []
+        drawn, node = [], next(iter(whole))
+        while node in whole:
+            run = whole.pop(node)
+            drawn.append(ends.points(run))
+            if moving.get(node) is run:
+                pair = node, ends.last(run)
+                around.append(added(np.vstack([drawn[-1], ends.end(run)[None]]), pair))
+            else:
+                around += [Side(False, i, way) for i, way in run]
+            node = ends.last(run)
+        loops.append((tuple(around), np.vstack(drawn)))
+    return runs, (*faces, *_faces(loops))
+
+
+def _ring(
+    first: int, moving: dict[int, Curves], solid: dict[int, Curves], ends: _Ends
+) -> list[Curves]:
+    """Around a void between designed and solid regions, runs of both in turn, or nothing."""
+    ring: list[Curves] = []
+    node = first
+    for beside in (moving, solid) * len(moving):
+        if node not in beside or beside[node] in ring:
+            return []
+        ring.append(beside[node])
+        node = ends.last(beside[node])
+        if node == first and beside is solid:
+            return ring
+    return []
+
+
+def _faces(
+    loops: Sequence[tuple[tuple[Side, ...], Array]],
+) -> Iterator[tuple[str, tuple[tuple[Side, ...], ...]]]:
+    """Loops around designed regions, counterclockwise, each with the holes in it, clockwise."""
+    shapes = [shapely.Polygon(points) for _, points in loops]
+    outer = [k for k, (_, points) in enumerate(loops) if shapely.LinearRing(points).is_ccw]
+    within: dict[int, list[int]] = {k: [] for k in sorted(outer, key=lambda k: shapes[k].area)}
+    for k, (_, points) in enumerate(loops):
+        if k not in within:
+            around = next(j for j in within if shapes[j].covers(shapely.Point(points[0])))
+            within[around].append(k)
+    for k in outer:
+        yield "design", tuple(loops[j][0] for j in (k, *within[k]))
 
 
 class _Ends:

@@ -24,7 +24,7 @@ class Step:
     """A motion of the controls, and what its constraints cost."""
 
     offsets: Array  #: Along the normals, one for each control [m]
-    multipliers: Array  #: Of each constraint, not negative; divided by ``weight`` those of psi
+    multipliers: Array  #: What each constraint costs of psi, not negative
     weight: float  #: Of the gradient
 
 
@@ -52,14 +52,16 @@ def best_step(
     gram += 1e-10 * np.trace(gram) / max(len(values), 1) * np.eye(len(values))
     root = np.linalg.cholesky(gram) if len(values) else gram
     wanted = np.minimum(values, _AT_ONCE)
+
+    def multipliers(wanted: Array, weight: float) -> Array:
+        if not len(values):
+            return values
+        right = np.linalg.solve(root, wanted + weight * (slopes[:, free] @ downhill))
+        return np.asarray(nnls(root.T, right, maxiter=100 * len(values))[0])
+
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(_ROUNDS):
-        multipliers = np.zeros(len(values))
-        if len(values):
-            residual = wanted + weight * (slopes[:, free] @ downhill)
-            right = np.linalg.solve(root, residual)
-            multipliers = nnls(root.T, right, maxiter=100 * len(values))[0]
-        inner = weight * downhill - toward @ multipliers
+        inner = weight * downhill - toward @ multipliers(wanted, weight)
         longest = float(np.max(np.abs(inner), initial=0.0))
         if longest == 0.0 or 0.9 < longest / reach < 1.1:
             break
@@ -68,4 +70,5 @@ def best_step(
         inner *= 1.5 * reach / longest
     offsets = np.zeros(len(gradient))
     offsets[free] = inner
-    return Step(offsets, multipliers, weight)
+    # what it takes to mend a violation is no cost of psi
+    return Step(offsets, multipliers(np.minimum(wanted, 0.0), weight) / weight, weight)

@@ -61,6 +61,10 @@ class StressField(Protocol):
     def weights(self) -> Array:
         """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
 
+    @property
+    def interface_distance(self) -> Array:
+        """From each point to the nearest node of an interface, (cells, points) [m]; collective."""
+
     def modes(self, correction: bool) -> Array:
         """Stress s_x, s_y, t_xy, in space all six, for unit coordinates; collective.
 
@@ -292,6 +296,13 @@ class Objective(ABC):
         """
         return self
 
+    def parts(self, response: Response) -> list[Objective]:
+        """Objectives of which it is the largest at a ``response``, or itself alone.
+
+        A bound on each of them has a slope of its own, where that on the largest has one of them.
+        """
+        return [self]
+
     def _summands(self) -> list[tuple[float, Objective]]:
         """The objective as weights and terms of a sum."""
         return [(1.0, self)]
@@ -432,6 +443,16 @@ class Constraint:
         """The constraint with its objective `Objective.calibrated` at a ``response``."""
         objective = self.objective.calibrated(response)
         return self if objective is self.objective else replace(self, objective=objective)
+
+    def parts(self, response: Response) -> list[Constraint]:
+        """Constraints on the `Objective.parts`, which hold where the constraint does."""
+        found = self.objective.parts(response)
+        if len(found) == 1 or self.upper is None:
+            return [self]
+        return [
+            replace(self, objective=part, name=f"{self.label}, part {k}")
+            for k, part in enumerate(found, 1)
+        ]
 
     def scaled(self, psi: float) -> float:
         """The value of g at the objective's value ``psi``, at most zero where the bound holds."""

@@ -43,11 +43,15 @@ Costs = dict[tuple[int, int], float]
 _SMOOTH = 2.4
 #: First, longest and shortest step, in minimum members
 _FIRST, _LONGEST, _SHORTEST = 0.5, 0.65, 1e-3
+#: Shortest step where the stress counts, in minimum members
+_NOISE = 0.06
+#: By which share of its violation a bound is tightened there, and at most
+_TIGHTENED, _TIGHTEST = 0.4, 0.08
 #: Size of triangles, in minimum members, and at most in widths of members; and their number at
 #: least, so that psi of a part with few members is told as well
 _SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
 #: Size of triangles in notches, in radii, where the stress counts
-_TURN = 1.0
+_TURN = 0.4
 #: Weights of the largest violations in the merit, which decides whether a step is taken; that of
 #: bounds is at least so many times the sum of their multipliers, beyond which a penalty is exact
 _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
@@ -117,6 +121,7 @@ class _Slopes:
     psi: Array  #: Of log psi, (masters,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array  #: Their derivatives, (m, masters)
+    bounds: int  #: Number of bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +132,7 @@ class _Descent:
     volume: dict[str, float]  #: Upper bounds of the filled shares
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, which stay
-    turn: float  #: Size of triangles in notches, in radii
+    turn: float = math.inf  #: Size of triangles in notches, in radii
 
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
@@ -163,10 +168,11 @@ class _Descent:
         radii = {name: radius_rows(boundary) for name, boundary in boundaries.items()}
         return Trial(boundaries, problem, found, sizes, radii, excesses)
 
-    def slopes(self, trial: Trial) -> _Slopes:
-        """Derivatives of psi and of all constraints at a trial; collective."""
+    def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
+        """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        evaluation = trial.problem.differentiate(trial.evaluation, nodes=True)
+        problem, found = trial.problem.parted(trial.evaluation)
+        evaluation = problem.differentiate(found, nodes=True)
         motions = {n: NodeMotion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
@@ -185,6 +191,8 @@ class _Descent:
             return np.asarray(block_diag(*own))
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
+        excesses = [float(bound.value) + margin for bound in evaluation.constraints.values()]
+        excesses += [trial.excesses[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]
             areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
@@ -195,8 +203,9 @@ class _Descent:
         values = [part.values for found in geometric for part in found.values()]
         return _Slopes(
             along(evaluation.nodes) / evaluation.psi,
-            np.concatenate([*values, list(trial.excesses.values())]),
+            np.concatenate([*values, excesses]),
             np.vstack([*map(rows, geometric), *bounds]),
+            len(bounds),
         )
 
     def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
@@ -214,7 +223,7 @@ class _Descent:
             np.concatenate(held),
             reach,
         )
-        cost = step.multipliers / step.weight
+        cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
         for name, boundary in boundaries.items():
             count, shares = boundary.shares.shape[1], boundary.shares
@@ -226,7 +235,7 @@ class _Descent:
                 if 0 <= a < b and cost[row] > 0.0:
                     own[a, b] = own.get((a, b), 0.0) + float(cost[row])
                 row += 1
-        return _Step(offsets, costs, float(np.sum(cost[len(cost) - len(trial.excesses) :])))
+        return _Step(offsets, costs, float(np.sum(cost[len(cost) - found.bounds :])))
 
     def moved(self, trial: Trial, step: _Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
@@ -395,19 +404,22 @@ def _descended(
         trial = descent.tried(boundaries)
         descent, trial, errors = descent.accurate(trial, tolerance, first)
         best, known = trial, errors
-        reach, reason, weight, removed = _FIRST, "iterations", _OF_BOUNDS, 0
+        reach, reason, weight, removed, margin = _FIRST, "iterations", _OF_BOUNDS, 0, 0.0
         told = [trial.told(0.0, 0, 0)]
         shown = {name: [b.material] for name, b in boundaries.items()}
         for number in range(1, steps + 1):
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
-            slopes, rejected, found = descent.slopes(trial), 0, None
+            slopes, rejected, found = descent.slopes(trial, margin), 0, None
             while found is None and reach >= _SHORTEST:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
                 if found is not None and found.merit(weight) > trial.merit(weight) + _RISE:
+                    # shorter steps change the largest stress less than another mesh does
+                    if descent.turn < math.inf and reach <= _NOISE:
+                        break
                     found = None
                 if found is None:
                     reach, rejected = 0.5 * reach, rejected + 1
@@ -416,6 +428,11 @@ def _descended(
                 break
             better = found.merit(weight) < trial.merit(weight)
             reach = min(reach * (1.2 if better else 0.7), _LONGEST)
+            if descent.turn < math.inf:
+                reach = max(reach, _NOISE)
+                # its largest value is always a little more than its slopes say
+                late = _TIGHTENED * found.excess if found.excess > _HELD else -0.2 * margin
+                margin = min(margin + late, _TIGHTEST)
             trial, removed = found, 0
             if number % EVERY == 0 or number == steps:
                 trial, removed = descent.simpler(trial, step.costs, weight)

@@ -205,6 +205,7 @@ class BodyFigures:
     volume: float  #: Material, as a share of the area of the body that was designed
     frequencies: NDArray[np.float64]  #: With all interfaces fixed [Hz]
     stress: float | None  #: Largest von Mises stress over the trajectory [Pa]; None without one
+    place: NDArray[np.float64] | None  #: Where it is, in the mesh (dimension,) [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +320,9 @@ class Verification:
             lines.append(f"  frequency {i}  {old:.5g} -> {new:.5g} Hz")
         if before.stress is not None and after.stress is not None:
             old, new = before.stress / 1e6, after.stress / 1e6
-            lines.append(f"  stress       {old:.4g} -> {new:.4g} MPa")
+            assert after.place is not None
+            at = ", ".join(f"{1e3 * x:.4g}" for x in after.place)
+            lines.append(f"  stress       {old:.4g} -> {new:.4g} MPa, at ({at}) mm")
         return lines
 
     def record(self) -> dict[str, Any]:
@@ -506,10 +509,11 @@ def _figures(
     for name, part in parts.items():
         body, reduced = problem.flexible[name], evaluation.bodies[name]
         domain, mass = body.domain, reduced.integrals.mass
-        stress = worst_stress(body, evaluation, name).largest if evaluation.moves else None
+        worst = worst_stress(body, evaluation, name) if evaluation.moves else None
+        stress = (worst.largest, worst.largest_position) if worst else (None, None)
         share = domain.sum(reduced.density * domain.cell_volumes) / part.body.area
         held = evaluation.fixed_interface_frequencies[name]
-        bodies[name] = BodyFigures(domain.n_cells_global, mass, share, held, stress)
+        bodies[name] = BodyFigures(domain.n_cells_global, mass, share, held, *stress)
     constraints = {name: float(value.psi) for name, value in evaluation.constraints.items()}
     excesses = {f"volume of {n}": bodies[n].volume / bound - 1.0 for n, bound in bounds.items()}
     excesses |= {name: float(value.value) for name, value in evaluation.constraints.items()}

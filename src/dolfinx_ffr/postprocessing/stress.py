@@ -78,6 +78,7 @@ class StressModes:
         correction: bool = True,
         relaxation: float = 0.0,
         void: float = VOID,
+        clear: float = 0.0,
     ) -> StressModes:
         """The stress modes of a body at one design.
 
@@ -85,7 +86,8 @@ class StressModes:
         an evaluation, at any time: if it has been reduced at another design since, its matrices are
         made again. With ``correction`` it has modes of the static correction. ``relaxation`` is the
         exponent s >= 0 of the density by which the stress of the solid is scaled; cells of less
-        density than ``void``, in [0, 1], have no stress.
+        density than ``void``, in [0, 1], have no stress, nor has what is less than ``clear`` [m]
+        away from an interface (`PeakStress`).
         """
         validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
         validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
@@ -93,9 +95,11 @@ class StressModes:
         validation.number("stress: relaxation", relaxation, least=0.0)
         validation.number("stress: void", void, least=0.0, most=1.0)
         stress, basis, solid = BodyStress(body, reduced), reduced.basis, reduced.density >= void
-        scale = np.where(solid, reduced.density**relaxation, 0.0)
+        scale = np.where(solid, reduced.density**relaxation, 0.0)[:, None]
+        if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
+            scale = np.where(stress.interface_distance < clear, 0.0, scale)
         values, normal = stress.modes(correction), body.material.out_of_plane
-        values = values * scale[:, None, None, None]
+        values = values * scale[:, :, None, None]
         counts = basis.shapes.shape[1], basis.n_constraint
         return StressModes(stress.points, values, normal, solid, *counts, body.domain)
 
@@ -210,14 +214,15 @@ def worst_stress(
     correction: bool = True,
     relaxation: float = 0.0,
     void: float = VOID,
+    clear: float = 0.0,
 ) -> StressEnvelope:
     """The largest von Mises stress of each cell over a motion, and when it occurs; collective.
 
     The ``body`` has a ``name`` in the mechanism; the ``evaluation`` is what `Problem.value` or
     `Problem.gradient` returned, at any time. Of several load cases the one with the largest stress
-    is told; for the others give `Evaluation.alone`. ``correction``, ``relaxation`` and ``void`` are
-    those of `StressModes.of`. A ValueError on every rank if there is no such body, or a number is
-    out of range.
+    is told; for the others give `Evaluation.alone`. ``correction``, ``relaxation``, ``void`` and
+    ``clear`` are those of `StressModes.of`. A ValueError on every rank if there is no such body, or
+    a number is out of range.
     """
     validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")
@@ -226,7 +231,7 @@ def worst_stress(
             there = sorted(evaluation.bodies)
             raise ValueError(f"worst_stress: no flexible body {name!r}; there are {there}")
     how: dict[str, Any] = {"correction": correction, "relaxation": relaxation, "void": void}
-    modes = StressModes.of(body, evaluation.bodies[name], **how)
+    modes = StressModes.of(body, evaluation.bodies[name], **how, clear=clear)
     evaluation.check_simulated()
     moved = {n: m.trajectory for n, m in evaluation.load_cases.items() if m.trajectory is not None}
     found = []

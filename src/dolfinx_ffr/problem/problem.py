@@ -322,9 +322,24 @@ class Problem:
         Nothing is simulated for it. The evaluation has values and no gradients; where no objective
         is to be corrected, both are the given ones.
         """
+        return self._adapted(evaluation, MechanicalProblem.calibrated)
+
+    def parted(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
+        """The problem and an ``evaluation`` with `Constraint.parts` in place of each constraint.
+
+        A bound on the largest stress then has several slopes, of which a step can keep all.
+        """
+        return self._adapted(evaluation, MechanicalProblem.parted)
+
+    def _adapted(
+        self,
+        evaluation: Evaluation,
+        changed: Callable[[MechanicalProblem, Response], MechanicalProblem],
+    ) -> tuple[Problem, Evaluation]:
+        """The problem with ``changed`` load cases, and what they evaluate to; collective."""
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, WORK):
-            cases = {n: m.calibrated(responses[n]) for n, m in self.load_cases.items()}
+            cases = {n: changed(m, responses[n]) for n, m in self.load_cases.items()}
         problem = self._with(cases)
         if problem is self:
             return self, evaluation

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..fem import Array
 from ..parallel import announce, gathered
@@ -39,6 +40,16 @@ class BodyStress:
     def weights(self) -> Array:
         """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
         return self.body.stress_recovery.weights
+
+    @property
+    def interface_distance(self) -> Array:
+        """From each point to the nearest node of an interface, (cells, points) [m]; collective."""
+        domain, points = self.body.domain, self.points
+        nodes = domain.space.tabulate_dof_coordinates()[:, : domain.dimension]
+        own = np.unique(np.concatenate([each.dofs for each in domain.interfaces.values()]))
+        found = cKDTree(np.vstack(self.gathered(nodes[own])))
+        distance, _ = found.query(points.reshape(-1, domain.dimension))
+        return np.asarray(distance.reshape(points.shape[:2]))
 
     def modes(self, correction: bool) -> Array:
         """`FlexibleBody.stress_modes`, shape (cells, points, 3 or 6, coordinates) [Pa]."""
