@@ -6,6 +6,7 @@ from __future__ import annotations
 from ..documentation import explain_fields
 from .density_field import density_field
 from .density_filter import DensityFilter, HeavisideProjection
+from .dimensions import DimensionDesign
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
 from .mirrors import Isometry, Mirror, image_cells, images, mirror_lines, mirror_planes
@@ -24,6 +25,7 @@ __all__ = [
     "DensityDesign",
     "DensityFilter",
     "Design",
+    "DimensionDesign",
     "Evolution",
     "ExponentialSpline",
     "Gaussian",

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -336,6 +337,13 @@ class Domain:
     def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
         """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
         return self
+
+    def with_center(self, name: str, center: Array) -> Domain:
+        """The same domain with the ``center`` (dimension,) [m] of the interface ``name``."""
+        other: Domain = object.__new__(type(self))
+        moved = replace(self.interfaces[name], center=center)
+        vars(other).update(vars(self), interfaces={**self.interfaces, name: moved})
+        return other
 
     # ------------------------------------------------------------------ geometry
 
