@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..boundary import Boundary
-from ..design import Design, Variables
+from ..design import Design, DimensionDesign, Variables
 from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
@@ -156,6 +156,20 @@ class Result:
             "modes": {name: body.modes for name, body in told.problem.flexible.items()},
             "mode_error": max(errors, default=None),
         } | ({"boundary": self.moved.summary()} if self.moved else {})
+
+    @property
+    def dimensions(self) -> dict[str, dict[str, float]]:
+        """Dimensions by body and name, of a `DimensionDesign`."""
+        return {n: d.named(self.variables[n]) for n, d in self._sized.items()}
+
+    @property
+    def at_bounds(self) -> dict[str, dict[str, str]]:
+        """By body the dimensions that stand at a bound: "lower" or "upper"."""
+        return {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
+
+    @property
+    def _sized(self) -> dict[str, DimensionDesign]:
+        return {n: d for n, d in self.designs.items() if isinstance(d, DimensionDesign)}
 
     @property
     def x(self) -> Array:
