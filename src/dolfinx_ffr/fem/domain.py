@@ -268,7 +268,9 @@ class Domain:
         Args:
             comm: Communicator over which the mesh is distributed; rank 0 reads and meshes.
             outline: A .dxf or .svg file, rings of points (n, 2), or polygons of shapely. Lines,
-                arcs and splines stay what they are; y of SVG files, downwards, is turned.
+                arcs and splines stay what they are; y of SVG files, downwards, is turned. A ring
+                may be a list of pieces (n, 2) that follow each other: two points are a line, three
+                an arc of the circle through them, more a cubic spline.
             interfaces: For each name a predicate as for `Domain`, or the layer (.dxf), id or label
                 (.svg) of its curves. A curve on a boundary that is drawn already only names it.
             size: Of the triangles [m].
