@@ -6,17 +6,19 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..fem import (
     Array,
     Domain,
+    Drawing,
     closed_outline,
     gathered_nodes,
     gmsh_model,
@@ -45,11 +47,12 @@ class DimensionDesign(Variables):
 
     Args:
         shape: A function of a mapping from names to numbers. In the plane it returns a mapping of
-            what `Domain.from_outline` takes: ``outline`` (rings, or rings of pieces, or polygons)
-            and ``interfaces``, and where wanted ``centers``, ``solid``, ``void``. Or a function of
-            that mapping and ``gmsh.model`` on rank 0, which builds a geometry there with physical
-            groups, in the plane or in space, and makes no mesh. It must have as many curves and
-            faces for all values; values for which it has not, or raises, are not taken.
+            what `Domain.from_outline` takes: ``outline`` (rings or polygons) and ``interfaces``
+            (predicates), and where wanted ``centers``, ``solid``, ``void`` and ``unit``. Or it is a
+            function of that mapping and ``gmsh.model`` on rank 0, which builds a geometry there by
+            ``model.occ``, in the plane or in space, names its physical groups, and makes no mesh.
+            Values for which it raises, or for which curves or faces are others than at the start,
+            are not taken.
         dimensions: Lower and upper bound by name, lower < upper.
         size: Of the triangles or tetrahedra [m].
         start: Values at the start by name; by default the middles between the bounds.
@@ -138,31 +141,39 @@ class DimensionDesign(Variables):
         """The body at ``variables`` (size,), by default those of the start; collective.
 
         Raises:
-            ValueError: On every rank, if there is no valid geometry, it has another number of
-                curves or faces than the first one had, or it cannot be meshed.
+            ValueError: On every rank, if there is no valid geometry, its curves or faces are
+                others than at the start, or it cannot be meshed.
         """
         x = self._start if variables is None else np.asarray(variables, dtype=np.float64)
-        with self._explained(comm, x):
+        with self._explained(x):
             if self._drawn:
                 with on_every_rank(comm, "the outline of dimensions"):
                     given = self._given(x)
                 on_rank_0(comm, lambda: self._check(x))
                 return Domain.from_outline(comm, **given, size=self._length, order=self._order)
             with ExitStack() as stack:
-                model = on_rank_0_only(comm, lambda: self._meshed(stack, x))
-                interfaces = self._interfaces
-                return Domain.from_gmsh_model(
-                    comm, model, interfaces=interfaces, order=self._order
-                )
+                model = None
+                with on_every_rank(comm, "a geometry of dimensions"):
+                    if comm.rank == 0:
+                        model = self._meshed(stack, x)
+                how: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
+                return Domain.from_gmsh_model(comm, model, **how)
 
-    def motion(self, domain: Domain, variables: Array) -> DimensionMotion:
-        """How the nodes of the ``domain`` of these ``variables`` move with them; collective."""
+    def motion(
+        self, domain: Domain, variables: Array, still: NDArray[np.int32] | None = None
+    ) -> DimensionMotion:
+        """How the nodes of the ``domain`` of these ``variables`` move with them; collective.
+
+        The nodes ``still`` of this rank stay where they are; a ValueError on every rank if they are
+        on a boundary that moves.
+        """
         comm = domain.comm
         x, cells, (numbers, own) = gathered_nodes(domain)
-        with self._explained(comm, variables):
-            rates = on_rank_0(comm, lambda: self._rates(x, cells, variables))
-            here = rates[numbers]
-            centers = self._center_rates(comm, variables)
+        at_rest = np.concatenate(comm.allgather(numbers[[] if still is None else still]))
+        with self._explained(variables):
+            here = on_rank_0(comm, lambda: self._rates(x, cells, variables, at_rest))[numbers]
+            with on_every_rank(comm, "the centers of dimensions"):
+                centers = self._center_rates(variables)
         found = []
         for name, part in domain.interfaces.items():
             given = centers.get(name)
@@ -170,11 +181,10 @@ class DimensionDesign(Variables):
         return DimensionMotion(comm, here * own[:, None, None], np.array(found))
 
     @contextmanager
-    def _explained(self, comm: MPI.Comm, variables: Array) -> Iterator[None]:
-        """Errors of the user's function and of gmsh name the dimensions; on every rank."""
+    def _explained(self, variables: Array) -> Iterator[None]:
+        """Errors of the user's function and of gmsh name the dimensions."""
         try:
-            with on_every_rank(comm, "a geometry of dimensions"):
-                yield
+            yield
         except Exception as error:  # gmsh raises nothing more precise, and users' functions do
             where = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
             raise ValueError(f"dimensions: no body with {where}: {error}") from error
@@ -191,13 +201,24 @@ class DimensionDesign(Variables):
             raise ValueError(f"dimensions: shape(...) returns {sorted(given)}; return {needed}")
         return dict(given)
 
+    def drawing(self, variables: Array) -> Drawing | None:
+        """The outline with the interface of each curve; None of a model of gmsh."""
+        if not self._drawn:
+            return None
+        given = self._given(variables)
+        drawn = closed_outline("outline", read_outline(given["outline"], given.get("unit")), ())
+        groups = [""] * len(drawn.curves)
+        for name, where in given["interfaces"].items():
+            for i, curve in enumerate(drawn.curves):
+                points = np.pad(curve.at(np.linspace(0.0, 1.0, 9)), ((0, 0), (0, 1)))
+                groups[i] = name if np.all(where(points.T)) else groups[i]
+        return replace(drawn, groups=groups)
+
     def _built(self, gmsh: Any, variables: Array) -> Any:
         """The geometry in gmsh's current model, and its numbers of curves and faces; on rank 0."""
-        if self._drawn:
-            given = self._given(variables)
-            layers = [where for where in given["interfaces"].values() if isinstance(where, str)]
-            drawn = read_outline(given["outline"], given.get("unit"))
-            surfaces(gmsh, closed_outline("outline", drawn, layers))
+        drawing = self.drawing(variables)
+        if drawing is not None:
+            surfaces(gmsh, drawing)
         else:
             with quiet():
                 self._shape(self.named(variables), gmsh.model)
@@ -209,16 +230,17 @@ class DimensionDesign(Variables):
         return counts, sorted(zip(groups, parts, strict=True))
 
     def _check(self, variables: Array, gmsh: Any = None) -> None:
-        """Build the geometry, and refuse another topology than that of the first one."""
+        """Build the geometry, and refuse another topology than that of the start; on rank 0."""
+        if self._topology is None:
+            with gmsh_model("dimensions need") as other:
+                self._topology = self._built(other, self._start)
         with ExitStack() as stack:
             found = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
-        if self._topology is None:
-            self._topology = found
         if found != self._topology:
+            here, there = (f"{n[1]} curves and {n[2]} faces" for n, _ in (found, self._topology))
             raise ValueError(
-                f"the geometry has {found[0][1]} curves and {found[0][2]} faces, and not the "
-                f"{self._topology[0][1]} and {self._topology[0][2]} of the first one, or other "
-                "physical groups: keep the topology, or narrow the bounds"
+                f"the geometry has {here}, and at the start {there}, or other physical groups: "
+                "keep the topology for all values, or narrow the bounds"
             )
 
     def _meshed(self, stack: ExitStack, variables: Array) -> Any:
@@ -233,7 +255,7 @@ class DimensionDesign(Variables):
         gmsh.model.mesh.renumberNodes()
         return gmsh.model
 
-    def _rates(self, x: Array, cells: Any, variables: Array) -> Array:
+    def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
         """Motion of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
         d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
         outer = np.unique(outer_facets(cells[:, : d + 1]))
@@ -246,28 +268,37 @@ class DimensionDesign(Variables):
         known[nodes] = True
         if not np.all(known[outer]):
             raise ValueError("the nodes of the mesh do not lie on its geometry")
-        for k, (ends, steps) in enumerate(map(self._beside, [variables] * self.size, range(self.size))):
-            places = []
-            for end in ends:
-                with gmsh_model() as gmsh:
-                    self._check(end, gmsh)
-                    places.append(on.positions(gmsh.model))
-            change = places[0] - places[1]
+        for k in range(self.size):
+            (more, less), apart = self._beside(variables, k)
+            change = self._places(on, more) - self._places(on, less)
             if np.max(np.abs(change), initial=0.0) > _JUMP * size:
                 raise ValueError(
                     f"curves or faces are exchanged by a small change of {self.names[k]!r}: build "
                     "them in the same order for all values"
                 )
-            rates[nodes, :, k] = change / steps
+            rates[nodes, :, k] = change / apart
+        if np.any(rates[still]):
+            raise ValueError(
+                "a marker is in a cell whose boundary moves; have it farther inside, or make it an "
+                "interface"
+            )
+        known[still] = True
         return extended(x, cells, rates, known, faces)
 
-    def _beside(self, variables: Array, k: int) -> tuple[list[Array], float]:
-        """Variables on both sides in dimension k, and how far apart these are."""
-        step = _STEP * float(np.asarray(self.upper)[k] - np.asarray(self.lower)[k])
-        ends = [variables + side * step * np.eye(self.size)[k] for side in (1.0, -1.0)]
-        return ends, 2.0 * step
+    def _places(self, on: NodesOnGeometry, variables: Array) -> Array:
+        """Where nodes on the geometry are at variables, shape (those nodes, dimension) [m]."""
+        with gmsh_model() as gmsh:
+            self._check(variables, gmsh)
+            return on.positions(gmsh.model)
 
-    def _center_rates(self, comm: MPI.Comm, variables: Array) -> dict[str, Array]:
+    def _beside(self, variables: Array, k: int) -> tuple[list[Array], float]:
+        """Variables on both sides in dimension k, within the bounds, and how far apart they are."""
+        step = np.zeros(self.size)
+        step[k] = _STEP * float((np.asarray(self.upper) - self.lower)[k])
+        ends = [np.clip(variables + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
+        return ends, float(ends[0][k] - ends[1][k])
+
+    def _center_rates(self, variables: Array) -> dict[str, Array]:
         """Motion (dimension, k) of the centers that the user's function gives, by interface."""
         if not self._drawn or not (given := self._given(variables).get("centers")):
             return {}
@@ -279,11 +310,3 @@ class DimensionDesign(Variables):
                 rate[:, k] = (np.asarray(one[name]) - np.asarray(other[name])) / apart
         return found
 
-
-def on_rank_0_only(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
-    """What ``action`` returns on rank 0, None elsewhere; an error of it is raised on every rank."""
-    found = None
-    with on_every_rank(comm, "a geometry of dimensions"):
-        if comm.rank == 0:
-            found = action()
-    return found

@@ -153,14 +153,14 @@ def optimize(
                 )
         begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
         check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
-        flat = isinstance(problem, Problem) and all(d.dimension == 2 for d in domains.values())
+        flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
         steps = boundary or 0
-        if boundary is None and flat and domains and (gradient is None or gradient.exact):
+        if boundary is None and flat and (gradient is None or gradient.exact):
             steps = min(iterations // 3, _BOUNDARY)
         if steps and not flat:
             raise ValueError(
-                "optimize: a boundary moves where the problem is a Problem with bodies in the "
-                "plane; give boundary=0"
+                "optimize: a boundary moves where the problem is a Problem with densities of "
+                "bodies in the plane; give boundary=0"
             )
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(

@@ -61,10 +61,10 @@ class Sizing:
             for name, design in self._designs.items():
                 domain = design.domain(self.comm, given[name])
                 bodies[name] = self._problem.flexible[name].with_domain(domain)
-        except ValueError as error:
-            raise SimulationError(str(error), None) from error  # type: ignore[arg-type]
-        problem = self._problem.with_bodies(bodies)
-        found = problem.value(of_problem(_full(problem)))
+            problem = self._problem.with_bodies(bodies)
+            found = problem.value(of_problem(_full(problem)))
+        except (ValueError, RuntimeError) as error:
+            raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
         told = {
             f"{name}: {key}": number
             for name, design in self._designs.items()
@@ -78,10 +78,10 @@ class Sizing:
         problem = evaluation.problem
         assert problem is not None
         found = problem.differentiate(evaluation, nodes=True)
-        motions = {
-            name: design.motion(problem.flexible[name].domain, evaluation.x[name])
-            for name, design in self._designs.items()
-        }
+        motions = {}
+        for name, design in self._designs.items():
+            body = problem.flexible[name]
+            motions[name] = design.motion(body.domain, evaluation.x[name], body.marker_nodes)
 
         def along(part: Any) -> Any:
             """The same with its gradient by the variables."""

@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
@@ -23,6 +23,7 @@ from ..fem import (
     ElasticMaterial,
     Interpolation,
     StressRecovery,
+    _compat,
     cut_exponent,
     kept_by,
 )
@@ -207,6 +208,12 @@ class FlexibleBody:
     def stress_recovery(self) -> StressRecovery:
         """Stress of the solid at points of each cell, from displacements."""
         return StressRecovery(self.elasticity, self.material)
+
+    @property
+    def marker_nodes(self) -> NDArray[np.int32]:
+        """Nodes of the mesh, of this rank's cells that contain markers besides the interfaces."""
+        cells = [cell for marker in self.markers.values() for cell, _ in marker.cells]
+        return np.unique(_compat.cell_geometry(self.domain.mesh)[cells])
 
     def volume(self, x: ArrayLike) -> tuple[float, Array]:
         """The filled share of the body's area, the same on every rank, and its derivative.
