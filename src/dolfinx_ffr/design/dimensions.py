@@ -86,12 +86,12 @@ class DimensionDesign(Variables):
             validation.real_array(f"dimensions: {n!r}", pair, (2,), expected="two bounds")
             for n, pair in bounds.items()
         ]
-        self.lower, self.upper = np.array(every).T  # type: ignore[assignment]
+        self.lower, self.upper = np.array(every).T
         for name, (low, high) in zip(self.names, every, strict=True):
-            if not (np.isfinite(low) and low < high < np.inf):
+            if not low < high:
                 raise ValueError(
-                    f"dimensions: {name!r} is between {low:.6g} and {high:.6g}; give two finite "
-                    "bounds, the lower one first"
+                    f"dimensions: {name!r} is between {low:.6g} and {high:.6g}; give two bounds, "
+                    "the lower one first"
                 )
         self.size = len(self.names)
         self._shape = shape
@@ -121,7 +121,7 @@ class DimensionDesign(Variables):
             found[i] = validation.number(f"dimensions: {name!r}", value, least=low, most=high)
         return found
 
-    def even(self, value: float | None = None) -> Array:  # type: ignore[override]
+    def even(self, value: float | None = None) -> Array:
         """The variables of the start, shape (size,); or all at a share ``value`` of their range."""
         return self._start.copy() if value is None else super().even(value)
 
@@ -138,7 +138,7 @@ class DimensionDesign(Variables):
     # ------------------------------------------------------------------ geometry and meshes
 
     def domain(self, comm: MPI.Comm, variables: ArrayLike | None = None) -> Domain:
-        """The body at ``variables`` (size,), by default those of the start; collective.
+        """The body at ``variables`` (size,), by default the start, over ``comm``; collective.
 
         Raises:
             ValueError: On every rank, if there is no valid geometry, its curves or faces are
@@ -202,7 +202,7 @@ class DimensionDesign(Variables):
         return dict(given)
 
     def drawing(self, variables: Array) -> Drawing | None:
-        """The outline with the interface of each curve; None of a model of gmsh."""
+        """The outline at ``variables`` (size,) with its interfaces; None of a model of gmsh."""
         if not self._drawn:
             return None
         given = self._given(variables)
@@ -244,7 +244,7 @@ class DimensionDesign(Variables):
             )
 
     def _meshed(self, stack: ExitStack, variables: Array) -> Any:
-        """gmsh's model with a mesh, until the stack ends; on rank 0."""
+        """Gmsh's model with a mesh, until the stack ends; on rank 0."""
         gmsh = stack.enter_context(gmsh_model("dimensions need"))
         self._check(variables, gmsh)
         before = gmsh.option.getNumber("Mesh.MeshSizeMax")
@@ -309,4 +309,3 @@ class DimensionDesign(Variables):
             for name, rate in found.items():
                 rate[:, k] = (np.asarray(one[name]) - np.asarray(other[name])) / apart
         return found
-

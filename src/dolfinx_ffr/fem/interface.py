@@ -42,7 +42,8 @@ class Interface:
     def center_rates(self, domain: mesh.Mesh, rates: Array) -> Array:
         """How its center, as it is found by default, moves with the nodes, (dimension, k).
 
-        Collective. The nodes of this rank move by ``rates`` (nodes, dimension, k).
+        Collective. The nodes of the mesh ``domain`` on this rank move by ``rates`` (nodes,
+        dimension, k).
         """
         comm, x, d = domain.comm, domain.geometry.x, rates.shape[1]
         own = np.abs(rates[facet_nodes(domain, self.facets).ravel()])

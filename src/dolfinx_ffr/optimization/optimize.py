@@ -132,7 +132,7 @@ def optimize(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
             )
         sizing = sized(problem, design)
-        designs = _by_body(*(sizing or (problem, design)))  # type: ignore[arg-type]
+        designs = _by_body(*(sizing or (problem, design)))
         if optimizer is not None:
             what = "LevelSetEvolution(...) or MMA(...)"
             validation.implementation("optimize: optimizer", optimizer, ("run",), what)

@@ -203,6 +203,7 @@ class Result:
             if isinstance(design, Design):
                 found = kind.of(design, self.variables[name], material=body.material)
             else:  # all of the body
+                assert isinstance(design, DimensionDesign)
                 found = kind(body.domain, lambda x: np.ones(len(x)), material=body.material)
                 drawing = design.drawing(self.variables[name])
                 if isinstance(found, Part) and drawing is not None:

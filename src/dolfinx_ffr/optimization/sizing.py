@@ -92,7 +92,7 @@ class Sizing:
 
         cases = {n: along(case) for n, case in found.load_cases.items()}
         bounds = {n: along(bound) for n, bound in found.constraints.items()}
-        return along(replace(found, constraints=bounds, load_cases=cases))  # type: ignore[no-any-return]
+        return along(replace(found, constraints=bounds, load_cases=cases))
 
     def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
         """As `Problem.calibrated`, for this and all later designs."""
@@ -108,8 +108,8 @@ class Sizing:
         """The result of a run with its problem on the last meshes, with as many modes as needed."""
         evaluation = result.evaluation
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
-        problem, found, errors = evaluation.problem, Evaluation(**_parts(evaluation)), {}
-        x = _full(problem)
+        problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
+        x, errors = _full(problem), dict[str, float]()
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}
             problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)

@@ -234,12 +234,12 @@ class CraigBampton:
         markers_bar: Mapping[str, BodyMarker],
         loads_bar: Mapping[str, Array],
     ) -> Array:
-        """Derivative by the centers of all interfaces, shape (interfaces, dimension), on every rank.
+        """Derivative by the centers of all interfaces, (interfaces, dimension), on every rank.
 
-        The frame, the constraint modes and all markers follow them, as differences of the geometry
-        alone tell. The bars are by the values of the constraint modes at the interfaces, (dofs, k),
-        by the reference position, (dofs,), by the markers, and by the displacements of interfaces
-        that forces at them work on, (dimension, k).
+        Frame, constraint modes and markers follow them, by differences of the geometry alone. Bars:
+        ``values_bar`` by the constraint modes at the interfaces, (dofs, k), ``reference_bar`` by
+        the reference position, (dofs,), ``markers_bar`` by the markers, ``loads_bar`` by the
+        displacements of interfaces that forces at them work on, (dimension, k).
         """
         domain, d = self.elasticity.domain, self.elasticity.dimension
         shifted = reference_bar.reshape(-1, d).sum(axis=0)
@@ -250,14 +250,14 @@ class CraigBampton:
             origin, motions = self.frame.origin(moved), self.frame.retained(moved)
             found = float(np.sum(values_bar * self._lift(moved, motions)) - shifted @ origin)
             for other, bar in markers_bar.items() if domain.comm.rank == 0 else ():
-                found -= bar.position @ origin
+                found -= float(bar.position @ origin)
                 if other in domain.interfaces:
                     displacement, rotation = self.interface_motion(other, motions)
                     k = displacement.shape[1]
-                    found += bar.position @ moved.interfaces[other].center
+                    found += float(bar.position @ moved.interfaces[other].center)
                     loaded = bar.displacement[:, :k] + loads_bar.get(other, 0.0)
-                    found += np.sum(loaded * displacement)
-                    found += np.sum(bar.rotation[..., :k] * rotation)
+                    found += float(np.sum(loaded * displacement))
+                    found += float(np.sum(bar.rotation[..., :k] * rotation))
             return found
 
         result = np.zeros((len(domain.interfaces), d))
