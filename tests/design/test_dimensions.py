@@ -280,7 +280,7 @@ def test_what_is_refused() -> None:
         return found | {"outline": [*found["outline"], *more]}
 
     made = ffr.DimensionDesign(holes, {"holes": (0.0, 2.0)}, size=0.02)
-    with pytest.raises(ValueError, match="8 curves and 1 faces, and at the start 10 curves and 1"):
+    with pytest.raises(ValueError, match="12 curves and 1 faces, and at the start 16 curves"):
         made.domain(MPI.COMM_SELF, [0.0])
     wrong = ffr.DimensionDesign(lambda d: {"outline": []}, {"a": (0.0, 1.0)}, size=0.01)
     with pytest.raises(ValueError, match=r"no body with a = 0\.5: .*returns \['outline'\]"):

@@ -159,8 +159,8 @@ def optimize(
             steps = min(iterations // 3, _BOUNDARY)
         if steps and not flat:
             raise ValueError(
-                "optimize: a boundary moves where the problem is a Problem with densities of "
-                "bodies in the plane; give boundary=0"
+                "optimize: a boundary moves after a design of densities, of a Problem with bodies "
+                "in the plane; give boundary=0"
             )
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(
