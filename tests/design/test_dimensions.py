@@ -282,6 +282,15 @@ def test_what_is_refused() -> None:
     made = ffr.DimensionDesign(holes, {"holes": (0.0, 2.0)}, size=0.02)
     with pytest.raises(ValueError, match="12 curves and 1 faces, and at the start 16 curves"):
         made.domain(MPI.COMM_SELF, [0.0])
+
+    def vanishing(d: Mapping[str, float]) -> dict[str, Any]:
+        found = lever({"start": 0.04, "middle": 0.04, "bore": 0.006, "bearing": 0.0})
+        nowhere = {"right": lambda x: np.hypot(x[0] - LENGTH, x[1]) < d["reach"]}
+        return found | {"interfaces": found["interfaces"] | nowhere}
+
+    made = ffr.DimensionDesign(vanishing, {"reach": (0.0, 0.014)}, size=0.02)
+    with pytest.raises(ValueError, match=r"reach = 0\.004: interface 'right' has no facets"):
+        made.domain(MPI.COMM_SELF, [0.004])
     wrong = ffr.DimensionDesign(lambda d: {"outline": []}, {"a": (0.0, 1.0)}, size=0.01)
     with pytest.raises(ValueError, match=r"no body with a = 0\.5: .*returns \['outline'\]"):
         wrong.domain(MPI.COMM_SELF)
