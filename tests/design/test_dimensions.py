@@ -301,5 +301,5 @@ def test_what_is_refused() -> None:
     with pytest.raises(ValueError, match=r"dimensions are given for \['crank', 'rod'\]"):
         ffr.optimize(problem, {"rod": made, "crank": made}, progress=False)
     edge = machine(made.domain(MPI.COMM_SELF), markers={"spot": (-0.0199, 0.005)})
-    with pytest.raises(ValueError, match="a marker is in a cell whose boundary moves"):
+    with pytest.raises(ffr.SimulationError, match="a marker is in a cell whose boundary moves"):
         ffr.optimize(edge, made, iterations=1, progress=False)

@@ -10,6 +10,7 @@ from .dimensions import DimensionDesign
 from .level_set import LevelSet
 from .level_set_step import Evolution, VelocityExtension
 from .mirrors import Isometry, Mirror, image_cells, images, mirror_lines, mirror_planes
+from .node_motion import DimensionMotion
 from .parametrization import DensityDesign, Design, Variables, VolumeBisection, check_volume, shrunk
 from .rbf import (
     ExponentialSpline,
@@ -26,6 +27,7 @@ __all__ = [
     "DensityFilter",
     "Design",
     "DimensionDesign",
+    "DimensionMotion",
     "Evolution",
     "ExponentialSpline",
     "Gaussian",

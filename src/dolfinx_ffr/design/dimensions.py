@@ -47,12 +47,11 @@ class DimensionDesign(Variables):
 
     Args:
         shape: A function of a mapping from names to numbers. In the plane it returns a mapping of
-            what `Domain.from_outline` takes: ``outline`` (rings or polygons) and ``interfaces``
-            (predicates), and where wanted ``centers``, ``solid``, ``void`` and ``unit``. Or it is a
-            function of that mapping and ``gmsh.model`` on rank 0, which builds a geometry there by
-            ``model.occ``, in the plane or in space, names its physical groups, and makes no mesh.
-            Values for which it raises, or for which curves or faces are others than at the start,
-            are not taken.
+            what `Domain.from_outline` takes: ``outline`` (rings or polygons), ``interfaces``
+            (predicates), and where wanted ``centers``. Or it is a function of that mapping and
+            ``gmsh.model`` on rank 0, which builds a geometry there by ``model.occ``, in the plane
+            or in space, names its physical groups, and makes no mesh. Values for which it raises,
+            or for which curves or faces are others than at the start, are not taken.
         dimensions: Lower and upper bound by name, lower < upper.
         size: Of the triangles or tetrahedra [m].
         start: Values at the start by name; by default the middles between the bounds.
@@ -187,16 +186,16 @@ class DimensionDesign(Variables):
             yield
         except Exception as error:  # gmsh raises nothing more precise, and users' functions do
             where = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
-            raise ValueError(f"dimensions: no body with {where}: {error}") from error
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            raise ValueError(f"dimensions: no body with {where}: {kind}{error}") from error
 
     def _given(self, variables: Array) -> dict[str, Any]:
         """What the user's function returns for an outline."""
         given = self._shape(self.named(variables))
         needed = "a mapping with 'outline' and 'interfaces'"
         validation.instance("dimensions: shape(...)", given, Mapping, needed)
-        known = ("outline", "interfaces", "centers", "solid", "void", "unit")
         for name in given:
-            validation.choice("dimensions: shape(...)", name, known)
+            validation.choice("dimensions: shape(...)", name, ("outline", "interfaces", "centers"))
         if not {"outline", "interfaces"} <= set(given):
             raise ValueError(f"dimensions: shape(...) returns {sorted(given)}; return {needed}")
         return dict(given)
@@ -206,7 +205,7 @@ class DimensionDesign(Variables):
         if not self._drawn:
             return None
         given = self._given(variables)
-        drawn = closed_outline("outline", read_outline(given["outline"], given.get("unit")), ())
+        drawn = closed_outline("outline", read_outline(given["outline"], None), ())
         groups = [""] * len(drawn.curves)
         for name, where in given["interfaces"].items():
             for i, curve in enumerate(drawn.curves):

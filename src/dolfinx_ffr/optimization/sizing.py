@@ -13,9 +13,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
-
-from ..design import DimensionDesign, Variables
+from ..design import DimensionDesign, DimensionMotion, Variables
 from ..dynamics import SimulationError
 from ..problem import Evaluation, Problem
 from .enough_modes import with_enough_modes, with_steps_for
@@ -28,7 +26,7 @@ class SizedEvaluation(Evaluation):
     """An evaluation on meshes of the dimensions."""
 
     problem: Problem | None = field(default=None, repr=False)  #: On these meshes
-    x: dict[str, Array] = field(default_factory=dict)  #: Variables by body
+    motions: dict[str, DimensionMotion] = field(default_factory=dict, repr=False)  #: By body
     dimensions: dict[str, float] = field(default_factory=dict)  #: By "body: name"
 
 
@@ -56,11 +54,12 @@ class Sizing:
     def value(self, x: Array | Mapping[str, Array]) -> SizedEvaluation:
         """Objective and constraints at variables, by body; a SimulationError without a geometry."""
         given = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
-        bodies = {}
-        try:
+        bodies, motions = {}, {}
+        try:  # also what its gradient takes: a design that is kept has one
             for name, design in self._designs.items():
                 domain = design.domain(self.comm, given[name])
-                bodies[name] = self._problem.flexible[name].with_domain(domain)
+                bodies[name] = body = self._problem.flexible[name].with_domain(domain)
+                motions[name] = design.motion(domain, given[name], body.marker_nodes)
             problem = self._problem.with_bodies(bodies)
             found = problem.value(of_problem(_full(problem)))
         except (ValueError, RuntimeError) as error:
@@ -70,24 +69,20 @@ class Sizing:
             for name, design in self._designs.items()
             for key, number in design.named(given[name]).items()
         }
-        own = {n: np.array(part) for n, part in given.items()}
-        return SizedEvaluation(**_parts(found), problem=problem, x=own, dimensions=told)
+        own: dict[str, Any] = {"problem": problem, "motions": motions, "dimensions": told}
+        return SizedEvaluation(**_parts(found), **own)
 
     def differentiate(self, evaluation: SizedEvaluation) -> SizedEvaluation:
         """The evaluation with gradients by the variables in the place of those by densities."""
-        problem = evaluation.problem
-        assert problem is not None
-        found = problem.differentiate(evaluation, nodes=True)
-        motions = {}
-        for name, design in self._designs.items():
-            body = problem.flexible[name]
-            motions[name] = design.motion(body.domain, evaluation.x[name], body.marker_nodes)
+        assert evaluation.problem is not None
+        found = evaluation.problem.differentiate(evaluation, nodes=True)
+        motions = evaluation.motions.items()
 
         def along(part: Any) -> Any:
             """The same with its gradient by the variables."""
             if part.nodes is None:
                 return part
-            slopes = {n: m.pullback(part.nodes[n], part.centers[n]) for n, m in motions.items()}
+            slopes = {n: m.pullback(part.nodes[n], part.centers[n]) for n, m in motions}
             return replace(part, gradient=slopes)
 
         cases = {n: along(case) for n, case in found.load_cases.items()}
@@ -119,7 +114,7 @@ class Sizing:
 
 def _full(problem: Problem) -> dict[str, Array]:
     """Full bodies, (cells,) each."""
-    return {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+    return {name: 1.0 - body.domain.void_cells for name, body in problem.flexible.items()}
 
 
 def _parts(evaluation: Evaluation) -> dict[str, Any]:
