@@ -32,6 +32,8 @@ from .parametrization import Variables
 
 #: Change of a dimension for differences of the geometry, as share of its range
 _STEP = 1e-5
+#: Digits of a dimension, as share of its range: a multiple of them is the change above
+_DIGITS = 8
 #: Motion by such a change, in sizes of the body, beyond which curves are taken for exchanged
 _JUMP = 1e-2
 #: Share of the range within which a dimension stands at a bound
@@ -104,8 +106,14 @@ class DimensionDesign(Variables):
     # ------------------------------------------------------------------ names and numbers
 
     def named(self, variables: ArrayLike) -> dict[str, float]:
-        """The dimensions by name, of ``variables`` (size,)."""
-        return dict(zip(self.names, np.asarray(variables, dtype=float).tolist(), strict=True))
+        """The dimensions by name, of ``variables`` (size,), rounded to 1e-8 of their ranges."""
+        return dict(zip(self.names, self._rounded(variables).tolist(), strict=True))
+
+    def _rounded(self, variables: ArrayLike) -> Array:
+        """Variables without their last bits, which would decide about meshes, on a grid."""
+        width = np.asarray(self.upper) - self.lower
+        share = np.round((np.asarray(variables) - self.lower) / width, _DIGITS)
+        return np.where(share == 1.0, self.upper, self.lower + share * width)
 
     def variables(self, values: Mapping[str, float], others: Array | None = None) -> Array:
         """The variables, shape (size,), of ``values`` by name.
@@ -292,9 +300,9 @@ class DimensionDesign(Variables):
 
     def _beside(self, variables: Array, k: int) -> tuple[list[Array], float]:
         """Variables on both sides in dimension k, within the bounds, and how far apart they are."""
-        step = np.zeros(self.size)
+        step, here = np.zeros(self.size), self._rounded(variables)
         step[k] = _STEP * float((np.asarray(self.upper) - self.lower)[k])
-        ends = [np.clip(variables + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
+        ends = [np.clip(here + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
         return ends, float(ends[0][k] - ends[1][k])
 
     def _center_rates(self, variables: Array) -> dict[str, Array]:
