@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
@@ -305,3 +306,8 @@ def test_what_is_refused() -> None:
     edge = machine(made.domain(MPI.COMM_SELF), markers={"spot": (-0.0199, 0.005)})
     with pytest.raises(ffr.SimulationError, match="a marker is in a cell whose boundary moves"):
         ffr.optimize(edge, made, iterations=1, progress=False)
+    cord = ffr.SpringDamper(("rod", "right"), ffr.Ground((0.3, 0.2)), stiffness=1e3, name="cord")
+    mechanism = replace(problem.mechanism, forces=[cord])
+    hung = ffr.Problem(problem.bodies, mechanism, problem.integrator, problem.objective)
+    with pytest.raises(ValueError, match="'cord' takes its length from the placements"):
+        ffr.optimize(hung, made, progress=False)
