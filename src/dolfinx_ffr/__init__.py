@@ -26,7 +26,7 @@ _FOLDERS = _lists(
         "body": "BodyMarker ParametricBody VolumeIntegrals",
         "boundary": "Boundary",
         "design": (
-            "DensityDesign ExponentialSpline Gaussian LevelSet Mirror Multiquadric "
+            "DensityDesign DimensionDesign ExponentialSpline Gaussian LevelSet Mirror Multiquadric "
             "ThinPlate Variables Wendland density_field mirror_lines mirror_planes"
         ),
         "dynamics": (

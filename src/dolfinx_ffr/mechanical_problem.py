@@ -75,6 +75,8 @@ class ConstraintValue:
     gradient: dict[str, Array] | None = field(default=None, repr=False)
     #: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`
     nodes: dict[str, Array] | None = field(default=None, repr=False)
+    #: Likewise with respect to the centers of interfaces, as `Evaluation.centers`
+    centers: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
     def integrals_gradient(self) -> dict[str, VolumeIntegrals] | None:

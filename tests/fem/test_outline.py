@@ -266,3 +266,21 @@ def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         given = {"interfaces": {"a": left}, "size": 0.01, "unit": "mm", **options}
         with pytest.raises(error, match=message):
             Domain.from_outline(comm, shared_tmp_path / name, **given)
+
+
+def test_a_ring_of_pieces() -> None:
+    """Lines, arcs and splines stay what they are, so cells of order 2 fit them."""
+    half = [(0.0, -0.02), (0.02, 0.0), (0.0, 0.02)]
+    wave = np.column_stack([0.05 * np.linspace(0.0, -1.0, 9), np.full(9, 0.02)])
+    wave[1:-1, 1] += 0.002 * np.sin(np.linspace(0.0, 2.0 * np.pi, 9))[1:-1]
+    ring = [half, wave, [(-0.05, 0.02), (-0.05, -0.02)], [(-0.05, -0.02), (0.0, -0.02)]]
+    bore = [[(0.01, 0.0), (0.0, 0.01), (-0.01, 0.0)], [(-0.01, 0.0), (0.0, -0.01), (0.01, 0.0)]]
+    interfaces = {"bore": lambda x: np.hypot(x[0], x[1]) < 0.0101}
+    body = Domain.from_outline(
+        MPI.COMM_SELF, [ring, bore], interfaces=interfaces, size=0.005, order=2
+    )
+    area = 0.05 * 0.04 + 0.5 * np.pi * 0.02**2 - np.pi * 0.01**2  # the wave adds nothing
+    assert body.area == pytest.approx(area, rel=1e-4)
+    np.testing.assert_allclose(body.interfaces["bore"].center, 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="a piece of a ring needs at least two points"):
+        Domain.from_outline(MPI.COMM_SELF, [[half, half[:1]]], interfaces=interfaces, size=0.01)

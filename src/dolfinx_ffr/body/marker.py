@@ -30,9 +30,8 @@ ASYMMETRY = 1e-9
 class BodyMarker:
     """A point of a body where joints, forces or point masses attach.
 
-    The same class holds derivatives: then ``displacement`` and ``rotation`` are the derivatives of
-    a number with respect to the entries of the shape functions, and ``position``, which is data and
-    never depends on the design, is zero.
+    The same class holds derivatives: then ``position``, ``displacement`` and ``rotation`` are the
+    derivatives of a number with respect to the place and the entries of the shape functions there.
     """
 
     #: Undeformed position in the body's frame, shape (2,), in space (3,) [m].

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..fem import Domain, gathered_nodes
+from ..fem import Domain, gathered_nodes, laplace
 from .outline import Boundary
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class NodeMotion:
         inside[np.unique(corners)] = True
         inside[edge] = False
         self._inside = np.flatnonzero(inside)
-        stiffness = _laplace(x, corners)
+        stiffness = laplace(x, corners)
         self._coupling = stiffness[edge][:, self._inside]
         self._factor = splu(stiffness[self._inside][:, self._inside].tocsc())
 
@@ -111,14 +111,3 @@ def _followers(
         )
         shares = shares + place @ boundary.wide(rows, key)
     return csr_matrix(shares), on
-
-
-def _laplace(x: Array, corners: NDArray[np.int64]) -> csr_matrix:
-    """The matrix of Laplace's equation on straight triangles, shape (nodes, nodes)."""
-    a, b, c = np.moveaxis(x[corners], 1, 0)
-    opposite = np.stack([c - b, a - c, b - a], axis=1)
-    e, f = b - a, c - a
-    area = 0.5 * np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
-    local = np.einsum("eid,ejd->eij", opposite, opposite) / (4.0 * area[:, None, None])
-    rows, columns = np.repeat(corners, 3, axis=1).ravel(), np.tile(corners, (1, 3)).ravel()
-    return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

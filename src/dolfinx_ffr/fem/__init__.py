@@ -39,7 +39,8 @@ from .material import (
     cut_exponent,
 )
 from .mesh_checks import floating_cells
-from .nodes import MeshNodes, add_ghosts, gathered_nodes
+from .nodes import MeshNodes, add_ghosts, gathered_nodes, laplace
+from .outline import closed_outline, read_outline
 from .plane_mesh import (
     Drawing,
     Face,
@@ -87,6 +88,7 @@ __all__ = [
     "add_ghosts",
     "by_dense",
     "check_size",
+    "closed_outline",
     "cut_exponent",
     "dense_matrix",
     "enclosed",
@@ -97,9 +99,11 @@ __all__ = [
     "gathered_nodes",
     "gmsh_model",
     "kept_by",
+    "laplace",
     "mesh_faces",
     "polygon",
     "quiet",
+    "read_outline",
     "rigid_fields",
     "rotated",
     "summed",

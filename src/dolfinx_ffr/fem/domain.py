@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -267,7 +268,9 @@ class Domain:
         Args:
             comm: Communicator over which the mesh is distributed; rank 0 reads and meshes.
             outline: A .dxf or .svg file, rings of points (n, 2), or polygons of shapely. Lines,
-                arcs and splines stay what they are; y of SVG files, downwards, is turned.
+                arcs and splines stay what they are; y of SVG files, downwards, is turned. A ring
+                may be a list of pieces (n, 2) that follow each other: two points are a line, three
+                an arc of the circle through them, more a cubic spline.
             interfaces: For each name a predicate as for `Domain`, or the layer (.dxf), id or label
                 (.svg) of its curves. A curve on a boundary that is drawn already only names it.
             size: Of the triangles [m].
@@ -336,6 +339,13 @@ class Domain:
     def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
         """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
         return self
+
+    def with_center(self, name: str, center: Array) -> Domain:
+        """The same domain with the ``center`` (dimension,) [m] of the interface ``name``."""
+        other: Domain = object.__new__(type(self))
+        moved = replace(self.interfaces[name], center=center)
+        vars(other).update(vars(self), interfaces={**self.interfaces, name: moved})
+        return other
 
     # ------------------------------------------------------------------ geometry
 

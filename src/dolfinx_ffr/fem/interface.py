@@ -16,11 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from .circles import fit_circle, fit_cylinder
-from .mesh_checks import Array, facet_points
+from .mesh_checks import Array, facet_nodes, facet_points
 from .regions import Predicate, located
 
 #: Largest deviation of normals from each other that counts as none
 FLAT = 1e-6
+#: By which nodes are moved for differences of centers, in extents of the interface
+_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,24 @@ class Interface:
     #: (3,) unit vector along the axis of a cylinder, or normal to a plane and out of the body; the
     #: same on every rank. None for other surfaces and in the plane
     axis: Array | None = None
+
+    def center_rates(self, domain: mesh.Mesh, rates: Array) -> Array:
+        """How its center, as it is found by default, moves with the nodes, (dimension, k).
+
+        Collective. The nodes of the mesh ``domain`` on this rank move by ``rates`` (nodes,
+        dimension, k).
+        """
+        comm, x, d = domain.comm, domain.geometry.x, rates.shape[1]
+        own = np.abs(rates[facet_nodes(domain, self.facets).ravel()])
+        fastest = np.max(comm.allgather(np.max(own, axis=(0, 1), initial=0.0)), axis=0)
+        found, before = np.zeros(rates.shape[1:]), x.copy()
+        for k in np.flatnonzero(fastest):
+            step = _STEP * self.extent / fastest[k]
+            for side in (1.0, -1.0):
+                x[:, :d] = before[:, :d] + side * step * rates[:, :, k]
+                found[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
+            x[:] = before
+        return found
 
 
 def find_interfaces(

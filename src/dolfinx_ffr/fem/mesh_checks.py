@@ -128,14 +128,14 @@ def _boundary_segments(domain: mesh.Mesh) -> Array:
     domain.topology.create_connectivity(dim - 1, dim)
     boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
     owned = boundary[boundary < domain.topology.index_map(dim - 1).size_local]
-    corners = _facet_nodes(domain, owned)
+    corners = facet_nodes(domain, owned)
     ends = corners[:, _SIDES[corners.shape[1]]].reshape(-1, 2)
     return np.vstack(domain.comm.allgather(domain.geometry.x[ends][:, :, :dim]))
 
 
 def facet_points(domain: mesh.Mesh, facets: NDArray[np.int32]) -> Array:
     """The vertices of facets of all ranks, some repeated, shape (points, dimension) [m]."""
-    points = domain.geometry.x[_facet_nodes(domain, facets).ravel()][:, : domain.topology.dim]
+    points = domain.geometry.x[facet_nodes(domain, facets).ravel()][:, : domain.topology.dim]
     return np.vstack(domain.comm.allgather(points))
 
 
@@ -148,7 +148,7 @@ def vertex_nodes(domain: mesh.Mesh) -> NDArray[np.int32]:
     return node
 
 
-def _facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
+def facet_nodes(domain: mesh.Mesh, facets: NDArray[np.int32]) -> NDArray[np.int32]:
     """The geometry nodes at the corners of facets, shape (facets, corners)."""
     dim, node = domain.topology.dim, vertex_nodes(domain)
     count = {"tetrahedron": 3, "hexahedron": 4}.get(_compat.cell_name(domain), 2)

@@ -13,6 +13,7 @@ References:
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -113,3 +114,18 @@ def gathered_nodes(
     given = [(x[:0], cells[:0])] if parts is None else parts
     nodes, every = (np.concatenate(part) for part in zip(*given, strict=True))
     return nodes, every, (numbers, local < count)
+
+
+def laplace(x: Array, simplices: NDArray[np.int64]) -> csr_matrix:
+    """The matrix of Laplace's equation on straight simplices, shape (nodes, nodes).
+
+    They are triangles or tetrahedra by the numbers of their vertices among ``x``, also a surface.
+    """
+    n = simplices.shape[1]
+    edges = x[simplices[:, 1:]] - x[simplices[:, :1]]
+    gram = np.einsum("eid,ejd->eij", edges, edges)
+    slopes = np.vstack([-np.ones(n - 1), np.eye(n - 1)])
+    sizes = np.sqrt(np.linalg.det(gram)) / math.factorial(n - 1)
+    local = sizes[:, None, None] * (slopes @ np.linalg.inv(gram) @ slopes.T)
+    rows, columns = np.repeat(simplices, n, axis=1).ravel(), np.tile(simplices, (1, n)).ravel()
+    return csr_matrix((local.ravel(), (rows, columns)), shape=(len(x), len(x)))

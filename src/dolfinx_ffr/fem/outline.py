@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..limits import MOST_CURVES, check_count
 from ..parallel import on_rank_0
-from .curves import Array, Curve, Drawn, Line, enclosed, polygon
+from .curves import Arc, Array, Curve, Drawn, Line, Spline, enclosed, polygon
 from .dxf_file import read_dxf
 from .mesh_checks import components
 from .mesh_file import TaggedMesh, read_gmsh_model
@@ -86,10 +86,11 @@ def read_outline(outline: str | Path | Any, unit: str | None) -> list[Drawn]:
     """The curves [m] of a file, of rings of points (n, 2), or of polygons of shapely."""
     scale = None if unit is None else UNITS[validation.choice("outline: unit", unit, UNITS)]
     if not isinstance(outline, str | Path):
-        rings = [ring * (scale or 1.0) for ring in _rings(outline)]
-        count, remedy = sum(map(len, rings)), "take fewer (shapely.simplify)"
+        rings = [[piece * (scale or 1.0) for piece in ring] for ring in _rings(outline)]
+        count = sum(len(piece) for ring in rings for piece in ring)
+        remedy = "take fewer (shapely.simplify)"
         check_count("outline", count, "points", remedy, most=MOST_CURVES)
-        found = [side for ring in rings for side in _sides(ring)]
+        found = [each for ring in rings for each in _curves(ring)]
         if not found:
             raise ValueError("outline: it is empty; give rings of at least three points")
         return found
@@ -112,21 +113,45 @@ def read_outline(outline: str | Path | Any, unit: str | None) -> list[Drawn]:
     return found
 
 
-def _rings(outline: Any) -> list[Array]:
-    """The rings of polygons of shapely, or given as points."""
+def _rings(outline: Any) -> list[list[Array]]:
+    """The rings of polygons of shapely, of points, or of pieces; one of points is one piece."""
     if isinstance(outline, shapely.Geometry):
-        return [shapely.get_coordinates(line) for line in shapely.get_parts(outline.boundary)]
+        return [[shapely.get_coordinates(line)] for line in shapely.get_parts(outline.boundary)]
     if isinstance(outline, np.ndarray) and outline.ndim == 2:
         outline = [outline]
     rings = validation.listed("outline", outline, "a file, or rings of points (n, 2)")
-    return [validation.real_array("outline: a ring", r, (None, 2)) for r in rings]
+    found = []
+    for ring in rings:
+        pieces = isinstance(ring, list | tuple) and bool(ring) and np.ndim(ring[0]) == 2
+        parts = [validation.real_array("outline: a ring", p, (None, 2)) for p in ring if pieces]
+        found.append(parts or [validation.real_array("outline: a ring", ring, (None, 2))])
+    return found
 
 
-def _sides(points: Array) -> list[Drawn]:
-    """The sides of a ring that are not of length zero."""
+def _curves(ring: list[Array]) -> list[Drawn]:
+    """The sides of a ring of points that are not of length zero, or the curves of its pieces."""
+    if len(ring) > 1:
+        return [Drawn(_piece(points), frozenset()) for points in ring]
+    points = ring[0]
     closed = points if np.array_equal(points[:1], points[-1:]) else np.vstack([points, points[:1]])
     sides = [Line(a, b) for a, b in pairwise(closed) if not np.array_equal(a, b)]
     return [Drawn(side, frozenset()) for side in sides]
+
+
+def _piece(points: Array) -> Curve:
+    """The line, the arc of a circle, or the spline through two, three or more points (n, 2)."""
+    if len(points) < 2:
+        raise ValueError("outline: a piece of a ring needs at least two points")
+    if len(points) == 3:
+        (ax, ay), (bx, by) = points[1] - points[0], points[2] - points[0]
+        area = ax * by - ay * bx
+        if abs(area) > 1e-9 * (bx * bx + by * by):
+            a, b = ax * ax + ay * ay, bx * bx + by * by
+            center = points[0] + np.array([by * a - ay * b, ax * b - bx * a]) / (2.0 * area)
+            start, end = (np.arctan2(*(p - center)[::-1]) for p in points[[0, 2]])
+            sweep = (end - start) % (2.0 * np.pi)
+            return Arc(points[0], points[2], center, sweep - (2.0 * np.pi if area < 0.0 else 0.0))
+    return Spline.through(points) if len(points) > 3 else Line(points[0], points[-1])
 
 
 def closed_outline(source: str, drawn: Sequence[Drawn], named: Collection[str]) -> Drawing:

@@ -358,6 +358,7 @@ class DesignLoop:
             *(f"{key} of {name}" for name in several for key in ("volume", "frequency", "gray")),
             *(f"psi of {name}" for name in cases),
             *(f"constraint {label}" for label in evaluation.constraints),
+            *getattr(evaluation, "dimensions", ()),
         ]
 
     def _row(self, x: Mapping[str, Array], evaluation: Evaluation) -> Row:
@@ -392,7 +393,7 @@ class DesignLoop:
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
         row |= {f"constraint {label}": c.value for label, c in evaluation.constraints.items()}
-        return row
+        return row | getattr(evaluation, "dimensions", {})
 
     def result(
         self,

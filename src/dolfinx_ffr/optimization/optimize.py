@@ -23,6 +23,7 @@ from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
 from .result import Result, ranks_of, warn
 from .running import alone_in
+from .sizing import sized
 
 #: Most steps of boundaries by default
 _BOUNDARY = 25
@@ -55,8 +56,9 @@ def optimize(
 
     Args:
         problem: What is minimised; its constraints hold too, if the optimiser takes any.
-        design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`; with several
-            flexible bodies a mapping from their names to one each. `Variables` without a domain
+        design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`, or its
+            dimensions, a `DimensionDesign`, for which ``volume`` is not used; with several flexible
+            bodies a mapping from their names to one each. `Variables` without a domain
             have names of their own in the mapping: the problem, which must know them, is evaluated
             at them by that name, and has a gradient with respect to them, shape (size,).
         start: Variables of the start design, shape (size,), with several by name, for example from
@@ -129,7 +131,8 @@ def optimize(
             raise ValueError(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
             )
-        designs = _by_body(problem, design)
+        sizing = sized(problem, design)
+        designs = _by_body(*(sizing or (problem, design)))
         if optimizer is not None:
             what = "LevelSetEvolution(...) or MMA(...)"
             validation.implementation("optimize: optimizer", optimizer, ("run",), what)
@@ -150,18 +153,18 @@ def optimize(
                 )
         begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
         check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
-        flat = isinstance(problem, Problem) and all(d.dimension == 2 for d in domains.values())
+        flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
         steps = boundary or 0
-        if boundary is None and flat and domains and (gradient is None or gradient.exact):
+        if boundary is None and flat and (gradient is None or gradient.exact):
             steps = min(iterations // 3, _BOUNDARY)
         if steps and not flat:
             raise ValueError(
-                "optimize: a boundary moves where the problem is a Problem with bodies in the "
-                "plane; give boundary=0"
+                "optimize: a boundary moves after a design of densities, of a Problem with bodies "
+                "in the plane; give boundary=0"
             )
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(
-            problem,
+            problem if sizing is None else sizing[0],  # type: ignore[arg-type]
             domains,
             gradient=gradient or ExactAdjoint(),
             iterations=iterations,
@@ -170,10 +173,13 @@ def optimize(
             progress=progress,
             callback=callback,
             start=None if start is None else begin,
-            mode_tolerance=mode_tolerance,
+            mode_tolerance=mode_tolerance if sizing is None else None,
         )
+        usual = MMA() if sizing is None else MMA(length=1)
         with alone_in(comm, folder, "optimize: output"):
-            result = (optimizer or MMA()).run(loop, designs, begin, filled)
+            result = (optimizer or usual).run(loop, designs, begin, filled)
+            if sizing is not None:
+                result = sizing[0].finished(result, mode_tolerance)
             if steps and result.reason != "interrupted":
                 result = with_moved_boundaries(result, steps, mode_tolerance, progress)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")

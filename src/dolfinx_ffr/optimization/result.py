@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from .. import validation
 from ..boundary import Boundary
-from ..design import Design, Variables
+from ..design import Design, DimensionDesign, Variables
 from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
@@ -155,7 +155,22 @@ class Result:
             "gray": float(self.history["gray"][-1]),
             "modes": {name: body.modes for name, body in told.problem.flexible.items()},
             "mode_error": max(errors, default=None),
+            **({"dimensions": self.dimensions, "at_bounds": self.at_bounds} if self._sized else {}),
         } | ({"boundary": self.moved.summary()} if self.moved else {})
+
+    @property
+    def dimensions(self) -> dict[str, dict[str, float]]:
+        """Dimensions by body and name, of a `DimensionDesign`."""
+        return {n: d.named(self.variables[n]) for n, d in self._sized.items()}
+
+    @property
+    def at_bounds(self) -> dict[str, dict[str, str]]:
+        """By body the dimensions that stand at a bound: "lower" or "upper"."""
+        return {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
+
+    @property
+    def _sized(self) -> dict[str, DimensionDesign]:
+        return {n: d for n, d in self.designs.items() if isinstance(d, DimensionDesign)}
 
     @property
     def x(self) -> Array:
@@ -176,16 +191,24 @@ class Result:
         those of `Part` and `Solid`; a ValueError on every rank if no body of this name was
         designed, or several are and none is named.
         """
-        designs = self._designs_of_density
+        designs = self._designs_of_parts
         if name is None:
             name = only({body: body for body in designs})
         validation.choice("result: part", name, designs)
         if self.moved is not None:
             return self.moved.part(name)
         if name not in self._parts:
-            design, material = designs[name], self.problem.flexible[name].material
-            kind: type[Part] | type[Solid] = Solid if design.domain.dimension == 3 else Part
-            self._parts[name] = kind.of(design, self.variables[name], material=material)
+            design, body = designs[name], self.problem.flexible[name]
+            kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
+            if isinstance(design, Design):
+                found = kind.of(design, self.variables[name], material=body.material)
+            else:  # all of the body
+                assert isinstance(design, DimensionDesign)
+                found = kind(body.domain, lambda x: np.ones(len(x)), material=body.material)
+                drawing = design.drawing(self.variables[name])
+                if isinstance(found, Part) and drawing is not None:
+                    found = found.redrawn(drawing)
+            self._parts[name] = found
         return self._parts[name]
 
     def verify(self, **options: Any) -> Verification:
@@ -195,7 +218,7 @@ class Result:
         and warnings are those of `part` and `verify`.
         """
         validation.keywords("result.verify", options, verify)
-        parts = {name: self.part(name) for name in self._designs_of_density}
+        parts = {name: self.part(name) for name in self._designs_of_parts}
         told = self.moved or self
         return verify(told.problem, parts, told.evaluation, **{"volume": self.bounds, **options})
 
@@ -235,8 +258,8 @@ class Result:
                 found = self.verify(**options)
             except (ValueError, SimulationError) as error:
                 warn(f"no part comes of this design: {error}", 2)
-            several = len(self._designs_of_density) > 1
-            for name, own in file_names(self._designs_of_density).items():
+            several = len(self._designs_of_parts) > 1
+            for name, own in file_names(self._designs_of_parts).items():
                 part, title = self._parts.get(name), name
                 if self.moved is not None:
                     part = self.moved.part(name)
@@ -252,8 +275,9 @@ class Result:
         return found
 
     @property
-    def _designs_of_density(self) -> dict[str, Design]:
-        return {name: design for name, design in self.designs.items() if isinstance(design, Design)}
+    def _designs_of_parts(self) -> dict[str, Variables]:
+        kinds = (Design, DimensionDesign)
+        return {name: design for name, design in self.designs.items() if isinstance(design, kinds)}
 
     @property
     def psi(self) -> float:

@@ -28,6 +28,7 @@ class Pulled(NamedTuple):
 
     gradient: dict[str, Array]  #: By body, for each cell of this rank, shape (cells,)
     nodes: dict[str, Array] | None  #: By body, for each node of this rank, where it was asked for
+    centers: dict[str, Array] | None  #: By body, for the center of each interface, likewise
     iterations: dict[str, int]  #: Conjugate gradient iterations, by body
     seconds: dict[str, float]  #: By name of the part [s]
 
@@ -142,17 +143,18 @@ class DesignedBodies:
 
         Part of them goes through the reduction.
         """
-        found = Pulled({}, {} if nodes else None, {}, {})
+        found = Pulled({}, {} if nodes else None, {} if nodes else None, {}, {})
         for name, body in self.flexible.items():
             gradient, found.iterations[name] = np.zeros(body.domain.n_cells), 0
             moved: Array | None = None
+            centers: Array | None = None
             integrals = bars.integrals[name]
             # the same on every rank, so all skip a body that does not matter, or none
             if name in bars.stresses or integrals.dot(integrals) != 0.0:
                 shapes = None
                 if name in bars.stresses:
                     shapes = body.stress_pullback(reduced[name], bars.stresses[name])
-                gradient, moved, learnt = body.pullback(
+                gradient, moved, centers, learnt = body.pullback(
                     reduced[name], integrals, shapes, nodes=nodes
                 )
                 found.iterations[name] = int(learnt.pop("iterations"))
@@ -160,7 +162,9 @@ class DesignedBodies:
             if name in bars.densities:
                 gradient = gradient + bars.densities[name]
             found.gradient[name] = gradient
-            if found.nodes is not None:
+            if found.nodes is not None and found.centers is not None:
+                count = len(body.domain.interfaces), body.domain.dimension
+                found.centers[name] = np.zeros(count) if centers is None else centers
                 shape = len(body.domain.mesh.geometry.x), body.domain.dimension
                 moved = np.zeros(shape) if moved is None else moved
                 measures = bars.areas.get(name), bars.weights.get(name)

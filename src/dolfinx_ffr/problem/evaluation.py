@@ -33,6 +33,8 @@ class LoadCaseEvaluation:
     gradient: dict[str, Array] | None = field(default=None, repr=False)
     #: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`
     nodes: dict[str, Array] | None = field(default=None, repr=False)
+    #: Likewise with respect to the centers of interfaces, as `Evaluation.centers`
+    centers: dict[str, Array] | None = field(default=None, repr=False)
     #: Derivative of psi with respect to the integrals of every body, the same on every rank; None
     #: where only the value was asked for, or where the load case has no weight
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
@@ -65,6 +67,9 @@ class Evaluation:
     #: dpsi/dX by body, for each node of the mesh on this rank in the order of ``mesh.geometry.x``,
     #: ghosts included, shape (nodes, dimension); None where it was not asked for
     nodes: dict[str, Array] | None = field(default=None, repr=False)
+    #: Likewise by body for the center of each interface, at fixed nodes, in the order of
+    #: ``domain.interfaces``, shape (interfaces, dimension), the same on every rank
+    centers: dict[str, Array] | None = field(default=None, repr=False)
     #: By name of the load case
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
 
@@ -106,6 +111,7 @@ class Evaluation:
             psi=found.psi,
             gradient=found.gradient,
             nodes=found.nodes,
+            centers=found.centers,
             constraints=found.constraints,
             integrals_gradient=found.integrals_gradient,
             load_cases={load_case: found},

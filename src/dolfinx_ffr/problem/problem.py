@@ -452,7 +452,7 @@ class Problem:
 
         def back(bars: Derivatives) -> dict[str, Any]:
             pulled.append(self._designed.pullback(evaluation.bodies, bars, nodes=nodes))
-            return {"gradient": pulled[-1].gradient, "nodes": pulled[-1].nodes}
+            return {key: getattr(pulled[-1], key) for key in ("gradient", "nodes", "centers")}
 
         cases = {}
         for name, case in self.load_cases.items():
@@ -473,16 +473,10 @@ class Problem:
             )
         total = _weighted({name: found[name, ""] for name in counting}, counting)
         if counting.keys() <= apart:
-            # areas stand for what is added alike
-            parts = {
-                n: Derivatives(densities=cases[n].gradient or {}, areas=cases[n].nodes or {})
-                for n in counting
-            }
-            both = _weighted(parts, counting)
-            gradients: dict[str, Any] = {
-                "gradient": dict(both.densities),
-                "nodes": dict(both.areas) or None,
-            }
+            gradients: dict[str, Any] = {}
+            for key in ("gradient", "nodes", "centers"):  # areas stand for all that add up alike
+                own = {n: Derivatives(areas=getattr(cases[n], key) or {}) for n in counting}
+                gradients[key] = dict(_weighted(own, counting).areas) or None
         else:
             gradients = back(total)
         if len(cases) == 1:

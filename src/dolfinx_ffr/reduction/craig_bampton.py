@@ -15,7 +15,7 @@ References:
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,6 +25,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from .. import validation
+from ..body import BodyMarker
 from ..fem import Array, Block, Domain, Elasticity, Matrices, kept_by, rigid_fields, rotated
 from .direct_solver import DIRECT, SOLVERS
 from .factored_body import ClampedMatrices, FactoredBody
@@ -81,6 +82,10 @@ class ReducedBasis:
         return self.first_truncated_eigenvalue / float(self.eigenvalues[-1]) - 1.0
 
 
+#: By which centers are moved for differences of what follows them, in extents of interfaces
+_STEP = 3e-4
+
+
 @dataclass(frozen=True)
 class ShapesBar:
     """Derivative of psi with respect to shape functions Phi and densities, at fixed integrals.
@@ -97,6 +102,8 @@ class ShapesBar:
     reference: Array | None = None
     #: (dofs, k) with respect to the constraint modes' values at the interfaces, besides ``shapes``
     lifted: Block | None = None
+    #: By interface (dimension, k) with respect to the displacements that forces there work on
+    loads: dict[str, Array] = field(default_factory=dict)
     #: Fields (dofs, j), and derivatives by their stress (cells, points, components, j)
     stress: tuple[Block, Array] | None = None
 
@@ -153,7 +160,7 @@ class CraigBampton:
                 f"reduction: modes = {modes} must be between 0 and {free - 1}: the mesh has {free} "
                 "degrees of freedom inside the interfaces; take fewer modes or a finer mesh"
             )
-        self._lifted = self._lift(domain)
+        self._lifted = self._lift(domain, self.motions)
         self.n_constraint = self._lifted.shape[1]
         if self.n_constraint + self.modes == 0:
             raise ValueError("reduction: no shape functions at all; take at least one normal mode")
@@ -165,11 +172,11 @@ class CraigBampton:
         made = partial(type(self), tolerance=self.tolerance, solver=self.solver)
         return made, (self.elasticity, self.frame, self.modes)
 
-    def _lift(self, domain: Domain) -> Block:
+    def _lift(self, domain: Domain, retained: Mapping[str, Array]) -> Block:
         """The retained interface motions as fields that vanish off their interface."""
         coordinates = self.elasticity.coordinates()
         columns = [np.zeros((coordinates.size, 0))]
-        for name, motions in self.motions.items():
+        for name, motions in retained.items():
             interface = domain.interfaces[name]
             rows = self.elasticity.dofs_of(interface.dofs)
             columns.append(np.zeros((coordinates.size, len(motions))))
@@ -220,13 +227,57 @@ class CraigBampton:
                 total[rows[::d] // d] += np.cross(bar, axis)[:, :d]
         return total.ravel()
 
-    def interface_motion(self, name: str) -> tuple[Array, Array]:
+    def centers_pullback(
+        self,
+        values_bar: Block,
+        reference_bar: Array,
+        markers_bar: Mapping[str, BodyMarker],
+        loads_bar: Mapping[str, Array],
+    ) -> Array:
+        """Derivative by the centers of all interfaces, (interfaces, dimension), on every rank.
+
+        Frame, constraint modes and markers follow them, by differences of the geometry alone. Bars:
+        ``values_bar`` by the constraint modes at the interfaces, (dofs, k), ``reference_bar`` by
+        the reference position, (dofs,), ``markers_bar`` by the markers, ``loads_bar`` by the
+        displacements of interfaces that forces at them work on, (dimension, k).
+        """
+        domain, d = self.elasticity.domain, self.elasticity.dimension
+        shifted = reference_bar.reshape(-1, d).sum(axis=0)
+
+        def along(name: str, step: Array) -> float:
+            center = domain.interfaces[name].center + step
+            moved = domain.with_center(name, center)
+            origin, motions = self.frame.origin(moved), self.frame.retained(moved)
+            found = float(np.sum(values_bar * self._lift(moved, motions)) - shifted @ origin)
+            for other, bar in markers_bar.items() if domain.comm.rank == 0 else ():
+                found -= float(bar.position @ origin)
+                if other in domain.interfaces:
+                    displacement, rotation = self.interface_motion(other, motions)
+                    k = displacement.shape[1]
+                    found += float(bar.position @ moved.interfaces[other].center)
+                    loaded = bar.displacement[:, :k] + loads_bar.get(other, 0.0)
+                    found += float(np.sum(loaded * displacement))
+                    found += float(np.sum(bar.rotation[..., :k] * rotation))
+            return found
+
+        result = np.zeros((len(domain.interfaces), d))
+        for row, (name, part) in zip(result, domain.interfaces.items(), strict=True):
+            steps = _STEP * part.extent * np.eye(d)
+            row[:] = [along(name, step) - along(name, -step) for step in steps]
+            row /= 2.0 * _STEP * part.extent
+        return np.asarray(sum(domain.comm.allgather(result)))
+
+    def interface_motion(
+        self, name: str, motions: Mapping[str, Array] | None = None
+    ) -> tuple[Array, Array]:
         """Displacement and rotation of the k constraint modes at the center of interface ``name``.
 
-        Phi_P of shape (2, k) [-] and Psi_P of shape (k,) [1/m]; in space both of shape (3, k).
+        Phi_P of shape (2, k) [-] and Psi_P of shape (k,) [1/m]; in space both of shape (3, k), by
+        default for the ``motions`` that the frame retains.
         """
         d = self.elasticity.dimension
-        rows = [m if each == name else np.zeros_like(m) for each, m in self.motions.items()]
+        every = (self.motions if motions is None else motions).items()
+        rows = [m if each == name else np.zeros_like(m) for each, m in every]
         motion = np.vstack([np.zeros((0, 3 * d - 3)), *rows]).T
         return motion[:d], motion[2] if d == 2 else motion[d:]
 

@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
@@ -23,6 +23,7 @@ from ..fem import (
     ElasticMaterial,
     Interpolation,
     StressRecovery,
+    _compat,
     cut_exponent,
     kept_by,
 )
@@ -74,6 +75,9 @@ class BodyPullback(NamedTuple):
     #: For each node of the mesh on this rank in the order of ``mesh.geometry.x``, ghosts included,
     #: shape (nodes, dimension); None where it was not asked for
     nodes: Array | None
+    #: For the center of each interface of the domain, shape (interfaces, dimension), on every rank;
+    #: None where nodes were not asked for
+    centers: Array | None
     learnt: dict[str, float]  #: ``iterations`` of the adjoint systems, and seconds spent by part
 
 
@@ -205,6 +209,12 @@ class FlexibleBody:
         """Stress of the solid at points of each cell, from displacements."""
         return StressRecovery(self.elasticity, self.material)
 
+    @property
+    def marker_nodes(self) -> NDArray[np.int32]:
+        """Nodes of the mesh, of this rank's cells that contain markers besides the interfaces."""
+        cells = [cell for marker in self.markers.values() for cell, _ in marker.cells]
+        return np.unique(_compat.cell_geometry(self.domain.mesh)[cells])
+
     def volume(self, x: ArrayLike) -> tuple[float, Array]:
         """The filled share of the body's area, the same on every rank, and its derivative.
 
@@ -309,9 +319,9 @@ class FlexibleBody:
             shapes: Derivative of psi with respect to the shape functions themselves, at fixed
                 integrals, where it has one (`stress_pullback`). Only psi as a whole need not
                 depend on the choice of basis, and one adjoint solution serves both.
-            nodes: Whether the derivative with respect to the nodes of the mesh is wanted, too. The
-                centers of interfaces and the origin of the frame stay where they are, markers
-                besides the interfaces move with their cells.
+            nodes: Whether the derivatives with respect to the nodes of the mesh, at fixed centers
+                of interfaces, and to these centers, which the frame follows, are wanted, too.
+                Markers besides the interfaces move with their cells.
         """
         with self._working:
             return self._pullback(reduced, bar, shapes, nodes)
@@ -341,15 +351,15 @@ class FlexibleBody:
         pairs = zip(*(part.pairs for part in parts if part.pairs is not None), strict=True)
         w, y, phi, kappa = map(np.hstack, pairs)
         gradient = self.elasticity.density_gradient(reduced.density, w, y, phi, kappa, moved)
-        by_nodes = None
+        by_nodes, by_centers = None, None
         if moved is not None:
-            by_nodes = self._by_nodes(moved, factored, basis, bar, parts, adjoint)
+            by_nodes, by_centers = self._by_nodes(moved, factored, basis, bar, parts, adjoint)
         learnt = {
             "iterations": iterations,
             "reduction pullback": solved - before,
             "integrals pullback": perf_counter() - solved + before - start,
         }
-        return BodyPullback(gradient + direct, by_nodes, learnt)
+        return BodyPullback(gradient + direct, by_nodes, by_centers, learnt)
 
     def _by_nodes(
         self,
@@ -359,8 +369,11 @@ class FlexibleBody:
         bar: VolumeIntegrals,
         parts: Sequence[ShapesBar],
         adjoint: Array,
-    ) -> Array:
-        """The derivative by the nodes, (nodes, dimension), from that of the pairs, ``moved``."""
+    ) -> tuple[Array, Array]:
+        """The derivatives by the nodes, from that of the pairs, ``moved``, and by the centers.
+
+        Shapes (nodes, dimension) and (interfaces, dimension).
+        """
         k, mesh_nodes = basis.n_constraint, self.elasticity.nodes
         values = self.elasticity.apply(factored.matrices.stiffness, adjoint[:, :k])
         reference = np.zeros(len(values))
@@ -373,7 +386,9 @@ class FlexibleBody:
         mesh_nodes.add_positions(moved, reference + self.reduction.lifted_pullback(values))
         for name, marker in self.markers.items():
             marker.add_node_gradient(moved, self.elasticity, basis.shapes, bar.markers[name])
-        return mesh_nodes.collected(moved)
+        loads = {name: bar for part in parts for name, bar in part.loads.items()}
+        by_centers = self.reduction.centers_pullback(values, reference, bar.markers, loads)
+        return mesh_nodes.collected(moved), by_centers
 
     def measures_pullback(self, areas: Array | None, weights: Array | None) -> Array:
         """Derivative with respect to the nodes through areas of cells and of points of the stress.

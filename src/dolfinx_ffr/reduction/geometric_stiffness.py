@@ -164,8 +164,10 @@ class GeometricStiffening:
         found = ShapesBar(shapes_bar, pairs=(loads, adjoints, displacements, -adjoints))
         if nodes is not None:
             reference = self._reference(factored, adjoints[:, : inertia.shape[1]])
-            lifted = self._lifted(factored, basis, forces, displacements, adjoints)
-            found = replace(found, reference=reference, lifted=lifted)
+            lifted, z = self._lifted(factored, basis, forces, displacements, adjoints)
+            held = z[:, inertia.shape[1] :].reshape(len(z), -1, elasticity.dimension)
+            of_interfaces = zip(self._interfaces, held.transpose(1, 2, 0), strict=False)
+            found = replace(found, reference=reference, lifted=lifted, loads=dict(of_interfaces))
         return found, direct[: elasticity.domain.n_cells]
 
     def _reference(self, factored: FactoredBody, adjoints: Block) -> Array:
@@ -188,13 +190,16 @@ class GeometricStiffening:
         forces: Block,
         displacements: Block,
         adjoints: Block,
-    ) -> Block:
-        """Derivative by the constraint modes' values at the interfaces, shape (dofs, k)."""
+    ) -> tuple[Block, Array]:
+        """Derivative by the constraint modes' values at the interfaces, (dofs, k).
+
+        And the coefficients of these modes in the adjoints, (k, b).
+        """
         # there u_b and z_b are combinations of these modes: the residual of each equation counts
         # times the coefficients of the other field
         elasticity, modes, d = self.elasticity, basis.constraint, self.elasticity.dimension
         if not modes.shape[1]:
-            return modes
+            return modes, np.zeros((0, adjoints.shape[1]))
         loads, inertia = np.zeros_like(displacements), self._load_fields()
         loads[:, : inertia.shape[1]] = elasticity.apply(factored.matrices.mass, inertia)
         if self._markers:
@@ -205,7 +210,7 @@ class GeometricStiffening:
         )
         reduced = elasticity.inner(modes, of_modes)
         u, z = (np.linalg.solve(reduced, elasticity.inner(modes, part)) for part in (of_u, of_z))
-        return np.asarray((forces - of_z) @ u.T + (loads - of_u) @ z.T)
+        return np.asarray((forces - of_z) @ u.T + (loads - of_u) @ z.T), z
 
     def _unit_forces(self) -> list[Block]:
         """Unit forces at each marker besides the interfaces, (dofs, dimension) each."""

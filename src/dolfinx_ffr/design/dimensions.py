@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: MIT
+"""Bodies by named dimensions: a user's function gives their outline, or a model of gmsh."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from mpi4py import MPI
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..fem import (
+    Array,
+    Domain,
+    Drawing,
+    closed_outline,
+    gathered_nodes,
+    gmsh_model,
+    quiet,
+    read_outline,
+    surfaces,
+)
+from ..parallel import on_every_rank, on_rank_0
+from .node_motion import DimensionMotion, NodesOnGeometry, extended, outer_facets
+from .parametrization import Variables
+
+#: Change of a dimension for differences of the geometry, as share of its range
+_STEP = 1e-5
+#: Digits of a dimension, as share of its range: a multiple of them is the change above
+_DIGITS = 8
+#: Motion by such a change, in sizes of the body, beyond which curves are taken for exchanged
+_JUMP = 1e-2
+#: Share of the range within which a dimension stands at a bound
+_AT = 1e-3
+
+
+class DimensionDesign(Variables):
+    """Named dimensions of one body, each between two bounds, as design variables.
+
+    Widths, radii, positions of holes, the place of a bearing. The derivative by a dimension is that
+    by the nodes of the mesh and the centers of interfaces, which move with the geometry; only the
+    geometry itself is differentiated by differences.
+
+    Args:
+        shape: A function of a mapping from names to numbers. In the plane it returns a mapping of
+            what `Domain.from_outline` takes: ``outline`` (rings or polygons), ``interfaces``
+            (predicates), and where wanted ``centers``. Or it is a function of that mapping and
+            ``gmsh.model`` on rank 0, which builds a geometry there by ``model.occ``, in the plane
+            or in space, names its physical groups, and makes no mesh. Values for which it raises,
+            or for which curves or faces are others than at the start, are not taken.
+        dimensions: Lower and upper bound by name, lower < upper.
+        size: Of the triangles or tetrahedra [m].
+        start: Values at the start by name; by default the middles between the bounds.
+        order: Polynomial order of the displacements.
+        interfaces: With ``gmsh.model`` the names of the physical groups that are interfaces.
+
+    Raises:
+        TypeError: If an argument is of a wrong kind.
+        ValueError: If a bound is not finite or not below the other, or a start is outside.
+    """
+
+    each: ClassVar[str] = "dimension"
+
+    def __init__(
+        self,
+        shape: Callable[..., Any],
+        dimensions: Mapping[str, tuple[float, float]],
+        *,
+        size: float,
+        start: Mapping[str, float] | None = None,
+        order: int = 1,
+        interfaces: Sequence[str] = ("left", "right"),
+    ) -> None:
+        validation.function("dimensions: shape", shape, "the dimensions")
+        bounds = validation.by_name("dimensions: dimensions", dimensions, "pairs of bounds")
+        if not bounds:
+            raise ValueError("dimensions: none are given; give at least one, name: (lower, upper)")
+        #: Their names, in the order of the variables
+        self.names = [validation.name("dimensions: a name", name) for name in bounds]
+        every = [
+            validation.real_array(f"dimensions: {n!r}", pair, (2,), expected="two bounds")
+            for n, pair in bounds.items()
+        ]
+        self.lower, self.upper = np.array(every).T
+        for name, (low, high) in zip(self.names, every, strict=True):
+            if not low < high:
+                raise ValueError(
+                    f"dimensions: {name!r} is between {low:.6g} and {high:.6g}; give two bounds, "
+                    "the lower one first"
+                )
+        self.size = len(self.names)
+        self._shape = shape
+        self._drawn = len(inspect.signature(shape).parameters) < 2
+        self._length = validation.number("dimensions: size", size, above=0.0, unit="m")
+        self._order = validation.integer("dimensions: order", order, least=1)
+        self._interfaces = validation.names("dimensions: interfaces", interfaces)
+        self._start = self.variables(dict(start or {}), super().even())
+        self._topology: Any = None
+
+    # ------------------------------------------------------------------ names and numbers
+
+    def named(self, variables: ArrayLike) -> dict[str, float]:
+        """The dimensions by name, of ``variables`` (size,), rounded to 1e-8 of their ranges."""
+        return dict(zip(self.names, self._rounded(variables).tolist(), strict=True))
+
+    def _rounded(self, variables: ArrayLike) -> Array:
+        """Variables without their last bits, which would decide about meshes, on a grid."""
+        width = np.asarray(self.upper) - self.lower
+        share = np.round((np.asarray(variables) - self.lower) / width, _DIGITS)
+        return np.where(share == 1.0, self.upper, self.lower + share * width)
+
+    def variables(self, values: Mapping[str, float], others: Array | None = None) -> Array:
+        """The variables, shape (size,), of ``values`` by name.
+
+        Those that are not named have the values of ``others``, by default of the start. A
+        ValueError if a name is not known, or a value is not within its bounds.
+        """
+        found = np.array(self._start if others is None else others)
+        for name, value in values.items():
+            i = self.names.index(validation.choice("dimensions: name", name, self.names))
+            low, high = np.asarray(self.lower)[i], np.asarray(self.upper)[i]
+            found[i] = validation.number(f"dimensions: {name!r}", value, least=low, most=high)
+        return found
+
+    def even(self, value: float | None = None) -> Array:
+        """The variables of the start, shape (size,); or all at a share ``value`` of their range."""
+        return self._start.copy() if value is None else super().even(value)
+
+    def at_bounds(self, variables: ArrayLike) -> dict[str, str]:
+        """Which dimensions of ``variables`` (size,) stand at a bound: "lower" or "upper"."""
+        share = (np.asarray(variables) - self.lower) / (np.asarray(self.upper) - self.lower)
+        ends = zip(self.names, share < _AT, share > 1.0 - _AT, strict=True)
+        return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
+
+    def identity(self) -> dict[str, Any]:
+        bounds = np.concatenate([np.asarray(self.lower), np.asarray(self.upper)])
+        return {"dimensions": str(self.names), "bounds": bounds}
+
+    # ------------------------------------------------------------------ geometry and meshes
+
+    def domain(self, comm: MPI.Comm, variables: ArrayLike | None = None) -> Domain:
+        """The body at ``variables`` (size,), by default the start, over ``comm``; collective.
+
+        Raises:
+            ValueError: On every rank, if there is no valid geometry, its curves or faces are
+                others than at the start, or it cannot be meshed.
+        """
+        x = self._start if variables is None else np.asarray(variables, dtype=np.float64)
+        with self._explained(x):
+            if self._drawn:
+                with on_every_rank(comm, "the outline of dimensions"):
+                    given = self._given(x)
+                on_rank_0(comm, lambda: self._check(x))
+                return Domain.from_outline(comm, **given, size=self._length, order=self._order)
+            with ExitStack() as stack:
+                model = None
+                with on_every_rank(comm, "a geometry of dimensions"):
+                    if comm.rank == 0:
+                        model = self._meshed(stack, x)
+                how: dict[str, Any] = {"interfaces": self._interfaces, "order": self._order}
+                return Domain.from_gmsh_model(comm, model, **how)
+
+    def motion(
+        self, domain: Domain, variables: Array, still: NDArray[np.int32] | None = None
+    ) -> DimensionMotion:
+        """How the nodes of the ``domain`` of these ``variables`` move with them; collective.
+
+        The nodes ``still`` of this rank stay where they are; a ValueError on every rank if they are
+        on a boundary that moves.
+        """
+        comm = domain.comm
+        x, cells, (numbers, own) = gathered_nodes(domain)
+        at_rest = np.concatenate(comm.allgather(numbers[[] if still is None else still]))
+        with self._explained(variables):
+            here = on_rank_0(comm, lambda: self._rates(x, cells, variables, at_rest))[numbers]
+            with on_every_rank(comm, "the centers of dimensions"):
+                centers = self._center_rates(variables)
+        found = []
+        for name, part in domain.interfaces.items():
+            given = centers.get(name)
+            found.append(part.center_rates(domain.mesh, here) if given is None else given)
+        return DimensionMotion(comm, here * own[:, None, None], np.array(found))
+
+    @contextmanager
+    def _explained(self, variables: Array) -> Iterator[None]:
+        """Errors of the user's function and of gmsh name the dimensions."""
+        try:
+            yield
+        except Exception as error:  # gmsh raises nothing more precise, and users' functions do
+            where = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            raise ValueError(f"dimensions: no body with {where}: {kind}{error}") from error
+
+    def _given(self, variables: Array) -> dict[str, Any]:
+        """What the user's function returns for an outline."""
+        given = self._shape(self.named(variables))
+        needed = "a mapping with 'outline' and 'interfaces'"
+        validation.instance("dimensions: shape(...)", given, Mapping, needed)
+        for name in given:
+            validation.choice("dimensions: shape(...)", name, ("outline", "interfaces", "centers"))
+        if not {"outline", "interfaces"} <= set(given):
+            raise ValueError(f"dimensions: shape(...) returns {sorted(given)}; return {needed}")
+        return dict(given)
+
+    def drawing(self, variables: Array) -> Drawing | None:
+        """The outline at ``variables`` (size,) with its interfaces; None of a model of gmsh."""
+        if not self._drawn:
+            return None
+        given = self._given(variables)
+        drawn = closed_outline("outline", read_outline(given["outline"], None), ())
+        groups = [""] * len(drawn.curves)
+        for name, where in given["interfaces"].items():
+            for i, curve in enumerate(drawn.curves):
+                points = np.pad(curve.at(np.linspace(0.0, 1.0, 9)), ((0, 0), (0, 1)))
+                groups[i] = name if np.all(where(points.T)) else groups[i]
+        return replace(drawn, groups=groups)
+
+    def _built(self, gmsh: Any, variables: Array) -> Any:
+        """The geometry in gmsh's current model, and its numbers of curves and faces; on rank 0."""
+        drawing = self.drawing(variables)
+        if drawing is not None:
+            surfaces(gmsh, drawing)
+        else:
+            with quiet():
+                self._shape(self.named(variables), gmsh.model)
+                gmsh.model.occ.synchronize()
+        model = gmsh.model
+        groups = [(d, model.getPhysicalName(d, tag)) for d, tag in model.getPhysicalGroups()]
+        parts = [len(model.getEntitiesForPhysicalGroup(*g)) for g in model.getPhysicalGroups()]
+        counts = [len(model.getEntities(d)) for d in range(4)]
+        return counts, sorted(zip(groups, parts, strict=True))
+
+    def _check(self, variables: Array, gmsh: Any = None) -> None:
+        """Build the geometry, and refuse another topology than that of the start; on rank 0."""
+        if self._topology is None:
+            with gmsh_model("dimensions need") as other:
+                self._topology = self._built(other, self._start)
+        with ExitStack() as stack:
+            found = self._built(gmsh or stack.enter_context(gmsh_model()), variables)
+        if found != self._topology:
+            here, there = (f"{n[1]} curves and {n[2]} faces" for n, _ in (found, self._topology))
+            raise ValueError(
+                f"the geometry has {here}, and at the start {there}, or other physical groups: "
+                "keep the topology for all values, or narrow the bounds"
+            )
+
+    def _meshed(self, stack: ExitStack, variables: Array) -> Any:
+        """Gmsh's model with a mesh, until the stack ends; on rank 0."""
+        gmsh = stack.enter_context(gmsh_model("dimensions need"))
+        self._check(variables, gmsh)
+        before = gmsh.option.getNumber("Mesh.MeshSizeMax")
+        stack.callback(gmsh.option.setNumber, "Mesh.MeshSizeMax", before)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", self._length)
+        with quiet():
+            gmsh.model.mesh.generate(gmsh.model.getDimension())
+        gmsh.model.mesh.renumberNodes()
+        return gmsh.model
+
+    def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
+        """Motion of all nodes by each dimension, (nodes, dimension, k); on rank 0."""
+        d, size = x.shape[1], float(np.max(np.ptp(x, axis=0)))
+        outer = np.unique(outer_facets(cells[:, : d + 1]))
+        rates, known = np.zeros((len(x), d, self.size)), np.zeros(len(x), dtype=bool)
+        with gmsh_model("dimensions need") as gmsh:
+            self._check(variables, gmsh)
+            on = NodesOnGeometry(gmsh.model, x, np.union1d(outer, cells[:, d + 1 :]))
+            faces = on.on_faces(gmsh.model) if d == 3 else None
+        nodes = on.nodes
+        known[nodes] = True
+        if not np.all(known[outer]):
+            raise ValueError("the nodes of the mesh do not lie on its geometry")
+        for k in range(self.size):
+            (more, less), apart = self._beside(variables, k)
+            change = self._places(on, more) - self._places(on, less)
+            if np.max(np.abs(change), initial=0.0) > _JUMP * size:
+                raise ValueError(
+                    f"curves or faces are exchanged by a small change of {self.names[k]!r}: build "
+                    "them in the same order for all values"
+                )
+            rates[nodes, :, k] = change / apart
+        if np.any(rates[still]):
+            raise ValueError(
+                "a marker is in a cell whose boundary moves; have it farther inside, or make it an "
+                "interface"
+            )
+        known[still] = True
+        return extended(x, cells, rates, known, faces)
+
+    def _places(self, on: NodesOnGeometry, variables: Array) -> Array:
+        """Where nodes on the geometry are at variables, shape (those nodes, dimension) [m]."""
+        with gmsh_model() as gmsh:
+            self._check(variables, gmsh)
+            return on.positions(gmsh.model)
+
+    def _beside(self, variables: Array, k: int) -> tuple[list[Array], float]:
+        """Variables on both sides in dimension k, within the bounds, and how far apart they are."""
+        step, here = np.zeros(self.size), self._rounded(variables)
+        step[k] = _STEP * float((np.asarray(self.upper) - self.lower)[k])
+        ends = [np.clip(here + s * step, self.lower, self.upper) for s in (1.0, -1.0)]
+        return ends, float(ends[0][k] - ends[1][k])
+
+    def _center_rates(self, variables: Array) -> dict[str, Array]:
+        """Motion (dimension, k) of the centers that the user's function gives, by interface."""
+        if not self._drawn or not (given := self._given(variables).get("centers")):
+            return {}
+        found = {name: np.zeros((len(center), self.size)) for name, center in given.items()}
+        for k in range(self.size):
+            ends, apart = self._beside(variables, k)
+            one, other = (self._given(end)["centers"] for end in ends)
+            for name, rate in found.items():
+                rate[:, k] = (np.asarray(one[name]) - np.asarray(other[name])) / apart
+        return found

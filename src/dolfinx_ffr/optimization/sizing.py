@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Bodies by named dimensions, as a problem whose variables are these.
+
+Each design has a mesh of its own, and the exact gradient of what was computed there. A design that
+has no valid geometry is one that cannot be simulated, so the optimiser takes its step back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from mpi4py import MPI
+
+from ..design import DimensionDesign, DimensionMotion, Variables
+from ..dynamics import SimulationError
+from ..problem import Evaluation, Problem
+from .enough_modes import with_enough_modes, with_steps_for
+from .gradient import Array
+from .result import Result, of_problem
+
+
+@dataclass(frozen=True)
+class SizedEvaluation(Evaluation):
+    """An evaluation on meshes of the dimensions."""
+
+    problem: Problem | None = field(default=None, repr=False)  #: On these meshes
+    motions: dict[str, DimensionMotion] = field(default_factory=dict, repr=False)  #: By body
+    dimensions: dict[str, float] = field(default_factory=dict)  #: By "body: name"
+
+
+class Sizing:
+    """A `problem` with ``designs`` of all its flexible bodies, for `DesignLoop`."""
+
+    def __init__(self, problem: Problem, designs: Mapping[str, DimensionDesign]) -> None:
+        self._problem, self._designs = problem, dict(designs)
+        self.comm: MPI.Comm = problem.comm
+        self.flexible: dict[str, Any] = {}
+        self.load_cases, self.combine = problem.load_cases, problem.combine
+        self._refuse_lengths()
+
+    def _refuse_lengths(self) -> None:
+        """Refuse lengths that follow from the placements of bearings, which may move."""
+        for case in self.load_cases.values():
+            for connection in (*case.mechanism.joints, *case.mechanism.forces):
+                ends = [m[0] for m in connection.markers if isinstance(m, tuple)]
+                if getattr(connection, "length", 0.0) is None and set(ends) & set(self._designs):
+                    raise ValueError(
+                        f"optimize: {connection.label!r} takes its length from the placements, "
+                        "where bearings may move: give its length"
+                    )
+
+    def value(self, x: Array | Mapping[str, Array]) -> SizedEvaluation:
+        """Objective and constraints at variables, by body; a SimulationError without a geometry."""
+        given = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
+        bodies, motions = {}, {}
+        try:  # also what its gradient takes: a design that is kept has one
+            for name, design in self._designs.items():
+                domain = design.domain(self.comm, given[name])
+                bodies[name] = body = self._problem.flexible[name].with_domain(domain)
+                motions[name] = design.motion(domain, given[name], body.marker_nodes)
+            problem = self._problem.with_bodies(bodies)
+            found = problem.value(of_problem(_full(problem)))
+        except (ValueError, RuntimeError) as error:
+            raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
+        told = {
+            f"{name}: {key}": number
+            for name, design in self._designs.items()
+            for key, number in design.named(given[name]).items()
+        }
+        own: dict[str, Any] = {"problem": problem, "motions": motions, "dimensions": told}
+        return SizedEvaluation(**_parts(found), **own)
+
+    def differentiate(self, evaluation: SizedEvaluation) -> SizedEvaluation:
+        """The evaluation with gradients by the variables in the place of those by densities."""
+        assert evaluation.problem is not None
+        found = evaluation.problem.differentiate(evaluation, nodes=True)
+        motions = evaluation.motions.items()
+
+        def along(part: Any) -> Any:
+            """The same with its gradient by the variables."""
+            if part.nodes is None:
+                return part
+            slopes = {n: m.pullback(part.nodes[n], part.centers[n]) for n, m in motions}
+            return replace(part, gradient=slopes)
+
+        cases = {n: along(case) for n, case in found.load_cases.items()}
+        bounds = {n: along(bound) for n, bound in found.constraints.items()}
+        return along(replace(found, constraints=bounds, load_cases=cases))
+
+    def calibrated(self, evaluation: SizedEvaluation) -> tuple[Sizing, SizedEvaluation]:
+        """As `Problem.calibrated`, for this and all later designs."""
+        before = evaluation.problem
+        assert before is not None
+        problem, found = before.calibrated(evaluation)
+        if problem is before:
+            return self, evaluation
+        sizing = Sizing(problem, self._designs)
+        return sizing, replace(found, problem=problem)  # type: ignore[return-value, call-arg]
+
+    def finished(self, result: Result, tolerance: float | None) -> Result:
+        """The result of a run with its problem on the last meshes, with as many modes as needed."""
+        evaluation = result.evaluation
+        assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
+        problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
+        x, errors = _full(problem), dict[str, float]()
+        if tolerance is not None:
+            first = {name: body.modes for name, body in problem.flexible.items()}
+            problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
+        problem, found = with_steps_for(problem, x, found)
+        return replace(result, problem=problem, evaluation=found, mode_errors=errors)
+
+
+def _full(problem: Problem) -> dict[str, Array]:
+    """Full bodies, (cells,) each."""
+    return {name: 1.0 - body.domain.void_cells for name, body in problem.flexible.items()}
+
+
+def _parts(evaluation: Evaluation) -> dict[str, Any]:
+    """What an evaluation consists of."""
+    return {part.name: getattr(evaluation, part.name) for part in fields(Evaluation)}
+
+
+def sized(
+    problem: Problem, design: Variables | Mapping[str, Variables]
+) -> tuple[Sizing, dict[str, DimensionDesign]] | None:
+    """The problem of dimensions, and these by body; None if there are no dimensions."""
+    names = list(problem.flexible)
+    given = design if isinstance(design, Mapping) else dict.fromkeys(names[:1], design)
+    found = {n: part for n, part in given.items() if isinstance(part, DimensionDesign)}
+    if not found:
+        return None
+    if set(given) != set(names) or found.keys() != given.keys():
+        raise ValueError(
+            f"optimize: dimensions are given for {sorted(found)}, and the problem designs "
+            f"{sorted(names)}; give dimensions for each, or some bodies by their volume integrals"
+        )
+    ordered = {name: found[name] for name in names}
+    return Sizing(problem, ordered), ordered
