@@ -134,9 +134,6 @@ def main(arguments: list[str] | None = None) -> None:
     plotting.plot_crank_motion(evaluation.trajectory, output / "crank_motion.png", comm=comm)
     plotting.plot_scene(problem, evaluation, output / "scene.png")
     plotting.animate_motion(problem, evaluation, output / "motion.gif")
-    if moved := result.moved:
-        shapes, psi = moved.materials["rod"], moved.history["psi"]
-        plotting.animate_boundary(domain, shapes, psi, output / "boundary.gif")
     of = {"full": solid, "found": found, "warnings": warnings, "references": compliance}
     numbers: dict[str, Any] = {f"compliance_{name}": psi for name, psi in compliance.items()}
     numbers |= {"steps": problem.integrator.steps, "seconds_total": perf_counter() - start}

@@ -21,7 +21,7 @@ from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
 from ..part import Part, Solid, Verification, verify
-from ..plotting import plot_part
+from ..plotting import animate_boundary, plot_part
 from ..problem import Evaluation, Problem
 from .gradient import Array
 from .running import alone_in
@@ -227,7 +227,8 @@ class Result:
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
-                ``solid.stl`` and ``solid.png``; of several bodies for folders with their names.
+                ``solid.stl`` and ``solid.png``, and ``boundary.gif`` where the boundary was moved;
+                of several bodies for folders with their names.
             options: Those of `verify`.
 
         Returns:
@@ -272,6 +273,9 @@ class Result:
                 at = place / own if several else place
                 part.write(at)
                 plot_part(part, at / f"{part.kind}.png", title=title)
+                if self.moved is not None:
+                    steps = self.moved.materials[name], self.moved.history["psi"]
+                    animate_boundary(part.body, *steps, at / "boundary.gif")
         return found
 
     @property

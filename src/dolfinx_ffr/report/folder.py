@@ -25,6 +25,7 @@ PICTURES = {
     "scene.png": ("The mechanism at one instant of its motion.", "plot_scene"),
     "design.png": ("Densities of the design: solid is black, void is white.", "plot_design"),
     "part.png": ("The part, and enlarged where it is thinnest and tightest.", "plot_part"),
+    "boundary.gif": ("The boundary of the part as it moves.", "animate_boundary"),
     "motion.gif": ("The mechanism in motion.", "animate_motion"),
     "crank_motion.png": ("The prescribed motion over time.", "plot_crank_motion"),
     "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
