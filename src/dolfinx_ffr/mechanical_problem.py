@@ -239,7 +239,7 @@ class MechanicalProblem:
         return replace(self, objective=objective, constraints=constraints)
 
     def parted(self, response: Response) -> MechanicalProblem:
-        """The problem with the `Constraint.parts` in place of each constraint."""
+        """The problem with `Constraint.parts` at a ``response`` in place of each constraint."""
         constraints = [part for each in self.constraints for part in each.parts(response)]
         if len(constraints) == len(self.constraints):
             return self

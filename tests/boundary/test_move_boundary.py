@@ -211,10 +211,10 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
         result = move_boundary(bounded(0.5), boundary, iterations=1, **coarse)
     # on a mesh that is finer in notches
     assert result.history["excess"][0] == pytest.approx(1.0, rel=0.1)
-    result = move_boundary(bounded(0.97), boundary, iterations=6, **coarse)
+    result = move_boundary(bounded(0.97), boundary, iterations=12, **coarse)
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
-    assert found < 0.97 * 1.01 * largest
-    assert result.psi < 0.99 * result.history["psi"][0]
+    assert found < 0.97 * 1.003 * largest
+    assert result.psi < 0.8 * result.history["psi"][0]
 
 
 def test_what_cannot_be_moved() -> None:

@@ -445,7 +445,7 @@ class Constraint:
         return self if objective is self.objective else replace(self, objective=objective)
 
     def parts(self, response: Response) -> list[Constraint]:
-        """Constraints on the `Objective.parts`, which hold where the constraint does."""
+        """Constraints on `Objective.parts` at a ``response``, which hold where this one does."""
         found = self.objective.parts(response)
         if len(found) == 1 or self.upper is None:
             return [self]

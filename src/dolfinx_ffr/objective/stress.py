@@ -129,7 +129,7 @@ class PeakStress(Objective):
         return replace(self, scale=math.sqrt(mean.largest) / mean.value)
 
     def parts(self, response: Response) -> list[Objective]:
-        """That of points whose highest stress is in each of a few ranges below the largest one.
+        """Those of points whose highest stress, at a ``response``, is in a range below the largest.
 
         The mean over all of a body says little of a short notch beside a long member under almost
         as much stress (E. Holmberg, B. Torstenfelt, A. Klarbring, Structural and Multidisciplinary

@@ -28,6 +28,7 @@ from ..boundary import (
 )
 from ..design import Design, LevelSet
 from ..dynamics import SimulationError
+from ..mechanical_problem import MechanicalProblem
 from ..objective import PeakStress
 from ..part import Part, PartWarning
 from ..problem import Evaluation, Problem
@@ -171,7 +172,7 @@ class _Descent:
     def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        problem, found = trial.problem.parted(trial.evaluation)
+        problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
         evaluation = problem.differentiate(found, nodes=True)
         motions = {n: NodeMotion(b, bodies[n].domain) for n, b in boundaries.items()}
 

@@ -39,6 +39,7 @@ from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .spread import WORK, Job, adjoints, trajectories
 from .steps import checked_memory, chosen_again, chosen_before
 
+Change = Callable[[MechanicalProblem, Response], MechanicalProblem]
 #: Name of a load case that is the only one
 LOAD_CASE = "load case"
 #: Relative difference from which on two ranks have not computed the same number: a simulation
@@ -322,21 +323,10 @@ class Problem:
         Nothing is simulated for it. The evaluation has values and no gradients; where no objective
         is to be corrected, both are the given ones.
         """
-        return self._adapted(evaluation, MechanicalProblem.calibrated)
+        return self.adapted(evaluation, MechanicalProblem.calibrated)
 
-    def parted(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
-        """The problem and an ``evaluation`` with `Constraint.parts` in place of each constraint.
-
-        A bound on the largest stress then has several slopes, of which a step can keep all.
-        """
-        return self._adapted(evaluation, MechanicalProblem.parted)
-
-    def _adapted(
-        self,
-        evaluation: Evaluation,
-        changed: Callable[[MechanicalProblem, Response], MechanicalProblem],
-    ) -> tuple[Problem, Evaluation]:
-        """The problem with ``changed`` load cases, and what they evaluate to; collective."""
+    def adapted(self, evaluation: Evaluation, changed: Change) -> tuple[Problem, Evaluation]:
+        """The problem with load cases ``changed`` at an ``evaluation``, and theirs; collective."""
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, WORK):
             cases = {n: changed(m, responses[n]) for n, m in self.load_cases.items()}
