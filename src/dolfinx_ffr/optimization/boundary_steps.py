@@ -21,13 +21,18 @@ from ..boundary import (
     Boundary,
     NodeMotion,
     Rows,
+    Surface,
+    SurfaceMotion,
     best_step,
+    no_rows,
     radius_rows,
     room_rows,
     size_rows,
+    wall_rows,
 )
 from ..design import Design, LevelSet
 from ..dynamics import SimulationError
+from ..fem import Domain
 from ..part import Part, PartWarning
 from ..problem import Evaluation, Problem
 from .enough_modes import EVERY, with_enough_modes, with_steps_for
@@ -65,7 +70,7 @@ _MISSED = 0.01
 class Trial:
     """Boundaries with the meshes that fit them, and what was computed there."""
 
-    boundaries: dict[str, Boundary]
+    boundaries: dict[str, Boundary | Surface]
     problem: Problem
     evaluation: Evaluation
     sizes: dict[str, Rows]  #: Of members and gaps
@@ -80,8 +85,10 @@ class Trial:
     def merit(self, of_bounds: float) -> float:
         """Logarithm of psi and the violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
-        narrow = max(float(np.max(part.values, initial=0.0)) for part in rows)
-        return math.log(self.evaluation.psi) + _OF_SIZES * narrow + of_bounds * self.excess
+        hard = [part.values for part in rows if part.costs is None]
+        narrow = max((float(np.max(values, initial=0.0)) for values in hard), default=0.0)
+        soft = sum(float(np.maximum(r.values, 0.0) @ r.costs) for r in rows if r.costs is not None)
+        return math.log(self.evaluation.psi) + _OF_SIZES * narrow + soft + of_bounds * self.excess
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
@@ -114,6 +121,7 @@ class _Slopes:
     psi: Array  #: Of log psi, (masters,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array  #: Their derivatives, (m, masters)
+    most: Array | None  #: What their violations cost at most, (m,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,18 +138,18 @@ class _Descent:
         full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
         return full | self.others
 
-    def tried(self, boundaries: dict[str, Boundary]) -> Trial:
+    def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries meshed and evaluated; collective."""
         bodies = dict(self.problem.bodies)
         for name, boundary in boundaries.items():
-            domain = boundary.part.domain(self.sizes[name], across=_ACROSS)
+            domain = _mesh(boundary, self.sizes[name])
             domain.whole = boundary.body
             bodies[name] = self.problem.flexible[name].with_domain(domain)
         problem = self.problem.with_bodies(bodies)
         return self.evaluated(boundaries, problem, problem.value(self.point(problem)))
 
     def evaluated(
-        self, boundaries: dict[str, Boundary], problem: Problem, found: Evaluation
+        self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
     ) -> Trial:
         """A trial of which all but the constraints is known; collective."""
         # stress limits are those of these parts
@@ -155,15 +163,15 @@ class _Descent:
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
-        sizes = {name: size_rows(boundary) for name, boundary in boundaries.items()}
-        radii = {name: radius_rows(boundary) for name, boundary in boundaries.items()}
+        sizes = {name: _size_rows(boundary) for name, boundary in boundaries.items()}
+        radii = {name: _radius_rows(boundary) for name, boundary in boundaries.items()}
         return Trial(boundaries, problem, found, sizes, radii, excesses)
 
     def slopes(self, trial: Trial) -> _Slopes:
         """Derivatives of psi and of all constraints at a trial; collective."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         evaluation = trial.problem.differentiate(trial.evaluation, nodes=True)
-        motions = {n: NodeMotion(b, bodies[n].domain) for n, b in boundaries.items()}
+        motions = {n: _motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
@@ -186,13 +194,18 @@ class _Descent:
             areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
             bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
         # no offset is longer than 1.5 times that of the step
-        rooms = {n: room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
+        rooms = {n: _room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
-        values = [part.values for found in geometric for part in found.values()]
+        every = [part for found in geometric for part in found.values()]
+        values = np.concatenate([*(part.values for part in every), list(trial.excesses.values())])
+        most = np.full(len(values), np.inf)
+        costs = [np.full(len(r.values), np.inf) if r.costs is None else r.costs for r in every]
+        most[: len(values) - len(trial.excesses)] = np.concatenate(costs)
         return _Slopes(
             along(evaluation.nodes) / evaluation.psi,
-            np.concatenate([*values, list(trial.excesses.values())]),
+            values,
             np.vstack([*map(rows, geometric), *bounds]),
+            most if np.any(np.isfinite(most)) else None,
         )
 
     def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
@@ -209,6 +222,7 @@ class _Descent:
             found.slopes,
             np.concatenate(held),
             reach,
+            found.most,
         )
         cost = step.multipliers / step.weight
         offsets, costs, first, row = {}, {}, 0, 0
@@ -264,8 +278,36 @@ class _Descent:
         return trial, removed
 
 
-def _simpler(boundary: Boundary, costs: Costs) -> Iterator[Boundary]:
+def _mesh(boundary: Boundary | Surface, size: float) -> Domain:
+    """A mesh that fits; collective."""
+    if isinstance(boundary, Surface):
+        return boundary.part.domain(boundary.size)
+    return boundary.part.domain(size, across=_ACROSS)
+
+
+def _motion(boundary: Boundary | Surface, domain: Domain) -> NodeMotion | SurfaceMotion:
+    """How the nodes of that mesh follow; collective."""
+    if isinstance(boundary, Surface):
+        return SurfaceMotion(boundary, domain)
+    return NodeMotion(boundary, domain)
+
+
+def _size_rows(boundary: Boundary | Surface) -> Rows:
+    return wall_rows(boundary) if isinstance(boundary, Surface) else size_rows(boundary)
+
+
+def _radius_rows(boundary: Boundary | Surface) -> Rows:
+    return no_rows(boundary) if isinstance(boundary, Surface) else radius_rows(boundary)
+
+
+def _room_rows(boundary: Boundary | Surface, reach: float) -> Rows:
+    return no_rows(boundary) if isinstance(boundary, Surface) else room_rows(boundary, reach)
+
+
+def _simpler(boundary: Boundary | Surface, costs: Costs) -> Iterator[Boundary]:
     """The boundary without its specks, and without the struts whose minimum width costs most."""
+    if isinstance(boundary, Surface):  # walls of a field may vanish in any step
+        return
     if boundary.specks:
         yield boundary.without(boundary.specks)
     holes = set(boundary.holes)
@@ -291,7 +333,7 @@ class _Step:
 
 def move_boundary(
     problem: Problem,
-    boundary: Boundary | Mapping[str, Boundary],
+    boundary: Boundary | Surface | Mapping[str, Boundary | Surface],
     *,
     volume: float | Mapping[str, float] | None = None,
     variables: Mapping[str, Array] | None = None,
@@ -346,7 +388,9 @@ def move_boundary(
             "volume integrals (evaluation.bodies[name].integrals)"
         )
     for name in names:
-        validation.instance(f"boundary: that of {name!r}", given[name], Boundary, "a Boundary")
+        kind: type = Surface if problem.flexible[name].domain.dimension == 3 else Boundary
+        what = "a Surface" if kind is Surface else "a Boundary"
+        validation.instance(f"boundary: that of {name!r}", given[name], kind, what)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -355,22 +399,25 @@ def move_boundary(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    sizes = {n: _size(given[n]) if size is None else size for n in names}
+    fixed = {n: b.size for n, b in given.items() if isinstance(b, Surface)}
+    sizes = {n: _size(given[n]) if size is None else size for n in names} | fixed
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     descent = _Descent(problem, bounds, sizes, others)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress)
 
 
-def _size(boundary: Boundary) -> float:
+def _size(boundary: Boundary | Surface) -> float:
     """The size of triangles [m] that is fine enough for psi, and for the members."""
+    if isinstance(boundary, Surface):
+        return boundary.size
     each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
     return min(_SIZE * boundary.member, math.sqrt(each))
 
 
 def _descended(
     descent: _Descent,
-    boundaries: dict[str, Boundary],
+    boundaries: dict[str, Boundary | Surface],
     steps: int,
     tolerance: float | None,
     progress: bool,
@@ -389,7 +436,7 @@ def _descended(
         best, known = trial, errors
         reach, reason, weight, removed = _FIRST, "iterations", _OF_BOUNDS, 0
         told = [trial.told(0.0, 0, 0)]
-        shown = {name: [b.material] for name, b in boundaries.items()}
+        shown = {n: [b.material] for n, b in boundaries.items() if isinstance(b, Boundary)}
         for number in range(1, steps + 1):
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
@@ -419,7 +466,8 @@ def _descended(
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed))
             for name, b in trial.boundaries.items():
-                shown[name].append(b.material)
+                if isinstance(b, Boundary):
+                    shown[name].append(b.material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
     _warn_of_missed(best)
@@ -440,13 +488,15 @@ def with_moved_boundaries(
     bound = {name: result.bounds.get(name, 1.0) for name in designs}
     others = {n: x for n, x in result.variables.items() if n not in designs}
     try:
-        boundaries = {}
+        boundaries: dict[str, Boundary | Surface] = {}
         for name, design in designs.items():
             part = result.part(name)
-            assert isinstance(part, Part), "optimize has refused bodies in space"
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)
-            boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+            if isinstance(part, Part):
+                boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+            else:
+                boundaries[name] = Surface.of(part, member, mirrors=mirrors)
         moved = move_boundary(
             result.problem,
             boundaries,
@@ -488,3 +538,7 @@ def _warn_of_missed(trial: Trial) -> None:
             PartWarning,
             stacklevel=4,
         )
+    for name, boundary in trial.boundaries.items():
+        if isinstance(boundary, Surface):  # those of trials were not worth telling
+            for text in boundary.part.warnings:
+                warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=4)

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..design import Design, Variables
-from ..fem import Domain
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .boundary_steps import with_moved_boundaries
@@ -78,9 +77,8 @@ def optimize(
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out. It is
             estimated every five iterations, and modes are added where it is exceeded; None leaves
             the modes as they are.
-        boundary: Steps of the boundaries of the parts after those of the densities, for bodies in
-            the plane: `Result.moved` has what they come to, and parts are theirs; see
-            `move_boundary`.
+        boundary: Steps of the boundaries of the parts after those of the densities: `Result.moved`
+            has what they come to, and parts are theirs; see `move_boundary`.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
@@ -147,7 +145,7 @@ def optimize(
         begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
         check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
         if steps:
-            _check_boundaries(problem, domains)
+            validation.instance("optimize: problem", problem, Problem, "a Problem, or boundary=0")
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(
             problem,
@@ -167,17 +165,6 @@ def optimize(
                 result = with_moved_boundaries(result, steps, mode_tolerance, progress)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
-
-
-def _check_boundaries(problem: Problem, domains: Mapping[str, Domain]) -> None:
-    """Refuse steps of boundaries, before the long work, where there can be none."""
-    validation.instance("optimize: problem", problem, Problem, "a Problem, or boundary=0")
-    for name, domain in domains.items():
-        if domain.dimension != 2:
-            raise ValueError(
-                f"optimize: {name!r} is a body in space, and boundaries move in the plane alone; "
-                "give boundary=0"
-            )
 
 
 def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> dict[str, Variables]:

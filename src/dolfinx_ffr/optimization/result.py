@@ -15,7 +15,7 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from .. import validation
-from ..boundary import Boundary
+from ..boundary import Boundary, Surface
 from ..design import Design, Variables
 from ..dynamics import SimulationError
 from ..fem import Domain
@@ -55,7 +55,7 @@ def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9)
 class BoundaryResult:
     """What moving boundaries has come to."""
 
-    boundaries: dict[str, Boundary]  #: The best ones, by body
+    boundaries: dict[str, Boundary | Surface]  #: The best ones, by body
     problem: Problem  #: On the meshes that fit them
     evaluation: Evaluation  #: There
     #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
@@ -67,7 +67,7 @@ class BoundaryResult:
     reason: str
     #: Estimated relative error of psi by the normal modes that each body leaves out
     mode_errors: dict[str, float]
-    #: What the boundaries enclose at each step of the history, as polygons [m], by body
+    #: What the boundaries enclose at each step of the history, as polygons [m], by body in the plane
     materials: dict[str, list[BaseGeometry]]
 
     @property
@@ -76,9 +76,9 @@ class BoundaryResult:
         return self.evaluation.psi
 
     @property
-    def boundary(self) -> Boundary:
+    def boundary(self) -> Boundary | Surface:
         """Where one body is designed, its boundary."""
-        found: Boundary = only(self.boundaries)
+        found: Boundary | Surface = only(self.boundaries)
         return found
 
     def summary(self) -> dict[str, Any]:
@@ -90,9 +90,9 @@ class BoundaryResult:
             "reason": self.reason,
         }
 
-    def part(self, name: str | None = None) -> Part:
-        """The part of the body ``name``, by default of the only one."""
-        boundary: Boundary = only(self.boundaries) if name is None else self.boundaries[name]
+    def part(self, name: str | None = None) -> Part | Solid:
+        """The part or solid of the body ``name``, by default of the only one."""
+        boundary: Boundary | Surface = only(self.boundaries) if name is None else self.boundaries[name]
         return boundary.part
 
 
