@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -11,21 +12,23 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import pyvista
+from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Surface, wall_rows
+from dolfinx_ffr.boundary import surface as surface_module
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.boundary_steps import _Descent
 
-SIZE, ELEMENTS, MEMBER = (0.2, 0.04, 0.04), (8, 4, 4), 4e-3
+SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 5e-3
 PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
 
 
-def two_holes(x: np.ndarray) -> np.ndarray:
-    """A beam with a hole through it, and one that is a dent in a side."""
-    through = np.hypot(x[:, 0] - 0.07, x[:, 2]) - 0.014
-    dent = np.linalg.norm((x - [0.14, 0.0, 0.02]) / [1.5, 1.0, 1.0], axis=1) - 0.012
-    return 3.0 * np.minimum(through, dent)
+def notched(x: np.ndarray) -> np.ndarray:
+    """A beam with a deep notch and a hole through it, by a field that is no distance."""
+    notch = np.hypot(x[:, 0] - 0.06, x[:, 2] - 0.02) - 0.018
+    hole = np.hypot(x[:, 0] - 0.11, x[:, 2]) - 0.013
+    return 3.0 * np.minimum(notch, hole)
 
 
 def beam(comm: MPI.Comm) -> ffr.Problem:
@@ -43,11 +46,14 @@ def beam(comm: MPI.Comm) -> ffr.Problem:
 
 
 def surface(
-    problem: ffr.Problem, field: Callable[[np.ndarray], np.ndarray] = two_holes, member: float = MEMBER
+    problem: ffr.Problem,
+    field: Callable[[np.ndarray], np.ndarray] = notched,
+    member: float = MEMBER,
+    share: float = 0.65,
 ) -> Surface:
     domain = problem.flexible["beam"].domain
     solid = ffr.Solid(domain, field, material=PLASTIC)
-    return Surface.of(solid, member, size=0.8 * domain.cell_size)
+    return Surface.of(solid, member, size=share * domain.cell_size)
 
 
 def waves(found: Surface) -> np.ndarray:
@@ -57,14 +63,14 @@ def waves(found: Surface) -> np.ndarray:
 
 @pytest.mark.mpi
 def test_the_field_has_the_surface_of_the_solid(comm: MPI.Comm) -> None:
-    """It is a distance, whatever the field that was given, and points of the solid are its zeros."""
+    """It is a distance, whatever field was given, and the solid's points are its zeros."""
     found = surface(beam(comm))
     x = found.part.points[found.moving.numbers]
-    assert len(x) > 100
+    assert len(x) > 60
     assert np.max(np.abs(found.field(x))) < 1e-9
-    assert np.max(np.abs(two_holes(x))) < 3.0 * 0.03 * MEMBER
-    away = np.array([[0.07, 0.013, 0.017], [0.07, 0.0, 0.005]])
-    np.testing.assert_allclose(found.field(away), [0.003, -0.009], atol=0.03 * MEMBER)
+    assert np.max(np.abs(notched(x))) < 3.0 * 0.03 * MEMBER
+    away = np.array([[0.06, 0.013, -0.002], [0.11, 0.0, 0.005]])
+    np.testing.assert_allclose(found.field(away), [0.004, -0.008], atol=0.03 * MEMBER)
     assert found.part.volume == pytest.approx(found.origin.volume, rel=5e-3)
 
 
@@ -78,26 +84,49 @@ def test_points_follow_the_field() -> None:
     missed = []
     for step in (2e-4, 1e-4):
         moved = x - (points.rows @ (step * offsets))[:, None] * points.ways
-        np.testing.assert_allclose(moved[:, 1:][faces], x[:, 1:][faces], atol=1e-12)
+        np.testing.assert_allclose(moved[:, 1:][faces], x[:, 1:][faces], atol=0.02 * step)
         missed.append(np.max(np.abs(found.shifted(step * offsets).field(moved))))
     assert missed[0] < 0.2 * 2e-4
     assert missed[1] < 0.3 * missed[0]
 
 
-def test_derivative_of_psi_is_that_of_new_solids() -> None:
-    """Beside differences over solids that are cut anew, whose meshes make some 1e-4 of psi."""
-    problem = beam(MPI.COMM_SELF)
+@pytest.mark.mpi
+def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> None:
+    problem = beam(comm)
     found = surface(problem)
     descent = _Descent(problem, {"beam": 0.9}, {"beam": found.size}, {})
     slopes = descent.slopes(descent.tried({"beam": found}))
-    along = -0.3 * slopes.psi / np.max(np.abs(slopes.psi))
-    sides = [
-        descent.tried({"beam": found.shifted(side * MEMBER * along)}) for side in (1.0, -1.0)
-    ]
-    psi = [np.log(side.evaluation.psi) for side in sides]
-    assert 0.5 * (psi[0] - psi[1]) == pytest.approx(slopes.psi @ along, rel=0.03)
-    volume = [side.excesses["volume of beam"] for side in sides]
-    assert 0.5 * (volume[0] - volume[1]) == pytest.approx(slopes.slopes[-1] @ along, rel=0.03)
+    cut = found.part._kept[found.part._first]
+    points, centers = found.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
+    offsets, step, values = waves(found), 1e-6, []
+    for side in (step, -step):
+        x = cut.points.copy()
+        if comm.rank == 0:
+            number = cKDTree(x).query(found.part.points[points.numbers])[1]
+            x[number] -= (points.rows @ (side * offsets))[:, None] * points.ways
+        moved = replace(cut, points=x).domain(comm, ["left", "right"], centers, 2)
+        again = problem.with_bodies({"beam": problem.flexible["beam"].with_domain(moved)})
+        values.append([np.log(again.value(np.ones(moved.n_cells)).psi), moved.area])
+    psi, volume = np.subtract(*values) / (2.0 * step) * MEMBER
+    assert psi == pytest.approx(slopes.psi @ offsets, rel=1e-4)
+    told = 0.9 * np.prod(SIZE) * (slopes.slopes[-1] @ offsets)
+    assert volume == pytest.approx(told, rel=1e-4)
+
+
+def test_the_volume_of_new_solids_changes_as_the_surface_moves() -> None:
+    """The more so the finer they are cut."""
+    problem, errors = beam(MPI.COMM_SELF), []
+    for share in (0.65, 0.33):
+        found = surface(problem, share=share)
+        a, b, c = np.moveaxis(found.part.points[found.part.triangles], 1, 0)
+        areas, points = np.zeros_like(found.part.points), found.moving
+        np.add.at(areas, found.part.triangles, np.cross(b - a, c - a)[:, None] / 6.0)
+        step = np.full(found.n_controls, 2e-4)
+        moves = -(points.rows @ step)[:, None] * points.ways
+        told = np.sum(areas[points.numbers] * moves)
+        sides = [found.shifted(side * step).part.volume for side in (1.0, -1.0)]
+        errors.append(abs(0.5 * np.subtract(*sides) / told - 1.0))
+    assert errors[1] < min(0.05, errors[0])
 
 
 @pytest.mark.parametrize("place", [0.0, 0.0163])
@@ -108,19 +137,16 @@ def test_walls(place: float) -> None:
         return np.minimum(np.abs(x[:, 2] - place) - 0.007, 1.0)
 
     def plate(x: np.ndarray) -> np.ndarray:
-        return np.where(np.abs(x[:, 0] - 0.1) < 0.06, -field(x), 1.0)
+        return np.where(np.abs(x[:, 0] - 0.08) < 0.05, -field(x), 1.0)
 
     found = surface(beam(MPI.COMM_SELF), plate, 0.012)
     rows = wall_rows(found)
-    thick, sides = (0.014, 2) if place == 0.0 else (0.02 - place + 0.007, 1)
+    thick = 0.014 if place == 0.0 else 0.02 - place + 0.007
     assert rows.smallest == pytest.approx(thick, rel=0.02)
-    # the field is a sum of splines that add up to one
-    outwards = 1e-4 * np.ones(found.n_controls)
-    assert wall_rows(found.shifted(outwards)).smallest - rows.smallest == pytest.approx(
-        sides * 1e-4, rel=0.05
-    )
+    outwards = 1e-4 * np.ones(found.n_controls)  # in units of the slope of the field
+    thicker = wall_rows(found.shifted(outwards)).smallest - rows.smallest
     told = -rows.least * (rows.slopes @ outwards)
-    assert told[np.argmax(rows.values)] == pytest.approx(sides * 1e-4, rel=0.05)
+    assert told[np.argmax(rows.values)] == pytest.approx(thicker, rel=0.05)
 
 
 @pytest.mark.mpi
@@ -131,15 +157,15 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_p
         problem = beam(ranks)
         results.append(
             move_boundary(
-                problem, surface(problem), volume=0.95, iterations=3, progress=False
+                problem, surface(problem, share=0.8), volume=0.9, iterations=2, progress=False
             )
         )
     result = results[0]
     assert result.history["psi"] == pytest.approx(results[1].history["psi"], rel=1e-6)
     assert result.psi < 0.95 * result.history["psi"][0]
-    assert result.history["volume"][-1] < 0.95 * 1.01
+    assert result.history["volume"][-1] < 0.9 * 1.01
     solid = result.part()
-    found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.02)
+    found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
     assert found.fitted[0].psi == pytest.approx(result.psi, rel=1e-6)
     (path,) = solid.write(shared_tmp_path / "beam.stl")
     if comm.rank == 0:
@@ -147,7 +173,8 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_p
     assert solid.volume == pytest.approx(result.summary()["volume"] * np.prod(SIZE), rel=1e-9)
 
 
-def test_a_design_in_space_ends_with_steps_of_its_surface() -> None:
+def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(surface_module, "_TETRAHEDRA", 2000)
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}

@@ -12,19 +12,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
-from scipy.sparse import csc_matrix, csr_matrix, eye, kron, vstack
+from scipy.sparse import csc_matrix, csr_matrix, eye, kron
 from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..design import Mirror, images
-from ..fem import Domain, ElasticMaterial, Tetrahedra, gathered_nodes
+from ..fem import Domain, Tetrahedra, gathered_nodes
 from ..parallel import on_rank_0
 from ..part import PartWarning, Solid
 
@@ -105,8 +104,9 @@ class Surface:
             size = _size(body)
 
         def fitted() -> Array:
-            inside = lambda x: solid.field(np.clip(x, low, high))
-            return _fitted(inside, low - spacing, spacing, counts + 3)
+            return _fitted(
+                lambda x: solid.field(np.clip(x, low, high)), low - spacing, spacing, counts + 3
+            )
 
         coefficients = on_rank_0(body.comm, fitted)
         return Surface(solid, member, coefficients, low - spacing, spacing, mirrors, size)
@@ -154,6 +154,15 @@ class Surface:
 
         def fitted() -> Array:
             return _fitted(changed.field, self._low, self._spacing, changed.coefficients.shape)
+
+        return self._with(on_rank_0(self.body.comm, fitted))
+
+    def without_thin(self, depth: float) -> Surface:
+        """Without what is nowhere deeper than ``depth`` [m] below the surface; collective."""
+
+        def fitted() -> Array:
+            grid = self._low, self._spacing, self.coefficients.shape
+            return _fitted(lambda x: self.field(x) - depth, *grid) + depth
 
         return self._with(on_rank_0(self.body.comm, fitted))
 
@@ -304,7 +313,7 @@ class SurfaceMotion:
             self._points = points
 
     def pullback(self, nodes: Array) -> Array:
-        """From the derivative by nodes to that by controls, (controls, 1), the same on every rank."""
+        """From the derivative by nodes to that by controls, (controls, 1), on every rank."""
         comm = self._domain.comm
         numbers, own = self._numbers
         parts = comm.gather((numbers[own], nodes[own]))

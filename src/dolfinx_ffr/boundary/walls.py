@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 #: Product of the direction and the normal across the wall, beyond which it is one where it is
 #: thinnest, and no wedge: the thickness changes by the tangent of their angle along the surface
-_ACROSS = 0.97
+_ACROSS = 0.985
 #: What a wall without thickness costs, as share of psi, over its cell's share of the body: some
 #: times what as much material is worth
-_COST = 10.0
+_COST = 50.0
 #: Most constraints of one body: the thinnest walls
 _MOST = 300
 

@@ -57,9 +57,15 @@ _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
 _HELD = 2e-3
 #: Rise of the merit beyond which a step is taken back; another mesh alone changes it by 1e-4
 _RISE = 1e-3
+#: The same in space, where it changes it by 1e-3, and as share of what walls cost, which appear
+#: and vanish; factors of the reach after a step that is better, and after one that is not
+_RISE_IN_SPACE, _OF_WALLS = 5e-3, 0.05
+_LONGER, _SHORTER, _SHORTER_IN_SPACE = 1.2, 0.7, 0.9
 #: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
 #: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
 _GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
+#: Walls of a solid that are tried without: what is nowhere as deep, in minimum members
+_DEPTHS = (0.5, 0.25)
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
 #: Share by which the result may miss a bound or a minimum size before that is warned of
@@ -87,8 +93,14 @@ class Trial:
         rows = [*self.sizes.values(), *self.radii.values()]
         hard = [part.values for part in rows if part.costs is None]
         narrow = max((float(np.max(values, initial=0.0)) for values in hard), default=0.0)
-        soft = sum(float(np.maximum(r.values, 0.0) @ r.costs) for r in rows if r.costs is not None)
-        return math.log(self.evaluation.psi) + _OF_SIZES * narrow + soft + of_bounds * self.excess
+        sizes = _OF_SIZES * narrow + self.cost_of_walls
+        return math.log(self.evaluation.psi) + sizes + of_bounds * self.excess
+
+    @property
+    def cost_of_walls(self) -> float:
+        """What the walls of solids cost that are too thin, as share of psi."""
+        rows = [part for part in self.sizes.values() if part.costs is not None]
+        return sum((float(np.maximum(part.values, 0.0) @ part.costs) for part in rows), 0.0)
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
@@ -198,14 +210,13 @@ class _Descent:
         geometric = (trial.sizes, trial.radii, rooms)
         every = [part for found in geometric for part in found.values()]
         values = np.concatenate([*(part.values for part in every), list(trial.excesses.values())])
-        most = np.full(len(values), np.inf)
-        costs = [np.full(len(r.values), np.inf) if r.costs is None else r.costs for r in every]
-        most[: len(values) - len(trial.excesses)] = np.concatenate(costs)
+        dear = [np.full(len(r.values), np.inf) if r.costs is None else r.costs for r in every]
+        costs = np.concatenate([*dear, np.full(len(trial.excesses), np.inf)])
         return _Slopes(
             along(evaluation.nodes) / evaluation.psi,
             values,
             np.vstack([*map(rows, geometric), *bounds]),
-            most if np.any(np.isfinite(most)) else None,
+            costs if np.any(np.isfinite(costs)) else None,
         )
 
     def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
@@ -304,9 +315,17 @@ def _room_rows(boundary: Boundary | Surface, reach: float) -> Rows:
     return no_rows(boundary) if isinstance(boundary, Surface) else room_rows(boundary, reach)
 
 
-def _simpler(boundary: Boundary | Surface, costs: Costs) -> Iterator[Boundary]:
-    """The boundary without its specks, and without the struts whose minimum width costs most."""
-    if isinstance(boundary, Surface):  # walls of a field may vanish in any step
+def _simpler(boundary: Boundary | Surface, costs: Costs) -> Iterator[Boundary | Surface]:
+    """The boundary without its specks, and without the struts whose minimum width costs most.
+
+    In space without walls that are much too thin.
+    """
+    if isinstance(boundary, Surface):
+        for depth in _DEPTHS:
+            try:
+                yield boundary.without_thin(depth * boundary.member)
+            except ValueError:  # nothing is as deep
+                continue
         return
     if boundary.specks:
         yield boundary.without(boundary.specks)
@@ -433,8 +452,12 @@ def _descended(
     ):
         trial = descent.tried(boundaries)
         descent, trial, errors = descent.accurate(trial, tolerance, first)
+        if any(isinstance(b, Surface) for b in boundaries.values()):
+            trial, _ = descent.simpler(trial, {n: Costs() for n in boundaries}, _OF_BOUNDS)
         best, known = trial, errors
         reach, reason, weight, removed = _FIRST, "iterations", _OF_BOUNDS, 0
+        in_space = any(isinstance(b, Surface) for b in boundaries.values())
+        shorter = _SHORTER_IN_SPACE if in_space else _SHORTER
         told = [trial.told(0.0, 0, 0)]
         shown = {n: [b.material] for n, b in boundaries.items() if isinstance(b, Boundary)}
         for number in range(1, steps + 1):
@@ -442,11 +465,12 @@ def _descended(
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
             slopes, rejected, found = descent.slopes(trial), 0, None
+            rise = _RISE_IN_SPACE + _OF_WALLS * trial.cost_of_walls if in_space else _RISE
             while found is None and reach >= _SHORTEST:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
-                if found is not None and found.merit(weight) > trial.merit(weight) + _RISE:
+                if found is not None and found.merit(weight) > trial.merit(weight) + rise:
                     found = None
                 if found is None:
                     reach, rejected = 0.5 * reach, rejected + 1
@@ -454,7 +478,7 @@ def _descended(
                 reason = "no better step"
                 break
             better = found.merit(weight) < trial.merit(weight)
-            reach = min(reach * (1.2 if better else 0.7), _LONGEST)
+            reach = min(reach * (_LONGER if better else shorter), _LONGEST)
             trial, removed = found, 0
             if number % EVERY == 0 or number == steps:
                 trial, removed = descent.simpler(trial, step.costs, weight)

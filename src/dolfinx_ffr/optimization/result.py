@@ -67,7 +67,7 @@ class BoundaryResult:
     reason: str
     #: Estimated relative error of psi by the normal modes that each body leaves out
     mode_errors: dict[str, float]
-    #: What the boundaries enclose at each step of the history, as polygons [m], by body in the plane
+    #: What the boundaries enclose at each step of the history, as polygons [m], by body
     materials: dict[str, list[BaseGeometry]]
 
     @property
@@ -92,7 +92,9 @@ class BoundaryResult:
 
     def part(self, name: str | None = None) -> Part | Solid:
         """The part or solid of the body ``name``, by default of the only one."""
-        boundary: Boundary | Surface = only(self.boundaries) if name is None else self.boundaries[name]
+        boundary: Boundary | Surface = (
+            only(self.boundaries) if name is None else self.boundaries[name]
+        )
         return boundary.part
 
 

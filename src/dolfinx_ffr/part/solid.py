@@ -162,11 +162,11 @@ class Solid(Enclosed):
             return found
 
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "solid: .* enclosed", PartWarning)
+            warnings.filterwarnings("ignore", "solid: enclosed", PartWarning)
             solid = Solid(self.body, drilled, material=self.material, size=self._size)
         if left := solid.cavities:
             raise ValueError(
-                f"solid: {len(left)} cavities stay closed with channels of {diameter:.4g} m, "
+                f"solid: with channels of {diameter:.4g} m cavities stay closed: {len(left)}, "
                 f"{_told(left)}; give a larger diameter, or keep solid regions away from them"
             )
         return solid
@@ -305,7 +305,7 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     cavities, inner = _cavities(surface, corners)
     if cavities:
         said.append(
-            f"{len(cavities)} cavities are enclosed, {_told(cavities)}; powder stays in them: open "
+            f"enclosed cavities: {len(cavities)}, {_told(cavities)}; powder stays in them, open "
             "them by channels (Solid.opened)"
         )
     if lost:
