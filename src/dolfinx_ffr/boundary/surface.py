@@ -166,14 +166,18 @@ class Surface:
 
         return self._with(on_rank_0(self.body.comm, fitted))
 
+    def finer(self) -> Surface:
+        """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
+        return self._with(self.coefficients, self.part.sizes(None, 2)[1])
+
     def shifted(self, offsets: Array) -> Surface:
         """The same, with the field as it is then: no longer quite a distance."""
         change = (self._finer @ offsets).reshape(self.coefficients.shape)
         return self._with(self.coefficients + change)
 
-    def _with(self, coefficients: Array) -> Surface:
+    def _with(self, coefficients: Array, size: float | None = None) -> Surface:
         own = self.origin, self.member, coefficients, self._low, self._spacing
-        return Surface(*own, self.mirrors, self.size)
+        return Surface(*own, self.mirrors, size or self.size)
 
     def metric(self, length: float) -> csc_matrix:
         """The matrix of motions that are smooth over a ``length`` [m], (variables, variables)."""

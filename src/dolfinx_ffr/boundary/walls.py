@@ -18,16 +18,17 @@ Array = NDArray[np.float64]
 _ACROSS = 0.985
 #: What a wall without thickness costs, as share of psi, over its cell's share of the body: some
 #: times what as much material is worth
-_COST = 50.0
+_COST = 25.0
 #: Most constraints of one body: the thinnest walls
 _MOST = 300
 
 
-def wall_rows(surface: Surface) -> Rows:
+def wall_rows(surface: Surface, dear: float = 1.0) -> Rows:
     """1 - d / d_min for the thinnest walls, one in each cell of the grid of the motion.
 
     The thickness d is the way through the material along the normal of the field to a triangle that
-    lies across it. At its ends it grows as the surface moves outwards.
+    lies across it. At its ends it grows as the surface moves outwards. Violations cost the more the
+    larger the factor ``dear`` is.
     """
     least = SPARE * surface.member
     points, part = surface.moving, surface.part
@@ -57,7 +58,7 @@ def wall_rows(surface: Surface) -> Rows:
     values = np.concatenate([np.ones(count), share.ravel()])
     apart = csr_matrix((values, (rows, columns)), shape=(count, moves)) @ points.rows
     none = np.full((count, 2), -1)
-    cost = np.full(count, _COST * float(np.prod(surface.knots)) / surface.body.area)
+    cost = np.full(count, dear * _COST * float(np.prod(surface.knots)) / surface.body.area)
     slopes = -apart.toarray() / least
     return Rows(1.0 - way[chosen] / least, slopes, np.full(count, least), none, cost)
 

@@ -61,6 +61,9 @@ _RISE = 1e-3
 #: and vanish; factors of the reach after a step that is better, and after one that is not
 _RISE_IN_SPACE, _OF_WALLS = 5e-3, 0.05
 _LONGER, _SHORTER, _SHORTER_IN_SPACE = 1.2, 0.7, 0.9
+#: Shortest step in space, below which another mesh changes more, and the first after walls cost
+#: more, in minimum members
+_SHORTEST_IN_SPACE, _AGAIN = 0.02, 0.3
 #: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
 #: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
 _GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
@@ -101,6 +104,14 @@ class Trial:
         """What the walls of solids cost that are too thin, as share of psi."""
         rows = [part for part in self.sizes.values() if part.costs is not None]
         return sum((float(np.maximum(part.values, 0.0) @ part.costs) for part in rows), 0.0)
+
+    def dearer(self, factor: float) -> Trial:
+        """The same where walls cost more."""
+        sizes = {
+            name: part if part.costs is None else part._replace(costs=factor * part.costs)
+            for name, part in self.sizes.items()
+        }
+        return replace(self, sizes=sizes)
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
@@ -144,6 +155,7 @@ class _Descent:
     volume: dict[str, float]  #: Upper bounds of the filled shares
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, which stay
+    dear: float = 1.0  #: Factor of what the walls of solids cost
 
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
@@ -175,7 +187,7 @@ class _Descent:
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
-        sizes = {name: _size_rows(boundary) for name, boundary in boundaries.items()}
+        sizes = {name: _size_rows(boundary, self.dear) for name, boundary in boundaries.items()}
         radii = {name: _radius_rows(boundary) for name, boundary in boundaries.items()}
         return Trial(boundaries, problem, found, sizes, radii, excesses)
 
@@ -271,6 +283,16 @@ class _Descent:
         found_there = self.evaluated(trial.boundaries, problem, found)
         return replace(self, problem=problem), found_there, errors
 
+    def finer(self, trial: Trial) -> Trial:
+        """The same with solids on finer meshes, where these can be made; collective."""
+        try:
+            of = {
+                n: b.finer() if isinstance(b, Surface) else b for n, b in trial.boundaries.items()
+            }
+            return self.tried(of)
+        except (ValueError, SimulationError):
+            return trial
+
     def simpler(self, trial: Trial, costs: dict[str, Costs], weight: float) -> tuple[Trial, int]:
         """Without struts and holes that do not pay, and how many holes went; collective."""
         removed = 0
@@ -303,8 +325,8 @@ def _motion(boundary: Boundary | Surface, domain: Domain) -> NodeMotion | Surfac
     return NodeMotion(boundary, domain)
 
 
-def _size_rows(boundary: Boundary | Surface) -> Rows:
-    return wall_rows(boundary) if isinstance(boundary, Surface) else size_rows(boundary)
+def _size_rows(boundary: Boundary | Surface, dear: float) -> Rows:
+    return wall_rows(boundary, dear) if isinstance(boundary, Surface) else size_rows(boundary)
 
 
 def _radius_rows(boundary: Boundary | Surface) -> Rows:
@@ -458,6 +480,7 @@ def _descended(
         reach, reason, weight, removed = _FIRST, "iterations", _OF_BOUNDS, 0
         in_space = any(isinstance(b, Surface) for b in boundaries.values())
         shorter = _SHORTER_IN_SPACE if in_space else _SHORTER
+        shortest = _SHORTEST_IN_SPACE if in_space else _SHORTEST
         told = [trial.told(0.0, 0, 0)]
         shown = {n: [b.material] for n, b in boundaries.items() if isinstance(b, Boundary)}
         for number in range(1, steps + 1):
@@ -466,7 +489,7 @@ def _descended(
                 break
             slopes, rejected, found = descent.slopes(trial), 0, None
             rise = _RISE_IN_SPACE + _OF_WALLS * trial.cost_of_walls if in_space else _RISE
-            while found is None and reach >= _SHORTEST:
+            while found is None and reach >= shortest:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
@@ -485,6 +508,11 @@ def _descended(
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
+                if in_space:
+                    reach = max(reach, _AGAIN)
+                    if trial.cost_of_walls > 0.0:
+                        descent = replace(descent, dear=2.0 * descent.dear)
+                        trial, best = trial.dearer(2.0), best.dearer(2.0)
             if trial.rank(weight) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
@@ -494,6 +522,9 @@ def _descended(
                     shown[name].append(b.material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
+        if in_space:
+            best = descent.finer(best)
+            told.append(best.told(0.0, 0, 0))
     _warn_of_missed(best)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
