@@ -194,5 +194,8 @@ def test_what_has_no_surface_that_moves() -> None:
         Surface.of(full, MEMBER)
     with pytest.raises(TypeError, match="a Surface"):
         move_boundary(problem, full)
-    with pytest.raises(ValueError, match="member"):
-        Surface.of(full, -1.0)
+    for member, why in ((-1.0, "surface: member"), (1e-7, "take a larger member")):
+        with pytest.raises(ValueError, match=why):
+            Surface.of(full, member)
+    with pytest.raises(ValueError, match="give planes"):
+        Surface.of(full, MEMBER, mirrors=[ffr.Mirror((0.0, 0.0), (0.0, 1.0))])

@@ -24,7 +24,8 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..design import Mirror, images
 from ..fem import Domain, Tetrahedra, gathered_nodes
-from ..parallel import on_rank_0
+from ..limits import PAIR, check_count
+from ..parallel import on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 
 Array = NDArray[np.float64]
@@ -93,11 +94,30 @@ class Surface:
     def of(
         solid: Solid, member: float, *, mirrors: Sequence[Mirror] = (), size: float | None = None
     ) -> Surface:
-        """The boundary of a ``solid`` with members of at least ``member`` [m]; collective."""
+        """The boundary of a ``solid``; collective.
+
+        Args:
+            solid: Of any field.
+            member: Width of the thinnest member [m]; it sets the grid of the field, too.
+            mirrors: Planes about which the surface is its own mirror image.
+            size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
+                allow with 30,000 of them for all of it, and at least that of the body's cells.
+
+        Raises:
+            TypeError: On every rank, if an argument is of a wrong kind.
+            ValueError: On every rank, if a number is out of range, the grid is too fine, or no
+                surface lies within the body.
+        """
         validation.instance("surface: solid", solid, Solid, "a Solid")
         validation.number("surface: member", member, above=0.0, unit="m")
+        planes = validation.instances("surface: mirrors", mirrors, Mirror, "planes of the body")
+        if any(len(mirror.normal) != 3 for mirror in planes):
+            raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
         body = solid.body
         low, high = body.bounding_box
+        count = float(np.prod((high - low) / (_SPACING * member) + 4.0))
+        with on_every_rank(body.comm, "surface"):
+            check_count("surface", count, "knots", "take a larger member [m]", each=64.0 * PAIR)
         counts = np.ceil((high - low) / (_SPACING * member) - 1e-9).astype(int)
         spacing = (high - low) / counts
         if size is None:
