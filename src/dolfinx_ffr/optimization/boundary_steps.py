@@ -284,12 +284,11 @@ class _Descent:
         return replace(self, problem=problem), found_there, errors
 
     def finer(self, trial: Trial) -> Trial:
-        """The same with solids on finer meshes, where these can be made; collective."""
+        """The same on the finer meshes of `verify`, where these can be made; collective."""
+        own = trial.boundaries
         try:
-            of = {
-                n: b.finer() if isinstance(b, Surface) else b for n, b in trial.boundaries.items()
-            }
-            return self.tried(of)
+            fine = {n: b.finer() if isinstance(b, Surface) else b for n, b in own.items()}
+            return replace(self.tried(fine), boundaries=own, sizes=trial.sizes, radii=trial.radii)
         except (ValueError, SimulationError):
             return trial
 
