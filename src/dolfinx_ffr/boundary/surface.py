@@ -39,6 +39,8 @@ _TETRAHEDRA = 30_000
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
+#: Points of a triangle at which walls are measured beside its corners
+_PROBES = np.vstack([np.full((1, 3), 1.0 / 3.0), 1.0 / 6.0 + 0.5 * np.eye(3)])
 #: Share of a plane's normals beyond which it keeps a point from moving
 _KEPT = 0.05
 
@@ -243,8 +245,26 @@ class Surface:
         along = np.einsum("pik,pk,pjk,pj->pi", axes, loose, axes, n)
         share = np.einsum("pi,pi->p", along, n)
         ways = np.where(share[:, None] > 0.1, along / np.maximum(share, 0.1)[:, None], 0.0)
-        rows = self._rows(x[numbers]).multiply(1.0 / steep[numbers, None]).tocsr()
-        return _Points(numbers, n, ways, csr_matrix(rows @ self._finer))
+        return _Points(numbers, n, ways, self.outwards(x[numbers]))
+
+    def outwards(self, x: Array) -> csr_matrix:
+        """How points (n, 3) of the surface move along its normal, (n, variables)."""
+        steep = np.linalg.norm(self._slopes(x), axis=1, keepdims=True)
+        return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
+
+    def probes(self) -> tuple[Array, Array]:
+        """Points of the zero surface, some in each triangle, and normals inwards, (n, 3) each."""
+        moves = np.zeros(len(self.part.points), dtype=bool)
+        moves[self.moving.numbers] = True
+        corners = self.part.points[self.part.triangles[np.all(moves[self.part.triangles], axis=1)]]
+        x = np.einsum("pc,tcd->tpd", _PROBES, corners).reshape(-1, 3)
+        for _ in range(2):
+            slope = self._slopes(x)
+            square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
+            x = x - (self.field(x) / square)[:, None] * slope
+        x = np.vstack([self.part.points[self.moving.numbers], x])
+        slope = self._slopes(x)
+        return x, slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
 
 
 def _size(body: Domain) -> float:

@@ -32,14 +32,14 @@ def wall_rows(surface: Surface, dear: float = 1.0) -> Rows:
     """
     least = SPARE * surface.member
     points, part = surface.moving, surface.part
-    start, inward = part.points[points.numbers], points.inward
+    start, inward = surface.probes()
     ray, triangle, way, weights = _hits(start, inward, part.points[part.triangles], SEEN * least)
     # outward normals across: of the field where the surface moves, else of the triangle
     where = np.full(len(part.points), -1)
     where[points.numbers] = np.arange(len(points.numbers))
     corners = where[part.triangles[triangle]]
     a, b, c = np.moveaxis(part.points[part.triangles[triangle]], 1, 0)
-    smooth = -np.einsum("rc,rcd->rd", weights, inward[corners])
+    smooth = -np.einsum("rc,rcd->rd", weights, points.inward[corners])
     normal = np.where(np.all(corners >= 0, axis=1)[:, None], smooth, np.cross(b - a, c - a))
     cosine = np.einsum("rd,rd->r", normal, inward[ray]) / np.linalg.norm(normal, axis=1)
     across = np.flatnonzero(cosine > _ACROSS)
@@ -52,11 +52,10 @@ def wall_rows(surface: Surface, dear: float = 1.0) -> Rows:
     # outwards at the start, and at the corners of the triangle which move
     corners = corners[chosen]
     share = np.where(corners >= 0, weights[chosen] / cosine[chosen, None], 0.0)
-    count, moves = len(chosen), len(points.numbers)
-    rows = np.concatenate([np.arange(count), np.repeat(np.arange(count), 3)])
-    columns = np.concatenate([ray[chosen], np.maximum(corners, 0).ravel()])
-    values = np.concatenate([np.ones(count), share.ravel()])
-    apart = csr_matrix((values, (rows, columns)), shape=(count, moves)) @ points.rows
+    count = len(chosen)
+    places = np.repeat(np.arange(count), 3), np.maximum(corners, 0).ravel()
+    end = csr_matrix((share.ravel(), places), shape=(count, len(points.numbers)))
+    apart = surface.outwards(start[ray[chosen]]) + end @ points.rows
     none = np.full((count, 2), -1)
     cost = np.full(count, dear * _COST * float(np.prod(surface.knots)) / surface.body.area)
     slopes = -apart.toarray() / least
