@@ -24,7 +24,7 @@ def _lists(table: dict[str, str]) -> dict[str, list[str]]:
 _FOLDERS = _lists(
     {
         "body": "BodyMarker ParametricBody VolumeIntegrals",
-        "boundary": "Boundary",
+        "boundary": "Boundary Surface",
         "design": (
             "DensityDesign DimensionDesign ExponentialSpline Gaussian LevelSet Mirror Multiquadric "
             "ThinPlate Variables Wendland density_field mirror_lines mirror_planes"

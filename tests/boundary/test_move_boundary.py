@@ -315,16 +315,7 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
         ffr.optimize(problem, levelset, boundary="3", **run)
 
 
-def test_bodies_in_space_have_no_boundary_that_moves() -> None:
-    """Which is said before the first iteration, as is a mirror plane in place of a line."""
-    box = ffr.Domain.box(MPI.COMM_SELF, 0.4, 0.04, 0.04, elements=(6, 2, 2))
-    body = ffr.FlexibleBody(
-        box, ffr.Isotropic(3e9, 0.35, 1200.0), frame=ffr.TangentFrame("left"), modes=0
-    )
-    mechanism = ffr.Mechanism({"rod": ffr.Placement((0.0, 0.0, 0.0))}, gravity=(0, 0, -9.81))
-    problem = ffr.Problem({"rod": body}, mechanism, ffr.RadauIIA(0.1, steps=3), ffr.Mass("rod"))
-    with pytest.raises(ValueError, match=r"with bodies in the plane; give boundary=0"):
-        ffr.optimize(problem, ffr.DensityDesign(box), boundary=3)
+def test_a_mirror_plane_is_none_of_the_plane() -> None:
     plane = ffr.Mirror((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     with pytest.raises(ValueError, match="is a plane; give lines"):
         Boundary.of(scene(alone=True)[1].origin, MEMBER, mirrors=[plane])

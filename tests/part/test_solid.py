@@ -67,12 +67,16 @@ def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
     for n in (6, 12):
         elements = (2 * n, n, n)
         domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=elements, cell=cell, solid_layers=1)
-        solid = Solid(
-            domain,
-            lambda x: np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1) - 0.15,
-            material=ffr.Isotropic(1.0, 0.3, 1000.0),
-        )
+        with pytest.warns(ffr.PartWarning, match="enclosed cavities: 1, .* powder stays in"):
+            solid = Solid(
+                domain,
+                lambda x: np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1) - 0.15,
+                material=ffr.Isotropic(1.0, 0.3, 1000.0),
+            )
         assert n > 6 or faults(solid.triangles) == 0
+        (cavity,) = solid.cavities
+        assert cavity.volume == pytest.approx(0.128 - solid.volume, rel=1e-9)
+        np.testing.assert_allclose(cavity.center, [0.4, 0.0, 0.0], atol=2e-3)
         assert solid.pieces == 1
         assert not solid.loose
         assert enclosed(solid.points, solid.triangles) == pytest.approx(solid.volume, rel=1e-12)
@@ -80,6 +84,27 @@ def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
         errors.append(abs(solid.volume - (0.128 - 4.0 / 3.0 * np.pi * 0.15**3)))
     assert errors[0] < 2e-2 * 0.128
     assert errors[1] < 0.4 * errors[0]
+
+
+def test_cavities_are_opened(comm: MPI.Comm) -> None:
+    """By a channel each, through the thinnest wall that is designed."""
+    domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=1)
+
+    def field(x: np.ndarray) -> np.ndarray:
+        apart = [np.linalg.norm(x - center, axis=1) for center in ([0.25, 0, 0], [0.55, 0.02, 0])]
+        return np.minimum(apart[0] - 0.12, apart[1] - 0.12)
+
+    with pytest.warns(ffr.PartWarning, match="enclosed cavities: 2,"):
+        solid = Solid(domain, field)
+    opened = solid.opened(0.08)
+    assert not opened.cavities
+    assert opened.pieces == 1
+    assert faults(opened.triangles) == 0
+    channels = np.pi * 0.04**2 * (0.08 + 0.06)
+    assert solid.volume - opened.volume == pytest.approx(channels, rel=0.2)
+    assert opened.opened(0.08) is opened
+    with pytest.raises(ValueError, match=r"with channels of 0\.001 m cavities stay closed: 2,"):
+        solid.opened(1e-3)
 
 
 def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:

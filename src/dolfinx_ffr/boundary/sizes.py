@@ -15,11 +15,11 @@ from .outline import Boundary
 Array = NDArray[np.float64]
 
 #: By how much members are kept wider than the minimum
-_SPARE = 1.02
+SPARE = 1.02
 #: Steps along a curve at which its curvature is measured, in smallest radii
 _STEP = 0.2
 #: Widths and radii up to this many times the minimum have a constraint
-_SEEN = 1.5
+SEEN = 1.5
 #: Share of the way across that must be along the normal, and greatest product of both normals
 _ACROSS, _FACING = 0.8, -0.5
 
@@ -32,6 +32,8 @@ class Rows(NamedTuple):
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
     #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
     members: NDArray[np.int64]
+    #: What each violation costs at most, as share of psi, (m,); None where nothing outweighs it
+    costs: Array | None = None
 
     @property
     def smallest(self) -> float:
@@ -41,7 +43,7 @@ class Rows(NamedTuple):
     @property
     def missed(self) -> float:
         """By how much the smallest size is below the minimum, relative to that; at least zero."""
-        return max(0.0, 1.0 - _SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
+        return max(0.0, 1.0 - SPARE * (1.0 - float(np.max(self.values, initial=-np.inf))))
 
 
 def _rows(values: list[Array], slopes: list[Array], least: float | Array) -> Rows:
@@ -59,7 +61,7 @@ def size_rows(boundary: Boundary) -> Rows:
     """
     samples = boundary.samples()
     x, n, owner = samples.points, samples.normals, samples.curves
-    widest = _SEEN * max(boundary.member, boundary.gap)
+    widest = SEEN * max(boundary.member, boundary.gap)
     pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     way = x[j] - x[i]
@@ -69,9 +71,9 @@ def size_rows(boundary: Boundary) -> Rows:
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     beside, minima = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
     # through the material, and through the void
-    for side, least in ((-1.0, _SPARE * boundary.member), (1.0, _SPARE * boundary.gap)):
+    for side, least in ((-1.0, SPARE * boundary.member), (1.0, SPARE * boundary.gap)):
         met = side * np.einsum("ij,ij->i", way, n[i]) > _ACROSS * distance
-        near = distance < _SEEN * least
+        near = distance < SEEN * least
         chosen = np.flatnonzero(met & near & facing & moves[i])
         chosen = chosen[np.argsort(distance[chosen], kind="stable")]
         # of each point the nearest, and of all points at which a control weighs most
@@ -98,14 +100,14 @@ def radius_rows(boundary: Boundary) -> Rows:
     At fixed parameters the derivative of the curvature is exact, and where it is largest along the
     curve that is the derivative of the largest one.
     """
-    least = _SPARE * boundary.radius
+    least = SPARE * boundary.radius
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     for key, curve in boundary.free.items():
         if not least:
             break
         s = curve.sampled(_STEP * least)
         turn, a, b, size = curve.turn(s)
-        tight = np.flatnonzero(np.abs(turn) * _SEEN * least > 1.0)
+        tight = np.flatnonzero(np.abs(turn) * SEEN * least > 1.0)
         # of the points at which a control weighs most the tightest
         tight = tight[np.argsort(-np.abs(turn[tight]), kind="stable")]
         weighs = np.asarray(curve.rows(s[tight]).argmax(axis=1)).ravel()

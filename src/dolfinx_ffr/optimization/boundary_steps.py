@@ -21,13 +21,18 @@ from ..boundary import (
     Boundary,
     NodeMotion,
     Rows,
+    Surface,
+    SurfaceMotion,
     best_step,
+    no_rows,
     radius_rows,
     room_rows,
     size_rows,
+    wall_rows,
 )
 from ..design import Design, LevelSet
 from ..dynamics import SimulationError
+from ..fem import Domain
 from ..mechanical_problem import MechanicalProblem
 from ..objective import PeakStress
 from ..part import Part, PartWarning
@@ -60,9 +65,18 @@ _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
 _HELD = 2e-3
 #: Rise of the merit beyond which a step is taken back; another mesh alone changes it by 1e-4
 _RISE = 1e-3
+#: The same in space, where it changes it by 1e-3, and as share of what walls cost, which appear
+#: and vanish; factors of the reach after a step that is better, and after one that is not
+_RISE_IN_SPACE, _OF_WALLS = 5e-3, 0.05
+_LONGER, _SHORTER, _SHORTER_IN_SPACE = 1.2, 0.7, 0.9
+#: Shortest step in space, below which another mesh changes more, and the first after walls cost
+#: more, in minimum members
+_SHORTEST_IN_SPACE, _AGAIN = 0.02, 0.3
 #: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
 #: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
 _GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
+#: Walls of a solid that are tried without: what is nowhere as deep, in minimum members
+_DEPTHS = (0.5, 0.25)
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
 #: Share by which the result may miss a bound or a minimum size before that is warned of
@@ -73,7 +87,7 @@ _MISSED = 0.01
 class Trial:
     """Boundaries with the meshes that fit them, and what was computed there."""
 
-    boundaries: dict[str, Boundary]
+    boundaries: dict[str, Boundary | Surface]
     problem: Problem
     evaluation: Evaluation
     sizes: dict[str, Rows]  #: Of members and gaps
@@ -88,8 +102,24 @@ class Trial:
     def merit(self, of_bounds: float) -> float:
         """Logarithm of psi and the violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
-        narrow = max(float(np.max(part.values, initial=0.0)) for part in rows)
-        return math.log(self.evaluation.psi) + _OF_SIZES * narrow + of_bounds * self.excess
+        hard = [part.values for part in rows if part.costs is None]
+        narrow = max((float(np.max(values, initial=0.0)) for values in hard), default=0.0)
+        sizes = _OF_SIZES * narrow + self.cost_of_walls
+        return math.log(self.evaluation.psi) + sizes + of_bounds * self.excess
+
+    @property
+    def cost_of_walls(self) -> float:
+        """What the walls of solids cost that are too thin, as share of psi."""
+        rows = [part for part in self.sizes.values() if part.costs is not None]
+        return sum((float(np.maximum(part.values, 0.0) @ part.costs) for part in rows), 0.0)
+
+    def dearer(self, factor: float) -> Trial:
+        """The same where walls cost more."""
+        sizes = {
+            name: part if part.costs is None else part._replace(costs=factor * part.costs)
+            for name, part in self.sizes.items()
+        }
+        return replace(self, sizes=sizes)
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
@@ -123,6 +153,7 @@ class _Slopes:
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array  #: Their derivatives, (m, masters)
     bounds: int  #: Number of bounds
+    most: Array | None  #: What their violations cost at most, (m,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +165,25 @@ class _Descent:
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, which stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
+    dear: float = 1.0  #: Factor of what the walls of solids cost
 
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
         full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
         return full | self.others
 
-    def tried(self, boundaries: dict[str, Boundary]) -> Trial:
+    def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries meshed and evaluated; collective."""
         bodies = dict(self.problem.bodies)
         for name, boundary in boundaries.items():
-            domain = boundary.part.domain(self.sizes[name], across=_ACROSS, turn=self.turn)
+            domain = _mesh(boundary, self.sizes[name], self.turn)
             domain.whole = boundary.body
             bodies[name] = self.problem.flexible[name].with_domain(domain)
         problem = self.problem.with_bodies(bodies)
         return self.evaluated(boundaries, problem, problem.value(self.point(problem)))
 
     def evaluated(
-        self, boundaries: dict[str, Boundary], problem: Problem, found: Evaluation
+        self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
     ) -> Trial:
         """A trial of which all but the constraints is known; collective."""
         # stress limits are those of these parts
@@ -165,8 +197,8 @@ class _Descent:
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
-        sizes = {name: size_rows(boundary) for name, boundary in boundaries.items()}
-        radii = {name: radius_rows(boundary) for name, boundary in boundaries.items()}
+        sizes = {name: _size_rows(boundary, self.dear) for name, boundary in boundaries.items()}
+        radii = {name: _radius_rows(boundary) for name, boundary in boundaries.items()}
         return Trial(boundaries, problem, found, sizes, radii, excesses)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
@@ -174,7 +206,7 @@ class _Descent:
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
         evaluation = problem.differentiate(found, nodes=True)
-        motions = {n: NodeMotion(b, bodies[n].domain) for n, b in boundaries.items()}
+        motions = {n: _motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
@@ -199,14 +231,18 @@ class _Descent:
             areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
             bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
         # no offset is longer than 1.5 times that of the step
-        rooms = {n: room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
+        rooms = {n: _room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
-        values = [part.values for found in geometric for part in found.values()]
+        every = [part for found in geometric for part in found.values()]
+        values = [part.values for part in every]
+        dear = [np.full(len(r.values), np.inf) if r.costs is None else r.costs for r in every]
+        costs = np.concatenate([*dear, np.full(len(bounds), np.inf)])
         return _Slopes(
             along(evaluation.nodes) / evaluation.psi,
             np.concatenate([*values, excesses]),
             np.vstack([*map(rows, geometric), *bounds]),
             len(bounds),
+            costs if np.any(np.isfinite(costs)) else None,
         )
 
     def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
@@ -223,6 +259,7 @@ class _Descent:
             found.slopes,
             np.concatenate(held),
             reach,
+            found.most,
         )
         cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
@@ -260,6 +297,15 @@ class _Descent:
         found_there = self.evaluated(trial.boundaries, problem, found)
         return replace(self, problem=problem), found_there, errors
 
+    def finer(self, trial: Trial) -> Trial:
+        """The same on the finer meshes of `verify`, where these can be made; collective."""
+        own = trial.boundaries
+        try:
+            fine = {n: b.finer() if isinstance(b, Surface) else b for n, b in own.items()}
+            return replace(self.tried(fine), boundaries=own, sizes=trial.sizes, radii=trial.radii)
+        except (ValueError, SimulationError):
+            return trial
+
     def simpler(self, trial: Trial, costs: dict[str, Costs], weight: float) -> tuple[Trial, int]:
         """Without struts and holes that do not pay, and how many holes went; collective."""
         removed = 0
@@ -278,8 +324,44 @@ class _Descent:
         return trial, removed
 
 
-def _simpler(boundary: Boundary, costs: Costs) -> Iterator[Boundary]:
-    """The boundary without its specks, and without the struts whose minimum width costs most."""
+def _mesh(boundary: Boundary | Surface, size: float, turn: float) -> Domain:
+    """A mesh that fits; collective."""
+    if isinstance(boundary, Surface):
+        return boundary.part.domain(boundary.size)
+    return boundary.part.domain(size, across=_ACROSS, turn=turn)
+
+
+def _motion(boundary: Boundary | Surface, domain: Domain) -> NodeMotion | SurfaceMotion:
+    """How the nodes of that mesh follow; collective."""
+    if isinstance(boundary, Surface):
+        return SurfaceMotion(boundary, domain)
+    return NodeMotion(boundary, domain)
+
+
+def _size_rows(boundary: Boundary | Surface, dear: float) -> Rows:
+    return wall_rows(boundary, dear) if isinstance(boundary, Surface) else size_rows(boundary)
+
+
+def _radius_rows(boundary: Boundary | Surface) -> Rows:
+    return no_rows(boundary) if isinstance(boundary, Surface) else radius_rows(boundary)
+
+
+def _room_rows(boundary: Boundary | Surface, reach: float) -> Rows:
+    return no_rows(boundary) if isinstance(boundary, Surface) else room_rows(boundary, reach)
+
+
+def _simpler(boundary: Boundary | Surface, costs: Costs) -> Iterator[Boundary | Surface]:
+    """The boundary without its specks, and without the struts whose minimum width costs most.
+
+    In space without walls that are much too thin.
+    """
+    if isinstance(boundary, Surface):
+        for depth in _DEPTHS:
+            try:
+                yield boundary.without_thin(depth * boundary.member)
+            except ValueError:  # nothing is as deep
+                continue
+        return
     if boundary.specks:
         yield boundary.without(boundary.specks)
     holes = set(boundary.holes)
@@ -305,7 +387,7 @@ class _Step:
 
 def move_boundary(
     problem: Problem,
-    boundary: Boundary | Mapping[str, Boundary],
+    boundary: Boundary | Surface | Mapping[str, Boundary | Surface],
     *,
     volume: float | Mapping[str, float] | None = None,
     variables: Mapping[str, Array] | None = None,
@@ -360,7 +442,9 @@ def move_boundary(
             "volume integrals (evaluation.bodies[name].integrals)"
         )
     for name in names:
-        validation.instance(f"boundary: that of {name!r}", given[name], Boundary, "a Boundary")
+        kind: type = Surface if problem.flexible[name].domain.dimension == 3 else Boundary
+        what = "a Surface" if kind is Surface else "a Boundary"
+        validation.instance(f"boundary: that of {name!r}", given[name], kind, what)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -369,7 +453,8 @@ def move_boundary(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    sizes = {n: _size(given[n]) if size is None else size for n in names}
+    fixed = {n: b.size for n, b in given.items() if isinstance(b, Surface)}
+    sizes = {n: _size(given[n]) if size is None else size for n in names} | fixed
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
@@ -380,15 +465,17 @@ def move_boundary(
     return _descended(descent, ordered, steps, mode_tolerance, progress)
 
 
-def _size(boundary: Boundary) -> float:
+def _size(boundary: Boundary | Surface) -> float:
     """The size of triangles [m] that is fine enough for psi, and for the members."""
+    if isinstance(boundary, Surface):
+        return boundary.size
     each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
     return min(_SIZE * boundary.member, math.sqrt(each))
 
 
 def _descended(
     descent: _Descent,
-    boundaries: dict[str, Boundary],
+    boundaries: dict[str, Boundary | Surface],
     steps: int,
     tolerance: float | None,
     progress: bool,
@@ -404,20 +491,26 @@ def _descended(
     ):
         trial = descent.tried(boundaries)
         descent, trial, errors = descent.accurate(trial, tolerance, first)
+        if any(isinstance(b, Surface) for b in boundaries.values()):
+            trial, _ = descent.simpler(trial, {n: Costs() for n in boundaries}, _OF_BOUNDS)
         best, known = trial, errors
         reach, reason, weight, removed, margin = _FIRST, "iterations", _OF_BOUNDS, 0, 0.0
+        in_space = any(isinstance(b, Surface) for b in boundaries.values())
+        shorter = _SHORTER_IN_SPACE if in_space else _SHORTER
+        shortest = _SHORTEST_IN_SPACE if in_space else _SHORTEST
         told = [trial.told(0.0, 0, 0)]
-        shown = {name: [b.material] for name, b in boundaries.items()}
+        shown = {n: [b.material] for n, b in boundaries.items() if isinstance(b, Boundary)}
         for number in range(1, steps + 1):
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
             slopes, rejected, found = descent.slopes(trial, margin), 0, None
-            while found is None and reach >= _SHORTEST:
+            rise = _RISE_IN_SPACE + _OF_WALLS * trial.cost_of_walls if in_space else _RISE
+            while found is None and reach >= shortest:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
-                if found is not None and found.merit(weight) > trial.merit(weight) + _RISE:
+                if found is not None and found.merit(weight) > trial.merit(weight) + rise:
                     # shorter steps change the largest stress less than another mesh does
                     if descent.turn < math.inf and reach <= _NOISE:
                         break
@@ -428,7 +521,7 @@ def _descended(
                 reason = "no better step"
                 break
             better = found.merit(weight) < trial.merit(weight)
-            reach = min(reach * (1.2 if better else 0.7), _LONGEST)
+            reach = min(reach * (_LONGER if better else shorter), _LONGEST)
             if descent.turn < math.inf:
                 reach = max(reach, _NOISE)
                 # its largest value is always a little more than its slopes say
@@ -440,14 +533,23 @@ def _descended(
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
+                if in_space:
+                    reach = max(reach, _AGAIN)
+                    if trial.cost_of_walls > 0.0:
+                        descent = replace(descent, dear=2.0 * descent.dear)
+                        trial, best = trial.dearer(2.0), best.dearer(2.0)
             if trial.rank(weight) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed))
             for name, b in trial.boundaries.items():
-                shown[name].append(b.material)
+                if isinstance(b, Boundary):
+                    shown[name].append(b.material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
+        if in_space:
+            best = descent.finer(best)
+            told.append(best.told(0.0, 0, 0))
     _warn_of_missed(best)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
@@ -467,13 +569,15 @@ def with_moved_boundaries(
     bound = {name: result.bounds.get(name, 1.0) for name in designs}
     others = {n: x for n, x in result.variables.items() if n not in designs}
     try:
-        boundaries = {}
+        boundaries: dict[str, Boundary | Surface] = {}
         for name, design in designs.items():
             part = result.part(name)
-            assert isinstance(part, Part), "optimize has refused bodies in space"
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)
-            boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+            if isinstance(part, Part):
+                boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+            else:
+                boundaries[name] = Surface.of(part, member, mirrors=mirrors)
         moved = move_boundary(
             result.problem,
             boundaries,
@@ -515,3 +619,7 @@ def _warn_of_missed(trial: Trial) -> None:
             PartWarning,
             stacklevel=4,
         )
+    for name, boundary in trial.boundaries.items():
+        if isinstance(boundary, Surface):  # those of trials were not worth telling
+            for text in boundary.part.warnings:
+                warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=4)

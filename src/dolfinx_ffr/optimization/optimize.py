@@ -85,7 +85,8 @@ def optimize(
         boundary: Steps of the boundaries of the parts after those of the densities, see
             `move_boundary`: `Result.moved` has what they come to, and psi, violations and parts of
             the result are theirs. By default a third as many as the iterations, and 25 at most, for
-            bodies in the plane and exact gradients; 0 leaves the boundaries to the mesh.
+            bodies in the plane and exact gradients, and none in space; 0 leaves the boundaries to
+            the mesh.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
@@ -157,10 +158,10 @@ def optimize(
         steps = boundary or 0
         if boundary is None and flat and (gradient is None or gradient.exact):
             steps = min(iterations // 3, _BOUNDARY)
-        if steps and not flat:
+        if steps and not (isinstance(problem, Problem) and domains):
             raise ValueError(
-                "optimize: a boundary moves after a design of densities, of a Problem with bodies "
-                "in the plane; give boundary=0"
+                "optimize: a boundary moves after a design of densities, of a Problem; give "
+                "boundary=0"
             )
         filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
         loop = DesignLoop(

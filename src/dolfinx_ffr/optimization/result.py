@@ -15,7 +15,7 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from .. import validation
-from ..boundary import Boundary
+from ..boundary import Boundary, Surface
 from ..design import Design, DimensionDesign, Variables
 from ..dynamics import SimulationError
 from ..fem import Domain
@@ -55,13 +55,13 @@ def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9)
 class BoundaryResult:
     """What moving boundaries has come to."""
 
-    boundaries: dict[str, Boundary]  #: The best ones, by body
+    boundaries: dict[str, Boundary | Surface]  #: The best ones, by body
     problem: Problem  #: On the meshes that fit them
     evaluation: Evaluation  #: There
     #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
     #: ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a bound, ``step``
     #: [m], ``cells``, ``modes``, the ``rejected`` trials before it, and the struts and holes that
-    #: were ``removed``
+    #: were ``removed``; in space at last those of the best on finer meshes
     history: dict[str, Array]
     #: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by SIGTERM
     reason: str
@@ -79,14 +79,14 @@ class BoundaryResult:
 
     @property
     def volume(self) -> dict[str, float]:
-        """Filled share of each body that is designed, in the plane."""
+        """Filled share of each body that is designed."""
         bodies = self.problem.flexible
         return {n: bodies[n].domain.area / b.body.area for n, b in self.boundaries.items()}
 
     @property
-    def boundary(self) -> Boundary:
+    def boundary(self) -> Boundary | Surface:
         """Where one body is designed, its boundary."""
-        found: Boundary = only(self.boundaries)
+        found: Boundary | Surface = only(self.boundaries)
         return found
 
     def summary(self) -> dict[str, Any]:
@@ -94,13 +94,15 @@ class BoundaryResult:
         row = int(np.flatnonzero(self.history["psi"] == self.psi)[-1])
         told = {key: float(column[row]) for key, column in self.history.items()}
         return told | {
-            "steps": len(self.history["psi"]) - 1,
+            "steps": int(np.count_nonzero(self.history["step"])),
             "reason": self.reason,
         }
 
-    def part(self, name: str | None = None) -> Part:
-        """The part of the body ``name``, by default of the only one."""
-        boundary: Boundary = only(self.boundaries) if name is None else self.boundaries[name]
+    def part(self, name: str | None = None) -> Part | Solid:
+        """The part or solid of the body ``name``, by default of the only one."""
+        boundary: Boundary | Surface = (
+            only(self.boundaries) if name is None else self.boundaries[name]
+        )
         return boundary.part
 
 
@@ -273,7 +275,7 @@ class Result:
                 at = place / own if several else place
                 part.write(at)
                 plot_part(part, at / f"{part.kind}.png", title=title)
-                if self.moved is not None:
+                if self.moved is not None and name in self.moved.materials:
                     steps = self.moved.materials[name], self.moved.history["psi"]
                     animate_boundary(part.body, *steps, at / "boundary.gif")
         return found

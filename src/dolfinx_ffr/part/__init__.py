@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from ..documentation import explain_fields
 from .part import LoosePiece, Part
-from .solid import Solid
+from .solid import Cavity, Solid
 from .verify import BodyFigures, Enclosed, Figures, PartWarning, Verification, verify
 from .widths import Width
 
 __all__ = [
     "BodyFigures",
+    "Cavity",
     "Enclosed",
     "Figures",
     "LoosePiece",

@@ -19,9 +19,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from .. import validation
-from ..fem import Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinder
+from ..fem import DESIGNED, Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinder
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 from .ball_widths import thinnest_in_space
@@ -35,8 +36,18 @@ from .widths import Width
 _KINDS = (".stl", ".ply", ".vtp", ".obj")
 #: How fine the surface is, see `Tetrahedra.of`, by the body's cells
 _SURFACE = {"hexahedron": 1, "tetrahedron": 0}
+#: Most cavities whose places are told
+_PLACES = 3
 #: Spacing of the lattice on which members and gaps are looked for, by the size of the body's cells
 _LATTICE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Cavity:
+    """A void that the solid encloses: what is printed of powder keeps it."""
+
+    volume: float  #: [m^3]
+    center: Array  #: (3,) of its volume [m]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,6 +58,9 @@ class _Found(Found):
     triangles: NDArray[np.int64]  #: (triangles, 3)
     volume: float  #: [m^3]
     loose: list[float]  #: Volumes of what is left out [m^3]
+    cavities: list[Cavity]
+    inner: NDArray[np.int64]  #: (points,) number of the cavity on which a point lies, -1 on none
+    designed: NDArray[np.bool_]  #: (points,) of a designed part
 
 
 class Solid(Enclosed):
@@ -60,15 +74,18 @@ class Solid(Enclosed):
         field: Positive in material and zero on its boundary: a function of positions (n, 3) [m]
             that gives (n,) numbers. Rank 0 evaluates it, all over the body.
         material: Of the solid, for its mass.
+        size: Of the tetrahedra whose cut is its surface, and of the first that `verify` takes [m];
+            by default 24 tetrahedra for each hexahedron of the body, or as many as it has.
 
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
-            more than faces, or no material touches an interface.
+            more than faces, no material touches an interface, or the size is too small.
 
     Warns:
-        PartWarning: If loose pieces are left out, an interface has no material, or the surface
-            touches itself, as where regions that are not designed meet in an edge only.
+        PartWarning: If loose pieces are left out, an interface has no material, cavities are
+            enclosed (`cavities`), or the surface touches itself, as where regions that are not
+            designed meet in an edge only.
     """
 
     kind = "solid"
@@ -78,10 +95,20 @@ class Solid(Enclosed):
     dimension = 3
 
     def __init__(
-        self, domain: Domain, field: Field, *, material: ElasticMaterial | None = None
+        self,
+        domain: Domain,
+        field: Field,
+        *,
+        material: ElasticMaterial | None = None,
+        size: float | None = None,
     ) -> None:
         self._keep(domain, field, material, "on")
-        self._found: _Found = self._cut(_SURFACE[domain.cell])[1]
+        if size is not None:
+            validation.number("solid: size", size, above=0.0, unit="m")
+        self._size = size
+        self._first = 0 if size is None else self._finer(size)
+        self._kept: dict[int, Tetrahedra] = {}  # cut once for the surface and the mesh
+        self._found: _Found = self._cut(self._first if size else _SURFACE[domain.cell])[1]
         #: Vertices of the surface, shape (points, 3) [m]
         self.points = self._found.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
@@ -93,6 +120,56 @@ class Solid(Enclosed):
     def loose(self) -> list[float]:
         """Volumes of the pieces that nothing holds and that are left out [m^3]."""
         return self._found.loose
+
+    @property
+    def cavities(self) -> list[Cavity]:
+        """The voids that are enclosed, the largest first."""
+        return self._found.cavities
+
+    def opened(self, diameter: float) -> Solid:
+        """The solid with a straight channel from each of its cavities to the outside; collective.
+
+        It goes where the wall is thinnest, but not to a region that stays solid.
+
+        Args:
+            diameter: Of the channels [m].
+
+        Raises:
+            ValueError: On every rank, if the diameter is not positive, or a cavity stays closed.
+        """
+        validation.number("solid: diameter", diameter, above=0.0, unit="m")
+        if not self.cavities:
+            return self
+        outside = np.flatnonzero((self._found.inner < 0) & self._found.designed)
+        ends = []
+        for number in range(len(self.cavities)):
+            inside = np.flatnonzero(self._found.inner == number)
+            if len(outside):
+                away, which = cKDTree(self.points[outside]).query(self.points[inside])
+                at = int(np.argmin(away))
+                ends.append(self.points[[inside[at], outside[which[at]]]])
+        field = self.field
+
+        def drilled(x: Array) -> Array:
+            found = field(x)
+            for a, b in ends:
+                length = float(np.linalg.norm(b - a))
+                along = (b - a) / length
+                # it begins within the cavity and ends outside
+                s = np.clip((x - a) @ along, -0.5 * diameter, length + 0.5 * diameter)
+                across = np.linalg.norm(x - a - s[:, None] * along, axis=1)
+                found = np.minimum(found, across - 0.5 * diameter)
+            return found
+
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "solid: enclosed", PartWarning)
+            solid = Solid(self.body, drilled, material=self.material, size=self._size)
+        if left := solid.cavities:
+            raise ValueError(
+                f"solid: with channels of {diameter:.4g} m cavities stay closed: {len(left)}, "
+                f"{_told(left)}; give a larger diameter, or keep solid regions away from them"
+            )
+        return solid
 
     @property
     def volume(self) -> float:
@@ -145,7 +222,7 @@ class Solid(Enclosed):
         return [file]
 
     def sizes(self, size: float | None, count: int) -> list[float]:
-        first = 0 if size is None else self._finer(size)
+        first = self._first if size is None else self._finer(size)
         Tetrahedra.check(self.body, first + count - 1)
         return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
@@ -174,6 +251,8 @@ class Solid(Enclosed):
 
     def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:
         """The tetrahedra of the solid, on rank 0, and its surface, on all ranks; collective."""
+        if finer in self._kept:
+            return self._kept[finer], self._found
         body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)
         kept: list[Tetrahedra] = []
 
@@ -185,6 +264,7 @@ class Solid(Enclosed):
             return found
 
         found: _Found = on_rank_0(self.body.comm, cut)
+        self._kept.setdefault(finer, kept[0] if kept else body)
         return (kept[0] if kept else body), found
 
 
@@ -222,6 +302,12 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
             f"({x:.4g}, {y:.4g}, {z:.4g}) m, where parts of the solid region or of the body meet "
             "in an edge or a point only; join them, or keep them apart by a cell"
         )
+    cavities, inner = _cavities(surface, corners)
+    if cavities:
+        said.append(
+            f"enclosed cavities: {len(cavities)}, {_told(cavities)}; powder stays in them, open "
+            "them by channels (Solid.opened)"
+        )
     if lost:
         said.append(f"the interfaces {lost} have no material; keep the cells along them solid")
     found = _Found(
@@ -230,10 +316,38 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
         volume=float(np.sum(size[stays])),
         pieces=int(np.count_nonzero(touches)),
         loose=loose,
+        cavities=cavities,
+        inner=inner,
+        designed=np.isin(seen, cells[left.regions == DESIGNED]),
         lost=lost,
         warnings=said,
     )
     return left, found
+
+
+def _cavities(points: Array, triangles: NDArray[np.int64]) -> tuple[list[Cavity], Any]:
+    """Pieces of a closed surface that are turned inwards, and on which of them each point lies."""
+    piece = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    size = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
+    of = piece[triangles[:, 0]]
+    enclosed = np.bincount(of, size)
+    chosen = np.flatnonzero(enclosed < 0.0)
+    chosen = chosen[np.argsort(enclosed[chosen], kind="stable")]
+    moment = [np.bincount(of, size * x)[chosen] for x in ((a + b + c) / 4.0).T]
+    centers = np.column_stack(moment) / enclosed[chosen, None]
+    number = np.full(len(enclosed), -1)
+    number[chosen] = np.arange(len(chosen))
+    found = [Cavity(-float(v), x) for v, x in zip(enclosed[chosen], centers, strict=True)]
+    return found, number[piece]
+
+
+def _told(cavities: list[Cavity]) -> str:
+    """Volume and places of cavities."""
+    places = [", ".join(f"{x:.4g}" for x in cavity.center) for cavity in cavities[:_PLACES]]
+    more = ", ..." if len(cavities) > _PLACES else ""
+    volume = sum(cavity.volume for cavity in cavities)
+    return f"{volume:.3g} m^3 in all, about ({'), ('.join(places)}) m{more}"
 
 
 def _round_bores(cut: Tetrahedra, mesh: GatheredMesh) -> None:

@@ -94,6 +94,11 @@ class Enclosed(ABC):
         return self._found.pieces
 
     @property
+    def warnings(self) -> list[str]:
+        """What was said of it as it was made."""
+        return self._found.warnings
+
+    @property
     def lost_interfaces(self) -> list[str]:
         """Interfaces that are left without material."""
         return self._found.lost

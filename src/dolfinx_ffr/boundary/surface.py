@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: MIT
+"""The boundary of a solid as a field on a grid, which moves where the field changes.
+
+The field phi is a uniform tensor-product cubic B-spline, positive in the material, and close to the
+distance from its zero surface. Each step cuts the body's tetrahedra anew (`Solid`), so no mesh is
+repaired, and parts of the surface may meet. A change of the field moves the surface along its
+normal n by the change over the slope, so the derivative by the nodes gives that by the field.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
+from scipy.sparse import csc_matrix, csr_matrix, eye, kron
+from scipy.sparse.linalg import lsmr
+from scipy.spatial import cKDTree
+
+from .. import validation
+from ..design import Mirror, images
+from ..fem import Domain, Tetrahedra, gathered_nodes
+from ..limits import PAIR, check_count
+from ..parallel import on_every_rank, on_rank_0
+from ..part import PartWarning, Solid
+
+Array = NDArray[np.float64]
+
+#: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
+_SPACING = 0.75
+#: Weight of the zero surface beside the distance in the fit, and its iterations
+_EXACT, _ITERATIONS = 4.0, 60
+#: Tetrahedra of the full body that the lattice has at most by default, where cells allow it
+_TETRAHEDRA = 30_000
+#: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
+#: part of the zero surface, and distance for its corners
+_NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
+#: Points of a triangle at which walls are measured beside its corners
+_PROBES = np.vstack([np.full((1, 3), 1.0 / 3.0), 1.0 / 6.0 + 0.5 * np.eye(3)])
+#: Share of a plane's normals beyond which it keeps a point from moving
+_KEPT = 0.05
+
+
+class _Points(NamedTuple):
+    """Points of a solid's surface that move with the field."""
+
+    numbers: NDArray[np.int64]  #: Among the points of the surface, (n,)
+    inward: Array  #: Unit normals into the material, (n, 3)
+    ways: Array  #: By how much a point moves where the surface moves inwards by one, (n, 3)
+    rows: csr_matrix  #: Its motion outwards by the variables of the field, (n, variables)
+
+
+class Surface:
+    """The boundary of a solid in space, with the coefficients of its field."""
+
+    normals: Array
+    specks: tuple[()] = ()
+    holes: tuple[()] = ()
+    material = None
+
+    def __init__(
+        self,
+        origin: Solid,
+        member: float,
+        coefficients: Array,
+        low: Array,
+        spacing: Array,
+        mirrors: Sequence[Mirror],
+        size: float,
+    ) -> None:
+        #: The solid that it was made of
+        self.origin = origin
+        #: Width of the thinnest member [m]
+        self.member = self.gap = member
+        #: Of the B-spline on the grid, shape (nx, ny, nz) [m]
+        self.coefficients = coefficients
+        self._low, self._spacing, self.mirrors = low, spacing, tuple(mirrors)
+        self._images = images(self.mirrors, 3)
+        self.knots = 2.0 * spacing  #: Distances of the knots of the motion, (3,) [m]
+        self.size = size  #: Of the tetrahedra [m]
+        self.body: Domain = origin.body
+        lines = [_refined(count) for count in coefficients.shape]
+        self._counts = [line.shape[1] for line in lines]
+        #: From motions to coefficients
+        self._finer = csr_matrix(kron(kron(lines[0], lines[1]), lines[2]))
+        self.n_controls = self._finer.shape[1]
+        self.shares = csr_matrix(eye(self.n_controls))
+        self.held = np.zeros(self.n_controls, dtype=bool)
+        self.normals = np.ones((self.n_controls, 1))
+
+    @staticmethod
+    def of(
+        solid: Solid, member: float, *, mirrors: Sequence[Mirror] = (), size: float | None = None
+    ) -> Surface:
+        """The boundary of a ``solid``; collective.
+
+        Args:
+            solid: Of any field.
+            member: Width of the thinnest member [m]; it sets the grid of the field, too.
+            mirrors: Planes about which the surface is its own mirror image.
+            size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
+                allow with 30,000 of them for all of it, and at least that of the body's cells.
+
+        Raises:
+            TypeError: On every rank, if an argument is of a wrong kind.
+            ValueError: On every rank, if a number is out of range, the grid is too fine, or no
+                surface lies within the body.
+        """
+        validation.instance("surface: solid", solid, Solid, "a Solid")
+        validation.number("surface: member", member, above=0.0, unit="m")
+        planes = validation.instances("surface: mirrors", mirrors, Mirror, "planes of the body")
+        if any(len(mirror.normal) != 3 for mirror in planes):
+            raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
+        body = solid.body
+        low, high = body.bounding_box
+        count = float(np.prod((high - low) / (_SPACING * member) + 4.0))
+        with on_every_rank(body.comm, "surface"):
+            check_count("surface", count, "knots", "take a larger member [m]", each=64.0 * PAIR)
+        counts = np.ceil((high - low) / (_SPACING * member) - 1e-9).astype(int)
+        spacing = (high - low) / counts
+        if size is None:
+            size = _size(body)
+
+        def fitted() -> Array:
+            return _fitted(
+                lambda x: solid.field(np.clip(x, low, high)), low - spacing, spacing, counts + 3
+            )
+
+        coefficients = on_rank_0(body.comm, fitted)
+        return Surface(solid, member, coefficients, low - spacing, spacing, mirrors, size)
+
+    # ------------------------------------------------------------------ field
+
+    def field(self, points: ArrayLike) -> Array:
+        """The field at positions (n, 3) [m], positive in the material, (n,) [m]."""
+        x = np.asarray(points, dtype=np.float64)
+        total = np.zeros(len(x))
+        for image in self._images:
+            at = (image(x) - self._low) / self._spacing
+            total += map_coordinates(
+                self.coefficients, at.T, order=3, prefilter=False, mode="nearest"
+            )
+        return total / len(self._images)
+
+    def _rows(self, x: Array) -> csr_matrix:
+        """From coefficients to the field at points, (n, coefficients)."""
+        shape = self.coefficients.shape
+        parts = [_basis(i(x), self._low, self._spacing, shape) for i in self._images]
+        return csr_matrix(sum(parts) / len(parts))
+
+    def _slopes(self, x: Array) -> Array:
+        """The gradient of the field at points, (n, 3)."""
+        c, found = self.coefficients.ravel(), np.zeros((len(x), 3))
+        for image in self._images:
+            at = image(x), self._low, self._spacing, self.coefficients.shape
+            own = np.column_stack([_basis(*at, axis) @ c for axis in range(3)])
+            found += own @ image.turn
+        return found / len(self._images)
+
+    # ------------------------------------------------------------------ solid
+
+    @cached_property
+    def part(self) -> Solid:
+        """What it encloses; collective."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PartWarning)  # said of the last one
+            return Solid(self.body, self.field, material=self.origin.material, size=self.size)
+
+    def moved(self, offsets: Array) -> Surface:
+        """With changes of the motion's coefficients (variables,) [m]; collective."""
+        changed = self.shifted(offsets)
+
+        def fitted() -> Array:
+            return _fitted(changed.field, self._low, self._spacing, changed.coefficients.shape)
+
+        return self._with(on_rank_0(self.body.comm, fitted))
+
+    def without_thin(self, depth: float) -> Surface:
+        """Without what is nowhere deeper than ``depth`` [m] below the surface; collective."""
+
+        def fitted() -> Array:
+            grid = self._low, self._spacing, self.coefficients.shape
+            return _fitted(lambda x: self.field(x) - depth, *grid) + depth
+
+        return self._with(on_rank_0(self.body.comm, fitted))
+
+    def finer(self) -> Surface:
+        """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
+        return self._with(self.coefficients, self.part.sizes(None, 2)[1])
+
+    def shifted(self, offsets: Array) -> Surface:
+        """The same, with the field as it is then: no longer quite a distance."""
+        change = (self._finer @ offsets).reshape(self.coefficients.shape)
+        return self._with(self.coefficients + change)
+
+    def _with(self, coefficients: Array, size: float | None = None) -> Surface:
+        own = self.origin, self.member, coefficients, self._low, self._spacing
+        return Surface(*own, self.mirrors, size or self.size)
+
+    def metric(self, length: float) -> csc_matrix:
+        """The matrix of motions that are smooth over a ``length`` [m], (variables, variables)."""
+        lines = []
+        for count, spacing in zip(self._counts, self._spacing, strict=True):
+            steps = np.diff(np.eye(count), axis=0)
+            lines.append(csr_matrix((length / (2.0 * spacing)) ** 2 * steps.T @ steps))
+        one = [eye(count) for count in self._counts]
+        found = eye(self.n_controls)
+        found = found + kron(kron(lines[0], one[1]), one[2])
+        found = found + kron(kron(one[0], lines[1]), one[2])
+        return csc_matrix(found + kron(kron(one[0], one[1]), lines[2]))
+
+    @cached_property
+    def moving(self) -> _Points:
+        """The points of the solid's surface that move with the field."""
+        x, triangles = self.part.points, self.part.triangles
+        slope, level = self._slopes(x), self.field(x)
+        steep = np.linalg.norm(slope, axis=1)
+        inward = slope / np.maximum(steep, 1e-300)[:, None]
+        a, b, c = np.moveaxis(x[triangles], 1, 0)
+        normal = np.cross(b - a, c - a)
+        edge = np.sqrt(np.linalg.norm(normal, axis=1))
+        normal /= np.maximum(edge**2, 1e-300)[:, None]
+        away = np.abs(level) / np.maximum(steep, 1e-300)
+        free = np.max(away[triangles], axis=1) < _NEAR * edge
+        free &= -np.einsum("td,td->t", normal, inward[triangles].mean(axis=1)) > _ALONG
+        chosen = np.zeros(len(x), dtype=bool)
+        chosen[triangles[free]] = True
+        near = np.full(len(x), np.inf)
+        np.minimum.at(near, triangles.ravel(), np.repeat(edge, 3))
+        chosen &= away < _ON * near
+        # along the planes of the outline on which it lies
+        planes = np.zeros((len(x), 3, 3))
+        fixed = ~free
+        square = np.einsum("ti,tj->tij", normal[fixed], normal[fixed])
+        np.add.at(planes, triangles[fixed], square[:, None])
+        numbers = np.flatnonzero(chosen)
+        sizes, axes = np.linalg.eigh(planes[numbers])
+        total = np.maximum(np.sum(sizes, axis=1, keepdims=True), 1e-300)
+        loose = np.where(sizes > _KEPT * total, 0.0, 1.0)
+        n = inward[numbers]
+        along = np.einsum("pik,pk,pjk,pj->pi", axes, loose, axes, n)
+        share = np.einsum("pi,pi->p", along, n)
+        ways = np.where(share[:, None] > 0.1, along / np.maximum(share, 0.1)[:, None], 0.0)
+        return _Points(numbers, n, ways, self.outwards(x[numbers]))
+
+    def outwards(self, x: Array) -> csr_matrix:
+        """How points (n, 3) of the surface move along its normal, (n, variables)."""
+        steep = np.linalg.norm(self._slopes(x), axis=1, keepdims=True)
+        return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
+
+    def probes(self) -> tuple[Array, Array]:
+        """Points of the zero surface, some in each triangle, and normals inwards, (n, 3) each."""
+        moves = np.zeros(len(self.part.points), dtype=bool)
+        moves[self.moving.numbers] = True
+        corners = self.part.points[self.part.triangles[np.all(moves[self.part.triangles], axis=1)]]
+        x = np.einsum("pc,tcd->tpd", _PROBES, corners).reshape(-1, 3)
+        for _ in range(2):
+            slope = self._slopes(x)
+            square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
+            x = x - (self.field(x) / square)[:, None] * slope
+        x = np.vstack([self.part.points[self.moving.numbers], x])
+        slope = self._slopes(x)
+        return x, slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+
+
+def _size(body: Domain) -> float:
+    """The size of tetrahedra [m] that is fine enough for psi, as far as it is not too dear."""
+    finer = 0
+    while body.n_cells_global * Tetrahedra.each(body, finer + 1) <= _TETRAHEDRA:
+        finer += 1
+    return Tetrahedra.size(body, finer)
+
+
+def _basis(
+    x: Array, low: Array, spacing: Array, shape: Sequence[int], axis: int | None = None
+) -> csr_matrix:
+    """Values of the tensor-product B-splines at points, or derivatives, (n, product of shape)."""
+    at = (x - low) / spacing
+    weights, places = [], []
+    for k, count in enumerate(shape):
+        first = np.floor(at[:, k])
+        t = at[:, k] - first
+        s = 1.0 - t
+        if k == axis:
+            own = [-0.5 * s**2, 1.5 * t**2 - 2.0 * t, 0.5 + t - 1.5 * t**2, 0.5 * t**2]
+            weights.append(np.stack(own, axis=1) / spacing[k])
+        else:
+            own = [s**3, 4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * s**2 + 3.0 * s**3, t**3]
+            weights.append(np.stack(own, axis=1) / 6.0)
+        place = first[:, None].astype(np.int64) + np.arange(-1, 3)
+        places.append(np.clip(place, 0, count - 1))  # as `map_coordinates` does
+    values = np.einsum("ni,nj,nk->nijk", *weights).reshape(len(x), 64)
+    i, j, k = places
+    columns = (i[:, :, None, None] * shape[1] + j[:, None, :, None]) * shape[2] + k[:, None, None]
+    rows = np.repeat(np.arange(len(x)), 64)
+    size = len(x), int(np.prod(shape))
+    return csr_matrix((values.ravel(), (rows, columns.ravel())), shape=size)
+
+
+def _refined(count: int) -> csr_matrix:
+    """From B-splines on every second knot of a line to those on all, (count, about half)."""
+    coarse = (count - 1) // 2 + 2  # from the one before the first knot to the one after the last
+    table = np.zeros((count, coarse + 1))
+    for j in range(coarse + 1):
+        for step, weight in zip(range(-2, 3), (1.0, 4.0, 6.0, 4.0, 1.0), strict=True):
+            i = 2 * (j - 1) + step + 1
+            if 0 <= i < count:
+                table[i, j] += weight / 8.0
+    return csr_matrix(table[:, np.any(table, axis=0)])
+
+
+def _fitted(field: Any, low: Array, spacing: Array, shape: Sequence[int]) -> Array:
+    """Coefficients of the spline that has a field's zero surface and is near the distance."""
+    import pyvista  # takes a while
+
+    fine = [2 * int(count) - 1 for count in shape]
+    lines = [low[k] + 0.5 * spacing[k] * np.arange(fine[k]) for k in range(3)]
+    dense = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+    values = np.asarray(field(dense.reshape(-1, 3))).reshape(fine)
+    grid = pyvista.ImageData(dimensions=tuple(fine), origin=low, spacing=0.5 * spacing)
+    surface = grid.contour([0.0], scalars=values.ravel(order="F"))
+    if not surface.n_cells:
+        raise ValueError("surface: the field has no zero surface that could move")
+    nodes = dense[::2, ::2, ::2].reshape(-1, 3)
+    nearest = surface.find_closest_cell(nodes, return_closest_point=True)[1]
+    sign = np.where(values[::2, ::2, ::2] > 0.0, 1.0, -1.0).ravel()
+    distance = sign * np.linalg.norm(nodes - nearest, axis=1)
+    # off the contour of linear pieces the first-order distance is exact on the field's zero surface
+    points = np.asarray(surface.points, dtype=np.float64)
+    step = 1e-4 * spacing
+    slope = [(field(points + s) - field(points - s)) / (2.0 * s.sum()) for s in np.diag(step)]
+    steep = np.linalg.norm(slope, axis=0)
+    target = np.clip(field(points) / np.maximum(steep, 1e-300), -spacing.min(), spacing.min())
+    weight = np.concatenate([np.ones(len(nodes)), np.full(len(points), _EXACT)])
+    rows = _basis(np.vstack([nodes, points]), low, spacing, shape).multiply(weight[:, None])
+    right = weight * np.concatenate([distance, target])
+    found = lsmr(rows.tocsr(), right, x0=distance, maxiter=_ITERATIONS, atol=1e-8, btol=1e-8)[0]
+    return np.asarray(found.reshape(tuple(shape)))
+
+
+class SurfaceMotion:
+    """How the nodes of a mesh follow the field of the surface that it fits; collective."""
+
+    def __init__(self, surface: Surface, domain: Domain) -> None:
+        self._domain = domain
+        self.n_controls = surface.n_controls
+        x, _, self._numbers = gathered_nodes(domain)
+        self._count = len(x)
+        if domain.comm.rank == 0:
+            points = surface.moving
+            away, self._node = cKDTree(x).query(surface.part.points[points.numbers])
+            assert np.max(away, initial=0.0) < 1e-9 * surface.member
+            self._points = points
+
+    def pullback(self, nodes: Array) -> Array:
+        """From the derivative by nodes to that by controls, (controls, 1), on every rank."""
+        comm = self._domain.comm
+        numbers, own = self._numbers
+        parts = comm.gather((numbers[own], nodes[own]))
+        found = None
+        if parts is not None:
+            bar = np.zeros((self._count, 3))
+            for where, values in parts:
+                bar[where] = values
+            inwards = np.einsum("pd,pd->p", bar[self._node], self._points.ways)
+            found = -(self._points.rows.T @ inwards)[:, None]
+        return np.asarray(comm.bcast(found))

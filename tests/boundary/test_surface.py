@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""The boundary of a solid as a field that moves: its motion, its walls, its descent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import pyvista
+from scipy.spatial import cKDTree
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.boundary import Surface, wall_rows
+from dolfinx_ffr.boundary import surface as surface_module
+from dolfinx_ffr.optimization import move_boundary
+from dolfinx_ffr.optimization.boundary_steps import _Descent
+
+SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 5e-3
+PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
+
+
+def notched(x: np.ndarray) -> np.ndarray:
+    """A beam with a deep notch and a hole through it, by a field that is no distance."""
+    notch = np.hypot(x[:, 0] - 0.06, x[:, 2] - 0.02) - 0.018
+    hole = np.hypot(x[:, 0] - 0.11, x[:, 2]) - 0.013
+    return 3.0 * np.minimum(notch, hole)
+
+
+def beam(comm: MPI.Comm) -> ffr.Problem:
+    """A beam that is built in at its left end and bends under its weight."""
+    domain = ffr.Domain.box(comm, *SIZE, elements=ELEMENTS, solid_layers=1)
+    body = ffr.FlexibleBody(domain, PLASTIC, frame=ffr.TangentFrame("left"), modes=3)
+    mechanism = ffr.Mechanism(
+        {"beam": ffr.Placement((0.0, 0.0, 0.0))},
+        [ffr.Weld(("beam", "left"), ffr.Ground())],
+        point_masses=[ffr.PointMass(("beam", "right"), 0.2)],
+        gravity=(0.0, 3.0, -9.81),
+    )
+    times = ffr.GeneralizedAlpha(0.02, 40)
+    return ffr.Problem({"beam": body}, mechanism, times, ffr.IntegralCompliance())
+
+
+def surface(
+    problem: ffr.Problem,
+    field: Callable[[np.ndarray], np.ndarray] = notched,
+    member: float = MEMBER,
+    share: float = 0.65,
+) -> Surface:
+    domain = problem.flexible["beam"].domain
+    solid = ffr.Solid(domain, field, material=PLASTIC)
+    return Surface.of(solid, member, size=share * domain.cell_size)
+
+
+def waves(found: Surface) -> np.ndarray:
+    """A motion that leaves no two points alike, up to 1 [1]."""
+    return np.sin(1.0 + 0.7 * np.arange(found.n_controls) ** 1.1)
+
+
+@pytest.mark.mpi
+def test_the_field_has_the_surface_of_the_solid(comm: MPI.Comm) -> None:
+    """It is a distance, whatever field was given, and the solid's points are its zeros."""
+    found = surface(beam(comm))
+    x = found.part.points[found.moving.numbers]
+    assert len(x) > 60
+    assert np.max(np.abs(found.field(x))) < 1e-9
+    assert np.max(np.abs(notched(x))) < 3.0 * 0.03 * MEMBER
+    away = np.array([[0.06, 0.013, -0.002], [0.11, 0.0, 0.005]])
+    np.testing.assert_allclose(found.field(away), [0.004, -0.008], atol=0.03 * MEMBER)
+    assert found.part.volume == pytest.approx(found.origin.volume, rel=5e-3)
+
+
+def test_points_follow_the_field() -> None:
+    """To first order they stay on its surface, and on the outline of the body."""
+    found = surface(beam(MPI.COMM_SELF))
+    points = found.moving
+    x, offsets = found.part.points[points.numbers], waves(found)
+    faces = np.abs(np.abs(x[:, 1:]) - 0.02) < 1e-9
+    assert np.any(faces)
+    missed = []
+    for step in (2e-4, 1e-4):
+        moved = x - (points.rows @ (step * offsets))[:, None] * points.ways
+        np.testing.assert_allclose(moved[:, 1:][faces], x[:, 1:][faces], atol=0.02 * step)
+        missed.append(np.max(np.abs(found.shifted(step * offsets).field(moved))))
+    assert missed[0] < 0.2 * 2e-4
+    assert missed[1] < 0.3 * missed[0]
+
+
+@pytest.mark.mpi
+def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> None:
+    problem = beam(comm)
+    found = surface(problem)
+    descent = _Descent(problem, {"beam": 0.9}, {"beam": found.size}, {})
+    slopes = descent.slopes(descent.tried({"beam": found}))
+    cut = found.part._kept[found.part._first]
+    points, centers = found.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
+    offsets, step, values = waves(found), 1e-6, []
+    for side in (step, -step):
+        x = cut.points.copy()
+        if comm.rank == 0:
+            number = cKDTree(x).query(found.part.points[points.numbers])[1]
+            x[number] -= (points.rows @ (side * offsets))[:, None] * points.ways
+        moved = replace(cut, points=x).domain(comm, ["left", "right"], centers, 2)
+        again = problem.with_bodies({"beam": problem.flexible["beam"].with_domain(moved)})
+        values.append([np.log(again.value(np.ones(moved.n_cells)).psi), moved.area])
+    psi, volume = np.subtract(*values) / (2.0 * step) * MEMBER
+    assert psi == pytest.approx(slopes.psi @ offsets, rel=1e-4)
+    told = 0.9 * np.prod(SIZE) * (slopes.slopes[-1] @ offsets)
+    assert volume == pytest.approx(told, rel=1e-4)
+
+
+def test_the_volume_of_new_solids_changes_as_the_surface_moves() -> None:
+    """The more so the finer they are cut."""
+    problem, errors = beam(MPI.COMM_SELF), []
+    for share in (0.65, 0.33):
+        found = surface(problem, share=share)
+        a, b, c = np.moveaxis(found.part.points[found.part.triangles], 1, 0)
+        areas, points = np.zeros_like(found.part.points), found.moving
+        np.add.at(areas, found.part.triangles, np.cross(b - a, c - a)[:, None] / 6.0)
+        step = np.full(found.n_controls, 2e-4)
+        moves = -(points.rows @ step)[:, None] * points.ways
+        told = np.sum(areas[points.numbers] * moves)
+        sides = [found.shifted(side * step).part.volume for side in (1.0, -1.0)]
+        errors.append(abs(0.5 * np.subtract(*sides) / told - 1.0))
+    assert errors[1] < min(0.05, errors[0])
+
+
+@pytest.mark.parametrize("place", [0.0, 0.0163])
+def test_walls(place: float) -> None:
+    """Of a plate between two voids and of one beside a face, exactly; and how they change."""
+
+    def field(x: np.ndarray) -> np.ndarray:
+        return np.minimum(np.abs(x[:, 2] - place) - 0.007, 1.0)
+
+    def plate(x: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(x[:, 0] - 0.08) < 0.05, -field(x), 1.0)
+
+    found = surface(beam(MPI.COMM_SELF), plate, 0.012)
+    rows = wall_rows(found)
+    thick = 0.014 if place == 0.0 else 0.02 - place + 0.007
+    assert rows.smallest == pytest.approx(thick, rel=0.02)
+    # the mean over the plate, as each new cut measures at other points
+    outwards = 1e-4 * np.ones(found.n_controls)
+    beside = [wall_rows(found.shifted(side * outwards)) for side in (1.0, -1.0)]
+    mean = [np.mean(other.least * (1.0 - other.values)) for other in beside]
+    told = -np.mean(rows.least * (rows.slopes @ outwards))
+    assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.05)
+
+
+@pytest.mark.mpi
+def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """On any number of ranks alike; the file is closed."""
+    results = []
+    for ranks in (comm, MPI.COMM_SELF):
+        problem = beam(ranks)
+        results.append(
+            move_boundary(
+                problem, surface(problem, share=0.8), volume=0.9, iterations=2, progress=False
+            )
+        )
+    result = results[0]
+    assert result.history["psi"] == pytest.approx(results[1].history["psi"], rel=1e-6)
+    assert result.psi < 0.95 * result.history["psi"][0]
+    assert result.history["volume"][-1] < 0.9 * 1.01
+    solid = result.part()
+    found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
+    assert found.fitted[-1].psi == pytest.approx(result.psi, rel=1e-6)
+    (path,) = solid.write(shared_tmp_path / "beam.stl")
+    if comm.rank == 0:
+        assert pyvista.read(path).clean().is_manifold
+    told = result.summary()["volume"]
+    assert found.fitted[-1].bodies["beam"].volume == pytest.approx(told, rel=1e-9)
+
+
+def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(surface_module, "_TETRAHEDRA", 2000)
+    problem = beam(MPI.COMM_SELF)
+    design = ffr.DensityDesign(problem.flexible["beam"].domain)
+    run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}
+    result = ffr.optimize(problem, design, boundary=2, **run)
+    assert result.moved is not None and not result.moved.materials
+    assert result.part() is result.moved.part("beam")
+    assert result.moved.psi < result.moved.history["psi"][0]
+
+
+def test_what_has_no_surface_that_moves() -> None:
+    problem = beam(MPI.COMM_SELF)
+    domain = problem.flexible["beam"].domain
+    full = ffr.Solid(domain, lambda x: np.ones(len(x)))
+    with pytest.raises(ValueError, match="no zero surface that could move"):
+        Surface.of(full, MEMBER)
+    with pytest.raises(TypeError, match="a Surface"):
+        move_boundary(problem, full)
+    for member, why in ((-1.0, "surface: member"), (1e-7, "take a larger member")):
+        with pytest.raises(ValueError, match=why):
+            Surface.of(full, member)
+    with pytest.raises(ValueError, match="give planes"):
+        Surface.of(full, MEMBER, mirrors=[ffr.Mirror((0.0, 0.0), (0.0, 1.0))])
