@@ -55,7 +55,17 @@ class _Points(NamedTuple):
 
 
 class Surface:
-    """The boundary of a solid in space, with the coefficients of its field."""
+    """The boundary of a solid in space, with the coefficients of its field; made by `of`.
+
+    Args:
+        origin: The solid that it was made of.
+        member: Width of the thinnest member [m].
+        coefficients: Of the B-spline on the grid, shape (nx, ny, nz) [m], the same on every rank.
+        low: First point of the grid, shape (3,) [m].
+        spacing: Of the grid, shape (3,) [m].
+        mirrors: Planes about which the surface is its own mirror image.
+        size: Of the tetrahedra [m].
+    """
 
     normals: Array
     specks: tuple[()] = ()
@@ -136,7 +146,7 @@ class Surface:
     # ------------------------------------------------------------------ field
 
     def field(self, points: ArrayLike) -> Array:
-        """The field at positions (n, 3) [m], positive in the material, (n,) [m]."""
+        """The field at ``points`` (n, 3) [m], positive in the material, (n,) [m]."""
         x = np.asarray(points, dtype=np.float64)
         total = np.zeros(len(x))
         for image in self._images:
@@ -171,7 +181,7 @@ class Surface:
             return Solid(self.body, self.field, material=self.origin.material, size=self.size)
 
     def moved(self, offsets: Array) -> Surface:
-        """With changes of the motion's coefficients (variables,) [m]; collective."""
+        """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective."""
         changed = self.shifted(offsets)
 
         def fitted() -> Array:
@@ -193,7 +203,7 @@ class Surface:
         return self._with(self.coefficients, self.part.sizes(None, 2)[1])
 
     def shifted(self, offsets: Array) -> Surface:
-        """The same, with the field as it is then: no longer quite a distance."""
+        """The same before the field is made a distance again, with ``offsets`` as of `moved`."""
         change = (self._finer @ offsets).reshape(self.coefficients.shape)
         return self._with(self.coefficients + change)
 
@@ -248,7 +258,7 @@ class Surface:
         return _Points(numbers, n, ways, self.outwards(x[numbers]))
 
     def outwards(self, x: Array) -> csr_matrix:
-        """How points (n, 3) of the surface move along its normal, (n, variables)."""
+        """How points ``x`` (n, 3) of the surface move along its normal, (n, variables)."""
         steep = np.linalg.norm(self._slopes(x), axis=1, keepdims=True)
         return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
 

@@ -72,6 +72,8 @@ _LONGER, _SHORTER, _SHORTER_IN_SPACE = 1.2, 0.7, 0.9
 #: Shortest step in space, below which another mesh changes more, and the first after walls cost
 #: more, in minimum members
 _SHORTEST_IN_SPACE, _AGAIN = 0.02, 0.3
+#: Factor of the costs of walls beyond which they do not grow for want of a better step
+_DEAREST = 16.0
 #: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
 #: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
 _GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
@@ -517,6 +519,10 @@ def _descended(
                     found = None
                 if found is None:
                     reach, rejected = 0.5 * reach, rejected + 1
+            if found is None and trial.cost_of_walls > 0.0 and descent.dear < _DEAREST:
+                descent, reach = replace(descent, dear=2.0 * descent.dear), _AGAIN
+                trial, best = trial.dearer(2.0), best.dearer(2.0)
+                continue
             if found is None:
                 reason = "no better step"
                 break
