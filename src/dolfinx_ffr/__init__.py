@@ -24,7 +24,7 @@ def _lists(table: dict[str, str]) -> dict[str, list[str]]:
 _FOLDERS = _lists(
     {
         "body": "BodyMarker ParametricBody VolumeIntegrals",
-        "boundary": "Boundary Surface",
+        "boundary": "Boundary",
         "design": (
             "DensityDesign DimensionDesign ExponentialSpline Gaussian LevelSet Mirror Multiquadric "
             "ThinPlate Variables Wendland density_field mirror_lines mirror_planes"
@@ -65,6 +65,7 @@ _FOLDERS = _lists(
 #: Names for specialists, by the folder through which they are reached: `dynamics.Trajectory`.
 _BY_FOLDER = _lists(
     {
+        "boundary": "Surface",
         "design": (
             "DensityFilter Design Evolution HeavisideProjection VelocityExtension VolumeBisection"
         ),

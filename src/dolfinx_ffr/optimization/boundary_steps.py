@@ -30,15 +30,14 @@ from ..boundary import (
     size_rows,
     wall_rows,
 )
-from ..design import Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import Domain
 from ..mechanical_problem import MechanicalProblem
 from ..objective import PeakStress
-from ..part import Part, PartWarning
+from ..part import PartWarning
 from ..problem import Evaluation, Problem
 from .enough_modes import EVERY, with_enough_modes, with_steps_for
-from .result import BoundaryResult, Result, ranks_of, warn
+from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
 
 Array = NDArray[np.float64]
@@ -79,8 +78,6 @@ _DEAREST = 16.0
 _GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
 #: Walls of a solid that are tried without: what is nowhere as deep, in minimum members
 _DEPTHS = (0.5, 0.25)
-#: Minimum member and gap of densities, in mean elements: those of a level set by default
-_LEAST = 0.64
 #: Share by which the result may miss a bound or a minimum size before that is warned of
 _MISSED = 0.01
 
@@ -561,49 +558,6 @@ def _descended(
     of_best = best.boundaries, best.problem, best.evaluation
     over = {name: value for name, value in best.excesses.items() if value > _HELD}
     return BoundaryResult(*of_best, history, reason, known, shown, over)
-
-
-def with_moved_boundaries(
-    result: Result, steps: int, tolerance: float | None, progress: bool
-) -> Result:
-    """The result of a run, and that of ``steps`` of the boundaries of its parts; collective.
-
-    Warns:
-        DesignWarning: If there are no such steps, with the reason.
-    """
-    designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
-    bound = {name: result.bounds.get(name, 1.0) for name in designs}
-    others = {n: x for n, x in result.variables.items() if n not in designs}
-    try:
-        boundaries: dict[str, Boundary | Surface] = {}
-        for name, design in designs.items():
-            part = result.part(name)
-            mirrors = design.mirrors if isinstance(design, LevelSet) else ()
-            member, gap = _sizes(design)
-            if isinstance(part, Part):
-                boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
-            else:
-                boundaries[name] = Surface.of(part, member, mirrors=mirrors)
-        moved = move_boundary(
-            result.problem,
-            boundaries,
-            volume=bound,
-            variables=others,
-            iterations=steps,
-            mode_tolerance=tolerance,
-            progress=progress,
-        )
-    except (ValueError, SimulationError) as error:
-        warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
-        return result
-    return replace(result, moved=moved, violations=moved.violations)
-
-
-def _sizes(design: Design) -> tuple[float, float]:
-    """Minimum member and gap of a design [m]."""
-    if isinstance(design, LevelSet):
-        return design.minimum_member, design.minimum_gap
-    return _LEAST * design.domain.cell_size, _LEAST * design.domain.cell_size
 
 
 def _warn_of_missed(trial: Trial) -> None:

@@ -17,10 +17,10 @@ from .. import validation
 from ..design import Design, Variables
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
-from .boundary_steps import with_moved_boundaries
 from .gradient import ExactAdjoint, GradientMethod
 from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
+from .moved_parts import with_moved_boundaries
 from .result import Result, ranks_of, warn
 from .running import alone_in
 from .sizing import sized

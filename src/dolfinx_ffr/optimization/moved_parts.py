@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""Steps of boundaries after a design of densities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..boundary import Boundary, Surface
+from ..design import Design, LevelSet
+from ..dynamics import SimulationError
+from ..part import Part
+from .boundary_steps import move_boundary
+from .result import Result, warn
+
+#: Minimum member and gap of densities, in mean elements: those of a level set by default
+_LEAST = 0.64
+
+
+def with_moved_boundaries(
+    result: Result, steps: int, tolerance: float | None, progress: bool
+) -> Result:
+    """The result of a run, and that of ``steps`` of the boundaries of its parts; collective.
+
+    Warns:
+        DesignWarning: If there are no such steps, with the reason.
+    """
+    designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
+    bound = {name: result.bounds.get(name, 1.0) for name in designs}
+    others = {n: x for n, x in result.variables.items() if n not in designs}
+    try:
+        boundaries: dict[str, Boundary | Surface] = {}
+        for name, design in designs.items():
+            part = result.part(name)
+            mirrors = design.mirrors if isinstance(design, LevelSet) else ()
+            member, gap = _sizes(design)
+            if isinstance(part, Part):
+                boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+            else:
+                boundaries[name] = Surface.of(part, member, mirrors=mirrors)
+        moved = move_boundary(
+            result.problem,
+            boundaries,
+            volume=bound,
+            variables=others,
+            iterations=steps,
+            mode_tolerance=tolerance,
+            progress=progress,
+        )
+    except (ValueError, SimulationError) as error:
+        warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
+        return result
+    return replace(result, moved=moved, violations=moved.violations)
+
+
+def _sizes(design: Design) -> tuple[float, float]:
+    """Minimum member and gap of a design [m]."""
+    if isinstance(design, LevelSet):
+        return design.minimum_member, design.minimum_gap
+    return _LEAST * design.domain.cell_size, _LEAST * design.domain.cell_size
