@@ -187,6 +187,7 @@ def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
             volume=0.7,
             gradient=method,
             optimizer=ffr.LevelSetEvolution(sharpness=(11.0,)),
+            boundary=0,
             iterations=4,
             progress=False,
         )
