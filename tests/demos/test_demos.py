@@ -104,7 +104,8 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.mpi
 def test_slider_crank_on_any_number_of_ranks(demo: Callable[..., Path]) -> None:
     """Several ranks find the same design as one."""
-    found = summary(demo("slider_crank", *SMALL))
+    out = demo("slider_crank", *SMALL)
+    found, history = summary(out), read_history(out / "history.csv")
     assert found["ranks"] == MPI.COMM_WORLD.size
     assert found["elements"] == {"rod": 360}
     problem = reference_problem(MPI.COMM_SELF, (60, 6))
@@ -118,7 +119,9 @@ def test_slider_crank_on_any_number_of_ranks(demo: Callable[..., Path]) -> None:
         levelset = ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain, even))
         alone = ffr.optimize(problem, levelset, **options)
     assert found["compliance_initial"] == pytest.approx(alone.history["psi"][0], rel=1e-7)
-    assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-7)
+    np.testing.assert_allclose(history["psi"], alone.history["psi"], rtol=1e-7)
+    # the last bits of a boundary move nodes of its mesh, which changes psi by up to 1e-5
+    assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-5)
     assert found["compliance_final"] < found["compliance_initial"]
 
 
