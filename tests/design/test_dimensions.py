@@ -301,6 +301,10 @@ def test_what_is_refused() -> None:
     problem = machine(made.domain(MPI.COMM_SELF))
     with pytest.raises(ValueError, match="give boundary=0"):
         ffr.optimize(problem, made, boundary=2, progress=False)
+    others: list[dict[str, Any]] = [{"volume": 0.4}, {"optimizer": ffr.LevelSetEvolution()}]
+    for asked in (*others, {"gradient": ffr.paper.ElementByElement()}):
+        with pytest.raises(ValueError, match="take MMA, the exact gradient, and no volume; bound"):
+            ffr.optimize(problem, made, progress=False, **asked)
     with pytest.raises(ValueError, match=r"dimensions are given for \['crank', 'rod'\]"):
         ffr.optimize(problem, {"rod": made, "crank": made}, progress=False)
     edge = machine(made.domain(MPI.COMM_SELF), markers={"spot": (-0.0199, 0.005)})

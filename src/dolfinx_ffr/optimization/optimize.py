@@ -25,8 +25,8 @@ from .result import Result, ranks_of, warn
 from .running import alone_in
 from .sizing import sized
 
-#: Most steps of boundaries by default
-_BOUNDARY = 25
+#: Filled share by default, and most steps of boundaries
+_VOLUME, _BOUNDARY = 0.5, 25
 
 
 def optimize(
@@ -35,7 +35,7 @@ def optimize(
     start: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
     optimizer: Optimizer | None = None,
-    volume: float | Mapping[str, float] = 0.5,
+    volume: float | Mapping[str, float] = _VOLUME,
     gradient: GradientMethod | None = None,
     iterations: int = 100,
     output: str | Path | None = None,
@@ -57,7 +57,7 @@ def optimize(
     Args:
         problem: What is minimised; its constraints hold too, if the optimiser takes any.
         design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`, or its
-            dimensions, a `DimensionDesign`, for which ``volume`` is not used; with several flexible
+            dimensions, a `DimensionDesign`, which takes no ``volume``; with several flexible
             bodies a mapping from their names to one each. `Variables` without a domain
             have names of their own in the mapping: the problem, which must know them, is evaluated
             at them by that name, and has a gradient with respect to them, shape (size,).
@@ -133,6 +133,11 @@ def optimize(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
             )
         sizing = sized(problem, design)
+        if sizing and (volume != _VOLUME or gradient or not isinstance(optimizer, MMA | None)):
+            raise ValueError(
+                "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
+                "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
+            )
         designs = _by_body(*(sizing or (problem, design)))
         if optimizer is not None:
             what = "LevelSetEvolution(...) or MMA(...)"
