@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 from scipy.spatial import cKDTree
 from shapely.affinity import affine_transform
@@ -215,6 +216,20 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
     assert found < 0.97 * 1.003 * largest
     assert result.psi < 0.8 * result.history["psi"][0]
+
+
+def test_a_void_between_solid_regions_is_one_hole_with_rounded_corners() -> None:
+    """It ends at both columns that stay solid; the flanges beside it become one region."""
+    rod = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(80, 8))
+    part = ffr.Part(rod, lambda x: np.abs(x[:, 1]) - 0.008, 0.005)
+    found = Boundary.of(part, 1e-3, gap=4e-3)
+    hole = shapely.Polygon(found.free[found.holes[0]].spline().points(1e-5))
+    assert len(found.holes) == 1 and found.valid
+    assert [len(loops) for group, loops in found.faces if group == "design"] == [2]
+    # as large as the void, but for its corners, and off the columns of 0.01 m
+    assert hole.area == pytest.approx(0.38 * 0.016, rel=0.03)
+    assert 0.01 < hole.bounds[0] < 0.015 and 0.385 < hole.bounds[2] < 0.39
+    assert found.material.area == pytest.approx(0.4 * 0.04 - hole.area, rel=1e-3)
 
 
 def test_what_cannot_be_moved() -> None:
