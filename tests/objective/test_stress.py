@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 from mpi4py import MPI
 
@@ -109,6 +111,37 @@ def test_the_mean_of_the_stress_that_is_reported(
     largest = objective.largest(problem.response(evaluation))
     assert largest == pytest.approx(worst.largest, rel=1e-12)
     assert 0.2 * largest < evaluation.psi < largest
+
+
+def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
+    """What is beside an interface does not count, and the largest of the ranges is that of all."""
+    whole = ffr.PeakStress("rod")
+    problem = slider_crank(comm, whole, cell="triangle", order=2)
+    x, direction = design(problem)
+    evaluation = problem.value(x)
+    response, largest = problem.response(evaluation), whole.largest(problem.response(evaluation))
+    own: dict[str, Any] = {"relaxation": 0.5, "void": 0.0}
+    body = problem.flexible["rod"]
+    every, kept = (
+        ffr.postprocessing.StressModes.of(body, evaluation.bodies["rod"], clear=clear, **own)
+        for clear in (0.0, 0.1)
+    )
+    beside = np.minimum(every.points[..., 0], 0.4 - every.points[..., 0]) < 0.1
+    assert np.all(kept.values[beside] == 0.0)
+    np.testing.assert_array_equal(kept.values[~beside], every.values[~beside])
+    for clear in (0.0, 0.1, 0.19):
+        told = ffr.worst_stress(body, evaluation, "rod", clear=clear, **own).largest
+        assert replace(whole, clear=clear).largest(response) == pytest.approx(told, rel=1e-12)
+    assert replace(whole, clear=0.21).evaluate(response) == 0.0
+    ranges = whole.parts(response)
+    values = [part.evaluate(response) for part in ranges]
+    assert len(values) == 3 and max(values) == pytest.approx(largest, rel=1e-12)
+    for value, low, high in zip(values, stress.LEVELS, (0.9, 0.97, 1.0), strict=True):
+        assert low * largest <= value <= high * largest * (1.0 + 1e-12)
+    limit = ffr.Constraint(whole, upper=1e6, name="limit").parts(response)
+    assert [part.label for part in limit] == [f"limit, part {k}" for k in (1, 2, 3)]
+    middle = slider_crank(comm, ranges[1], cell="triangle", order=2)
+    check_gradient(middle, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
 
 
 @pytest.mark.parametrize("power", [8.0, 64.0])
