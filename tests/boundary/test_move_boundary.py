@@ -212,10 +212,13 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
         result = move_boundary(bounded(0.5), boundary, iterations=1, **coarse)
     # on a mesh that is finer in notches
     assert result.history["excess"][0] == pytest.approx(1.0, rel=0.1)
-    result = move_boundary(bounded(0.97), boundary, iterations=12, **coarse)
+    result = move_boundary(bounded(1.05), boundary, iterations=12, **coarse)
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
-    assert found < 0.97 * 1.003 * largest
-    assert result.psi < 0.8 * result.history["psi"][0]
+    assert found < 1.05 * 1.003 * largest
+    # the first steps go beyond the limit, and the later ones come back to it with less material
+    psis, excess = result.history["psi"], result.history["excess"]
+    assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
+    assert result.psi <= psis[0] and psis[-1] < 0.8 * psis[0]
 
 
 def test_a_void_between_solid_regions_is_one_hole_with_rounded_corners() -> None:
