@@ -120,8 +120,8 @@ def test_slider_crank_on_any_number_of_ranks(demo: Callable[..., Path]) -> None:
         alone = ffr.optimize(problem, levelset, **options)
     assert found["compliance_initial"] == pytest.approx(alone.history["psi"][0], rel=1e-7)
     np.testing.assert_allclose(history["psi"], alone.history["psi"], rtol=1e-7)
-    # the last bits of a boundary move nodes of its mesh, which changes psi by up to 1e-5
-    assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-5)
+    # the last bits of a boundary may give another mesh of it, which changes psi by up to 1e-4
+    assert found["compliance_final"] == pytest.approx(alone.psi, rel=1e-4)
     assert found["compliance_final"] < found["compliance_initial"]
 
 
