@@ -49,7 +49,10 @@ def with_moved_boundaries(
     except (ValueError, SimulationError) as error:
         warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
         return result
-    return replace(result, moved=moved, violations=moved.violations)
+    # the part may keep bounds that the densities have missed
+    kept = result.reason == "infeasible" and not moved.violations
+    reason = "iterations" if kept else result.reason
+    return replace(result, moved=moved, violations=moved.violations, reason=reason)
 
 
 def _sizes(design: Design) -> tuple[float, float]:
