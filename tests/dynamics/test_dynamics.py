@@ -349,6 +349,6 @@ def test_a_mechanism_that_locks_is_named_and_the_motion_so_far_is_kept(
     np.testing.assert_allclose(height, 2.5 * so_far.t, atol=1e-13)
     bar = TrajectoryBar.zeros(so_far)
     bar.y[-1] = 1.0
-    bars = adjoint(so_far, bar)
+    bars = adjoint(so_far, bar).bodies
     assert np.isfinite(bars["carrier"].mass)
     assert np.all(np.isfinite(bars["rod"].K)) and np.any(bars["rod"].K != 0.0)

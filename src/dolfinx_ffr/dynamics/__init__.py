@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .adjoint import adjoint
+from .adjoint import Bars, adjoint
 from .failures import SimulationError
 from .integration.certificate import Certificate, Judge, Run, certified, relative_change
 from .integration.compiled import (
@@ -25,6 +25,7 @@ from .integration.time_interval import (
     restored_method,
 )
 from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
+from .mechanism_bars import MechanismBars, influence, parameter_slopes
 from .memory import check_memory, required_memory
 from .model import FlatModel, assemble_model, check_names
 from .simulation import integrate, load_cells, restored, simulate
@@ -41,12 +42,14 @@ __all__ = [
     "INTEGRATORS",
     "REFERENCE",
     "Certificate",
+    "Bars",
     "FlatModel",
     "GeneralizedAlpha",
     "Integrator",
     "Judge",
     "LargeDeformationWarning",
     "MarkerMotion",
+    "MechanismBars",
     "RadauIIA",
     "Run",
     "SimulationError",
@@ -66,9 +69,11 @@ __all__ = [
     "compile_side_by_side",
     "compiled_functions",
     "integrate",
+    "influence",
     "load_cells",
     "marker_motion",
     "marker_motion_pullback",
+    "parameter_slopes",
     "recorded",
     "refined",
     "relative_change",

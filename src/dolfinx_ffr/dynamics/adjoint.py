@@ -4,19 +4,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..body import VolumeIntegrals
 from .initial import start_pullback
-from .kinematics import Samples, integral_bars, marker_bar, metric_bars
+from .kinematics import (
+    Samples,
+    field_bars,
+    integral_bars,
+    marker_bar,
+    metric_bars,
+    vector_bars,
+)
+from .mechanism_bars import MechanismBars, without_markers
 from .memory import check_memory
 from .simulation import one_thread
-from .trajectory import Trajectory, TrajectoryBar
+from .trajectory import Trajectory, TrajectoryBar, TrajectoryPullback
 
 
-def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeIntegrals]:
-    """Derivatives of a number with respect to the volume integrals of all bodies.
+class Bars(NamedTuple):
+    """Derivatives of a number with respect to the bodies and to the mechanism."""
+
+    bodies: dict[str, VolumeIntegrals]  #: By the integrals of all bodies, by name
+    mechanism: MechanismBars  #: By all that the mechanism says, at fixed bodies
+
+
+def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
+    """Derivatives of a number with respect to all bodies and all that the mechanism says.
 
     The transpose of the computed time steps, of the method's first acceleration and of the start,
     solved backward once. It is the exact derivative of the computed numbers, for any step, and
@@ -26,9 +42,9 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
     System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9). The cost does not depend on the
     number of parameters.
 
-    The derivatives are by name of the body, those by the markers' positions and shape functions
-    included. The number's own dependence on the integrals, at fixed trajectory, is not
-    included.
+    The derivatives by bodies are by name, those by the markers' positions and shape functions
+    included, the start among what depends on them. Those by the mechanism have the start apart.
+    The number's own dependence on the integrals, at fixed trajectory, is not included.
 
     Raises:
         ValueError: If the derivatives have the wrong shape or hold NaN.
@@ -47,6 +63,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
     with one_thread():
         pulled = trajectory.integrator.pullback(trajectory, bar)
         samples, markers = pulled.samples, pulled.marker_bars
+        said = _by_mechanism(trajectory, pulled)
         static = start_pullback(
             model, trajectory.y[0], trajectory.v[0], pulled.y_bar, pulled.v_bar, markers
         )
@@ -68,4 +85,20 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> dict[str, VolumeInteg
         given = model.bodies[name].stiffening.keys()
         kept = {load: part for load, part in bar_of_body.stiffening.items() if load in given}
         bars[name] = replace(bar_of_body, stiffening=kept)
-    return bars
+    return Bars(bars, said)
+
+
+def _by_mechanism(trajectory: Trajectory, pulled: TrajectoryPullback) -> MechanismBars:
+    """Derivatives by all that the mechanism says, the start apart."""
+    model, samples = trajectory.model, pulled.samples
+    arrays = {**pulled.table_bars, **vector_bars(model.arrays, pulled.marker_bars)}
+    bodies, count = {}, len(model.bodies)
+    gravity, alpha, beta = 0.0 * model.arrays.gravity, np.zeros(count), np.zeros(count)
+    for b, (name, integrals) in enumerate(model.bodies.items()):
+        fall, alpha[b], beta[b] = field_bars(model.arrays, b, samples)
+        gravity += fall
+        own = integral_bars(model.arrays, b, integrals, samples)
+        own += metric_bars(model.arrays, b, integrals, *pulled.corrections)
+        bodies[name] = without_markers(own)
+    arrays |= {"gravity": gravity, "alpha": alpha, "beta": beta}
+    return MechanismBars(arrays, bodies, pulled.y_bar.copy(), pulled.v_bar.copy())

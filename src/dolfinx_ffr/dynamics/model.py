@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import Mechanism, Row, Undeformed, is_zero, marker_name
+from ..mechanism import Element, Mechanism, Row, Undeformed, is_zero, marker_name
 from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
 from .tables import TimeTables
 
@@ -44,6 +44,13 @@ class FlatModel:
         """The same mechanism, tabulated at other times (instants,) [s]."""
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
+
+    def stated_by(
+        self, mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]
+    ) -> FlatModel:
+        """Another mechanism and bodies at the same instants, and with the same angles counted."""
+        model = assemble_model(mechanism, bodies, self.times, checked=True, offset=self.offset)
+        return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:
         """The same mechanism with angles unwrapped from given ones at the start.
@@ -205,10 +212,12 @@ def assemble_model(
     times: Array,
     *,
     checked: bool = False,
+    offset: float | None = None,
 ) -> FlatModel:
     """Flat arrays of a mechanism in the plane or in space at times (steps + 1,) [s].
 
     The derivatives of all motions are compared with differences unless they have been `checked`.
+    The instant near the start comes an offset [s] after it, by default a share of the first step.
 
     Raises:
         ValueError: If a name does not exist, integrals are not valid, a motion is NaN or its
@@ -216,6 +225,7 @@ def assemble_model(
     """
     if not bodies:
         raise ValueError("a mechanism needs at least one body")
+    bodies = {**bodies, **mechanism.own_bodies}
     check_names(
         mechanism,
         {name: integrals.modes for name, integrals in bodies.items()},
@@ -223,28 +233,20 @@ def assemble_model(
     )
     for name, integrals in bodies.items():
         integrals.validate(name)
-    effective = dict(bodies)
-    for point in mechanism.point_masses:
-        body, marker = point.marker
-        effective[body] = effective[body].with_point_mass(marker, point.mass)
-
-    offset = START_OFFSET * float(times[1] - times[0])
+    effective = effective_bodies(mechanism, bodies)
+    if offset is None:
+        offset = START_OFFSET * float(times[1] - times[0])
     instants = np.append(times, times[0] + offset)
     dimension = check_dimension(mechanism, bodies)
     undeformed = _undeformed(mechanism, bodies, instants[:1], dimension)
-    rows: list[tuple[Row, str]] = []
-    joints: dict[str, slice] = {}
-    for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
-        own = joint.rows(undeformed.of(f"joint {label!r}"))
-        joints[label] = slice(len(rows), len(rows) + len(own))
-        rows += [(row, label) for row in own]
-    elements = [
-        (force.element(undeformed.of(f"force {label!r}")), label)
-        for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
-    ]
-    kind = KINDS[dimension]
+    rows, elements = _connected(mechanism, undeformed)
+    kind, twins, twin = KINDS[dimension], None, mechanism.twin
+    if twin is not None:
+        beside = {**bodies, **twin.own_bodies}
+        twins = _connected(twin, _undeformed(twin, beside, instants[:1], dimension))
     lowering = kind.lowering(bodies, undeformed)
-    lowering.enter(rows, elements)
+    lowering.enter(rows, elements, twins)
+    joints = _places(mechanism.joint_names, [label for _, label in rows])
     tables = TimeTables(mechanism, rows, elements, lowering)
     over_time = tables.tabulate(instants)
     if not checked:
@@ -254,6 +256,39 @@ def assemble_model(
     flat = kind(**arrays, **over_time, **own_arrays)
     names = lowering.markers, joints, tables, lowering.forces
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
+
+
+def effective_bodies(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]
+) -> dict[str, VolumeIntegrals]:
+    """Integrals of the bodies with their point masses."""
+    effective = dict(bodies)
+    for point in mechanism.point_masses:
+        body, marker = point.marker
+        effective[body] = effective[body].with_point_mass(marker, point.mass)
+    return effective
+
+
+def _connected(
+    mechanism: Mechanism, undeformed: Undeformed
+) -> tuple[list[tuple[Row, str]], list[tuple[Element, str]]]:
+    """Rows of all joints and elements of all forces, with the names of these."""
+    rows = [
+        (row, label)
+        for label, joint in zip(mechanism.joint_names, mechanism.joints, strict=True)
+        for row in joint.rows(undeformed.of(f"joint {label!r}"))
+    ]
+    elements = [
+        (force.element(undeformed.of(f"force {label!r}")), label)
+        for label, force in zip(mechanism.force_names, mechanism.forces, strict=True)
+    ]
+    return rows, elements
+
+
+def _places(names: Sequence[str], labels: Sequence[str]) -> dict[str, slice]:
+    """Place of each name among labels, which follow the order of the names."""
+    ends = np.cumsum([labels.count(name) for name in names], dtype=int).tolist()
+    return {n: slice(end - labels.count(n), end) for n, end in zip(names, ends, strict=True)}
 
 
 def _undeformed(

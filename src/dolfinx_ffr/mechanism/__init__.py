@@ -26,6 +26,7 @@ from .joints import (
 from .marker import BodyPoint, Ground, Marker, Moving, Pair, Triple, marker_name
 from .mechanism import Mechanism, PointMass, RayleighDamping
 from .motion import Motion, Signal, check_signal, evaluated, is_zero, sample, tabulated
+from .parametric import ParametricMechanism
 from .parts import aligned, coincidence, on_line, on_plane, parallel, relative_angle, turning
 from .rotation import PlacementWarning, RotationLike, rotation_matrix, rotation_vector
 from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
@@ -53,6 +54,7 @@ __all__ = [
     "Motion",
     "Moving",
     "Pair",
+    "ParametricMechanism",
     "Pin",
     "Placement",
     "PlacementWarning",

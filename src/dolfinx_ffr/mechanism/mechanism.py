@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, ClassVar
 
 from .. import validation
 from .connection import Connection
@@ -75,6 +76,11 @@ class Mechanism:
     #: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it [s],
     #: beside the :attr:`Motion.jumps`; :class:`RadauIIA` ends steps there.
     jumps: Sequence[float] = ()
+
+    # Of a `ParametricMechanism`: one with other numbers, at which nothing is alike by chance, and
+    # the volume integrals of bodies that it states itself.
+    twin: ClassVar[Mechanism | None] = None
+    own_bodies: ClassVar[Mapping[str, Any]] = {}
 
     def __post_init__(self) -> None:
         for what in ("gravity", "ground_acceleration"):

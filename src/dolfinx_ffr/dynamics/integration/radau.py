@@ -260,6 +260,7 @@ class RadauIIA(Integrator):
             bars.start[0] + bars.y[0] + y_bar,
             bars.start[1] + bars.v[0] + v_bar,
             kinematics.marker_bars,
+            kinematics.table_bars,
         )
 
 

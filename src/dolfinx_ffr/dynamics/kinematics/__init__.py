@@ -12,7 +12,7 @@ from __future__ import annotations
 from .arrays import Coordinates, SpaceCoordinates
 from .body_arrays import KINDS, ModelArrays, body_arrays, is_spatial
 from .branches import holds_axes, reversed_row, tilts
-from .gradients import Samples, integral_bars, marker_bar, metric_bars
+from .gradients import Samples, field_bars, integral_bars, marker_bar, metric_bars, vector_bars
 from .instant import (
     Evaluation,
     Kinematics,
@@ -50,6 +50,7 @@ __all__ = [
     "elastic_mass",
     "equations_pullback",
     "evaluate_equations",
+    "field_bars",
     "holds_axes",
     "integral_bars",
     "is_spatial",
@@ -65,4 +66,5 @@ __all__ = [
     "reversed_row",
     "tilts",
     "turned_between",
+    "vector_bars",
 ]

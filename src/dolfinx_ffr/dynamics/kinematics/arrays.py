@@ -23,6 +23,9 @@ PLACE, SHIFT, VELOCITY, ACCELERATION = 0, 1, 2, 3
 #: Rows of Work.products of a body in the plane: (1, q), (0, v), (0, w), G times each, N times each.
 ONE, RATE, SECOND, G_ONE, G_RATE, G_SECOND, N_ONE, N_RATE, N_SECOND = range(9)
 
+#: Tables and constants with respect to which transposes add derivatives to fields of Work.
+TABLES = ("drive", "prescribed", "load_table", "law", "normal", "ratio")
+
 
 class _Fields(NamedTuple):
     """A mechanism as flat arrays, padded to the largest number of modes.
@@ -175,6 +178,13 @@ class Work(NamedTuple):
     #: (vectors, d + d modes, modes + 1) derivatives with respect to the shape functions of the
     #: vectors, then to their geometric stiffness
     vector_bars: Array3
+    # Derivatives with respect to the fields of Arrays of these names, as transposes add them.
+    drive_bars: Array3  # (instants, rows and springs, 3)
+    prescribed_bars: Array4  # (instants, prescribed vectors, 3, d)
+    load_table_bars: Array3  # (instants, loads, d)
+    law_bars: Matrix  # (springs, 2)
+    normal_bars: Matrix  # (rows and springs, d)
+    ratio_bars: Vector  # (rows and springs,)
 
 
 def work_arrays(model: Arrays) -> Work:
@@ -219,6 +229,7 @@ def work_arrays(model: Arrays) -> Work:
         pairs=zeros(2, fields * fields),
         bars=zeros(vectors, 4, d),
         vector_bars=zeros(vectors, d + d * modes, modes + 1),
+        **{f"{name}_bars": np.zeros_like(getattr(model, name)) for name in TABLES},
     )
 
 

@@ -24,14 +24,14 @@ ROTATION, RIGID = 2, 3
 
 @kernel
 def place_direction(model: Arrays, eq: Equations, work: Work, e: int) -> None:
-    """Value and velocity, L, and the rate Omega in work.cv."""
+    """Value and velocity, L, the angle in work.c and the rate Omega in work.cv."""
     b, s, sd, L, shapes = model.vector_body[e], work.s[e], work.sd[e], work.L[e], model.shapes[e]
     o, n = model.first[b], model.modes[b]
     angle, rate = eq.y[o + ROTATION], eq.v[o + ROTATION]
     for j in range(n):
         angle += shapes[0, j + 1] * eq.y[o + RIGID + j]
         rate += shapes[0, j + 1] * eq.v[o + RIGID + j]
-    work.cv[e, 0] = rate
+    work.c[e, 0], work.cv[e, 0] = angle, rate
     if model.vector_kind[e] == OF_SPIN:
         s[0], s[1], x, y = angle, 0.0, 1.0, 0.0
     else:
@@ -105,6 +105,12 @@ def direction_pullback(model: Arrays, eq: Equations, work: Work, e: int) -> None
         by_rate = x * d[0] + y * d[1] - 2.0 * rate * inner(model, s, a)
         by_angle = x * p[0] + y * p[1] - shift * inner(model, s, f) - rate * inner(model, s, d)
         by_angle -= growth * inner(model, s, a) + rate * rate * by_growth
+        inward, c, x = rate * rate, math.cos(work.c[e, 0]), math.sin(work.c[e, 0])
+        # Derivatives with respect to s, turned back to the components of the direction.
+        one = p[0] + shift * f[1] + rate * d[1] + growth * a[1] - inward * a[0]
+        two = p[1] - shift * f[0] - rate * d[0] - growth * a[0] - inward * a[1]
+        out[e, 0, 0] += c * one + x * two
+        out[e, 1, 0] += c * two - x * one
     add_angle(model, e, by_angle, work.gather)
     add_angle(model, e, by_rate, eq.v_bar)
     for j in range(n):

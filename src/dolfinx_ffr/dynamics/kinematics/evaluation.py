@@ -70,8 +70,8 @@ def pullback(eq: Equations, model: Arrays, work: Work, instant: int, extent: int
         if extent & equations.OTHER_FORCES:
             forces_pullback(model, eq, work, instant)
         if extent & equations.ROWS:
-            rows_pullback(model, eq, work)
-        finish_pullback(model, eq, work)
+            rows_pullback(model, eq, work, instant)
+        finish_pullback(model, eq, work, instant)
     model.into_coordinates(model, work, work.gather)
     for j in range(eq.r.size):
         eq.y_bar[j] += work.gather[j]

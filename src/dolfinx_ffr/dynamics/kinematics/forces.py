@@ -98,14 +98,22 @@ def forces_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> N
             along += work.line[p] * eq.adjoint[p]
         tension = tension_of(model, eq, work, s, instant)
         row_pullback(model, eq, work, i, tension, stiffness * along, damping * along, 0.0)
+        work.drive_bars[instant, i, 0] += stiffness * along
+        work.law_bars[s, 0] -= along * (work.stretch[s] - model.drive[instant, i, 0])
+        work.law_bars[s, 1] -= along * row_rate(model, work, i)
     for i in range(model.load_vector.size):
         evaluate_load(model, work, i, instant)
         e = model.load_vector[i]
         for k in range(model.d):
             bars[e, SHIFT, k] += work.loads[i, k]
-        if model.load_axes[i, 0] >= 0:
+        if model.load_axes[i, 0] < 0:
+            for k in range(model.d):
+                work.load_table_bars[instant, i, k] += work.shift[e, k]
+        else:
             for a in range(model.d):
                 for k in range(model.d):
+                    along = work.s[model.load_axes[i, a], k] * work.shift[e, k]
+                    work.load_table_bars[instant, i, a] += along
                     bars[model.load_axes[i, a], PLACE, k] += (
                         model.load_table[instant, i, a] * work.shift[e, k]
                     )

@@ -98,6 +98,42 @@ def integral_bars(
     return model.carried_bars(body, bar, bars)
 
 
+def field_bars(
+    model: ModelArrays, body: int, samples: Samples
+) -> tuple[Array, float, float]:
+    """Derivatives by gravity (instants, d), and by the coefficients alpha and beta of a body.
+
+    Each is minus the sum over time of adjoint . dr, in the terms of :func:`integral_bars`.
+    """
+    where, n = model.coordinates(body), int(model.fields[body]) + 1
+    y, v, x = samples.y, samples.v, samples.adjoint
+    q, rate, x_q = (part[:, where.elastic] for part in (y, v, x))
+    qh, vh, _, xh = marked(carried_of(model, body), q, rate, samples.w[:, where.elastic], x_q)
+    A, S = model.rotations(y[:, where.rotation]), model.S[body, :n]
+    X = model.cross_matrices(x[:, where.rotation])
+    turned = np.einsum("tkl,tl->tk", X, qh @ S) + xh @ S
+    fall = model.mass[body] * x[:, where.position] + np.einsum("tkl,tl->tk", A, turned)
+    gravity = np.zeros_like(model.gravity)
+    np.add.at(gravity, samples.instants, fall)
+    mass = np.einsum("abkk->ab", model.moments(body, carried=True))
+    by_alpha = -float(np.sum((xh @ mass) * vh))
+    K = model.K[body, : where.modes, : where.modes]
+    return gravity, by_alpha, -float(np.sum((x_q @ K) * rate))
+
+
+def vector_bars(model: ModelArrays, marker_bars: Array) -> dict[str, Array]:
+    """Derivatives with respect to the shape functions of vectors and their geometric stiffness.
+
+    By name of the field of ModelArrays; marker_bars as in :func:`marker_bar`.
+    """
+    d, modes = model.d, model.shapes.shape[2] - 1
+    bent = np.zeros_like(model.vector_stiffening)
+    for e in np.flatnonzero(model.vector_stiffened >= 0):
+        own = marker_bars[e, d:, 1:].reshape(d, modes, modes)
+        bent[model.vector_stiffened[e]] += _symmetric(own)
+    return {"shapes": marker_bars[:, :d].copy(), "vector_stiffening": bent}
+
+
 def _turned_back(A: Array, x: Array) -> Array:
     """A^T x row by row."""
     return np.asarray(np.einsum("tki,tk->ti", A, x))

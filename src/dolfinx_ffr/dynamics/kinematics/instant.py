@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..compilation import Compiled, Table
 from ..equations import CONSTRAINTS, FORCES, OTHER_FORCES, ROWS, TANGENT, equations
-from .arrays import constraints, size, work_arrays
+from .arrays import TABLES, constraints, size, work_arrays
 from .body_arrays import ModelArrays
 from .evaluation import FUNCTIONS
 
@@ -56,6 +56,11 @@ class Kinematics:
     def marker_bars(self) -> Array:
         """Derivatives by the markers' shape functions, to which transposes add: `marker_bar`."""
         return self.work.vector_bars
+
+    @property
+    def table_bars(self) -> dict[str, Array]:
+        """Derivatives by tables and constants, to which transposes add, by field of ModelArrays."""
+        return {name: getattr(self.work, f"{name}_bars") for name in TABLES}
 
     def set(
         self,

@@ -64,7 +64,10 @@ class Lowering:
     def __post_init__(self) -> None:
         """Begin with nothing."""
         self._vectors: list[BodyVector] = []
+        #: Those of the twin in the same places
+        self._twins: list[BodyVector] = []
         self._prescribed: list[tuple[BodyVector, str]] = []
+        self._slots: dict[int, int] = {}
         self._rows: list[_Entry] = []
         self._loads: list[tuple[Load, str]] = []
         self._springs = 0
@@ -84,29 +87,45 @@ class Lowering:
         return {marker: number for number, marker in enumerate(used)}
 
     def enter(
-        self, rows: Sequence[tuple[Row, str]], elements: Sequence[tuple[Element, str]]
+        self,
+        rows: Sequence[tuple[Row, str]],
+        elements: Sequence[tuple[Element, str]],
+        twins: tuple[Sequence[tuple[Row, str]], Sequence[tuple[Element, str]]] | None = None,
     ) -> None:
         """Take all rows and forces, with the names of their joints and forces.
+
+        Vectors that are alike become one, unless they are not in the twin of the mechanism.
 
         Raises:
             ValueError: If one has no counterpart in the plane; the message names it.
         """
-        springs = [(spring, label) for element, label in elements for spring in element.springs]
-        self._loads = [(load, label) for element, label in elements for load in element.loads]
+        springs, self._loads = _springs_and_loads(elements)
+        other_rows, other_elements = twins or (rows, elements)
+        other_springs, other_loads = _springs_and_loads(other_elements)
         entered: list[tuple[Row, Row | SpringRow, str, str]]
         entered = [(row, row, label, f"joint {label!r}") for row, label in rows]
         entered += [(spring.row, spring, label, f"force {label!r}") for spring, label in springs]
+        others = [row for row, _ in other_rows] + [spring.row for spring, _ in other_springs]
         self._springs = len(springs)
-        for row, source, label, user in entered:
+        counts = [len(entered), len(self._loads)]
+        if counts != [len(others), len(other_loads)]:
+            raise ValueError(
+                "the mechanism has other rows of joints, springs or loads at other values of its "
+                "parameters; they must be the same in number and kind at all values"
+            )
+        for (row, source, label, user), other in zip(entered, others, strict=True):
             own, offset = self._own_row(row, user)
             self._rows.append(_Entry(own, source, label, offset))
-            numbers = [self._place(vector, user) for vector in own.vectors]
+            beside = own if other is row else self._own_row(other, user)[0]
+            pairs = zip(own.vectors, beside.vectors, strict=True)
+            numbers = [self._place(*pair, user) for pair in pairs]
             self._sides.append(numbers + [-1] * (self.sides - len(numbers)))
-        for load, label in self._loads:
+        for (load, label), (twin, _) in zip(self._loads, other_loads, strict=True):
             user = f"force {label!r}"
             self._check_load(load, user)
-            self._targets.append(self._place(load.target, user))
-            axes = [self._place(axis, user) for axis in load.axes[: self.d]]
+            self._targets.append(self._place(load.target, twin.target, user))
+            pairs = zip(load.axes[: self.d], twin.axes[: self.d], strict=True)
+            axes = [self._place(*pair, user) for pair in pairs]
             self._axes.append(axes or [-1] * self.d)
         self.forces = {label: [] for _, label in elements}
         for number, (_, label) in enumerate([*springs, *self._loads]):
@@ -183,15 +202,16 @@ class Lowering:
             "load_axes": np.array(self._axes, dtype=np.int64).reshape(-1, d),
         }
 
-    def _place(self, vector: BodyVector, user: str) -> int:
-        """Number of a vector, each entered once."""
-        for number, known in enumerate(self._vectors):
-            alike = (known.kind, known.components) == (vector.kind, vector.components)
-            if alike and same(known.marker, vector.marker):
+    def _place(self, vector: BodyVector, twin: BodyVector, user: str) -> int:
+        """Number of a vector and its twin, each pair entered once."""
+        for number, known in enumerate(zip(self._vectors, self._twins, strict=True)):
+            if _alike(known[0], vector) and _alike(known[1], twin):
                 return number
         if not isinstance(vector.marker, tuple):
+            self._slots[len(self._vectors)] = len(self._prescribed)
             self._prescribed.append((vector, f"{user}, marker {marker_name(vector.marker)!r}"))
         self._vectors.append(vector)
+        self._twins.append(twin)
         return len(self._vectors) - 1
 
     def _vector_arrays(self, modes: int) -> dict[str, NDArray]:
@@ -203,7 +223,7 @@ class Lowering:
         shapes = np.zeros((count, d, modes + 1))
         for number, vector in enumerate(self._vectors):
             if not isinstance(vector.marker, tuple):
-                slot[number] = [known for known, _ in self._prescribed].index(vector)
+                slot[number] = self._slots[number]
                 continue
             integrals = self.bodies[vector.marker[0]]
             point, r = integrals.markers[vector.marker[1]], integrals.modes
@@ -229,6 +249,19 @@ class Lowering:
 def same(a: Marker, b: Marker) -> bool:
     """Whether two markers are one."""
     return a is b or a == b
+
+
+def _alike(a: BodyVector, b: BodyVector) -> bool:
+    """Whether two vectors are one."""
+    return (a.kind, a.components) == (b.kind, b.components) and same(a.marker, b.marker)
+
+
+def _springs_and_loads(
+    elements: Sequence[tuple[Element, str]],
+) -> tuple[list[tuple[SpringRow, str]], list[tuple[Load, str]]]:
+    """Springs and loads of all forces, with the names of the forces."""
+    springs = [(spring, label) for element, label in elements for spring in element.springs]
+    return springs, [(load, label) for element, label in elements for load in element.loads]
 
 
 def _stacked(tables: Sequence[Array], shape: tuple[int, ...]) -> Array:

@@ -453,8 +453,56 @@ def subtract(model: Arrays, work: Work, i: int, what: int, factor: float, values
 
 
 @kernel
-def rows_pullback(model: Arrays, eq: Equations, work: Work) -> None:
+def rows_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> None:
     """Subtract the derivative of the constraints' share of Q, see equations.py, from work.bars."""
     for i in range(eq.value.size):
         on_value, on_rate, on_second = eq.on_values[i], eq.on_rates[i], eq.on_accelerations[i]
         row_pullback(model, eq, work, i, eq.lam[i], on_value, on_rate, on_second)
+        work.drive_bars[instant, i, 0] += on_value
+        work.drive_bars[instant, i, 1] += on_rate
+        work.drive_bars[instant, i, 2] += on_second
+        if model.kind[i] == POINT:
+            point_pullback(model, work, i, on_value, work.s)
+            point_pullback(model, work, i, eq.lam[i], work.shift)
+            point_pullback(model, work, i, on_rate, work.sd)
+            point_pullback(model, work, i, on_second, work.sdd)
+        elif model.kind[i] == GEAR:
+            ratio_pullback(model, work, i, eq.lam[i], on_value, on_rate, on_second)
+
+
+@kernel
+def point_pullback(model: Arrays, work: Work, i: int, factor: float, values: Matrix) -> None:
+    """Subtract the derivative of factor times a row POINT of values by its normal and ratio."""
+    a, b, ratio = values[model.side[i, 0]], values[model.side[i, 1]], model.ratio[i]
+    for k in range(model.d):
+        work.normal_bars[i, k] -= factor * (a[k] - ratio * b[k])
+        work.ratio_bars[i] += factor * model.normal[i, k] * b[k]
+
+
+@kernel
+def ratio_pullback(
+    model: Arrays,
+    work: Work,
+    i: int,
+    lam: float,
+    on_value: float,
+    on_rate: float,
+    on_acceleration: float,
+) -> None:
+    """Subtract the derivative of a gear's share of Q by its ratio, minus that of its last angle."""
+    g, h, u = work.third, work.hz, work.u
+    for j in range(g.size):
+        g[j] = h[j] = 0.0
+    angle_gradient(model, work, i, 3, 1.0, g)
+    gather(model, i, work.sd, u)
+    angle_hessian(model, work, i, 3, 1.0, u, h)
+    total = on_value * work.angles[i, 1]
+    for j in range(9, 18):
+        total += on_rate * g[j] * u[j] + on_acceleration * h[j] * u[j]
+    gather(model, i, work.shift, u)
+    for j in range(9, 18):
+        total += lam * g[j] * u[j]
+    gather(model, i, work.sdd, u)
+    for j in range(9, 18):
+        total += on_acceleration * g[j] * u[j]
+    work.ratio_bars[i] += total

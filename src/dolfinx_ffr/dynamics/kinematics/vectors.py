@@ -217,9 +217,15 @@ def begin_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> No
 
 
 @kernel
-def finish_pullback(model: Arrays, eq: Equations, work: Work) -> None:
-    """Transpose of (s, L adj, s', s'') of all vectors of bodies."""
+def finish_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> None:
+    """Transpose of (s, L adj, s', s'') of all vectors."""
     for e in range(model.vector_body.size):
+        if model.vector_body[e] < 0:
+            to = work.prescribed_bars[instant, model.vector_slot[e]]
+            for k in range(model.d):
+                to[0, k] += work.bars[e, PLACE, k]
+                to[1, k] += work.bars[e, VELOCITY, k]
+                to[2, k] += work.bars[e, ACCELERATION, k]
         if model.vector_body[e] >= 0:
             if model.vector_kind[e] < model.own:
                 vector_pullback(model, eq, work, e)
