@@ -215,7 +215,7 @@ class MechanicalProblem:
             direct = derivatives_of(objective, response, where)
             through = {name: body.zeros_like() for name, body in response.bodies.items()}
             if moves(direct, response):
-                through = adjoint(response.trajectory, direct.trajectory)  # type: ignore[arg-type]
+                through = adjoint(response.trajectory, direct.trajectory).bodies  # type: ignore[arg-type]
             found[label] = direct.without_trajectory(through)
         constraints = {
             c.label: replace(

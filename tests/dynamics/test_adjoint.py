@@ -247,7 +247,9 @@ def test_derivatives_add_up() -> None:
     bars = [random_bar(trajectory, seed) for seed in range(2)]
     direction = random_direction(scene.bodies, 1)
     apart = sum(dot(adjoint(trajectory, bar).bodies, direction) for bar in bars)
-    assert dot(adjoint(trajectory, bars[0] + bars[1]).bodies, direction) == pytest.approx(apart, rel=1e-9)
+    assert dot(adjoint(trajectory, bars[0] + bars[1]).bodies, direction) == pytest.approx(
+        apart, rel=1e-9
+    )
 
 
 def test_mechanism_at_rest_without_joints_that_move() -> None:

@@ -170,13 +170,13 @@ class _Differences:
         self, k: int, below: float, above: float, bars: Sequence[tuple[MechanismBars, Bodies]]
     ) -> Array:
         """Derivatives of all numbers by parameter k, shape (numbers,)."""
-        h = _STEP * (below + above)
+        h, states = _STEP / _SHORTER * (below + above), list[_Stated]()
         for _ in range(_TIMES):
+            h *= _SHORTER
             offsets, weights = _stencil(h, below, above)
             states = [self.stated(self._shift(k, s * h)) if s else self.base for s in offsets]
             if not _bends(states, offsets, self.base):
                 break
-            h *= _SHORTER
         return sum(  # type: ignore[no-any-return]
             w / h * np.array([_contracted(self.base, state, *bar) for bar in bars])
             for w, state in zip(weights, states, strict=True)
@@ -303,5 +303,3 @@ def _check_same(old: FlatModel, new: FlatModel) -> None:
             f"the times of jumps depend on it, {a} and {b} s; steps end there and stay where they "
             "are: keep these times, or give a motion without jumps, as Motion.polynomial"
         )
-
-

@@ -45,9 +45,7 @@ class FlatModel:
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
 
-    def stated_by(
-        self, mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]
-    ) -> FlatModel:
+    def stated_by(self, mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> FlatModel:
         """Another mechanism and bodies at the same instants, and with the same angles counted."""
         model = assemble_model(mechanism, bodies, self.times, checked=True, offset=self.offset)
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))

@@ -112,7 +112,7 @@ def adjoints(
             with _named(job[0]) if several else nullcontext():
                 response, bar = responses[job[0]], direct[job].trajectory
                 if bar is not None and moves(direct[job], response):
-                    found[job] = adjoint(response.trajectory, bar)
+                    found[job] = adjoint(response.trajectory, bar).bodies
                 else:
                     found[job] = {n: body.zeros_like() for n, body in response.bodies.items()}
     every = _joined(gathered(comm, "the adjoints of a problem", found)) if several else found

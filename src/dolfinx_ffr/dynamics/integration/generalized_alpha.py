@@ -217,7 +217,12 @@ class GeneralizedAlpha(Integrator):
         )
         corrections = h * bars.left, bars.right
         return TrajectoryPullback(
-            samples, corrections, y_bar + ye, v_bar + ve, kinematics.marker_bars, kinematics.table_bars
+            samples,
+            corrections,
+            y_bar + ye,
+            v_bar + ve,
+            kinematics.marker_bars,
+            kinematics.table_bars,
         )
 
     def _steps(self, trajectory: Trajectory, h: float) -> Steps:

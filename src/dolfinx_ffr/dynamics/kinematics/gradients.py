@@ -98,9 +98,7 @@ def integral_bars(
     return model.carried_bars(body, bar, bars)
 
 
-def field_bars(
-    model: ModelArrays, body: int, samples: Samples
-) -> tuple[Array, float, float]:
+def field_bars(model: ModelArrays, body: int, samples: Samples) -> tuple[Array, float, float]:
     """Derivatives by gravity (instants, d), and by the coefficients alpha and beta of a body.
 
     Each is minus the sum over time of adjoint . dr, in the terms of :func:`integral_bars`.
