@@ -177,10 +177,10 @@ class _Differences:
             states = [self.stated(self._shift(k, s * h)) if s else self.base for s in offsets]
             if not _bends(states, offsets, self.base):
                 break
-        return sum(  # type: ignore[no-any-return]
-            w / h * np.array([_contracted(self.base, state, *bar) for bar in bars])
-            for w, state in zip(weights, states, strict=True)
-        )
+        total = np.zeros(len(bars))
+        for weight, state in zip(weights, states, strict=True):
+            total += weight / h * np.array([_contracted(self.base, state, *bar) for bar in bars])
+        return total
 
     def _shift(self, k: int, step: float) -> Array:
         shift = np.zeros(k + 1)
@@ -252,7 +252,7 @@ def _bends(states: Sequence[_Stated], offsets: Sequence[int], base: _Stated) -> 
         (_, first, second) = (state.flat() for state in states)
         middle, ends = first, (base.flat(), second)
     else:
-        middle, ends = base.flat(), tuple(state.flat() for state in states)
+        middle, ends = base.flat(), (states[0].flat(), states[1].flat())
     for at, one, two in zip(middle, *ends, strict=True):
         change = float(np.max(np.abs(one - two), initial=0.0))
         size = float(np.max(np.abs(at), initial=0.0))
@@ -271,20 +271,20 @@ def _contracted(base: _Stated, state: _Stated, bars: MechanismBars, direct: Bodi
         (base.effective, state.effective, bars.bodies),
         (base.bodies, state.bodies, direct),
     ):
-        for name, bar in by.items():
+        for name, own in by.items():
             if theirs[name] is not mine[name]:
-                total += bar.dot(theirs[name] + mine[name].scaled(-1.0))
+                total += own.dot(theirs[name] + mine[name].scaled(-1.0))
     return total
 
 
 def _check_same(old: FlatModel, new: FlatModel) -> None:
     """Refuse another topology, and other times of jumps."""
-    for what, a, b in (
+    for what, before, after in (
         ("joints", old.mechanism.joint_names, new.mechanism.joint_names),
         ("forces", old.mechanism.force_names, new.mechanism.force_names),
     ):
-        if a != b:
-            raise ValueError(f"the {what} of the mechanism change with it, from {a} to {b}")
+        if before != after:
+            raise ValueError(f"the {what} change with it, from {before} to {after}")
     same = len(old.mechanism.point_masses) == len(new.mechanism.point_masses)
     if old.mechanism.start.in_equilibrium != new.mechanism.start.in_equilibrium or not same:
         raise ValueError("the kind of start or the number of point masses changes with it")

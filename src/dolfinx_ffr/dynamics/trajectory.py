@@ -351,5 +351,5 @@ class TrajectoryPullback(NamedTuple):
     v_bar: Array  #: Derivative with respect to the velocities at the start, shape (size,).
     #: Derivatives with respect to the markers' shape functions, see :func:`marker_bar`.
     marker_bars: Array
-    #: Derivatives with respect to tables over time and constants, by name of the field of the arrays.
+    #: Derivatives with respect to tables over time and constants, by field of the arrays.
     table_bars: dict[str, Array]

@@ -22,9 +22,9 @@ _APART = 1e-4
 
 @dataclass(frozen=True)
 class ParametricMechanism(Mechanism):
-    """A mechanism at given values of its parameters; `Parameters.mechanism` makes it."""
+    """A mechanism at given values of its parameters; see :meth:`built`."""
 
-    #: From the parameters, as keywords, to a mechanism, or to it and the bodies that depend on them.
+    #: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on them.
     build: Callable[..., Any] = field(default=Mechanism, repr=False)
     #: By name the value, the lower and the upper bound
     parameters: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
