@@ -2,8 +2,8 @@
 """Derivatives by all that a mechanism says, and from there by the parameters of its description.
 
 What a mechanism says to the equations of motion are a few tables and constants, and the start. The
-adjoint gives the derivatives by these once. How they follow from parameters takes no simulation, and
-is differenced.
+adjoint gives the derivatives by these once. How they follow from parameters takes no simulation,
+and is differenced.
 """
 
 from __future__ import annotations
