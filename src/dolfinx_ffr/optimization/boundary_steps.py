@@ -297,11 +297,12 @@ class _Descent:
         return replace(self, problem=problem), found_there, errors
 
     def finer(self, trial: Trial) -> Trial:
-        """The same on the finer meshes of `verify`, where these can be made; collective."""
+        """The same on meshes that resolve notches or walls, if these can be made; collective."""
         own = trial.boundaries
         try:
             fine = {n: b.finer() if isinstance(b, Surface) else b for n, b in own.items()}
-            return replace(self.tried(fine), boundaries=own, sizes=trial.sizes, radii=trial.radii)
+            found = replace(self, turn=_TURN).tried(fine)
+            return replace(found, boundaries=own, sizes=trial.sizes, radii=trial.radii)
         except (ValueError, SimulationError):
             return trial
 
@@ -545,14 +546,15 @@ def _descended(
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed))
-            for name, b in trial.boundaries.items():
-                if isinstance(b, Boundary):
-                    shown[name].append(b.material)
+            for name, film in shown.items():
+                film.append(trial.boundaries[name].material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
-        if in_space:
+        if in_space or descent.turn == math.inf:
             best = descent.finer(best)
             told.append(best.told(0.0, 0, 0))
+            for name, film in shown.items():
+                film.append(best.boundaries[name].material)
     _warn_of_missed(best)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
