@@ -38,8 +38,10 @@ TABLES = """growth 3, growth_exponents 1, growth_parts 3, growth_memory 3, accur
 accuracy_tolerance 3, accuracy_differences 3, mesh 27, mesh_orders 12, mesh_smooth 36,
 mesh_smooth_orders 12, mesh_locking 16, modes 12, modes_free 8, modes_estimate 10, modes_selected 5,
 differences 2, gradient 36, gradient_designs 3, gradient_growth 1, integration 22,
-integration_summary 4, integration_orders 6, integration_damping 10, time_steps 3, designs_starts 2,
-designs_methods 1, space 3, space_parts 3, space_solvers 1, space_steps 1"""
+integration_summary 4, integration_orders 6, integration_damping 10, time_steps 3,
+boundary_starts 2, boundary_methods 1, boundary_outline 1, boundary_ways 1, boundary_meshes 1,
+boundary_stress_limit 1, boundary_stress 1, space 3, space_parts 3, space_solvers 1,
+space_steps 1"""
 Rows = Callable[..., list[dict[str, str]]]
 
 

@@ -180,7 +180,7 @@ def test_psi_falls_and_members_stay() -> None:
     problem, boundary = scene()
     result = move_boundary(problem, boundary, iterations=4, volume=0.79, progress=False)
     history = result.history
-    assert len(history["psi"]) == 5
+    assert len(history["psi"]) == 1 + 4 + 1  # the start, the steps, and the result on finer meshes
     assert history["psi"][-1] < 0.99 * history["psi"][0]
     assert history["excess"][-1] < 2e-3
     assert history["volume"][-1] < 0.7915
@@ -193,7 +193,8 @@ def test_psi_falls_and_members_stay() -> None:
     assert part.thinnest_member is None or part.thinnest_member.value > 0.99 * MEMBER
     found = part.verify(result.problem, result.evaluation, most=2, progress=False)
     assert found.psi == pytest.approx(result.psi, rel=2e-3)
-    assert result.psi == history["psi"].min()
+    assert result.psi == history["psi"][-1]
+    assert result.psi == pytest.approx(history["psi"].min(), rel=2e-3)
 
 
 def test_a_stress_limit_is_one_of_the_part() -> None:
@@ -218,7 +219,7 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     # the first steps go beyond the limit, and the later ones come back to it with less material
     psis, excess = result.history["psi"], result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
-    assert result.psi <= psis[0] and psis[-1] < 0.8 * psis[0]
+    assert result.psi <= psis[0] and psis[-2] < 0.8 * psis[0]
 
 
 def test_a_void_between_solid_regions_is_one_hole_with_rounded_corners() -> None:
@@ -300,7 +301,7 @@ def test_boundaries_of_two_bodies_move_together() -> None:
     )
     assert result.psi < 0.97 * result.history["psi"][0]
     assert result.part("lower").area < 0.7815 * 0.016
-    assert [len(shapes) for shapes in result.materials.values()] == [4, 4]
+    assert [len(shapes) for shapes in result.materials.values()] == [5, 5]
     for name, boundary in boundaries.items():
         controls = [
             np.vstack([c.control for c in b.free.values()])
@@ -326,7 +327,7 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
     assert abs(found.difference) < 2e-3
     assert found.psi < 0.99 * moved.history["psi"][0]
     summary = result.summary()["boundary"]
-    assert summary["steps"] == len(moved.history["psi"]) - 1 and summary["psi"] == moved.psi
+    assert summary["steps"] == len(moved.history["psi"]) - 2 and summary["psi"] == moved.psi
     with Image.open(shared_tmp_path / "boundary.gif") as pictures:
         assert pictures.n_frames >= len(moved.history["psi"])
     with pytest.raises(TypeError, match="optimize: boundary must be a number"):

@@ -15,8 +15,9 @@ import pyvista
 from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import Surface, wall_rows
+from dolfinx_ffr.boundary import Surface
 from dolfinx_ffr.boundary import surface as surface_module
+from dolfinx_ffr.boundary.walls import wall_rows
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.boundary_steps import _Descent
 

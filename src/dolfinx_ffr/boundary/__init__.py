@@ -4,25 +4,21 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .derivative import NodeMotion
+from .kinds import Costs, InSpace, InThePlane, Kind
 from .outline import Boundary
-from .sizes import Rows, radius_rows, room_rows, size_rows
+from .sizes import Rows
 from .step import best_step
-from .surface import Surface, SurfaceMotion
-from .walls import no_rows, wall_rows
+from .surface import Surface
 
 __all__ = [
     "Boundary",
-    "NodeMotion",
+    "Costs",
+    "InSpace",
+    "InThePlane",
+    "Kind",
     "Rows",
     "Surface",
-    "SurfaceMotion",
     "best_step",
-    "no_rows",
-    "radius_rows",
-    "room_rows",
-    "size_rows",
-    "wall_rows",
 ]
 
 explain_fields(globals())

@@ -35,6 +35,12 @@ class Rows(NamedTuple):
     #: What each violation costs at most, as share of psi, (m,); None where nothing outweighs it
     costs: Array | None = None
 
+    @staticmethod
+    def none(controls: int) -> Rows:
+        """No constraints on a number of controls."""
+        empty = np.zeros((0, controls))
+        return Rows(np.zeros(0), empty, np.zeros(0), np.zeros((0, 2), dtype=np.int64))
+
     @property
     def smallest(self) -> float:
         """The smallest size that has a constraint [m]; infinite if there is none."""

@@ -189,15 +189,6 @@ class Surface:
 
         return self._with(on_rank_0(self.body.comm, fitted))
 
-    def without_thin(self, depth: float) -> Surface:
-        """Without what is nowhere deeper than ``depth`` [m] below the surface; collective."""
-
-        def fitted() -> Array:
-            grid = self._low, self._spacing, self.coefficients.shape
-            return _fitted(lambda x: self.field(x) - depth, *grid) + depth
-
-        return self._with(on_rank_0(self.body.comm, fitted))
-
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
         return self._with(self.coefficients, self.part.sizes(None, 2)[1])

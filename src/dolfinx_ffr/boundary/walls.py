@@ -62,12 +62,6 @@ def wall_rows(surface: Surface, dear: float = 1.0) -> Rows:
     return Rows(1.0 - way[chosen] / least, slopes, np.full(count, least), none, cost)
 
 
-def no_rows(surface: Surface) -> Rows:
-    """No constraints."""
-    empty = np.zeros((0, surface.n_controls))
-    return Rows(np.zeros(0), empty, np.zeros(0), np.zeros((0, 2), dtype=np.int64))
-
-
 def _hits(
     start: Array, direction: Array, corners: Array, longest: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:

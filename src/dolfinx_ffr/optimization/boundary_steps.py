@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 import signal
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +18,8 @@ from scipy.sparse import csc_matrix
 from tqdm import tqdm
 
 from .. import validation
-from ..boundary import (
-    Boundary,
-    NodeMotion,
-    Rows,
-    Surface,
-    SurfaceMotion,
-    best_step,
-    no_rows,
-    radius_rows,
-    room_rows,
-    size_rows,
-    wall_rows,
-)
+from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
 from ..dynamics import SimulationError
-from ..fem import Domain
 from ..mechanical_problem import MechanicalProblem
 from ..objective import PeakStress
 from ..part import PartWarning
@@ -41,20 +29,17 @@ from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
 
 Array = NDArray[np.float64]
-#: What the minimum width of the strut between two curves costs, as share of psi
-Costs = dict[tuple[int, int], float]
+#: By the dimension of the bodies
+_KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
 
 #: Distance over which steps are smooth, in minimum members
 _SMOOTH = 2.4
-#: First, longest and shortest step, in minimum members
-_FIRST, _LONGEST, _SHORTEST = 0.5, 0.65, 1e-3
+#: First and longest step, in minimum members, and factor of the reach after one that is better
+_FIRST, _LONGEST, _LONGER = 0.5, 0.65, 1.2
 #: Shortest step where the stress counts, in minimum members
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
 _TIGHTENED, _TIGHTEST = 0.4, 0.08
-#: Size of triangles, in minimum members, and at most in widths of members; and their number at
-#: least, so that psi of a part with few members is told as well
-_SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
 #: Size of triangles in notches, in radii, where the stress counts
 _TURN = 0.4
 #: Weights of the largest violations in the merit, which decides whether a step is taken; that of
@@ -62,22 +47,10 @@ _TURN = 0.4
 _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
 _HELD = 2e-3
-#: Rise of the merit beyond which a step is taken back; another mesh alone changes it by 1e-4
-_RISE = 1e-3
-#: The same in space, where it changes it by 1e-3, and as share of what walls cost, which appear
-#: and vanish; factors of the reach after a step that is better, and after one that is not
-_RISE_IN_SPACE, _OF_WALLS = 5e-3, 0.05
-_LONGER, _SHORTER, _SHORTER_IN_SPACE = 1.2, 0.7, 0.9
-#: Shortest step in space, below which another mesh changes more, and the first after walls cost
-#: more, in minimum members
-_SHORTEST_IN_SPACE, _AGAIN = 0.02, 0.3
 #: Factor of the costs of walls beyond which they do not grow for want of a better step
 _DEAREST = 16.0
-#: Rise of log psi up to which a strut is taken away, what its minimum width must cost to be tried,
-#: as share of psi, and how many are tried at once: most that cost less carry a tenth of psi
-_GONE, _PRICE, _TRIED = 5e-4, 0.01, 3
-#: Walls of a solid that are tried without: what is nowhere as deep, in minimum members
-_DEPTHS = (0.5, 0.25)
+#: Rise of log psi up to which a strut is taken away
+_GONE = 5e-4
 #: Share by which the result may miss a bound or a minimum size before that is warned of
 _MISSED = 0.01
 
@@ -166,6 +139,11 @@ class _Descent:
     turn: float = math.inf  #: Size of triangles in notches, in radii
     dear: float = 1.0  #: Factor of what the walls of solids cost
 
+    @property
+    def kind(self) -> Kind[Any]:
+        """What its boundaries are."""
+        return _kind(self.problem)
+
     def point(self, problem: Problem) -> dict[str, Array]:
         """Where the problem is evaluated: full bodies."""
         full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
@@ -175,7 +153,7 @@ class _Descent:
         """Boundaries meshed and evaluated; collective."""
         bodies = dict(self.problem.bodies)
         for name, boundary in boundaries.items():
-            domain = _mesh(boundary, self.sizes[name], self.turn)
+            domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
             domain.whole = boundary.body
             bodies[name] = self.problem.flexible[name].with_domain(domain)
         problem = self.problem.with_bodies(bodies)
@@ -196,8 +174,10 @@ class _Descent:
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
-        sizes = {name: _size_rows(boundary, self.dear) for name, boundary in boundaries.items()}
-        radii = {name: _radius_rows(boundary) for name, boundary in boundaries.items()}
+        sizes = {
+            name: self.kind.sizes(boundary, self.dear) for name, boundary in boundaries.items()
+        }
+        radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
         return Trial(boundaries, problem, found, sizes, radii, excesses)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
@@ -205,7 +185,7 @@ class _Descent:
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
         evaluation = problem.differentiate(found, nodes=True)
-        motions = {n: _motion(b, bodies[n].domain) for n, b in boundaries.items()}
+        motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
             assert nodes is not None
@@ -230,7 +210,7 @@ class _Descent:
             areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
             bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
         # no offset is longer than 1.5 times that of the step
-        rooms = {n: _room_rows(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
+        rooms = {n: self.kind.room(b, 1.5 * _LONGEST * b.member) for n, b in boundaries.items()}
         geometric = (trial.sizes, trial.radii, rooms)
         every = [part for found in geometric for part in found.values()]
         values = [part.values for part in every]
@@ -297,11 +277,12 @@ class _Descent:
         return replace(self, problem=problem), found_there, errors
 
     def finer(self, trial: Trial) -> Trial:
-        """The same on the finer meshes of `verify`, where these can be made; collective."""
+        """The same on meshes that resolve notches or walls, if these can be made; collective."""
         own = trial.boundaries
         try:
-            fine = {n: b.finer() if isinstance(b, Surface) else b for n, b in own.items()}
-            return replace(self.tried(fine), boundaries=own, sizes=trial.sizes, radii=trial.radii)
+            fine = {n: self.kind.finer(b) for n, b in own.items()}
+            found = replace(self, turn=_TURN).tried(fine)
+            return replace(found, boundaries=own, sizes=trial.sizes, radii=trial.radii)
         except (ValueError, SimulationError):
             return trial
 
@@ -310,7 +291,7 @@ class _Descent:
         removed = 0
         for name, boundary in trial.boundaries.items():
             best = None
-            for changed in _simpler(boundary, costs[name]):
+            for changed in self.kind.simpler(boundary, costs[name]):
                 try:
                     other = self.tried({**trial.boundaries, name: changed})
                 except (ValueError, SimulationError):
@@ -323,58 +304,6 @@ class _Descent:
         return trial, removed
 
 
-def _mesh(boundary: Boundary | Surface, size: float, turn: float) -> Domain:
-    """A mesh that fits; collective."""
-    if isinstance(boundary, Surface):
-        return boundary.part.domain(boundary.size)
-    return boundary.part.domain(size, across=_ACROSS, turn=turn)
-
-
-def _motion(boundary: Boundary | Surface, domain: Domain) -> NodeMotion | SurfaceMotion:
-    """How the nodes of that mesh follow; collective."""
-    if isinstance(boundary, Surface):
-        return SurfaceMotion(boundary, domain)
-    return NodeMotion(boundary, domain)
-
-
-def _size_rows(boundary: Boundary | Surface, dear: float) -> Rows:
-    return wall_rows(boundary, dear) if isinstance(boundary, Surface) else size_rows(boundary)
-
-
-def _radius_rows(boundary: Boundary | Surface) -> Rows:
-    return no_rows(boundary) if isinstance(boundary, Surface) else radius_rows(boundary)
-
-
-def _room_rows(boundary: Boundary | Surface, reach: float) -> Rows:
-    return no_rows(boundary) if isinstance(boundary, Surface) else room_rows(boundary, reach)
-
-
-def _simpler(boundary: Boundary | Surface, costs: Costs) -> Iterator[Boundary | Surface]:
-    """The boundary without its specks, and without the struts whose minimum width costs most.
-
-    In space without walls that are much too thin.
-    """
-    if isinstance(boundary, Surface):
-        for depth in _DEPTHS:
-            try:
-                yield boundary.without_thin(depth * boundary.member)
-            except ValueError:  # nothing is as deep
-                continue
-        return
-    if boundary.specks:
-        yield boundary.without(boundary.specks)
-    holes = set(boundary.holes)
-    dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
-    dear.sort(key=lambda pair: -costs[pair])
-    for pair in dear[:_TRIED]:
-        try:
-            joined = boundary.joined(pair)
-        except ValueError:
-            continue
-        if joined.valid:
-            yield joined
-
-
 @dataclass(frozen=True, eq=False)
 class _Step:
     """A step of all boundaries."""
@@ -382,6 +311,12 @@ class _Step:
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: float  #: Sum of the multipliers of all bounds, in units of log psi
+
+
+def _kind(problem: Problem) -> Kind[Any]:
+    """What the boundaries of its designed bodies are."""
+    first = next(iter(problem.flexible.values()))
+    return _KINDS[first.domain.dimension]
 
 
 def move_boundary(
@@ -440,10 +375,9 @@ def move_boundary(
             f"{sorted(names)}; give a mapping from name to boundary, or some bodies by their "
             "volume integrals (evaluation.bodies[name].integrals)"
         )
+    kind = _kind(problem)
     for name in names:
-        kind: type = Surface if problem.flexible[name].domain.dimension == 3 else Boundary
-        what = "a Surface" if kind is Surface else "a Boundary"
-        validation.instance(f"boundary: that of {name!r}", given[name], kind, what)
+        validation.instance(f"boundary: that of {name!r}", given[name], kind.kind, kind.article)
     shares = volume if isinstance(volume, Mapping) else dict.fromkeys(names, volume)
     bounds = {}
     for name, most in shares.items():
@@ -452,8 +386,7 @@ def move_boundary(
             bounds[name] = validation.number("boundary: volume", most, above=0.0, most=1.0)
     if size is not None:
         validation.number("boundary: size", size, above=0.0, unit="m")
-    fixed = {n: b.size for n, b in given.items() if isinstance(b, Surface)}
-    sizes = {n: _size(given[n]) if size is None else size for n in names} | fixed
+    sizes = {n: kind.size(given[n], size) for n in names}
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
@@ -462,14 +395,6 @@ def move_boundary(
     descent = _Descent(problem, bounds, sizes, others, turn)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress)
-
-
-def _size(boundary: Boundary | Surface) -> float:
-    """The size of triangles [m] that is fine enough for psi, and for the members."""
-    if isinstance(boundary, Surface):
-        return boundary.size
-    each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
-    return min(_SIZE * boundary.member, math.sqrt(each))
 
 
 def _descended(
@@ -490,22 +415,18 @@ def _descended(
     ):
         trial = descent.tried(boundaries)
         descent, trial, errors = descent.accurate(trial, tolerance, first)
-        if any(isinstance(b, Surface) for b in boundaries.values()):
-            trial, _ = descent.simpler(trial, {n: Costs() for n in boundaries}, _OF_BOUNDS)
         best, known = trial, errors
         reach, reason, weight, removed, margin = _FIRST, "iterations", _OF_BOUNDS, 0, 0.0
-        in_space = any(isinstance(b, Surface) for b in boundaries.values())
-        shorter = _SHORTER_IN_SPACE if in_space else _SHORTER
-        shortest = _SHORTEST_IN_SPACE if in_space else _SHORTEST
+        pace = descent.kind.pace
         told = [trial.told(0.0, 0, 0)]
-        shown = {n: [b.material] for n, b in boundaries.items() if isinstance(b, Boundary)}
+        shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
         for number in range(1, steps + 1):
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
             slopes, rejected, found = descent.slopes(trial, margin), 0, None
-            rise = _RISE_IN_SPACE + _OF_WALLS * trial.cost_of_walls if in_space else _RISE
-            while found is None and reach >= shortest:
+            rise = pace.rise + pace.walls * trial.cost_of_walls
+            while found is None and reach >= pace.shortest:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
@@ -517,14 +438,14 @@ def _descended(
                 if found is None:
                     reach, rejected = 0.5 * reach, rejected + 1
             if found is None and trial.cost_of_walls > 0.0 and descent.dear < _DEAREST:
-                descent, reach = replace(descent, dear=2.0 * descent.dear), _AGAIN
+                descent, reach = replace(descent, dear=2.0 * descent.dear), pace.again
                 trial, best = trial.dearer(2.0), best.dearer(2.0)
                 continue
             if found is None:
                 reason = "no better step"
                 break
             better = found.merit(weight) < trial.merit(weight)
-            reach = min(reach * (_LONGER if better else shorter), _LONGEST)
+            reach = min(reach * (_LONGER if better else pace.shorter), _LONGEST)
             if descent.turn < math.inf:
                 reach = max(reach, _NOISE)
                 # its largest value is always a little more than its slopes say
@@ -536,23 +457,22 @@ def _descended(
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
-                if in_space:
-                    reach = max(reach, _AGAIN)
-                    if trial.cost_of_walls > 0.0:
-                        descent = replace(descent, dear=2.0 * descent.dear)
-                        trial, best = trial.dearer(2.0), best.dearer(2.0)
+                reach = max(reach, pace.again)
+                if trial.cost_of_walls > 0.0:
+                    descent = replace(descent, dear=2.0 * descent.dear)
+                    trial, best = trial.dearer(2.0), best.dearer(2.0)
             if trial.rank(weight) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed))
-            for name, b in trial.boundaries.items():
-                if isinstance(b, Boundary):
-                    shown[name].append(b.material)
+            for name, film in shown.items():
+                film.append(trial.boundaries[name].material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
-        if in_space:
-            best = descent.finer(best)
-            told.append(best.told(0.0, 0, 0))
+        best = descent.finer(best)
+        told.append(best.told(0.0, 0, 0))
+        for name, film in shown.items():
+            film.append(best.boundaries[name].material)
     _warn_of_missed(best)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation

@@ -61,7 +61,7 @@ class BoundaryResult:
     #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
     #: ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a bound, ``step``
     #: [m], ``cells``, ``modes``, the ``rejected`` trials before it, and the struts and holes that
-    #: were ``removed``; in space at last those of the best on finer meshes
+    #: were ``removed``; at last those of the best on meshes that resolve notches and walls
     history: dict[str, Array]
     #: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by SIGTERM
     reason: str

@@ -62,6 +62,8 @@ _ACCURACY, _CROSSING = 1e-3, 1e-4
 _FIRST = 2.0
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
+#: Size of triangles in a notch, in units of its radius
+_TURN = 0.4
 #: Sizes that are tried where gmsh fails, in units of what was asked for
 _SMALLER = (1.0, 0.5, 0.25)
 #: Smallest size of triangles, in units of what was asked for
@@ -264,15 +266,15 @@ class Part(Enclosed):
         return [first / 2**halving for halving in range(count)]
 
     def domain(
-        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = math.inf
+        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = _TURN
     ) -> Domain:
         """A mesh of triangles that fits the part, see `Enclosed.domain`; collective.
 
         The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
         units of its width: thin members get smaller ones, by default about two across; ``turn`` is
-        that in a notch, in units of its radius, by default none. From an ``order`` of 2 on cells at
-        curves are curved. A ValueError on every rank if gmsh cannot mesh the part, or a number is
-        out of range.
+        that in a notch, in units of its radius, by default 0.4, which tells its stress; infinite
+        for none. From an ``order`` of 2 on cells at curves are curved. A ValueError on every rank
+        if gmsh cannot mesh the part, or a number is out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
         validation.number("part: across", across, above=0.0)

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: MIT
+"""Parts whose boundary was moved: from many starts, meshes and ways, for psi and for the stress.
+
+Each part is one call of `optimize`, which ends with steps of the boundary; nothing is tuned from
+row to row. psi is told by the densities, by the moved boundary, and by finer meshes of its part.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+from jobs import Job, Progress, Results
+from numpy.typing import NDArray
+from report import Study, Table, chosen
+from scene import demo, slider_crank
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.fem import polygon
+from dolfinx_ffr.plotting.style import BLUE, GRAY
+
+Array = NDArray[np.float64]
+
+VOLUME = 0.5
+#: Largest stress where the material is minimised [Pa], with a slider of this mass [kg], and the
+#: distance from the rigid interfaces within which no stress counts [m]
+STRESS, SLIDER, CLEAR = 4e6, 5.0, 3e-3
+#: Start designs: two without holes, regular and single holes, bars, and noise
+STARTS = "even,full,one hole,6x2,6x3,10x3,12x2,16x2,strip,flanges,random 1,random 2,random 3".split(
+    ","
+)
+#: Starts for the stress: those that are not far too soft
+STIFF = "even,full,one hole,6x2,6x3,10x3,12x2,flanges,random 1,random 2".split(",")
+#: Ways from the even density to a design
+METHODS = ["level set, moving asymptotes", "level set, explicit steps", "densities"]
+#: Elements, iterations on them, and steps of the boundary
+WAYS: list[tuple[list[int], int, int]] = [
+    ([200, 20], 60, 0),
+    ([200, 20], 60, 10),
+    ([200, 20], 60, 25),
+    ([200, 20], 30, 25),
+    ([120, 12], 30, 25),
+    ([120, 12], 15, 25),
+    ([100, 10], 20, 15),
+    ([200, 20], 0, 40),
+]
+#: Meshes from which the boundary starts
+MESHES: list[dict[str, Any]] = [
+    {"elements": [120, 12]},
+    {"elements": [200, 20]},
+    {"elements": [300, 30]},
+    {"elements": [150, 15], "cell": "triangle"},
+]
+
+
+def boundary_jobs(*, quick: bool) -> list[Job]:
+    """The measurements: one process for each design."""
+    common: dict[str, Any] = {"iterations": 60, "steps": 2000, "boundary": 25}
+    common |= {"elements": [200, 20], "cell": "quadrilateral"}
+    if quick:
+        common |= {"iterations": 8, "steps": 50, "boundary": 1, "elements": [40, 4]}
+    some = STARTS[:1] + STARTS[5:6]
+    wanted: list[dict[str, Any]] = [{"start": start} for start in (some if quick else STARTS)]
+    fewer = {} if quick else {"elements": [100, 12], "boundary": 20}
+    tasks = [{"task": "stress limit", "start": start} for start in STIFF[: 1 if quick else None]]
+    least = ["least compliance", "least stress"]
+    tasks += [{"task": task} for task in least[: 1 if quick else None]]
+    wanted += [{**task, **fewer} for task in tasks]
+    kept = STARTS[5:6] if quick else [STARTS[0], STARTS[3], STARTS[5]]
+    wanted += [{"start": start, "outline": False} for start in kept]
+    if not quick:
+        wanted += [{"method": method} for method in METHODS[1:]] + MESHES
+        for elements, iterations, steps in WAYS:
+            own = {"elements": elements, "iterations": iterations, "boundary": steps}
+            wanted.append({**own, "start": "10x3"})
+    every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
+    seconds = 6.0 if quick else 70.0
+    return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
+
+
+def _start(levelset: ffr.LevelSet, name: str) -> Array:
+    """A start design by its name."""
+    low, high = levelset.domain.bounding_box
+    center, height = 0.5 * (low + high), float(high[1] - low[1])
+
+    def offset(points: Array) -> Array:
+        return np.abs(points[:, 1] - center[1])
+
+    shapes: dict[str, Callable[[Array], Array]] = {
+        "one hole": lambda p: np.linalg.norm(p - center, axis=1) - 0.25 * height,
+        "strip": lambda p: 0.25 * height - offset(p),
+        "flanges": lambda p: offset(p) - 0.25 * height,
+    }
+    if name in ("even", "full"):
+        return levelset.even(0.5 if name == "even" else 1.0)
+    if name in shapes:
+        return levelset.from_distance(shapes[name])
+    if name.startswith("random"):
+        return np.random.default_rng(int(name.split()[1])).uniform(size=levelset.size)
+    columns, rows = (int(n) for n in name.split("x"))
+    return levelset.with_holes(columns, rows, 0.2 * height)
+
+
+def _problem(elements: list[int], cell: str, steps: int, task: str) -> ffr.Problem:
+    """The rod of the slider-crank with what it is designed for."""
+    problem = slider_crank(MPI.COMM_SELF, elements, cell=cell, steps=steps)
+    peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
+    limit = ffr.Constraint(peak, upper=STRESS, name="stress")
+    loose = [replace(limit, upper=1e3 * STRESS), ffr.Constraint(compliance, 1.0, name="compliance")]
+    wanted: dict[str, tuple[ffr.Objective, list[ffr.Constraint]]] = {
+        "stress limit": (ffr.Volume("rod"), [limit]),
+        "least stress": (peak, loose[1:]),
+        "least compliance": (compliance, loose[:1]),
+    }
+    if task not in wanted:
+        return problem
+    heavy = demo("slider_crank").slider_crank(problem.integrator.end_time, SLIDER)
+    return ffr.Problem(problem.bodies, heavy, problem.integrator, *wanted[task])
+
+
+def _mirrors(elements: list[int], cell: str, steps: int) -> list[ffr.design.Mirror]:
+    """The lines about which the loads are symmetric."""
+    problem = slider_crank(MPI.COMM_SELF, elements, cell=cell, steps=steps)
+    domain = problem.flexible["rod"].domain
+    found = problem.gradient(np.full(domain.n_cells, VOLUME)).gradient
+    assert found is not None
+    return ffr.mirror_lines(domain, found["rod"])
+
+
+def _on_the_mesh(
+    problem: ffr.Problem,
+    levelset: ffr.LevelSet,
+    start: str,
+    method: str,
+    iterations: int,
+    **options: Any,
+) -> ffr.Result:
+    """A design of densities, and the steps of the boundary that `optimize` ends with."""
+    densities, explicit = ffr.DensityDesign(levelset.domain), method == METHODS[1]
+    ways: dict[str, tuple[ffr.design.Design, Array]] = {
+        METHODS[0]: (levelset, _start(levelset, start)),
+        METHODS[1]: (levelset, levelset.with_holes(10, 3, 0.008, margin=0.01)),
+        METHODS[2]: (densities, densities.even(VOLUME)),
+    }
+    return ffr.optimize(
+        problem,
+        *ways[method],
+        optimizer=ffr.LevelSetEvolution() if explicit else ffr.MMA(),
+        iterations=100 if explicit and iterations >= 60 else iterations,
+        progress=False,
+        **options,
+    )
+
+
+def design(
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    iterations: int,
+    steps: int,
+    elements: list[int],
+    cell: str,
+    boundary: int,
+    start: str = "even",
+    method: str = METHODS[0],
+    outline: bool = True,
+    task: str = "compliance",
+) -> dict[str, Any]:
+    """One design from nothing to a verified part, on one rank."""
+    began, clock = process_time(), [process_time()]
+    problem = _problem(elements, cell, steps, task)
+    domain = problem.flexible["rod"].domain
+    levelset = ffr.LevelSet(domain, mirrors=_mirrors(elements, cell, steps))
+    bound = {"volume": 1.0 if task == "stress limit" else VOLUME}
+
+    def callback(iteration: int, *_: Any) -> None:
+        progress(0.5 * iteration / iterations)
+        clock.append(process_time())
+
+    mesh = "x".join(map(str, elements)) + (" triangles" if cell == "triangle" else "")
+    found = {"start": start, "method": method, "mesh": mesh, "iterations": iterations}
+    found |= {"boundary": boundary, "task": task}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result, by_optimize = None, boundary if outline else 0
+        if iterations:
+            own: dict[str, Any] = {"callback": callback, "boundary": by_optimize, **bound}
+            result = _on_the_mesh(problem, levelset, start, method, iterations, **own)
+        found["grid"] = clock[-1] - began
+        told = moved = result and result.moved
+        if not iterations or not outline:
+            part = result.part() if result else ffr.Part.of(levelset, _start(levelset, start))
+            sizes = {"outline": outline, "mirrors": levelset.mirrors}
+            free = ffr.Boundary.of(part, levelset.minimum_member, **sizes)
+            problem = result.problem if result else problem
+            own = {"iterations": boundary, "progress": False, **bound}
+            told = moved = ffr.move_boundary(problem, free, **own)
+        told = told or result
+        rod = told.problem.flexible["rod"]
+        whole = _problem(elements, cell, steps, task).with_modes({"rod": rod.modes})
+        full = _compliance(whole.value(np.ones(domain.n_cells)))
+        found |= {"psi": _compliance(result.evaluation) / full if result else np.nan}
+        found |= {"moved": _compliance(told.evaluation) / full, "modes": rod.modes}
+        try:
+            part = moved.part("rod") if moved else result.part()
+            verified = part.verify(told.problem, told.evaluation, progress=False)
+        except (ValueError, ffr.SimulationError):  # torn after a few iterations
+            return {**found, "seconds": process_time() - began}
+    last, reported = verified.fitted[-1], verified.reported
+    values = {"compliance": last.psi, **last.constraints}
+    stresses = [1e-6 * row.constraints.get("stress", row.psi) for row in (reported, last)]
+    return {
+        **found,
+        "part": values["compliance"] / full,
+        "difference": verified.difference,
+        "volume": part.area / domain.area,
+        "told": stresses[0],
+        "limited": stresses[1],
+        "stress_told": 1e-6 * reported.bodies["rod"].stress,
+        "stress": 1e-6 * last.bodies["rod"].stress,
+        "thinnest": 1e3 * part.thinnest_member.value if part.thinnest_member else np.nan,
+        "gap": 1e3 * part.narrowest_gap.value if part.narrowest_gap else np.nan,
+        "radius": 1e3 * moved.boundary.smallest_radius if moved else np.nan,
+        "seconds": process_time() - began,
+        "rings": [
+            [polygon(loop, part.accuracy).round(6).tolist() for loop in loops]
+            for loops in part.outlines
+        ],
+    }
+
+
+def _compliance(evaluation: ffr.Evaluation) -> float:
+    """The compliance of an evaluation, or its objective where none is computed."""
+    bound = evaluation.constraints.get("compliance")
+    return float(bound.psi if bound else evaluation.psi)
+
+
+def report_boundary(results: Results, directory: Path) -> list[Table]:
+    """Tables of starts, methods, outlines, ways, meshes and tasks, and pictures of all parts."""
+    jobs = [(job.parameters, row) for job, row in results]
+
+    def of(**wanted: Any) -> list[dict[str, Any]]:
+        usual = {"start": "even", "method": METHODS[0], "outline": True, "task": "compliance"}
+        return [row for own, row in jobs if chosen([{**usual, **own}], **wanted)]
+
+    study, plain = Study(directory, "boundary"), {"task": "compliance", "method": METHODS[0]}
+    common = {**jobs[0][0], "start": None}
+    same = {key: common[key] for key in ("elements", "cell", "iterations", "boundary")}
+    study.table("boundary_starts", starts := of(**plain, **same, outline=True))
+    study.table(
+        "boundary_methods", methods := of(**same, task="compliance", start="even", outline=True)
+    )
+    study.table("boundary_outline", of(**plain, **same, outline=False))
+    study.table("boundary_ways", ways := of(**plain, start="10x3", outline=True))
+    rest = {"iterations": same["iterations"], "boundary": same["boundary"], "outline": True}
+    study.table("boundary_meshes", of(**plain, **rest, start="even"))
+    study.table("boundary_stress_limit", limited := of(task="stress limit"))
+    heavy = of(task="least compliance") + of(task="least stress")
+    study.table("boundary_stress", heavy)
+    _draw(study, "", "The parts of all starts and methods", starts + methods[1:], "part")
+    _draw(study, "boundary_stress", "Parts for a largest stress", limited + heavy, "limited")
+    with study.picture(
+        "psi of the part beside processor time", 1, 1, (6.0, 3.5), "boundary_ways"
+    ) as (axes,):
+        for row in ways:
+            axes.plot(row["seconds"], row.get("part", np.nan), "o", color=BLUE)
+            label = f"{row['mesh']}: {row['iterations']} + {row['boundary']}"
+            axes.annotate(label, (row["seconds"], row.get("part", np.nan)), fontsize=7)
+        axes.set_xlabel("processor time [s]")
+        axes.set_ylabel("psi of the part / full rod")
+    return study.write()
+
+
+def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], told: str) -> None:
+    """A picture of parts with a number each."""
+    shown = [row for row in rows if "rings" in row] or rows
+    lines = -(-len(shown) // 2)
+    size = (9.0, max(0.75 * lines + 0.5, 3.0))
+    with study.picture(caption, lines, 2, size, name) as panels:
+        for axes in panels:
+            axes.set_axis_off()
+        for axes, row in zip(panels, shown, strict=False):
+            axes.set_aspect("equal")
+            name = row["start"] if row["method"] == METHODS[0] else row["method"]
+            axes.set_title(f"{name}: {row.get(told, np.nan):.4g}", fontsize=8, loc="left", pad=1.0)
+            for loops in row.get("rings", []):
+                for k, ring in enumerate(loops):
+                    axes.fill(*np.array(ring).T, color="white" if k else GRAY, linewidth=0.0)
+                    axes.plot(*np.array(ring).T, color=BLUE, linewidth=0.5)

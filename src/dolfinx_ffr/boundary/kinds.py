@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""What the descent asks of boundaries in the plane and of surfaces in space."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fem import Domain
+from .derivative import NodeMotion
+from .outline import Boundary
+from .sizes import Rows, radius_rows, room_rows, size_rows
+from .surface import Surface, SurfaceMotion
+from .walls import wall_rows
+
+Array = NDArray[np.float64]
+B = TypeVar("B", Boundary, Surface)
+#: What the minimum width of the strut between two curves costs, as share of psi
+Costs = dict[tuple[int, int], float]
+
+#: Size of triangles, in minimum members, and at most in widths of members; and their number at
+#: least, so that psi of a part with few members is told as well
+_SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
+#: What the minimum width of a strut must cost to be tried without it, as share of psi, and how many
+#: are tried at once: most that cost less carry a tenth of psi
+_PRICE, _TRIED = 0.01, 3
+
+
+class Motion(Protocol):
+    """How the nodes of a mesh follow the controls of the boundary that it fits."""
+
+    def pullback(self, nodes: Array) -> Array:
+        """From the derivative by nodes to that by controls, (controls, components); collective."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """When a step is taken back, and how long the next one is; lengths in minimum members."""
+
+    rise: float  #: Of the merit beyond which a step is taken back; another mesh alone changes it
+    walls: float  #: The same as a share of what walls cost, which appear and vanish
+    shorter: float  #: Factor of the reach after a step that is no better
+    shortest: float  #: Step, below which another mesh changes more
+    again: float  #: Reach at least when modes or the cost of walls have changed
+
+
+class Kind(ABC, Generic[B]):
+    """What the descent asks of one kind of boundary."""
+
+    kind: ClassVar[type]
+    article: ClassVar[str]  #: What users are asked for
+    pace: ClassVar[Pace]
+
+    @abstractmethod
+    def mesh(self, boundary: B, size: float, turn: float) -> Domain:
+        """A mesh of a size [m], and in notches of ``turn`` radii, that fits; collective."""
+
+    @abstractmethod
+    def motion(self, boundary: B, domain: Domain) -> Motion:
+        """How the nodes of that mesh follow; collective."""
+
+    @abstractmethod
+    def sizes(self, boundary: B, dear: float) -> Rows:
+        """Members and gaps; where walls may be thinner they cost ``dear`` times as much."""
+
+    def radii(self, boundary: B) -> Rows:
+        """Radii of curvature."""
+        return Rows.none(boundary.n_controls)
+
+    def room(self, boundary: B, reach: float) -> Rows:
+        """Where controls may be, after a step of at most ``reach`` [m]."""
+        return Rows.none(boundary.n_controls)
+
+    @abstractmethod
+    def size(self, boundary: B, given: float | None) -> float:
+        """The size of cells [m], by default one that is fine enough for psi and the members."""
+
+    def finer(self, boundary: B) -> B:
+        """The same for a mesh by which the result is told; ValueError if that is too fine."""
+        return boundary
+
+    def simpler(self, boundary: B, costs: Costs) -> Iterator[B]:
+        """The boundary without what may not pay."""
+        return iter(())
+
+
+class InThePlane(Kind[Boundary]):
+    """Curves, on meshes of triangles."""
+
+    kind, article = Boundary, "a Boundary"
+    pace = Pace(rise=1e-3, walls=0.0, shorter=0.7, shortest=1e-3, again=0.0)
+
+    def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
+        return boundary.part.domain(size, across=_ACROSS, turn=turn)
+
+    def motion(self, boundary: Boundary, domain: Domain) -> NodeMotion:
+        return NodeMotion(boundary, domain)
+
+    def sizes(self, boundary: Boundary, dear: float) -> Rows:
+        return size_rows(boundary)
+
+    def radii(self, boundary: Boundary) -> Rows:
+        return radius_rows(boundary)
+
+    def room(self, boundary: Boundary, reach: float) -> Rows:
+        return room_rows(boundary, reach)
+
+    def size(self, boundary: Boundary, given: float | None) -> float:
+        if given is not None:
+            return given
+        each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
+        return min(_SIZE * boundary.member, math.sqrt(each))
+
+    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[Boundary]:
+        """Without its specks, and without the struts whose minimum width costs most."""
+        if boundary.specks:
+            yield boundary.without(boundary.specks)
+        holes = set(boundary.holes)
+        dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
+        dear.sort(key=lambda pair: -costs[pair])
+        for pair in dear[:_TRIED]:
+            try:
+                joined = boundary.joined(pair)
+            except ValueError:
+                continue
+            if joined.valid:
+                yield joined
+
+
+class InSpace(Kind[Surface]):
+    """Surfaces of fields, on tetrahedra that are cut."""
+
+    kind, article = Surface, "a Surface"
+    pace = Pace(rise=5e-3, walls=0.05, shorter=0.9, shortest=0.02, again=0.3)
+
+    def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:
+        return boundary.part.domain(boundary.size)
+
+    def motion(self, boundary: Surface, domain: Domain) -> SurfaceMotion:
+        return SurfaceMotion(boundary, domain)
+
+    def sizes(self, boundary: Surface, dear: float) -> Rows:
+        return wall_rows(boundary, dear)
+
+    def size(self, boundary: Surface, given: float | None) -> float:
+        return boundary.size
+
+    def finer(self, boundary: Surface) -> Surface:
+        return boundary.finer()
