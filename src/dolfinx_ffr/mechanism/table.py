@@ -80,8 +80,8 @@ def _column(what: str, titles: Sequence[str], name: str) -> int:
     names = [_split(title)[0] for title in titles]
     found = [k for k, own in enumerate(names) if wanted in (own, titles[k].strip())]
     if len(found) != 1:
-        number = "no column" if not found else f"{len(found)} columns"
-        raise ValueError(f"{what}: there is {number} {wanted!r}; the columns are {names}")
+        number = "is no column" if not found else f"are {len(found)} columns"
+        raise ValueError(f"{what}: there {number} {wanted!r}; the columns are {names}")
     return found[0]
 
 
