@@ -39,8 +39,7 @@ BOUND, MODES = 0.5, 6  # share of the design, of each link
 # %% The motors, and where they take the tip of a rigid arm
 def motor(start: float, end: float) -> ffr.Motion:
     """An angle over time, from rest to rest."""
-    turn = ffr.Motion.smooth_step(end - start, MOVE, BEGIN)
-    return ffr.Motion(lambda t: start + turn.value(t), turn.velocity, turn.acceleration)
+    return start + ffr.Motion.smooth_step(end - start, MOVE, BEGIN)
 
 
 SHOULDER, ELBOW = map(motor, PICK, PLACE)

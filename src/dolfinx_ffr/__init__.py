@@ -72,7 +72,7 @@ _BY_FOLDER = _lists(
         "dynamics": "Trajectory",
         "fem": "ElasticMaterial Elasticity Interface",
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
-        "objective": "DensityField StressField",
+        "objective": "DensityField DrivePower DriveWork StressField",
         "optimization": (
             "BoundaryResult DesignLoop GradientErrors GradientMethod GradientReport Optimizer"
         ),

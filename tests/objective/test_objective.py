@@ -17,6 +17,7 @@ from shared.spatial_bodies import cloud
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory, simulate
+from dolfinx_ffr.objective import DrivePower, DriveWork
 from dolfinx_ffr.verification import convergence_order
 
 
@@ -46,6 +47,9 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "force of a pin": ("four-bar", ffr.JointForce("coupler pin")),
     "peak force of a pin": ("four-bar", ffr.JointForce("rocker bearing", power=12.0)),
     "driving moment": ("four-bar", ffr.JointForce("motor", window=(0.1, 0.3))),
+    "power of drives": ("robot", DrivePower(("swing", "base y"), power=6.0)),
+    "power at a moving rail": ("robot", DrivePower("rail")),
+    "work with recuperation": ("four-bar", DriveWork("motor", recovered=0.4, window=(0.1, 0.3))),
     "force of a weld": ("robot", ffr.JointForce("flange")),
     "moment of a weld": ("robot", ffr.JointForce("flange", moment=True, power=3.0)),
     "force of a guide": ("robot", ffr.JointForce("guide")),
@@ -304,6 +308,8 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
             r"marker 'tip', but the markers of body 'rocker' are \['left', 'middle', 'right'\]",
         ),
         (ffr.JointForce("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
+        (DrivePower("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
+        (DriveWork("crank pin"), r"'crank pin' drives nothing.* prescribed motion are \['motor'\]"),
         (ffr.JointForce("crank pin", moment=True), "joint 'crank pin' carries no moment"),
         (
             ffr.Frequency("rocker", number=2, cluster=2),
@@ -342,6 +348,10 @@ def test_refused_with_the_names_that_exist(
         (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "weight of body 'rod' is negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
+        (lambda: DrivePower("pin", power=1.0), "the power must be above 1"),
+        (lambda: DrivePower(("pin", "pin")), "one name or different ones"),
+        (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),
+        (lambda: DriveWork("pin", rounding=0.0), "rounding must be positive"),
         (lambda: ffr.Constraint(ffr.Mass("rod")), "'Mass' needs either an upper or a lower bound"),
         (lambda: ffr.Constraint(ffr.Mass("rod"), 1.0, 2.0), "for both, give two constraints"),
         (

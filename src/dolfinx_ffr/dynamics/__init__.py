@@ -28,6 +28,7 @@ from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
 from .mechanism_bars import MechanismBars, influence, parameter_slopes
 from .memory import check_memory, required_memory
 from .model import FlatModel, assemble_model, check_names
+from .power import drives, driving_power, driving_power_pullback
 from .simulation import integrate, load_cells, restored, simulate
 from .trajectory import Integrator, Trajectory, TrajectoryBar
 from .validity import (
@@ -68,6 +69,9 @@ __all__ = [
     "compile_kernels",
     "compile_side_by_side",
     "compiled_functions",
+    "drives",
+    "driving_power",
+    "driving_power_pullback",
     "influence",
     "integrate",
     "load_cells",

@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from .laws import Combined, Composed, Fourier, Law, OutsideError, SmoothStep, spline
+from .table import read_motion
 
 Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
@@ -19,30 +24,8 @@ TimeFunction = Callable[[Array], ArrayLike]
 _CHECKS, _SCAN = 97, 1001
 #: Steps of the differences, in parts of the interval; the shorter ones where the first disagree.
 _STEPS = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
-
-
-@dataclass(frozen=True)
-class _SmoothStep:
-    """Rest-to-rest motion, whose functions can be pickled as those within a function cannot."""
-
-    distance: float
-    duration: float
-    start: float
-
-    def _share(self, t: Array) -> Array:
-        return np.minimum(np.maximum((np.asarray(t) - self.start) / self.duration, 0.0), 1.0)
-
-    def value(self, t: Array) -> Array:
-        x = self._share(t)
-        return self.distance * x**3 * (10.0 + x * (-15.0 + 6.0 * x))
-
-    def velocity(self, t: Array) -> Array:
-        x = self._share(t)
-        return self.distance / self.duration * 30.0 * (x * (1.0 - x)) ** 2
-
-    def acceleration(self, t: Array) -> Array:
-        x = self._share(t)
-        return self.distance / self.duration**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+#: Length of a name beyond which a sum of motions is called by that word.
+_LONGEST_NAME = 60
 
 
 @dataclass(frozen=True)
@@ -65,6 +48,8 @@ class Motion:
     name: str = ""  #: Name for messages and plots.
     #: Times at which c or a derivative of it jumps [s]; :class:`RadauIIA` ends steps there.
     jumps: tuple[float, ...] = ()
+
+    __array_ufunc__ = None  # numbers of NumPy leave sums and products to the motion
 
     def __post_init__(self) -> None:
         validation.name("motion: name", self.name)
@@ -106,14 +91,231 @@ class Motion:
             start: Time of the start [s].
             name: Name for messages and plots.
         """
-        step = _SmoothStep(
+        step = SmoothStep(
             validation.number("smooth_step: the distance", distance),
             validation.number("smooth_step: the duration", duration, above=0.0, unit="s"),
             validation.number("smooth_step: the start", start),
         )
         ends = (step.start, step.start + step.duration)
-        parts = step.value, step.velocity, step.acceleration
-        return Motion(*parts, name or "smooth step", ends)
+        return Motion._of_law(step, name or "smooth step", ends)
+
+    @staticmethod
+    def fourier(
+        period: float,
+        cosines: Sequence[float] = (),
+        sines: Sequence[float] = (),
+        mean: float = 0.0,
+        name: str = "",
+    ) -> Motion:
+        """The series mean + sum_k (a_k cos(k omega t) + b_k sin(k omega t)), omega = 2 pi / period.
+
+        Args:
+            period: Period of the slowest part, positive [s].
+            cosines: Amplitudes a_1, a_2, ... [m or rad].
+            sines: Amplitudes b_1, b_2, ... [m or rad]; of both the shorter list ends with zeros.
+            mean: Mean value [m or rad].
+            name: Name for messages and plots.
+
+        Raises:
+            ValueError: If the period is not positive, or a number is NaN or infinite.
+        """
+        period = validation.number("fourier: the period", period, above=0.0, unit="s")
+        given = [
+            validation.real_array(f"fourier: {part}", numbers, (None,))
+            for part, numbers in (("cosines", cosines), ("sines", sines))
+        ]
+        harmonics = max(part.size for part in given)
+        a, b = (np.pad(part, (0, harmonics - part.size)) for part in given)
+        rates = 2.0 * math.pi / period * np.arange(1, harmonics + 1)
+        law = Fourier(validation.number("fourier: the mean", mean), a, b, rates)
+        return Motion._of_law(law, name or "Fourier series")
+
+    @staticmethod
+    def spline(
+        times: ArrayLike,
+        values: ArrayLike,
+        *,
+        ends: str | tuple[str, str] = "rest",
+        degree: int = 5,
+        smoothing: float | None = None,
+        name: str = "",
+    ) -> Motion:
+        """The spline through values at given times, with smooth accelerations.
+
+        It is linear in the values, and has degree - 1 continuous derivatives between its ends.
+
+        Args:
+            times: Times, shape (n,), each later than the one before [s].
+            values: Values at these times, shape (n,) [m or rad].
+            ends: What happens at both ends, or a pair of words for start and end. At ``"rest"`` the
+                first (degree - 1) / 2 derivatives vanish, and the value stays beyond. In
+                ``"uniform"`` motion acceleration and jerk vanish (with degree 7 also the next
+                derivative), and the velocity stays beyond. ``"natural"`` ends let derivatives from
+                the third on vanish (with degree 7 from the fourth), and nothing is known beyond: a
+                simulation that asks for it is refused. A ``"periodic"`` motion repeats itself; its
+                last value must be the first.
+            degree: 5 or 7; of degree 7 accelerations have four continuous derivatives.
+            smoothing: Distance of the knots of a spline with these ends that is fitted to the
+                values by least squares, instead of passing through all of them [s]: what changes
+                within that time is taken for noise. The last distance fits by the others becoming a
+                little shorter. None: no smoothing.
+            name: Name for messages and plots.
+
+        Raises:
+            TypeError: If times or values are no numbers.
+            ValueError: If times do not increase, a number is NaN or infinite, there are too few
+                values, or ends, degree or smoothing have no meaning.
+
+        The natural spline is that of I. J. Schoenberg, Proceedings of the National Academy of
+        Sciences 52 (1964), doi:10.1073/pnas.52.4.947.
+        """
+        what = f"spline {name!r}" if name else "spline"
+        law = spline(what, times, values, ends, degree, smoothing)
+        return Motion._of_law(law, name or "spline", law.jumps)
+
+    @staticmethod
+    def from_table(
+        path: str | PathLike[str],
+        value: str,
+        *,
+        time: str = "time",
+        unit: str | None = None,
+        time_unit: str | None = None,
+        unwrap: bool | None = None,
+        ends: str | tuple[str, str] = "natural",
+        degree: int = 5,
+        smoothing: float | None = None,
+        name: str = "",
+    ) -> Motion:
+        """A measured or planned motion from two columns of a text file, by :meth:`spline`.
+
+        The first line names the columns, which commas, semicolons or tabulators separate, for
+        example ``time [ms], shoulder [deg]``; empty lines and those that begin with # do not count.
+
+        Args:
+            path: Path of the file, which every rank reads.
+            value: Name of the column of values, without the unit.
+            time: Name of the column of times, without the unit.
+            unit: Unit of the values: "rad", "mrad", "deg", "rev", "m", "cm", "mm" or "um". None:
+                that in brackets behind the name of the column.
+            time_unit: Unit of the times, "s", "ms", "us", "min" or "h", likewise.
+            unwrap: Whether angles jump by a full turn somewhere, as measured ones do, and are to be
+                unwrapped: True takes the shorter way from row to row, False the angles as they are.
+                None refuses angles that change by more than half a turn from one row to the next.
+            ends: What happens at the ends, see :meth:`spline`.
+            degree: Degree of the spline.
+            smoothing: Distance of knots for a fit instead of interpolation [s], see :meth:`spline`.
+            name: Name for messages and plots; by default that of file and column.
+
+        Raises:
+            OSError: If the file cannot be read.
+            ValueError: If a column or a unit is missing or not known, an entry is no finite number,
+                times are repeated or do not increase, or as :meth:`spline` does.
+        """
+        units = (time_unit, unit)
+        read = read_motion(path, (time, value), units, unwrap)
+        name = name or f"{Path(path).name}: {value}"
+        law = spline(f"table {name!r}", *read, ends, degree, smoothing)
+        return Motion._of_law(law, name, law.jumps)
+
+    @staticmethod
+    def _of_law(law: Law, name: str, jumps: tuple[float, ...] = ()) -> Motion:
+        """The motion of a law."""
+        return Motion(law.value, law.velocity, law.acceleration, name, jumps)
+
+    def _sum(self, other: object, sign: float) -> Motion:
+        """This motion plus or minus another, or a number."""
+        if isinstance(other, Motion):
+            name, jumps = f"{self.name} {'+' if sign > 0.0 else '-'} {other.name}", other.jumps
+            name = name if len(name) <= _LONGEST_NAME else "sum"
+        elif validation.is_number(other):
+            # The same words as for a constant of its own
+            other = Motion.constant(other)  # type: ignore[arg-type]
+            name, jumps = self.name, ()
+        else:
+            return NotImplemented
+        law = Combined(((1.0, self), (sign, other)))
+        return Motion._of_law(law, name, tuple(sorted({*self.jumps, *jumps})))
+
+    def __add__(self, other: Motion | float) -> Motion:
+        """The sum with another motion, or with a number [m or rad]."""
+        return self._sum(other, 1.0)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Motion | float) -> Motion:
+        """The difference from another motion, or from a number [m or rad]."""
+        return self._sum(other, -1.0)
+
+    def __rsub__(self, other: float) -> Motion:
+        return -self + other
+
+    def __mul__(self, factor: float) -> Motion:
+        """The motion times a number."""
+        if not validation.is_number(factor):
+            return NotImplemented
+        factor = validation.number(f"motion {self.name!r}: the factor", factor)
+        return Motion._of_law(Combined(((factor, self),)), self.name, self.jumps)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Motion:
+        """The motion divided by a number other than zero."""
+        if not validation.is_number(divisor):
+            return NotImplemented
+        if divisor == 0.0:
+            raise ZeroDivisionError(f"motion {self.name!r} is divided by zero")
+        return self * (1.0 / divisor)
+
+    def __neg__(self) -> Motion:
+        return self * -1.0
+
+    def of(self, inner: Motion, jumps: Sequence[float] | None = None) -> Motion:
+        """This motion as a function of another, c(t) = self(inner(t)).
+
+        A cam is its profile over the angle, a function of the angle over time; a delay or another
+        speed are a polynomial of degree 1: ``motion.of(Motion.polynomial([-delay, 1.0]))``.
+
+        Args:
+            inner: The argument of this motion over time, in the place of its time.
+            jumps: Times at which the inner motion passes a jump of this one [s]. None: they are
+                found if the inner motion is a polynomial of degree 1, or this one has no jumps.
+
+        Raises:
+            TypeError: If inner is no Motion.
+            ValueError: If the times of jumps are needed, or are no such times.
+        """
+        validation.instance(f"motion {self.name!r} of", inner, Motion, "a Motion")
+        what = f"motion {self.name!r} of {inner.name!r}: jumps"
+        if jumps is None:
+            known = self._passed(inner)
+            if known is None:
+                raise ValueError(
+                    f"{what} cannot be found: give the times at which {inner.name!r} passes "
+                    f"{list(self.jumps)}, where {self.name!r} is not smooth"
+                )
+        else:
+            known = validation.real_array(what, jumps, (None,))
+            passed = sample(inner, known, f"motion {inner.name!r}: the value")
+            for t, x in zip(known, passed, strict=True):
+                if not any(abs(x - own) <= 1e-6 * max(abs(own), 1.0) for own in self.jumps):
+                    raise ValueError(
+                        f"{what}: at t = {t:g} s {inner.name!r} is {x:.9g}, but {self.name!r} has "
+                        f"its jumps at {list(self.jumps)}"
+                    )
+        every = {*inner.jumps, *(float(t) for t in known)}
+        name = f"{self.name} of {inner.name}"
+        return Motion._of_law(Composed(self, inner), name, tuple(sorted(every)))
+
+    def _passed(self, inner: Motion) -> Array | None:
+        """Times at which another motion passes the jumps of this one [s], None if not known."""
+        line, own = inner.value, np.array(self.jumps, dtype=np.float64)
+        if not own.size:
+            return own
+        if not isinstance(line, np.polynomial.Polynomial) or line.trim().degree() > 1:
+            return None
+        start, speed = np.pad(line.convert().coef, (0, 1))[:2]
+        return (own - start) / speed if speed else own[:0]
 
     def tabulate(self, times: ArrayLike) -> Array:
         """Value, velocity and acceleration at given times (n,), shape (3, n).
@@ -218,6 +420,8 @@ def evaluated(signal: Signal, times: Array, what: str) -> Array:
         return np.asarray(function, dtype=np.float64)
     try:
         given = function(times)
+    except OutsideError as error:
+        raise ValueError(f"{what} {error}") from error
     except (TypeError, ValueError) as error:  # what functions of one number raise
         raise ValueError(
             f"{what} cannot be computed for an array of {times.size} times: {error}; write the "

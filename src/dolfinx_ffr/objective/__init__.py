@@ -23,6 +23,7 @@ from .base import (
 )
 from .combination import Combination, PowerMean, WeightedSum, WorstCase
 from .compliance import IntegralCompliance, PeakCompliance
+from .drives import DrivePower, DriveWork
 from .joints import JointForce
 from .markers import MarkerAcceleration, MarkerVelocity, PathTracking
 from .properties import Frequency, Mass, Volume
@@ -34,6 +35,8 @@ __all__ = [
     "Constraint",
     "DensityField",
     "Derivatives",
+    "DrivePower",
+    "DriveWork",
     "Frequency",
     "IntegralCompliance",
     "Inventory",

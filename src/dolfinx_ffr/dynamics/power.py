@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""Power that joints bring into the bodies of a mechanism.
+
+The force C_y^T lam of some rows on the bodies, of the opposite sign, moves with their velocities:
+
+    P = -lam . (C_y v)
+
+It is zero for a joint between bodies, or between a body and the ground, that nothing drives. The
+velocities are those of the bodies, not those of the drive's motion, which they follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import VolumeIntegrals
+from ..mechanism import Moving
+from .equations import CONSTRAINTS, ROWS
+from .kinematics import Kinematics, marker_bar
+from .model import FlatModel
+from .trajectory import Trajectory, TrajectoryBar
+
+Array = NDArray[np.float64]
+
+
+def drives(model: FlatModel) -> list[str]:
+    """Names of the joints that drive a mechanism: by a motion, or by a marker that moves."""
+    found = []
+    for name, rows in model.joints.items():
+        own = [row for row, _ in model.tables.rows[rows]]
+        moving = (isinstance(v.marker, Moving) for row in own for v in row.vectors)
+        if any(row.motion is not None for row in own) or any(moving):
+            found.append(name)
+    return found
+
+
+def driving_power(trajectory: Trajectory, joints: Sequence[str]) -> Array:
+    """Power over time that joints bring into the bodies, shape (steps + 1,) [W]."""
+    kinematics, driving = _prepared(trajectory, joints)
+    found = np.zeros(len(trajectory.t))
+    for k, lam in enumerate(driving):
+        kinematics.set(trajectory.y[k], trajectory.v[k], None, lam)
+        kinematics.evaluate(k, CONSTRAINTS)
+        found[k] = -lam @ (kinematics.equations.C @ trajectory.v[k])
+    return found
+
+
+def driving_power_pullback(
+    trajectory: Trajectory, joints: Sequence[str], power_bar: Array
+) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
+    """Derivatives by trajectory and markers from those by the power over time, (steps + 1,)."""
+    kinematics, driving = _prepared(trajectory, joints)
+    model, eq, bar = trajectory.model, kinematics.equations, TrajectoryBar.zeros(trajectory)
+    counts = np.zeros(model.rows, dtype=bool)
+    for name in joints:
+        counts[model.joints[name]] = True
+    for k in np.flatnonzero(power_bar):
+        v, lam = trajectory.v[k], power_bar[k] * driving[k]
+        kinematics.set(trajectory.y[k], v, None, lam)
+        eq.adjoint[:], eq.y_bar[:] = v, 0.0
+        kinematics.evaluate(int(k), CONSTRAINTS)
+        # The derivative of v . C_y^T lam is subtracted.
+        kinematics.pullback(int(k), ROWS)
+        bar.y[k] = eq.y_bar
+        bar.v[k] = -lam @ eq.C
+        bar.multipliers[k] = np.where(counts, -power_bar[k] * (eq.C @ v), 0.0)
+    bodies = {name: body.zeros_like() for name, body in model.bodies.items()}
+    for (body, marker), number in model.markers.items():
+        bodies[body].markers[marker] += marker_bar(model.arrays, number, kinematics.marker_bars)
+    return bar, bodies
+
+
+def _prepared(trajectory: Trajectory, joints: Sequence[str]) -> tuple[Kinematics, Array]:
+    """Kinematics, and the multipliers of the joints, zero for all others, (steps + 1, rows)."""
+    model, driving = trajectory.model, np.zeros_like(trajectory.multipliers)
+    for name in joints:
+        rows = model.joints[name]
+        driving[:, rows] = trajectory.multipliers[:, rows]
+    return Kinematics(model.arrays, trajectory.turns), driving

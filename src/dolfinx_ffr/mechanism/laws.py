@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: MIT
+"""Laws of motion: value, velocity and acceleration of a coordinate, in the classes behind `Motion`.
+
+Each is a class with these three functions of an array of times, as such functions can be pickled,
+which those within a function cannot. Derivatives are those of the formulas, not differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+
+from .. import validation
+
+Array = NDArray[np.float64]
+
+#: What a spline may do at an end.
+ENDS = ("rest", "uniform", "natural")
+#: Degrees of splines; less would let accelerations have kinks.
+DEGREES = (5, 7)
+#: Parts of a spline's length by which times may be outside of it, as round-off is.
+_SLACK = 1e-9
+#: Most numbers in the matrix of a fit.
+_LARGEST_FIT = 20_000_000
+
+
+class Law(Protocol):
+    """What all laws, and motions, have."""
+
+    @property
+    def value(self) -> Callable[[Array], ArrayLike]:
+        """The coordinate as a function of times (n,)."""
+
+    @property
+    def velocity(self) -> Callable[[Array], ArrayLike]:
+        """Its first derivative."""
+
+    @property
+    def acceleration(self) -> Callable[[Array], ArrayLike]:
+        """Its second derivative."""
+
+
+class OutsideError(ValueError):
+    """A time at which a law is not known."""
+
+
+@dataclass(frozen=True)
+class SmoothStep:
+    """Rest-to-rest motion, a polynomial of degree 5."""
+
+    distance: float
+    duration: float
+    start: float
+
+    def _share(self, t: Array) -> Array:
+        return np.minimum(np.maximum((np.asarray(t) - self.start) / self.duration, 0.0), 1.0)
+
+    def value(self, t: Array) -> Array:
+        x = self._share(t)
+        return self.distance * x**3 * (10.0 + x * (-15.0 + 6.0 * x))
+
+    def velocity(self, t: Array) -> Array:
+        x = self._share(t)
+        return self.distance / self.duration * 30.0 * (x * (1.0 - x)) ** 2
+
+    def acceleration(self, t: Array) -> Array:
+        x = self._share(t)
+        return self.distance / self.duration**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Fourier:
+    """A mean and the harmonics of a period."""
+
+    mean: float
+    cosines: Array  #: (harmonics,)
+    sines: Array  #: (harmonics,)
+    rates: Array  #: (harmonics,) angular frequencies [rad/s]
+
+    def _series(self, t: Array, cosines: Array, sines: Array) -> Array:
+        phase = np.multiply.outer(np.asarray(t), self.rates)
+        return np.asarray(np.cos(phase) @ cosines + np.sin(phase) @ sines)
+
+    def value(self, t: Array) -> Array:
+        return self.mean + self._series(t, self.cosines, self.sines)
+
+    def velocity(self, t: Array) -> Array:
+        return self._series(t, self.rates * self.sines, -self.rates * self.cosines)
+
+    def acceleration(self, t: Array) -> Array:
+        return self._series(t, -(self.rates**2) * self.cosines, -(self.rates**2) * self.sines)
+
+
+@dataclass(frozen=True, eq=False)
+class Combined:
+    """Weighted sum of laws."""
+
+    terms: tuple[tuple[float, Law], ...]
+
+    def _sum(self, part: str, t: Array) -> Array:
+        return sum(
+            (weight * np.asarray(getattr(law, part)(t)) for weight, law in self.terms),
+            np.zeros(np.shape(t)),
+        )
+
+    def value(self, t: Array) -> Array:
+        return self._sum("value", t)
+
+    def velocity(self, t: Array) -> Array:
+        return self._sum("velocity", t)
+
+    def acceleration(self, t: Array) -> Array:
+        return self._sum("acceleration", t)
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """A law as a function of another one."""
+
+    outer: Law
+    inner: Law
+
+    def _at(self, t: Array) -> Array:
+        return np.array(np.broadcast_to(np.asarray(self.inner.value(t)), np.shape(t)))
+
+    def value(self, t: Array) -> Array:
+        return np.asarray(self.outer.value(self._at(t)))
+
+    def velocity(self, t: Array) -> Array:
+        return np.asarray(self.outer.velocity(self._at(t))) * np.asarray(self.inner.velocity(t))
+
+    def acceleration(self, t: Array) -> Array:
+        x, rate = self._at(t), np.asarray(self.inner.velocity(t))
+        bend = np.asarray(self.outer.acceleration(x)) * rate**2
+        return bend + np.asarray(self.outer.velocity(x)) * np.asarray(self.inner.acceleration(t))
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A spline over time, and how it goes on beyond its ends."""
+
+    start: float  #: Time of the first value [s]
+    unit: float  #: Time for which one unit of the splines' variable stands [s]
+    length: float  #: Length of the splines in these units
+    parts: tuple[BSpline, BSpline, BSpline]  #: The spline and its derivatives by the variable
+    ends: tuple[str, str]
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Times at which the law changes over to rest or to a uniform motion [s]."""
+        times = (self.start, self.start + self.length * self.unit)
+        return tuple(
+            t for t, end in zip(times, self.ends, strict=True) if end in ("rest", "uniform")
+        )
+
+    def _at(self, order: int, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond."""
+        x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
+        if self.ends[0] == "periodic":
+            x = np.mod(x, self.length)
+        inside = np.clip(x, 0.0, self.length)
+        slack = _SLACK * self.length
+        for end, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
+            if end == "natural" and np.any(beyond):
+                raise OutsideError(
+                    f"is known from {self.start:.6g} s to "
+                    f"{self.start + self.length * self.unit:.6g} s alone, not at t = "
+                    f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
+                    "or periodic motion, which go on"
+                )
+        found = np.asarray(self.parts[order](inside), dtype=np.float64) / self.unit**order
+        return found, x < 0.0, x > self.length
+
+    def value(self, t: Array) -> Array:
+        found, before, after = self._at(0, t)
+        first, last = self.start, self.start + self.length * self.unit
+        for end, beyond, edge in zip(self.ends, (before, after), (first, last), strict=True):
+            if end == "uniform" and np.any(beyond):
+                found[beyond] += self._edge(edge) * (np.asarray(t)[beyond] - edge)
+        return found
+
+    def _edge(self, edge: float) -> float:
+        """Velocity at an end."""
+        return float(self._at(1, np.array([edge]))[0][0])
+
+    def velocity(self, t: Array) -> Array:
+        # Beyond an end of uniform motion the velocity is that at the end.
+        return self._held(1, ("rest",), t)
+
+    def acceleration(self, t: Array) -> Array:
+        return self._held(2, ("rest", "uniform"), t)
+
+    def _held(self, order: int, without: tuple[str, ...], t: Array) -> Array:
+        """A derivative which is zero beyond some kinds of ends."""
+        found, *sides = self._at(order, t)
+        for end, beyond in zip(self.ends, sides, strict=True):
+            if end in without:
+                found[beyond] = 0.0
+        return found
+
+
+def spline(
+    what: str,
+    times: ArrayLike,
+    values: ArrayLike,
+    ends: str | tuple[str, str],
+    degree: int,
+    smoothing: float | None,
+) -> Spline:
+    """The spline through values (n,) at times (n,) [s], or fitted to them; see `Motion.spline`.
+
+    Raises:
+        TypeError: If an argument is of the wrong kind.
+        ValueError: If the times do not increase, values are too few for the ends or the fit, or an
+            argument has no meaning.
+    """
+    t = validation.real_array(f"{what}: times", times, (None,))
+    c = validation.real_array(f"{what}: values", values, (t.size,), expected=_as_many(t.size))
+    both = _ends(what, ends)
+    degree = int(validation.integer(f"{what}: the degree", degree))
+    if degree not in DEGREES:
+        raise ValueError(f"{what}: the degree must be 5 or 7, but it is {degree}")
+    if t.size < 2:
+        raise ValueError(f"{what}: a spline needs at least two values, but there are {t.size}")
+    if not np.all(np.diff(t) > 0.0):
+        k = int(np.argmin(np.diff(t) > 0.0))
+        raise ValueError(
+            f"{what}: times must increase, but entry {k + 1} is {t[k + 1]:.9g} s after {t[k]:.9g} s"
+        )
+    periodic = both[0] == "periodic"
+    if periodic:
+        c = _closed(what, c)
+    knots, span = t, float(t[-1] - t[0])
+    if smoothing is not None:
+        distance = validation.number(f"{what}: smoothing", smoothing, above=0.0, unit="s")
+        pieces = max(int(np.ceil(span / distance - _SLACK)), 1)
+        if pieces >= t.size:
+            raise ValueError(
+                f"{what}: smoothing = {distance:g} s has more knots than there are values; take "
+                "more time between knots, or none to go through all values"
+            )
+        knots = np.linspace(t[0], t[-1], pieces + 1)
+    fewest = degree + 1 if periodic else 2 if both != ("natural", "natural") else (degree + 1) // 2
+    if knots.size < fewest:
+        raise ValueError(
+            f"{what}: a spline of degree {degree} with these ends needs at least {fewest} "
+            f"{'values' if smoothing is None else 'knots'}, but there are {knots.size}"
+        )
+    # In units of the mean distance of knots the derivatives at the ends have the size of values.
+    unit = span / (knots.size - 1)
+    x = (knots - t[0]) / unit
+    x[-1] = knots.size - 1
+    if smoothing is not None:
+        c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both)
+    found = _through(x, c, degree, both)
+    parts = (found, found.derivative(1), found.derivative(2))
+    return Spline(float(t[0]), unit, float(x[-1]), parts, both)
+
+
+def _as_many(size: int) -> str:
+    return f"one value for each of the {size} times"
+
+
+def _ends(what: str, ends: str | tuple[str, str]) -> tuple[str, str]:
+    """What the spline does at both ends."""
+    said = f"{what}: ends"
+    if isinstance(ends, str):
+        word = validation.choice(said, ends, (*ENDS, "periodic"))
+        return word, word
+    pair = validation.listed(said, ends, "one word, or a pair of them for start and end")
+    if len(pair) != 2:
+        raise ValueError(f"{said} must be one word, or a pair, but there are {len(pair)}")
+    first, last = (validation.choice(said, word, ENDS) for word in pair)
+    return first, last
+
+
+def _closed(what: str, values: Array) -> Array:
+    """Values of a period, the last like the first; a ValueError where they are not alike."""
+    if abs(values[-1] - values[0]) > 1e-9 * float(np.ptp(values)):
+        raise ValueError(
+            f"{what}: a periodic motion ends with its first value, {values[0]:.9g}, but the last "
+            f"is {values[-1]:.9g}; give the value at the end of the period, too, and add "
+            "Motion.polynomial for what it gains in a period"
+        )
+    return np.append(values[:-1], values[0])
+
+
+def _through(x: Array, values: Array, degree: int, ends: tuple[str, str]) -> BSpline:
+    """The spline through values, shape (n,) or (n, columns), at x (n,).
+
+    Of degree 2 m - 1 it has m - 1 derivatives that vanish at each end: at rest the first ones, in
+    uniform motion those from the second on; those from order m on are natural, as the integral of
+    the squared derivative of order m is then the least.
+    """
+    if ends[0] == "periodic":
+        return make_interp_spline(x, values, degree, bc_type="periodic")
+    m, zero = (degree + 1) // 2, np.zeros(values.shape[1:]) if values.ndim > 1 else 0.0
+    first = {"rest": 1, "uniform": 2, "natural": m}
+    conditions = [[(first[end] + k, zero) for k in range(m - 1)] for end in ends]
+    return make_interp_spline(x, values, degree, bc_type=tuple(conditions))
+
+
+def _fitted(
+    what: str, x: Array, at: Array, values: Array, degree: int, ends: tuple[str, str]
+) -> Array:
+    """Values at knots x (knots,) whose spline is closest to values (n,) at some places, (n,)."""
+    if x.size * at.size > _LARGEST_FIT:
+        raise ValueError(
+            f"{what}: {x.size} knots are too many for a fit to {at.size} values; take more time "
+            "between knots, or fewer values"
+        )
+    unknowns = np.eye(x.size)
+    if ends[0] == "periodic":
+        unknowns = unknowns[:, :-1]
+        unknowns[-1, 0] = 1.0
+    matrix = _through(x, unknowns, degree, ends)(at)
+    found, _, rank, _ = scipy.linalg.lstsq(matrix, values, cond=1e-8, lapack_driver="gelsy")
+    if rank < unknowns.shape[1]:
+        raise ValueError(
+            f"{what}: there are too few values near some of the {x.size} knots; between two values "
+            f"there are up to {np.max(np.diff(at)):.2g} distances of knots, so that smoothing must "
+            "be larger"
+        )
+    return np.asarray(unknowns @ found)

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: MIT
+"""Motions in text files: two columns by their names, in SI units."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation
+
+Array = NDArray[np.float64]
+
+#: Units of times in seconds, of angles in radians, of lengths in metres.
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi}
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+#: Other spellings.
+_ALIKE = {"°": "deg", "µs": "us", "μs": "us", "µm": "um", "μm": "um", "sec": "s"}
+#: A column: its name, and perhaps its unit in brackets.
+_TITLE = re.compile(r"^(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?$")
+
+
+def read_motion(
+    path: str | PathLike[str],
+    columns: tuple[str, str],
+    units: tuple[str | None, str | None],
+    unwrap: bool | None,
+) -> tuple[Array, Array]:
+    """Times [s] and values [m or rad] of a file, shape (n,) each; see `Motion.from_table`.
+
+    Columns and units are those of times and of values.
+    """
+    file = validation.path("table: the path", path)
+    what = f"table {str(file)!r}"
+    if unwrap is not None:
+        validation.flag(f"{what}: unwrap", unwrap)
+    text = file.read_text(encoding="utf-8-sig").splitlines()
+    lines = [(k, line) for k, line in enumerate(text, 1) if line.strip() and line.strip()[0] != "#"]
+    if len(lines) < 2:
+        raise ValueError(f"{what}: there is no line of numbers below one with the columns' names")
+    separator = max(",;\t", key=lines[0][1].count)
+    rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
+    numbers = [k for k, _ in lines[1:]]
+    kinds: tuple[Mapping[str, float], ...] = (_TIMES, {**_ANGLES, **_LENGTHS})
+    places = [_column(what, rows[0], name) for name in columns]
+    if places[0] == places[1]:
+        raise ValueError(f"{what}: column {columns[0]!r} cannot be both times and values")
+    chosen = [
+        _unit(f"{what}: column {name!r}", rows[0][place], given, known)
+        for name, place, given, known in zip(columns, places, units, kinds, strict=True)
+    ]
+    t, c = (
+        np.array([_entry(what, k, row, place) for k, row in zip(numbers, rows[1:], strict=True)])
+        for place in places
+    )
+    for before, now, first, last in zip(numbers, numbers[1:], t, t[1:], strict=False):
+        if not last > first:
+            wrong = "repeats the time of" if last == first else "is earlier than"
+            raise ValueError(
+                f"{what}: line {now} {wrong} line {before}, {first:.9g}; times must increase from "
+                "line to line"
+            )
+    t, c = t * kinds[0][chosen[0]], c * kinds[1][chosen[1]]
+    if chosen[1] in _ANGLES:
+        c = _unwrapped(what, c, numbers, unwrap)
+    elif unwrap:
+        raise ValueError(f"{what}: unwrap is for angles, but {columns[1]!r} is in {chosen[1]}")
+    return t, c
+
+
+def _column(what: str, titles: Sequence[str], name: str) -> int:
+    """Place of the column of a name."""
+    wanted = validation.name(f"{what}: the name of a column", name).strip()
+    names = [_split(title)[0] for title in titles]
+    found = [k for k, own in enumerate(names) if wanted in (own, titles[k].strip())]
+    if len(found) != 1:
+        number = "is no column" if not found else f"are {len(found)} columns"
+        raise ValueError(f"{what}: there {number} {wanted!r}; the columns are {names}")
+    return found[0]
+
+
+def _split(title: str) -> tuple[str, str | None]:
+    """Name and unit of a column."""
+    match = _TITLE.match(title.strip())
+    assert match is not None  # every text is a name
+    return match["name"], match["unit"]
+
+
+def _unit(what: str, title: str, given: str | None, known: Mapping[str, float]) -> str:
+    """The unit of a column, from its title or as it is given."""
+    written = _split(title)[1]
+    units = {_ALIKE.get(unit, unit) for unit in (written, given) if unit is not None}
+    if not units:
+        raise ValueError(
+            f"{what} has no unit; write it in brackets behind the name in the first line, or give "
+            f"it: one of {list(known)}"
+        )
+    if len(units) > 1:
+        raise ValueError(f"{what}: the unit given is {given!r}, but in the file it is {written!r}")
+    unit = units.pop()
+    if unit not in known:
+        raise ValueError(f"{what}: the unit must be one of {list(known)}, but it is {unit!r}")
+    return unit
+
+
+def _entry(what: str, line: int, row: Sequence[str], place: int) -> float:
+    """A number of a line."""
+    if place >= len(row):
+        raise ValueError(f"{what}: line {line} has {len(row)} columns only")
+    text = row[place].strip()
+    try:
+        found = float(text)
+    except ValueError:
+        found = math.nan
+    if not math.isfinite(found):
+        hint = "; numbers have a decimal point" if "," in text else ""
+        raise ValueError(f"{what}: {text!r} in line {line} is no finite number{hint}")
+    return found
+
+
+def _unwrapped(what: str, angles: Array, lines: Sequence[int], unwrap: bool | None) -> Array:
+    """Angles without jumps of full turns; a ValueError where large steps may be such or not."""
+    if unwrap:
+        return np.asarray(np.unwrap(angles))
+    steps = np.abs(np.diff(angles))
+    if unwrap is None and np.any(steps > math.pi):
+        k = int(np.argmax(steps > math.pi))
+        raise ValueError(
+            f"{what}: from line {lines[k]} to line {lines[k + 1]} the angle changes by "
+            f"{math.degrees(steps[k]):.4g} deg, more than half a turn; give unwrap=True where it "
+            "jumps by full turns, or unwrap=False where it really turns so far"
+        )
+    return angles
