@@ -44,7 +44,7 @@ _TIGHTENED, _TIGHTEST = 0.4, 0.08
 _TURN = 0.4
 #: Weights of the largest violations in the merit, which decides whether a step is taken; that of
 #: bounds is at least so many times the sum of their multipliers, beyond which a penalty is exact
-_OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 0.3, 1.5
+_OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 1.5, 1.5
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
 _HELD = 2e-3
 #: Factor of the costs of walls beyond which they do not grow for want of a better step
