@@ -197,6 +197,7 @@ def test_psi_falls_and_members_stay() -> None:
     assert result.psi == pytest.approx(history["psi"].min(), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_stress_limit_is_one_of_the_part() -> None:
     """Least volume: the limit is held by the largest stress of each part itself."""
     problem, boundary = scene(alone=True)
@@ -261,6 +262,7 @@ def test_what_cannot_be_moved() -> None:
         Boundary.of(part, 9e-3)
 
 
+@pytest.mark.slow
 def test_boundaries_of_two_bodies_move_together() -> None:
     """A double pendulum: each has its own bound, and the derivative is that of both."""
     bodies, boundaries = {}, {}
@@ -310,6 +312,7 @@ def test_boundaries_of_two_bodies_move_together() -> None:
         assert np.max(np.abs(controls[1] - controls[0])) > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None:
     """What is told then is the part: psi, volume and sizes, in files and pictures."""

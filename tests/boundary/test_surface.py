@@ -152,6 +152,7 @@ def test_walls(place: float) -> None:
     assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """On any number of ranks alike; the file is closed."""
@@ -177,6 +178,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_p
     assert found.fitted[-1].bodies["beam"].volume == pytest.approx(told, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surface_module, "_TETRAHEDRA", 2000)
     problem = beam(MPI.COMM_SELF)

@@ -216,7 +216,7 @@ def two(make: Callable[[int, int], ffr.VolumeIntegrals]) -> dict[str, ffr.Volume
     return {"one": make(3, 1), "two": make(2, 2)}
 
 
-ALPHA, RADAU = ffr.GeneralizedAlpha(0.3, 60), ffr.RadauIIA(0.3, steps=25)
+ALPHA, RADAU = ffr.GeneralizedAlpha(0.3, 30), ffr.RadauIIA(0.3, steps=10)
 SCENES = {
     "pendulum": Scene(machine, PENDULUM, bodies(), ALPHA),
     "pendulum radau": Scene(machine, PENDULUM, bodies(), RADAU),
@@ -228,6 +228,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=list(SCENES))
 def test_slopes_are_those_of_differences(scene: Scene) -> None:
     mechanism = ParametricMechanism.built(scene.build, scene.bounds)

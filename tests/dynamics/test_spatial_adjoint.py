@@ -184,6 +184,7 @@ def test_taylor_order(case: tuple[Case, Bodies]) -> None:
     derivatives.check_slope(value, slope, 2e-4, ratio=10.0**0.5, points=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["mass", "S", "P", "K", "markers", "stiffening"])
 def test_derivatives_with_respect_to_each_part(case: tuple[Case, Bodies], part: str) -> None:
     made, gradient = case

@@ -251,6 +251,7 @@ ORDERS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS, ids=" ".join)
 def test_pyvista_draws_whatever_is_imported_first(order: tuple[str, ...]) -> None:
     """VTK of PyPI and DOLFINx of Debian 12 differ in the kind of strings that they are made of."""

@@ -72,6 +72,7 @@ def test_constraints_of_each_load_case_hold(comm: MPI.Intracomm) -> None:
     assert "constraint lever: stress" in result.history
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize("combine", [ffr.WorstCase(WEIGHTS), ffr.PowerMean(WEIGHTS)], ids=repr)
 def test_resumed_runs(comm: MPI.Intracomm, shared_tmp_path: Path, combine: ffr.Combination) -> None:
@@ -123,6 +124,7 @@ def test_a_trial_is_taken_back_where_one_load_case_of_it_fails(comm: MPI.Intraco
         run(flaky(1))
 
 
+@pytest.mark.slow
 def test_explicit_steps_take_a_smooth_number(comm: MPI.Intracomm) -> None:
     evolution = ffr.LevelSetEvolution()
     problem = three_load_cases(comm, ffr.PowerMean(WEIGHTS), constraints=False)

@@ -70,6 +70,7 @@ def rod(
     return problem, kind(problem.flexible["rod"].domain)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize("upper", [None, 0.3])
 def test_a_quadratic_function_under_bounds(comm: MPI.Intracomm, upper: float | None) -> None:

@@ -332,6 +332,7 @@ CUT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize("case", CUT)
 def test_a_run_that_is_cut_up(comm: MPI.Intracomm, shared_tmp_path: Path, case: str) -> None:
