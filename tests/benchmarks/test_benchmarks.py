@@ -28,7 +28,7 @@ MAY_BE_ZERO = set(
     "difference_gradient".split()
 )
 #: Columns that hold words
-WORDS = {"mesh", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
+WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
 #: Cosines and differences may have any sign
 SIGNED = {"cosine", "levelset_cosine", "difference"}
 #: Columns that may hold nothing, where a part has no such place
