@@ -35,8 +35,9 @@ _TOPOLOGY = ("first", "modes", "kind", "side", "vector_body", "vector_slot", "ve
 _GEOMETRY = ("shapes", "vector_stiffening", "drive", "prescribed", "normal", "ratio")
 _OVER_TIME = ("gravity", "drive", "prescribed", "load_table")
 #: Step of differences as share of the range of a parameter; it is shortened by this factor, at most
-#: so many times, until second differences are below this share of first ones.
-_STEP, _SHORTER, _TIMES, _BENT = 1e-5, 1 / 16, 4, 1e-4
+#: so many times, until second differences are below this share of first ones. Of fourth order they
+#: take steps so long that the tolerance of a static start does not show.
+_STEP, _SHORTER, _TIMES, _BENT = 2e-4, 1 / 16, 5, 3e-3
 #: Changes below this share of the size of an array are round-off.
 _ROUND_OFF = 1e-12
 #: Change of the start by a step, in sizes of the start, beyond which it has jumped.
@@ -156,6 +157,10 @@ def _start_of(mechanism: Mechanism, model: FlatModel) -> list[bytes]:
     return [np.asarray(part).tobytes() for part in parts]
 
 
+class _JumpedError(ValueError):
+    """The start is far from that at the values."""
+
+
 class _Differences:
     """Differences of what a mechanism says."""
 
@@ -171,10 +176,15 @@ class _Differences:
     ) -> Array:
         """Derivatives of all numbers by parameter k, shape (numbers,)."""
         h, states = _STEP / _SHORTER * (below + above), list[_Stated]()
-        for _ in range(_TIMES):
+        for left in reversed(range(_TIMES)):
             h *= _SHORTER
             offsets, weights = _stencil(h, below, above)
-            states = [self.stated(self._shift(k, s * h)) if s else self.base for s in offsets]
+            try:
+                states = [self.stated(self._shift(k, s * h)) if s else self.base for s in offsets]
+            except _JumpedError:
+                if left:
+                    continue
+                raise
             if not _bends(states, offsets, self.base):
                 break
         total = np.zeros(len(bars))
@@ -198,7 +208,7 @@ class _Differences:
             y, v = model.arrays.difference(there[None], self.start[0])[0], rate - self.start[1]
             size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
             if float(np.max(np.abs(y))) > _JUMP * size:
-                raise ValueError("the start jumps to another position by a small change of it")
+                raise _JumpedError("the start jumps to another position by a small change of it")
         return _stated(model, bodies, y, v)
 
     def _start_depends(self, model: FlatModel) -> bool:
@@ -239,21 +249,18 @@ def _numbers(body: VolumeIntegrals) -> list[Array]:
 
 
 def _stencil(h: float, below: float, above: float) -> tuple[list[int], list[float]]:
-    """Offsets in steps, and weights of second order, of a derivative between two bounds."""
-    if h <= below and h <= above:
-        return [1, -1], [0.5, -0.5]
+    """Offsets in steps, and weights of fourth order, of a derivative between two bounds."""
+    if 2.0 * h <= min(below, above):
+        return [-2, -1, 1, 2], [1 / 12, -2 / 3, 2 / 3, -1 / 12]
     side = 1 if above >= below else -1
-    return [0, side, 2 * side], [-1.5 * side, 2.0 * side, -0.5 * side]
+    weights = (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
+    return [side * k for k in range(5)], [side * weight for weight in weights]
 
 
 def _bends(states: Sequence[_Stated], offsets: Sequence[int], base: _Stated) -> bool:
     """Whether a step is so long that slopes change on its way."""
-    if 0 in offsets:
-        (_, first, second) = (state.flat() for state in states)
-        middle, ends = first, (base.flat(), second)
-    else:
-        middle, ends = base.flat(), (states[0].flat(), states[1].flat())
-    for at, one, two in zip(middle, *ends, strict=True):
+    middle = states[2] if 0 in offsets else base
+    for at, one, two in zip(middle.flat(), states[0].flat(), states[-1].flat(), strict=True):
         change = float(np.max(np.abs(one - two), initial=0.0))
         size = float(np.max(np.abs(at), initial=0.0))
         bend = float(np.max(np.abs(one + two - 2.0 * at), initial=0.0))

@@ -43,8 +43,12 @@ class ParametricMechanism(Mechanism):
 
         Raises:
             TypeError: If it returns no mechanism.
-            ValueError: If there is none with these values; the message says them.
+            ValueError: If a value is not between its bounds, or these are not apart, or there is
+                no mechanism with these values; the message says them.
         """
+        for name, (value, low, high) in parameters.items():
+            validation.number(f"upper bound of parameter {name!r}", high, above=low)
+            validation.number(f"parameter {name!r}", value, least=low, most=high)
         values = {name: value for name, (value, _, _) in parameters.items()}
         try:
             given = build(**values)
