@@ -184,7 +184,6 @@ def linked(**p: float) -> ffr.Mechanism:
             ffr.Distance(END, ffr.Ground((0.5, 0.6)), p["strut"], name="strut"),
         ],
         gravity=(0.0, -9.81),
-        damping={},
         forces=[
             ffr.TorsionalSpringDamper(
                 ("arm", "pin"), ffr.Ground(), p["stiffness"], 0.1, angle=p["rest"]
@@ -273,12 +272,10 @@ def weighed(build: Callable[..., Any], **given: tuple[float, float, float]) -> n
     run = ffr.simulate(mechanism, bodies(), ffr.GeneralizedAlpha(0.1, 5))
     bar = TrajectoryBar.zeros(run)
     bar.y[:] = 1.0
-
-    def built(shift: np.ndarray) -> Any:
-        return mechanism.shifted(shift), bodies()
-
-    bars = [(adjoint(run, bar).mechanism, {})]
-    return parameter_slopes(run.model, (run.y[0], run.v[0]), built, mechanism.ranges, bars)[0]
+    bars, start = [(adjoint(run, bar).mechanism, {})], (run.y[0], run.v[0])
+    return parameter_slopes(
+        run.model, start, lambda s: (mechanism.shifted(s), bodies()), mechanism.ranges, bars
+    )[0]
 
 
 def pendulum(**other: Any) -> ffr.Mechanism:
