@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,11 +24,19 @@ from .simulation import one_thread
 from .trajectory import Trajectory, TrajectoryBar, TrajectoryPullback
 
 
-class Bars(NamedTuple):
+@dataclass(frozen=True)
+class Bars:
     """Derivatives of a number with respect to the bodies and to the mechanism."""
 
     bodies: dict[str, VolumeIntegrals]  #: By the integrals of all bodies, by name
-    mechanism: MechanismBars  #: By all that the mechanism says, at fixed bodies
+    _trajectory: Trajectory = field(repr=False)
+    _pulled: TrajectoryPullback = field(repr=False)
+
+    @cached_property
+    def mechanism(self) -> MechanismBars:
+        """By all that the mechanism says, at fixed bodies; formed when it is asked for."""
+        with one_thread():
+            return _by_mechanism(self._trajectory, self._pulled)
 
 
 def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
@@ -63,7 +71,8 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
     with one_thread():
         pulled = trajectory.integrator.pullback(trajectory, bar)
         samples, markers = pulled.samples, pulled.marker_bars
-        said = _by_mechanism(trajectory, pulled)
+        # without the start, whose transpose adds to these
+        own = {part: getattr(pulled, part).copy() for part in ("y_bar", "v_bar", "marker_bars")}
         static = start_pullback(
             model, trajectory.y[0], trajectory.v[0], pulled.y_bar, pulled.v_bar, markers
         )
@@ -85,7 +94,7 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
         given = model.bodies[name].stiffening.keys()
         kept = {load: part for load, part in bar_of_body.stiffening.items() if load in given}
         bars[name] = replace(bar_of_body, stiffening=kept)
-    return Bars(bars, said)
+    return Bars(bars, trajectory, pulled._replace(**own))
 
 
 def _by_mechanism(trajectory: Trajectory, pulled: TrajectoryPullback) -> MechanismBars:
@@ -101,4 +110,4 @@ def _by_mechanism(trajectory: Trajectory, pulled: TrajectoryPullback) -> Mechani
         own += metric_bars(model.arrays, b, integrals, *pulled.corrections)
         bodies[name] = without_markers(own)
     arrays |= {"gravity": gravity, "alpha": alpha, "beta": beta}
-    return MechanismBars(arrays, bodies, pulled.y_bar.copy(), pulled.v_bar.copy())
+    return MechanismBars(arrays, bodies, pulled.y_bar, pulled.v_bar)

@@ -229,7 +229,7 @@ def work_arrays(model: Arrays) -> Work:
         pairs=zeros(2, fields * fields),
         bars=zeros(vectors, 4, d),
         vector_bars=zeros(vectors, d + d * modes, modes + 1),
-        **{f"{name}_bars": np.zeros_like(getattr(model, name)) for name in TABLES},
+        **{f"{name}_bars": zeros(*getattr(model, name).shape) for name in TABLES},
     )
 
 
