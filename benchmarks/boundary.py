@@ -216,14 +216,14 @@ def design(
             return {**found, "seconds": process_time() - began}
     last, reported = verified.fitted[-1], verified.reported
     values = {"compliance": last.psi, **last.constraints}
-    stresses = [1e-6 * row.constraints.get("stress", row.psi) for row in (reported, last)]
+    if task != "compliance":
+        peaks = [1e-6 * row.constraints.get("stress", row.psi) for row in (reported, last)]
+        found |= {"told": peaks[0], "limited": peaks[1]}
     return {
         **found,
         "part": values["compliance"] / full,
         "difference": verified.difference,
         "volume": part.area / domain.area,
-        "told": stresses[0],
-        "limited": stresses[1],
         "stress_told": 1e-6 * reported.bodies["rod"].stress,
         "stress": 1e-6 * last.bodies["rod"].stress,
         "thinnest": 1e3 * part.thinnest_member.value if part.thinnest_member else np.nan,
@@ -289,8 +289,9 @@ def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], tol
             axes.set_axis_off()
         for axes, row in zip(panels, shown, strict=False):
             axes.set_aspect("equal")
-            name = row["start"] if row["method"] == METHODS[0] else row["method"]
-            axes.set_title(f"{name}: {row.get(told, np.nan):.4g}", fontsize=8, loc="left", pad=1.0)
+            label = row["start"] if row["method"] == METHODS[0] else row["method"]
+            label = row["task"] if row["task"].startswith("least") else label
+            axes.set_title(f"{label}: {row.get(told, np.nan):.4g}", fontsize=8, loc="left", pad=1.0)
             for loops in row.get("rings", []):
                 for k, ring in enumerate(loops):
                     axes.fill(*np.array(ring).T, color="white" if k else GRAY, linewidth=0.0)

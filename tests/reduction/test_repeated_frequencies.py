@@ -58,7 +58,7 @@ def all_eigenvalues(body: CraigBampton, factored: FactoredBody) -> np.ndarray:
 
 
 def round_off(exact: np.ndarray) -> float:
-    """Of LAPACK's eigenvalues and of those that are compared: that of the largest one each."""
+    """That of the largest one by LAPACK, twice; by inverses it is eps lambda^2 / lambda_1."""
     return float(2.0 * len(exact) * np.finfo(float).eps * exact[-1])
 
 

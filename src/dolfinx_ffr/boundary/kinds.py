@@ -89,6 +89,10 @@ class Kind(ABC, Generic[B]):
         """The boundary without what may not pay."""
         return iter(())
 
+    def said(self, boundary: B) -> list[str]:
+        """What is to be said of the part of a result, and was not of those of trials."""
+        return []
+
 
 class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
@@ -153,3 +157,6 @@ class InSpace(Kind[Surface]):
 
     def finer(self, boundary: Surface) -> Surface:
         return boundary.finer()
+
+    def said(self, boundary: Surface) -> list[str]:
+        return boundary.part.warnings

@@ -108,6 +108,10 @@ def parameter_slopes(
 ) -> Array:
     """Derivatives by parameters of a mechanism, shape (numbers, parameters).
 
+    They are those through the trajectory and the bodies. Of a number that takes what the mechanism
+    says at a fixed trajectory, too, as the power of a drive along a distance with a moving anchor,
+    this share is missing.
+
     Args:
         model: The compiled mechanism at the values.
         start: Coordinates and velocities at the start, shape (size,) each.

@@ -473,15 +473,15 @@ def _descended(
         told.append(best.told(0.0, 0, 0))
         for name, film in shown.items():
             film.append(best.boundaries[name].material)
-    _warn_of_missed(best)
+    _warn_of_missed(best, descent.kind)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
     over = {name: value for name, value in best.excesses.items() if value > _HELD}
     return BoundaryResult(*of_best, history, reason, known, shown, over)
 
 
-def _warn_of_missed(trial: Trial) -> None:
-    """Warn of bounds and of minimum sizes that do not hold."""
+def _warn_of_missed(trial: Trial, kind: Kind[Any]) -> None:
+    """Warn of bounds and of minimum sizes that do not hold, and of what the parts are."""
     said = [
         f"{name!r} is violated by {over:.1%} of its bound"
         for name, over in trial.excesses.items()
@@ -500,6 +500,5 @@ def _warn_of_missed(trial: Trial) -> None:
             stacklevel=4,
         )
     for name, boundary in trial.boundaries.items():
-        if isinstance(boundary, Surface):  # those of trials were not worth telling
-            for text in boundary.part.warnings:
-                warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=4)
+        for text in kind.said(boundary):
+            warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=4)
