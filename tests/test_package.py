@@ -181,8 +181,7 @@ def public_dataclasses() -> list[type]:
     found: dict[type, None] = {}
     for folder in sorted(dolfinx_ffr._ROOMS):
         module = importlib.import_module(f"dolfinx_ffr.{folder}")
-        for name in module.__all__:
-            thing = getattr(module, name)
+        for thing in vars(module).values():
             if isinstance(thing, type) and is_dataclass(thing):
                 found[thing] = None
     for name in dolfinx_ffr.__all__:

@@ -95,7 +95,9 @@ def public_names() -> dict[str, list[str]]:
     for folder in sorted(dolfinx_ffr._ROOMS):
         inside = dolfinx_ffr._BY_FOLDER.get(folder, [])
         if folder in ("plotting", "verification"):
-            inside = importlib.import_module(f"dolfinx_ffr.{folder}").__all__
+            found = vars(importlib.import_module(f"dolfinx_ffr.{folder}"))
+            own = f"dolfinx_ffr.{folder}"
+            inside = [n for n, t in found.items() if getattr(t, "__module__", "").startswith(own)]
         names[folder] = [f"dolfinx_ffr.{name}" for name in dolfinx_ffr._FOLDERS.get(folder, [])]
         names[folder] += [f"dolfinx_ffr.{folder}.{name}" for name in inside]
     return names

@@ -8,8 +8,6 @@ import stat
 import tempfile
 from pathlib import Path
 
-__all__ = ["spare_directory"]
-
 
 def spare_directory() -> Path | None:
     """A directory of this user alone among the temporary files, None if there can be none."""

@@ -15,8 +15,6 @@ import sys
 import textwrap
 from typing import Any
 
-__all__ = ["explain_fields", "field_comments"]
-
 
 def field_comments(thing: type) -> dict[str, str]:
     """The comments ``#:`` of the fields of a class and its bases, by name of the field."""
@@ -46,9 +44,8 @@ def _body(thing: type) -> list[str]:
 
 
 def explain_fields(names: dict[str, Any]) -> None:
-    """Let `help` show the comments of fields of all dataclasses in the ``__all__`` of a folder."""
-    for name in names["__all__"]:
-        thing = names.get(name)
+    """Let `help` show the comments of fields of all dataclasses that a module offers."""
+    for thing in [*names.values()]:
         if not isinstance(thing, type) or "__dataclass_fields__" not in vars(thing):
             continue
         given, comments = vars(thing).get("__doc__"), field_comments(thing)

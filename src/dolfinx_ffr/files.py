@@ -11,16 +11,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = [
-    "check_room",
-    "file_names",
-    "locked",
-    "named_in_errors",
-    "replace_file",
-    "unlocked",
-    "whole_file",
-]
-
 #: Files that runs and reports leave in a folder beside the folders of bodies
 _TAKEN = ("checkpoint", "history.csv", "report.html", "summary.json")
 #: Characters of a name that a file name keeps at most; file systems take 255 bytes

@@ -32,18 +32,6 @@ from .fem import Domain
 from .files import check_room, named_in_errors, replace_file, whole_file
 from .parallel import check_alike, on_every_rank, on_rank_0
 
-__all__ = [
-    "CheckpointError",
-    "load_checkpoint",
-    "plain",
-    "read_history",
-    "save_checkpoint",
-    "write_density",
-    "write_fields",
-    "write_history",
-    "write_summary",
-]
-
 
 class CheckpointError(RuntimeError):
     """A checkpoint that is damaged, or belongs to another problem."""

@@ -12,16 +12,6 @@ import os
 import resource
 from pathlib import Path
 
-__all__ = [
-    "INSIST",
-    "MOST_CELLS",
-    "MOST_CURVES",
-    "PAIR",
-    "available_memory",
-    "check_count",
-    "check_pairs",
-]
-
 #: Environment variable: how many cells, points or curves are allowed whatever the machine
 INSIST = "DOLFINX_FFR_MAX_CELLS"
 #: Most cells of a mesh: gmsh takes about ten minutes for as many triangles

@@ -51,8 +51,6 @@ from .objective import (
     value_of,
 )
 
-__all__ = ["ConstraintValue", "MechanicalEvaluation", "MechanicalProblem", "moves"]
-
 Bodies = Mapping[str, VolumeIntegrals]
 Array = NDArray[np.float64]
 

@@ -24,17 +24,6 @@ from numpy.typing import ArrayLike
 
 from .limits import available_memory
 
-__all__ = [
-    "ROUND_OFF",
-    "agreed_memory",
-    "announce",
-    "check_alike",
-    "gathered",
-    "on_every_rank",
-    "on_rank_0",
-    "same",
-]
-
 #: More than the relative difference of two sums over the cells that are distributed differently: n
 #: positive terms in two orders differ by less than n times 2.3e-16, and bodies have less than 4e6
 #: cells

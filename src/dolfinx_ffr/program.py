@@ -8,8 +8,6 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["run"]
-
 
 def run(main: Callable[[], object]) -> None:
     """Run a program, and end it by one line where it fails because of what it was given.

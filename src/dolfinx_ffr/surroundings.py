@@ -17,8 +17,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["needing_fenics", "prepare", "working_with_numpy"]
-
 #: Where Debian's packages are, which are compiled for Debian's NumPy.
 _DEBIAN = "/usr/lib/"
 #: Packages compiled for a NumPy, each with the module that shows whether it is the one at hand.

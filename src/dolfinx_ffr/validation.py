@@ -20,32 +20,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "by_name",
-    "choice",
-    "described",
-    "direction",
-    "flag",
-    "function",
-    "implementation",
-    "instance",
-    "instances",
-    "instances_by_name",
-    "integer",
-    "is_number",
-    "keywords",
-    "listed",
-    "name",
-    "names",
-    "nearest_rotation",
-    "number",
-    "numbers",
-    "path",
-    "plane_vector",
-    "real_array",
-    "rotation",
-]
-
 T = TypeVar("T")
 
 #: Lengths of directions below this count as zero, and beyond one over it as too long.

@@ -28,15 +28,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .documentation import explain_fields
 
-__all__ = [
-    "DEFAULT_STEPS",
-    "TaylorResult",
-    "assert_taylor_order",
-    "central_difference",
-    "convergence_order",
-    "taylor_test",
-]
-
 Array = NDArray[np.float64]
 
 #: Steps of :func:`taylor_test` where none are given: four halvings.

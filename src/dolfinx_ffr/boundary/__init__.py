@@ -4,21 +4,13 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .kinds import Costs, InSpace, InThePlane, Kind
-from .outline import Boundary
-from .sizes import Rows
-from .step import best_step
-from .surface import Surface
-
-__all__ = [
-    "Boundary",
-    "Costs",
-    "InSpace",
-    "InThePlane",
-    "Kind",
-    "Rows",
-    "Surface",
-    "best_step",
-]
+from .kinds import Costs as Costs
+from .kinds import InSpace as InSpace
+from .kinds import InThePlane as InThePlane
+from .kinds import Kind as Kind
+from .outline import Boundary as Boundary
+from .sizes import Rows as Rows
+from .step import best_step as best_step
+from .surface import Surface as Surface
 
 explain_fields(globals())

@@ -4,52 +4,32 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .density_field import density_field
-from .density_filter import DensityFilter, HeavisideProjection
-from .dimensions import DimensionDesign
-from .level_set import LevelSet
-from .level_set_step import Evolution, VelocityExtension
-from .mirrors import Isometry, Mirror, image_cells, images, mirror_lines, mirror_planes
-from .node_motion import DimensionMotion
-from .parametrization import DensityDesign, Design, Variables, VolumeBisection, check_volume, shrunk
-from .rbf import (
-    ExponentialSpline,
-    Gaussian,
-    Kernel,
-    Multiquadric,
-    ThinPlate,
-    Wendland,
-    check_kernel,
-)
-
-__all__ = [
-    "DensityDesign",
-    "DensityFilter",
-    "Design",
-    "DimensionDesign",
-    "DimensionMotion",
-    "Evolution",
-    "ExponentialSpline",
-    "Gaussian",
-    "HeavisideProjection",
-    "Isometry",
-    "Kernel",
-    "LevelSet",
-    "Mirror",
-    "Multiquadric",
-    "ThinPlate",
-    "Variables",
-    "VelocityExtension",
-    "VolumeBisection",
-    "Wendland",
-    "check_kernel",
-    "check_volume",
-    "density_field",
-    "image_cells",
-    "images",
-    "mirror_lines",
-    "mirror_planes",
-    "shrunk",
-]
+from .density_field import density_field as density_field
+from .density_filter import DensityFilter as DensityFilter
+from .density_filter import HeavisideProjection as HeavisideProjection
+from .dimensions import DimensionDesign as DimensionDesign
+from .level_set import LevelSet as LevelSet
+from .level_set_step import Evolution as Evolution
+from .level_set_step import VelocityExtension as VelocityExtension
+from .mirrors import Isometry as Isometry
+from .mirrors import Mirror as Mirror
+from .mirrors import image_cells as image_cells
+from .mirrors import images as images
+from .mirrors import mirror_lines as mirror_lines
+from .mirrors import mirror_planes as mirror_planes
+from .node_motion import DimensionMotion as DimensionMotion
+from .parametrization import DensityDesign as DensityDesign
+from .parametrization import Design as Design
+from .parametrization import Variables as Variables
+from .parametrization import VolumeBisection as VolumeBisection
+from .parametrization import check_volume as check_volume
+from .parametrization import shrunk as shrunk
+from .rbf import ExponentialSpline as ExponentialSpline
+from .rbf import Gaussian as Gaussian
+from .rbf import Kernel as Kernel
+from .rbf import Multiquadric as Multiquadric
+from .rbf import ThinPlate as ThinPlate
+from .rbf import Wendland as Wendland
+from .rbf import check_kernel as check_kernel
 
 explain_fields(globals())

@@ -4,89 +4,52 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .adjoint import Bars, adjoint
-from .failures import SimulationError
-from .integration.certificate import Certificate, Judge, Run, certified, relative_change
-from .integration.compiled import (
-    INTEGRATORS,
-    compile_kernels,
-    compile_side_by_side,
-    compiled_functions,
-)
-from .integration.generalized_alpha import GeneralizedAlpha
-from .integration.radau import RadauIIA
-from .integration.stages import stage_integrals
-from .integration.time_interval import (
-    REFERENCE,
-    StepChoice,
-    TimeInterval,
-    recorded,
-    refined,
-    restored_method,
-)
-from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
-from .mechanism_bars import MechanismBars, influence, parameter_slopes
-from .memory import check_memory, required_memory
-from .model import FlatModel, assemble_model, check_names
-from .power import drives, driving_power, driving_power_pullback
-from .simulation import integrate, load_cells, restored, simulate
-from .trajectory import Integrator, Trajectory, TrajectoryBar
-from .validity import (
-    LargeDeformationWarning,
-    SofteningWarning,
-    TiltedAxisWarning,
-    TimeStepWarning,
-    warn_of_limits,
-)
-
-__all__ = [
-    "INTEGRATORS",
-    "REFERENCE",
-    "Bars",
-    "Certificate",
-    "FlatModel",
-    "GeneralizedAlpha",
-    "Integrator",
-    "Judge",
-    "LargeDeformationWarning",
-    "MarkerMotion",
-    "MechanismBars",
-    "RadauIIA",
-    "Run",
-    "SimulationError",
-    "SofteningWarning",
-    "StepChoice",
-    "TiltedAxisWarning",
-    "TimeInterval",
-    "TimeStepWarning",
-    "Trajectory",
-    "TrajectoryBar",
-    "adjoint",
-    "assemble_model",
-    "certified",
-    "check_memory",
-    "check_names",
-    "compile_kernels",
-    "compile_side_by_side",
-    "compiled_functions",
-    "drives",
-    "driving_power",
-    "driving_power_pullback",
-    "influence",
-    "integrate",
-    "load_cells",
-    "marker_motion",
-    "marker_motion_pullback",
-    "parameter_slopes",
-    "recorded",
-    "refined",
-    "relative_change",
-    "required_memory",
-    "restored",
-    "restored_method",
-    "simulate",
-    "stage_integrals",
-    "warn_of_limits",
-]
+from .adjoint import Bars as Bars
+from .adjoint import adjoint as adjoint
+from .failures import SimulationError as SimulationError
+from .integration.certificate import Certificate as Certificate
+from .integration.certificate import Judge as Judge
+from .integration.certificate import Run as Run
+from .integration.certificate import certified as certified
+from .integration.certificate import relative_change as relative_change
+from .integration.compiled import INTEGRATORS as INTEGRATORS
+from .integration.compiled import compile_kernels as compile_kernels
+from .integration.compiled import compile_side_by_side as compile_side_by_side
+from .integration.compiled import compiled_functions as compiled_functions
+from .integration.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+from .integration.radau import RadauIIA as RadauIIA
+from .integration.stages import stage_integrals as stage_integrals
+from .integration.time_interval import REFERENCE as REFERENCE
+from .integration.time_interval import StepChoice as StepChoice
+from .integration.time_interval import TimeInterval as TimeInterval
+from .integration.time_interval import recorded as recorded
+from .integration.time_interval import refined as refined
+from .integration.time_interval import restored_method as restored_method
+from .kinematics import MarkerMotion as MarkerMotion
+from .kinematics import marker_motion as marker_motion
+from .kinematics import marker_motion_pullback as marker_motion_pullback
+from .mechanism_bars import MechanismBars as MechanismBars
+from .mechanism_bars import influence as influence
+from .mechanism_bars import parameter_slopes as parameter_slopes
+from .memory import check_memory as check_memory
+from .memory import required_memory as required_memory
+from .model import FlatModel as FlatModel
+from .model import assemble_model as assemble_model
+from .model import check_names as check_names
+from .power import drives as drives
+from .power import driving_power as driving_power
+from .power import driving_power_pullback as driving_power_pullback
+from .simulation import integrate as integrate
+from .simulation import load_cells as load_cells
+from .simulation import restored as restored
+from .simulation import simulate as simulate
+from .trajectory import Integrator as Integrator
+from .trajectory import Trajectory as Trajectory
+from .trajectory import TrajectoryBar as TrajectoryBar
+from .validity import LargeDeformationWarning as LargeDeformationWarning
+from .validity import SofteningWarning as SofteningWarning
+from .validity import TiltedAxisWarning as TiltedAxisWarning
+from .validity import TimeStepWarning as TimeStepWarning
+from .validity import warn_of_limits as warn_of_limits
 
 explain_fields(globals())

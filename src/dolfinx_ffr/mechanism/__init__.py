@@ -4,106 +4,75 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .forces import AppliedForce, Bushing, Force, SpringDamper, Torque, TorsionalSpringDamper
-from .initial_conditions import Assembled, Placement, Start, StaticEquilibrium
-from .joints import (
-    Cylindrical,
-    Distance,
-    Gear,
-    Joint,
-    LinearDrive,
-    Planar,
-    PointOnLine,
-    PointOnPlane,
-    PrescribedAngle,
-    PrescribedPosition,
-    Revolute,
-    Spherical,
-    Translational,
-    Universal,
-    Weld,
-)
-from .marker import BodyPoint, Ground, Marker, Moving, Pair, Triple, marker_name
-from .mechanism import Mechanism, PointMass, RayleighDamping
-from .motion import Motion, Signal, check_signal, evaluated, is_zero, sample, tabulated
-from .parametric import ParametricMechanism
-from .parts import aligned, coincidence, on_line, on_plane, parallel, relative_angle, turning
-from .rotation import PlacementWarning, RotationLike, rotation_matrix, rotation_vector
-from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
-from .symbols import Line, Pin, Slider, Spring, Square, Symbol
-from .undeformed import Undeformed
-
-__all__ = [
-    "AppliedForce",
-    "Assembled",
-    "BodyPoint",
-    "BodyVector",
-    "Bushing",
-    "Cylindrical",
-    "Distance",
-    "Element",
-    "Force",
-    "Gear",
-    "Ground",
-    "Joint",
-    "Line",
-    "LinearDrive",
-    "Load",
-    "Marker",
-    "Mechanism",
-    "Motion",
-    "Moving",
-    "Pair",
-    "ParametricMechanism",
-    "Pin",
-    "Placement",
-    "PlacementWarning",
-    "Planar",
-    "PointMass",
-    "PointOnLine",
-    "PointOnPlane",
-    "PrescribedAngle",
-    "PrescribedPosition",
-    "RayleighDamping",
-    "Revolute",
-    "RotationLike",
-    "Row",
-    "RowKind",
-    "Signal",
-    "Slider",
-    "Spherical",
-    "Spring",
-    "SpringDamper",
-    "SpringRow",
-    "Square",
-    "Start",
-    "StaticEquilibrium",
-    "Symbol",
-    "Torque",
-    "TorsionalSpringDamper",
-    "Translational",
-    "Triple",
-    "Undeformed",
-    "Universal",
-    "VectorKind",
-    "Weld",
-    "aligned",
-    "check_signal",
-    "coincidence",
-    "direction",
-    "evaluated",
-    "is_zero",
-    "marker_name",
-    "on_line",
-    "on_plane",
-    "parallel",
-    "point",
-    "relative_angle",
-    "rotation_matrix",
-    "rotation_vector",
-    "sample",
-    "tabulated",
-    "turning",
-]
+from .forces import AppliedForce as AppliedForce
+from .forces import Bushing as Bushing
+from .forces import Force as Force
+from .forces import SpringDamper as SpringDamper
+from .forces import Torque as Torque
+from .forces import TorsionalSpringDamper as TorsionalSpringDamper
+from .initial_conditions import Assembled as Assembled
+from .initial_conditions import Placement as Placement
+from .initial_conditions import Start as Start
+from .initial_conditions import StaticEquilibrium as StaticEquilibrium
+from .joints import Cylindrical as Cylindrical
+from .joints import Distance as Distance
+from .joints import Gear as Gear
+from .joints import Joint as Joint
+from .joints import LinearDrive as LinearDrive
+from .joints import Planar as Planar
+from .joints import PointOnLine as PointOnLine
+from .joints import PointOnPlane as PointOnPlane
+from .joints import PrescribedAngle as PrescribedAngle
+from .joints import PrescribedPosition as PrescribedPosition
+from .joints import Revolute as Revolute
+from .joints import Spherical as Spherical
+from .joints import Translational as Translational
+from .joints import Universal as Universal
+from .joints import Weld as Weld
+from .marker import BodyPoint as BodyPoint
+from .marker import Ground as Ground
+from .marker import Marker as Marker
+from .marker import Moving as Moving
+from .marker import Pair as Pair
+from .marker import Triple as Triple
+from .marker import marker_name as marker_name
+from .mechanism import Mechanism as Mechanism
+from .mechanism import PointMass as PointMass
+from .mechanism import RayleighDamping as RayleighDamping
+from .motion import Motion as Motion
+from .motion import Signal as Signal
+from .motion import check_signal as check_signal
+from .motion import evaluated as evaluated
+from .motion import is_zero as is_zero
+from .motion import sample as sample
+from .motion import tabulated as tabulated
+from .parametric import ParametricMechanism as ParametricMechanism
+from .parts import aligned as aligned
+from .parts import coincidence as coincidence
+from .parts import on_line as on_line
+from .parts import on_plane as on_plane
+from .parts import parallel as parallel
+from .parts import relative_angle as relative_angle
+from .parts import turning as turning
+from .rotation import PlacementWarning as PlacementWarning
+from .rotation import RotationLike as RotationLike
+from .rotation import rotation_matrix as rotation_matrix
+from .rotation import rotation_vector as rotation_vector
+from .rows import BodyVector as BodyVector
+from .rows import Element as Element
+from .rows import Load as Load
+from .rows import Row as Row
+from .rows import RowKind as RowKind
+from .rows import SpringRow as SpringRow
+from .rows import VectorKind as VectorKind
+from .rows import direction as direction
+from .rows import point as point
+from .symbols import Line as Line
+from .symbols import Pin as Pin
+from .symbols import Slider as Slider
+from .symbols import Spring as Spring
+from .symbols import Square as Square
+from .symbols import Symbol as Symbol
+from .undeformed import Undeformed as Undeformed
 
 explain_fields(globals())

@@ -8,58 +8,34 @@ of several motions become one number by a :class:`Combination`.
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .base import (
-    Constraint,
-    DensityField,
-    Derivatives,
-    Inventory,
-    Objective,
-    Response,
-    StressField,
-    Sum,
-    check_objective,
-    derivatives_of,
-    value_of,
-)
-from .combination import Combination, PowerMean, WeightedSum, WorstCase
-from .compliance import IntegralCompliance, PeakCompliance
-from .drives import DrivePower, DriveWork
-from .joints import JointForce
-from .markers import MarkerAcceleration, MarkerVelocity, PathTracking
-from .properties import Frequency, Mass, Volume
-from .stress import PeakStress, von_mises_root
-from .stress_coordinates import stress_coordinates
-
-__all__ = [
-    "Combination",
-    "Constraint",
-    "DensityField",
-    "Derivatives",
-    "DrivePower",
-    "DriveWork",
-    "Frequency",
-    "IntegralCompliance",
-    "Inventory",
-    "JointForce",
-    "MarkerAcceleration",
-    "MarkerVelocity",
-    "Mass",
-    "Objective",
-    "PathTracking",
-    "PeakCompliance",
-    "PeakStress",
-    "PowerMean",
-    "Response",
-    "StressField",
-    "Sum",
-    "Volume",
-    "WeightedSum",
-    "WorstCase",
-    "check_objective",
-    "derivatives_of",
-    "stress_coordinates",
-    "value_of",
-    "von_mises_root",
-]
+from .base import Constraint as Constraint
+from .base import DensityField as DensityField
+from .base import Derivatives as Derivatives
+from .base import Inventory as Inventory
+from .base import Objective as Objective
+from .base import Response as Response
+from .base import StressField as StressField
+from .base import Sum as Sum
+from .base import check_objective as check_objective
+from .base import derivatives_of as derivatives_of
+from .base import value_of as value_of
+from .combination import Combination as Combination
+from .combination import PowerMean as PowerMean
+from .combination import WeightedSum as WeightedSum
+from .combination import WorstCase as WorstCase
+from .compliance import IntegralCompliance as IntegralCompliance
+from .compliance import PeakCompliance as PeakCompliance
+from .drives import DrivePower as DrivePower
+from .drives import DriveWork as DriveWork
+from .joints import JointForce as JointForce
+from .markers import MarkerAcceleration as MarkerAcceleration
+from .markers import MarkerVelocity as MarkerVelocity
+from .markers import PathTracking as PathTracking
+from .properties import Frequency as Frequency
+from .properties import Mass as Mass
+from .properties import Volume as Volume
+from .stress import PeakStress as PeakStress
+from .stress import von_mises_root as von_mises_root
+from .stress_coordinates import stress_coordinates as stress_coordinates
 
 explain_fields(globals())

@@ -4,38 +4,21 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .boundary_steps import move_boundary
-from .gradient import (
-    Distance,
-    ExactAdjoint,
-    GradientErrors,
-    GradientMethod,
-    GradientReport,
-    of_all_elements,
-)
-from .level_set_evolution import LevelSetEvolution
-from .loop import DesignLoop, Optimizer
-from .mma import MMA
-from .optimize import optimize
-from .result import BoundaryResult, DesignWarning, Result, gray_fraction
-
-__all__ = [
-    "MMA",
-    "BoundaryResult",
-    "DesignLoop",
-    "DesignWarning",
-    "Distance",
-    "ExactAdjoint",
-    "GradientErrors",
-    "GradientMethod",
-    "GradientReport",
-    "LevelSetEvolution",
-    "Optimizer",
-    "Result",
-    "gray_fraction",
-    "move_boundary",
-    "of_all_elements",
-    "optimize",
-]
+from .boundary_steps import move_boundary as move_boundary
+from .gradient import Distance as Distance
+from .gradient import ExactAdjoint as ExactAdjoint
+from .gradient import GradientErrors as GradientErrors
+from .gradient import GradientMethod as GradientMethod
+from .gradient import GradientReport as GradientReport
+from .gradient import of_all_elements as of_all_elements
+from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
+from .loop import DesignLoop as DesignLoop
+from .loop import Optimizer as Optimizer
+from .mma import MMA as MMA
+from .optimize import optimize as optimize
+from .result import BoundaryResult as BoundaryResult
+from .result import DesignWarning as DesignWarning
+from .result import Result as Result
+from .result import gray_fraction as gray_fraction
 
 explain_fields(globals())

@@ -8,33 +8,19 @@ It is here to be measured beside the exact adjoint, which is faster and exact, a
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .approximate import ApproximateGradient, gradient_errors
-from .elementwise import (
-    ElementByElement,
-    ElementGradient,
-    IntegralDerivatives,
-    elementwise_gradient,
-    integral_derivatives,
-)
-from .mode_derivatives import ModeDerivative, Solver, mode_derivatives
-from .rbf_interpolation import IllConditionedWarning, ScatteredInterpolation, best_length
-from .sampling import GradientElements
-
-__all__ = [
-    "ApproximateGradient",
-    "ElementByElement",
-    "ElementGradient",
-    "GradientElements",
-    "IllConditionedWarning",
-    "IntegralDerivatives",
-    "ModeDerivative",
-    "ScatteredInterpolation",
-    "Solver",
-    "best_length",
-    "elementwise_gradient",
-    "gradient_errors",
-    "integral_derivatives",
-    "mode_derivatives",
-]
+from .approximate import ApproximateGradient as ApproximateGradient
+from .approximate import gradient_errors as gradient_errors
+from .elementwise import ElementByElement as ElementByElement
+from .elementwise import ElementGradient as ElementGradient
+from .elementwise import IntegralDerivatives as IntegralDerivatives
+from .elementwise import elementwise_gradient as elementwise_gradient
+from .elementwise import integral_derivatives as integral_derivatives
+from .mode_derivatives import ModeDerivative as ModeDerivative
+from .mode_derivatives import Solver as Solver
+from .mode_derivatives import mode_derivatives as mode_derivatives
+from .rbf_interpolation import IllConditionedWarning as IllConditionedWarning
+from .rbf_interpolation import ScatteredInterpolation as ScatteredInterpolation
+from .rbf_interpolation import best_length as best_length
+from .sampling import GradientElements as GradientElements
 
 explain_fields(globals())

@@ -4,23 +4,16 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .part import LoosePiece, Part
-from .solid import Cavity, Solid
-from .verify import BodyFigures, Enclosed, Figures, PartWarning, Verification, verify
-from .widths import Width
-
-__all__ = [
-    "BodyFigures",
-    "Cavity",
-    "Enclosed",
-    "Figures",
-    "LoosePiece",
-    "Part",
-    "PartWarning",
-    "Solid",
-    "Verification",
-    "Width",
-    "verify",
-]
+from .part import LoosePiece as LoosePiece
+from .part import Part as Part
+from .solid import Cavity as Cavity
+from .solid import Solid as Solid
+from .verify import BodyFigures as BodyFigures
+from .verify import Enclosed as Enclosed
+from .verify import Figures as Figures
+from .verify import PartWarning as PartWarning
+from .verify import Verification as Verification
+from .verify import verify as verify
+from .widths import Width as Width
 
 explain_fields(globals())

@@ -9,35 +9,20 @@ Another kind of file is a ValueError on every rank, an argument of a wrong kind 
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .boundary_film import animate_boundary
-from .diagrams import (
-    plot_crank_motion,
-    plot_curves,
-    plot_gradient_histories,
-    plot_history,
-    plot_kernel,
-    plot_trade_off,
-)
-from .fields import mesh_grid, plot_design, plot_gradient_elements, plot_modes, plot_stress
-from .motion_pictures import animate_motion, plot_scene
-from .part_view import plot_part
-
-__all__ = [
-    "animate_boundary",
-    "animate_motion",
-    "mesh_grid",
-    "plot_crank_motion",
-    "plot_curves",
-    "plot_design",
-    "plot_gradient_elements",
-    "plot_gradient_histories",
-    "plot_history",
-    "plot_kernel",
-    "plot_modes",
-    "plot_part",
-    "plot_scene",
-    "plot_stress",
-    "plot_trade_off",
-]
+from .boundary_film import animate_boundary as animate_boundary
+from .diagrams import plot_crank_motion as plot_crank_motion
+from .diagrams import plot_curves as plot_curves
+from .diagrams import plot_gradient_histories as plot_gradient_histories
+from .diagrams import plot_history as plot_history
+from .diagrams import plot_kernel as plot_kernel
+from .diagrams import plot_trade_off as plot_trade_off
+from .fields import mesh_grid as mesh_grid
+from .fields import plot_design as plot_design
+from .fields import plot_gradient_elements as plot_gradient_elements
+from .fields import plot_modes as plot_modes
+from .fields import plot_stress as plot_stress
+from .motion_pictures import animate_motion as animate_motion
+from .motion_pictures import plot_scene as plot_scene
+from .part_view import plot_part as plot_part
 
 explain_fields(globals())

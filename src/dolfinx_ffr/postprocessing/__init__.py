@@ -4,27 +4,20 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .local_modes import LocalModes, LocalModesWarning, local_modes
-from .mode_truncation import ModeSelection, mode_error, modes_below, propose_modes, select_modes
-from .model_report import BodyReport, ModelReport, model_report
-from .stress import StressEnvelope, StressModes, von_mises, worst_stress
-
-__all__ = [
-    "BodyReport",
-    "LocalModes",
-    "LocalModesWarning",
-    "ModeSelection",
-    "ModelReport",
-    "StressEnvelope",
-    "StressModes",
-    "local_modes",
-    "mode_error",
-    "model_report",
-    "modes_below",
-    "propose_modes",
-    "select_modes",
-    "von_mises",
-    "worst_stress",
-]
+from .local_modes import LocalModes as LocalModes
+from .local_modes import LocalModesWarning as LocalModesWarning
+from .local_modes import local_modes as local_modes
+from .mode_truncation import ModeSelection as ModeSelection
+from .mode_truncation import mode_error as mode_error
+from .mode_truncation import modes_below as modes_below
+from .mode_truncation import propose_modes as propose_modes
+from .mode_truncation import select_modes as select_modes
+from .model_report import BodyReport as BodyReport
+from .model_report import ModelReport as ModelReport
+from .model_report import model_report as model_report
+from .stress import StressEnvelope as StressEnvelope
+from .stress import StressModes as StressModes
+from .stress import von_mises as von_mises
+from .stress import worst_stress as worst_stress
 
 explain_fields(globals())

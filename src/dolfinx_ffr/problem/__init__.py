@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .evaluation import Evaluation, LoadCaseEvaluation
-from .problem import Problem
-
-__all__ = ["Evaluation", "LoadCaseEvaluation", "Problem"]
+from .evaluation import Evaluation as Evaluation
+from .evaluation import LoadCaseEvaluation as LoadCaseEvaluation
+from .problem import Problem as Problem
 
 explain_fields(globals())

@@ -4,33 +4,20 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
-from .direct_solver import solved
-from .factored_body import FactoredBody
-from .flexible_body import BodyPullback, FlexibleBody, ReducedBody
-from .frame import ChordFrame, TangentFrame
-from .geometric_stiffness import MARKERS
-from .integrals import RoundOffWarning
-from .normal_modes import CLUSTER
-from .residual_modes import with_residual_modes
-from .stress import BodyStress
-
-__all__ = [
-    "CLUSTER",
-    "MARKERS",
-    "BodyPullback",
-    "BodyStress",
-    "ChordFrame",
-    "CraigBampton",
-    "FactoredBody",
-    "FlexibleBody",
-    "ReducedBasis",
-    "ReducedBody",
-    "RoundOffWarning",
-    "ShapesBar",
-    "TangentFrame",
-    "solved",
-    "with_residual_modes",
-]
+from .craig_bampton import CraigBampton as CraigBampton
+from .craig_bampton import ReducedBasis as ReducedBasis
+from .craig_bampton import ShapesBar as ShapesBar
+from .direct_solver import solved as solved
+from .factored_body import FactoredBody as FactoredBody
+from .flexible_body import BodyPullback as BodyPullback
+from .flexible_body import FlexibleBody as FlexibleBody
+from .flexible_body import ReducedBody as ReducedBody
+from .frame import ChordFrame as ChordFrame
+from .frame import TangentFrame as TangentFrame
+from .geometric_stiffness import MARKERS as MARKERS
+from .integrals import RoundOffWarning as RoundOffWarning
+from .normal_modes import CLUSTER as CLUSTER
+from .residual_modes import with_residual_modes as with_residual_modes
+from .stress import BodyStress as BodyStress
 
 explain_fields(globals())
