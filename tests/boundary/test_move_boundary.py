@@ -7,6 +7,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
@@ -22,8 +23,10 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Boundary
 from dolfinx_ffr.boundary.derivative import NodeMotion
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
-from dolfinx_ffr.optimization import move_boundary
+from dolfinx_ffr.io import load_checkpoint, save_checkpoint
+from dolfinx_ffr.optimization import BoundaryResult, move_boundary
 from dolfinx_ffr.optimization.boundary_steps import _Descent
+from dolfinx_ffr.optimization.steps_checkpoint import Kept, StepsCheckpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
@@ -197,6 +200,27 @@ def test_psi_falls_and_members_stay() -> None:
     assert result.psi == pytest.approx(history["psi"].min(), rel=2e-3)
 
 
+def test_a_strut_that_ends_free_goes() -> None:
+    """It is found beside corners and struts that carry, and tried without."""
+    problem, boundary = scene(alone=True)
+    here, top, end = CENTERS[3], 0.012, -0.005
+
+    def with_spur(x: np.ndarray) -> np.ndarray:
+        along = np.clip(x[:, 1], end, top)
+        away = np.hypot(x[:, 0] - here, x[:, 1] - along)
+        return np.maximum(field(x), 1.6e-3 - away)
+
+    part = ffr.Part(boundary.body, with_spur, 0.01)
+    spurred = Boundary.of(part, MEMBER)
+    (spur,) = spurred.spurs
+    assert spur.centroid.x == pytest.approx(here, abs=5e-4) and end < spur.centroid.y < top
+    assert boundary.spurs == []
+    result = move_boundary(problem, spurred, iterations=1, progress=False)
+    assert result.history["removed"].tolist() == [0, 1, 0]
+    assert result.boundary.spurs == [] and len(result.boundary.holes) == len(spurred.holes)
+    assert result.psi < result.history["psi"][0]
+
+
 @pytest.mark.slow
 def test_a_stress_limit_is_one_of_the_part() -> None:
     """Least volume: the limit is held by the largest stress of each part itself."""
@@ -335,6 +359,54 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
         assert pictures.n_frames >= len(moved.history["psi"])
     with pytest.raises(TypeError, match="optimize: boundary must be a number"):
         ffr.optimize(problem, levelset, boundary="3", **run)
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+def test_steps_go_on_where_they_were_ended(
+    shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed after its second step, a run ends as one that was not; others' steps are refused."""
+    domain = ffr.Domain.rectangle(MPI.COMM_WORLD, 0.4, 0.04, elements=(40, 4))
+    problem = reference_problem(domain.comm, domain=domain, steps=60, modes=3)
+    options = {"volume": 0.6, "iterations": 4, "progress": False, "output": shared_tmp_path}
+
+    def run(**others: Any) -> BoundaryResult:
+        result = ffr.optimize(problem, ffr.LevelSet(domain), **options, boundary=4, **others)
+        assert result.moved is not None
+        return result.moved
+
+    whole = run()
+    save, saved = StepsCheckpoint.save, []
+
+    def last(self: StepsCheckpoint, kept: Kept) -> None:
+        save(self, kept)
+        saved.append(kept)
+        if len(saved) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(StepsCheckpoint, "save", last)
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    rest = run(resume=True)
+    assert len(saved) == len(whole.history["psi"]) - 2  # those before are not made again
+    near = 1e-9 if domain.comm.size == 1 else 1e-4  # meshes follow last bits
+    for name, column in whole.history.items():
+        assert rest.history[name] == pytest.approx(column, rel=near, abs=near), name
+    assert len(rest.materials["rod"]) == len(whole.materials["rod"])
+    assert rest.psi == pytest.approx(whole.psi, rel=near)
+    # once it has ended, nothing is left to do
+    again = run(resume=True)
+    assert again.psi == pytest.approx(whole.psi, rel=near)
+    path = shared_tmp_path / "checkpoint"
+    data = load_checkpoint(domain.comm, path)
+    for key, value, why in (
+        ("boundary start rod control", 1.001, "the boundaries with which its steps began"),
+        ("boundary psi", 1.001, "psi of its boundaries was"),
+    ):
+        save_checkpoint(domain.comm, path, {**data, key: value * data[key]})
+        with pytest.raises(ffr.CheckpointError, match=f"is of another problem: {why}"):
+            run(resume=True)
 
 
 def test_a_mirror_plane_is_none_of_the_plane() -> None:

@@ -85,8 +85,8 @@ class Kind(ABC, Generic[B]):
         """The same for a mesh by which the result is told; ValueError if that is too fine."""
         return boundary
 
-    def simpler(self, boundary: B, costs: Costs) -> Iterator[B]:
-        """The boundary without what may not pay."""
+    def simpler(self, boundary: B, costs: Costs) -> Iterator[tuple[B, int]]:
+        """The boundary without what may not pay, and how many holes and struts that were."""
         return iter(())
 
     def said(self, boundary: B) -> list[str]:
@@ -121,20 +121,21 @@ class InThePlane(Kind[Boundary]):
         each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
         return min(_SIZE * boundary.member, math.sqrt(each))
 
-    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[Boundary]:
-        """Without its specks, and without the struts whose minimum width costs most."""
+    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
+        """Without its specks, what ends free, and the struts whose minimum width costs most."""
         if boundary.specks:
-            yield boundary.without(boundary.specks)
+            yield boundary.without(boundary.specks), len(boundary.specks)
         holes = set(boundary.holes)
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
-        for pair in dear[:_TRIED]:
+        tried = [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
+        for without, what in [*tried, *((boundary.joined, pair) for pair in dear[:_TRIED])]:
             try:
-                joined = boundary.joined(pair)
+                found = without(what)
             except ValueError:
                 continue
-            if joined.valid:
-                yield joined
+            if found.valid:
+                yield found, max(len(boundary.holes) - len(found.holes), 1)
 
 
 class InSpace(Kind[Surface]):

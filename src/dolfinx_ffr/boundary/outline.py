@@ -9,9 +9,10 @@ for each free side of the outline between two curves that stay.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -26,6 +27,7 @@ from ..fem import Curve, Domain, Drawing, Face, polygon
 from ..part import Part, PartWarning
 from .curve import FreeCurve
 from .sides import Loops, Run, Side, sides_of
+from .spurs import spurs
 from .symmetry import fitted
 
 Array = NDArray[np.float64]
@@ -42,6 +44,8 @@ _BETWEEN, _OPENED = 0.9, 0.5
 _OFF_SOLID = 1.0
 #: Smallest radius by default, in minimum gaps: that of the narrowest round hole
 _RADIUS = 0.5
+#: How far around a spur its curve is drawn anew, in minimum members, and points of a curve at least
+_TRIMMED, _FEWEST = 0.3, 12
 #: Steps along the boundary at which members and gaps are measured, in minimum members
 _STEP = 0.2
 
@@ -269,6 +273,45 @@ class Boundary:
     def _fine(self) -> float:
         return _FINE * self.member
 
+    # ------------------------------------------------------------------ in a checkpoint
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What has changed since `of`, as arrays by name."""
+        keys = list(self.free)
+        rows = [
+            (face, loop, side.free, side.number, side.forward)
+            for face, (_, loops) in enumerate(self.faces)
+            for loop, sides in enumerate(loops)
+            for side in sides
+        ]
+        return {
+            "curves": np.array(keys),
+            "counts": np.array([len(self.free[key].control) for key in keys]),
+            "nodes": np.array([self.free[key].nodes or (-1, -1) for key in keys]),
+            "control": np.vstack([self.free[key].control for key in keys]),
+            "masters": np.concatenate([self.masters[key] for key in keys]),
+            "sides": np.array(rows),
+            "groups": np.array([group for group, _ in self.faces]),
+        }
+
+    def restored(self, state: Mapping[str, NDArray[Any]]) -> Boundary:
+        """The boundary with that `state`, which this one had come to."""
+        keys, ends = state["curves"].tolist(), np.cumsum(state["counts"])[:-1]
+        controls, masters = (np.split(state[name], ends) for name in ("control", "masters"))
+        nodes = [None if pair[0] < 0 else (pair[0], pair[1]) for pair in state["nodes"].tolist()]
+        free = dict(zip(keys, map(FreeCurve, controls, nodes), strict=True))
+        loops: list[list[list[Side]]] = [[] for _ in state["groups"]]
+        for face, loop, *side in state["sides"].tolist():
+            if loop == len(loops[face]):
+                loops[face].append([])
+            loops[face][loop].append(Side(bool(side[0]), side[1], bool(side[2])))
+        faces = tuple(
+            (str(group), tuple(map(tuple, own)))
+            for group, own in zip(state["groups"], loops, strict=True)
+        )
+        own = dict(zip(keys, masters, strict=True))
+        return replace(self, free=free, faces=faces, masters=own)
+
     # ------------------------------------------------------------------ what it encloses
 
     def curve(self, side: Side) -> Curve:
@@ -365,6 +408,38 @@ class Boundary:
             runs.append(Run(np.asarray(ring.coords)[:-1], None))
             gone += among
         return self._with_holes(gone, runs)
+
+    @property
+    def spurs(self) -> list[shapely.Geometry]:
+        """Struts that end free, each with its mirror images, the longest first."""
+        curves = [(self._points(curve), curve.closed) for curve in self.free.values()]
+        return spurs(curves, self.material, self.member, self.isometries)
+
+    def _points(self, curve: FreeCurve) -> Array:
+        """Points along a curve from its first to its last, dense beside the minimum member."""
+        s = curve.sampled(_STEP * self.member)
+        return curve.at(s if curve.closed else np.append(s, curve.spans))
+
+    def trimmed(self, spur: shapely.Geometry) -> Boundary:
+        """The boundary without one of its `spurs`; the curves around it are fitted anew.
+
+        ValueError if one of these would have no length any more.
+        """
+        beyond = spur.buffer(_TRIMMED * self.member)
+        runs = {}
+        for key, curve in self.free.items():
+            points = self._points(curve)
+            gone = shapely.contains(beyond, shapely.points(points))
+            if np.any(gone):
+                gone[[0, -1]] &= curve.closed
+                runs[key] = Run(points[~gone], curve.nodes)
+                if len(runs[key].points) < _FEWEST:
+                    raise ValueError("boundary: nothing is left of a curve without its spur")
+        curves, masters = fitted(list(runs.values()), self.spacing, self.isometries)
+        alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())
+        own = dict(zip(runs, curves.values(), strict=True))
+        moved = {k: alike + m for k, m in zip(runs, masters.values(), strict=True)}
+        return replace(self, free={**self.free, **own}, masters={**self.masters, **moved})
 
     def _with_holes(self, gone: Iterable[int], runs: Sequence[Run]) -> Boundary:
         """Without some holes, and with others along closed runs where these were."""

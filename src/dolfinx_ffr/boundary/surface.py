@@ -10,7 +10,7 @@ normal n by the change over the slope, so the derivative by the nodes gives that
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -201,6 +201,14 @@ class Surface:
     def _with(self, coefficients: Array, size: float | None = None) -> Surface:
         own = self.origin, self.member, coefficients, self._low, self._spacing
         return Surface(*own, self.mirrors, size or self.size)
+
+    def state(self) -> dict[str, Array]:
+        """What has changed since `of`, as arrays by name."""
+        return {"coefficients": self.coefficients}
+
+    def restored(self, state: Mapping[str, Array]) -> Surface:
+        """The surface with that `state`, which this one had come to."""
+        return self._with(state["coefficients"])
 
     def metric(self, length: float) -> csc_matrix:
         """The matrix of motions that are smooth over a ``length`` [m], (variables, variables)."""

@@ -24,9 +24,16 @@ from ..mechanical_problem import MechanicalProblem
 from ..objective import PeakStress
 from ..part import PartWarning
 from ..problem import Evaluation, Problem
-from .enough_modes import EVERY, with_enough_modes, with_steps_for
+from .enough_modes import (
+    EVERY,
+    chosen_methods,
+    with_enough_modes,
+    with_methods,
+    with_steps_for,
+)
 from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
+from .steps_checkpoint import Kept, Learnt, StepsCheckpoint
 
 Array = NDArray[np.float64]
 #: By the dimension of the bodies
@@ -77,7 +84,11 @@ class Trial:
         hard = [part.values for part in rows if part.costs is None]
         narrow = max((float(np.max(values, initial=0.0)) for values in hard), default=0.0)
         sizes = _OF_SIZES * narrow + self.cost_of_walls
-        return math.log(self.evaluation.psi) + sizes + of_bounds * self.excess
+        return self.carries(of_bounds) + sizes
+
+    def carries(self, of_bounds: float) -> float:
+        """The same without sizes, which steps mend where a strut has gone."""
+        return math.log(self.evaluation.psi) + of_bounds * self.excess
 
     @property
     def cost_of_walls(self) -> float:
@@ -135,7 +146,7 @@ class _Descent:
     problem: Problem
     volume: dict[str, float]  #: Upper bounds of the filled shares
     sizes: dict[str, float]  #: Of the triangles [m]
-    others: dict[str, Array]  #: Variables of designs without a domain, which stay
+    others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
     dear: float = 1.0  #: Factor of what the walls of solids cost
 
@@ -254,6 +265,20 @@ class _Descent:
                 row += 1
         return _Step(offsets, costs, float(np.sum(cost[len(cost) - found.bounds :])))
 
+    def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
+        """The state after a step; ``others`` are the last fields of `Kept`."""
+        modes = {name: body.modes for name, body in self.problem.flexible.items()}
+        also = None if best is trial else best.boundaries
+        methods = chosen_methods(self.problem)
+        return Kept(learnt, trial.boundaries, also, modes, methods, *others)
+
+    def restored(self, kept: Kept) -> tuple[_Descent, Trial, Trial]:
+        """The descent, its boundaries and the best ones in an earlier state; collective."""
+        problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
+        descent = replace(self, problem=problem, dear=kept.learnt.dear)
+        trial = descent.tried(kept.now)
+        return descent, trial, descent.tried(kept.best) if kept.best else trial
+
     def moved(self, trial: Trial, step: _Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
         try:
@@ -287,19 +312,19 @@ class _Descent:
             return trial
 
     def simpler(self, trial: Trial, costs: dict[str, Costs], weight: float) -> tuple[Trial, int]:
-        """Without struts and holes that do not pay, and how many holes went; collective."""
+        """Without struts and holes that do not pay, and how many of them went; collective."""
         removed = 0
         for name, boundary in trial.boundaries.items():
-            best = None
-            for changed in self.kind.simpler(boundary, costs[name]):
+            best, fewer = None, 0
+            for changed, count in self.kind.simpler(boundary, costs[name]):
                 try:
                     other = self.tried({**trial.boundaries, name: changed})
                 except (ValueError, SimulationError):
                     continue
-                if best is None or other.merit(weight) < best.merit(weight):
-                    best = other
-            if best is not None and best.merit(weight) < trial.merit(weight) + _GONE:
-                removed += len(boundary.holes) - len(best.boundaries[name].holes)
+                if best is None or other.carries(weight) < best.carries(weight):
+                    best, fewer = other, count
+            if best is not None and best.carries(weight) < trial.carries(weight) + _GONE:
+                removed += fewer
                 trial = best
         return trial, removed
 
@@ -342,7 +367,8 @@ def move_boundary(
         problem: As the parts were designed.
         boundary: Of the part; of several designed bodies a mapping from their names to one each.
         volume: Upper bound of the filled share of the body, of several one for each, or None.
-        variables: Values of designs without a domain by name, shape (size,); they stay.
+        variables: Values of designs without a domain by name, shape (size,), and densities of
+            bodies that stay as they are, (cells,).
         iterations: Number of gradients, at most.
         size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
@@ -362,12 +388,28 @@ def move_boundary(
         PartWarning: If a bound or a minimum size is missed by more than 1 %.
         DesignWarning: If no number of modes suffices.
     """
+    options = variables, iterations, size, mode_tolerance, progress
+    return moved(problem, boundary, volume, *options)
+
+
+def moved(
+    problem: Problem,
+    boundary: Boundary | Surface | Mapping[str, Boundary | Surface],
+    volume: float | Mapping[str, float] | None,
+    variables: Mapping[str, Array] | None,
+    iterations: int,
+    size: float | None,
+    mode_tolerance: float | None,
+    progress: bool,
+    checkpoint: StepsCheckpoint | None = None,
+) -> BoundaryResult:
+    """As `move_boundary`, its state kept in a ``checkpoint`` after each step."""
     validation.instance("boundary: problem", problem, Problem, "a Problem")
     steps = validation.integer("boundary: iterations", iterations, least=1)
     validation.flag("boundary: progress", progress)
     if mode_tolerance is not None:
         validation.number("boundary: mode_tolerance", mode_tolerance, above=0.0)
-    names = list(problem.flexible)
+    names = [name for name in problem.flexible if name not in (variables or {})]
     given = boundary if isinstance(boundary, Mapping) else dict.fromkeys(names[:1], boundary)
     if set(given) != set(names):
         raise ValueError(
@@ -394,7 +436,7 @@ def move_boundary(
     turn = _TURN if any(isinstance(term, PeakStress) for term in terms) else math.inf
     descent = _Descent(problem, bounds, sizes, others, turn)
     ordered = {name: given[name] for name in names}
-    return _descended(descent, ordered, steps, mode_tolerance, progress)
+    return _descended(descent, ordered, steps, mode_tolerance, progress, checkpoint)
 
 
 def _descended(
@@ -403,6 +445,7 @@ def _descended(
     steps: int,
     tolerance: float | None,
     progress: bool,
+    checkpoint: StepsCheckpoint | None,
 ) -> BoundaryResult:
     """The best of all steps; collective."""
     comm = ranks_of(descent.problem)
@@ -413,14 +456,22 @@ def _descended(
         warnings_above(bar),
         interruptible(comm) as interrupted,
     ):
-        trial = descent.tried(boundaries)
-        descent, trial, errors = descent.accurate(trial, tolerance, first)
-        best, known = trial, errors
-        reach, reason, weight, removed, margin = _FIRST, "iterations", _OF_BOUNDS, 0, 0.0
-        pace = descent.kind.pace
-        told = [trial.told(0.0, 0, 0)]
-        shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
-        for number in range(1, steps + 1):
+        pace, reason, removed = descent.kind.pace, "iterations", 0
+        if checkpoint is not None and (kept := checkpoint.load(boundaries)):
+            descent, trial, best = descent.restored(kept)
+            checkpoint.check(kept, trial.evaluation.psi)
+            errors = known = kept.errors
+            reach, weight, margin = kept.learnt.reach, kept.learnt.weight, kept.learnt.margin
+            told, shown = kept.told, kept.shown
+            bar.update(len(told) - 1)
+        else:
+            trial = descent.tried(boundaries)
+            descent, trial, errors = descent.accurate(trial, tolerance, first)
+            best, known = trial, errors
+            reach, weight, margin = _FIRST, _OF_BOUNDS, 0.0
+            told = [trial.told(0.0, 0, 0)]
+            shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
+        for number in range(len(told), steps + 1):
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
@@ -469,6 +520,9 @@ def _descended(
                 film.append(trial.boundaries[name].material)
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
+            if checkpoint:
+                learnt = Learnt(trial.evaluation.psi, reach, weight, margin, descent.dear)
+                checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
         best = descent.finer(best)
         told.append(best.told(0.0, 0, 0))
         for name, film in shown.items():
@@ -497,8 +551,8 @@ def _warn_of_missed(trial: Trial, kind: Kind[Any]) -> None:
         warnings.warn(
             f"boundary: {'; '.join(said)}: take more iterations, another start or other bounds",
             PartWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     for name, boundary in trial.boundaries.items():
         for text in kind.said(boundary):
-            warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=4)
+            warnings.warn(f"boundary: {name!r}: {text}", PartWarning, stacklevel=5)

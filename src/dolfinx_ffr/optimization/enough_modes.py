@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
-from ..dynamics import SimulationError, TimeStepWarning
+from ..dynamics import SimulationError, TimeStepWarning, recorded, restored_method
 from ..postprocessing import mode_error, propose_modes
 from ..problem import Evaluation, Problem
 from .gradient import Array
@@ -24,6 +24,21 @@ ROOM = 0.5
 #: Factor by which the number of modes of a body grows at most in a run: where more are asked for,
 #: these are modes of nearly void pieces
 MOST = 4
+
+
+def chosen_methods(problem: Problem) -> list[str]:
+    """Method and steps of each load case where they were chosen, "" for others."""
+    if not isinstance(problem, Problem):  # one of the user's own
+        return []
+    methods = [case.integrator for case in problem.load_cases.values()]
+    return ["" if each.chosen_for is None else recorded(each) for each in methods]
+
+
+def with_methods(problem: Problem, chosen: Iterable[str]) -> Problem:
+    """The problem with the methods and steps that `chosen_methods` gave."""
+    given = zip(problem.load_cases, map(str, chosen), strict=False)
+    methods = {name: restored_method(text) for name, text in given if text}
+    return problem.with_integrators(methods) if methods else problem
 
 
 def with_steps_for(

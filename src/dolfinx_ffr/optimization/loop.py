@@ -21,15 +21,21 @@ from tqdm import tqdm
 
 from .. import validation
 from ..design import Design, Variables
-from ..dynamics import recorded, restored_method
 from ..fem import Domain
 from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
 from ..parallel import check_alike, on_every_rank, on_rank_0, same
 from ..problem import Evaluation, Problem
-from .enough_modes import EVERY, with_enough_modes, with_steps_for
+from .enough_modes import (
+    EVERY,
+    chosen_methods,
+    with_enough_modes,
+    with_methods,
+    with_steps_for,
+)
 from .gradient import Array, Distance, GradientErrors, GradientMethod, GradientReport
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import interruptible, warnings_above
+from .steps_checkpoint import StepsCheckpoint
 
 Row = dict[str, float]
 Callback = Callable[[int, Any, Evaluation], None]
@@ -224,10 +230,7 @@ class DesignLoop:
         if not same(self._modes, data["modes"]):
             self.problem = self.problem.with_modes(modes)
         self._mode_error = float(data["mode_error"])
-        steps = zip(self.problem.load_cases, map(str, data.get("steps", [])), strict=False)
-        chosen = {name: restored_method(text) for name, text in steps if text}
-        if chosen:
-            self.problem = self.problem.with_integrators(chosen)
+        self.problem = with_methods(self.problem, data.get("steps", []))
         self._columns = [str(name) for name in data["columns"]]
         self.rows = [dict(zip(self._columns, map(float, row), strict=True)) for row in data["rows"]]
         return data
@@ -282,12 +285,9 @@ class DesignLoop:
         return [body.modes for body in self.problem.flexible.values()]
 
     @property
-    def _steps(self) -> list[str]:
-        """Method and steps of each load case where they were chosen, "" for others."""
-        if not isinstance(self.problem, Problem):  # one of the user's own
-            return []
-        methods = [case.integrator for case in self.problem.load_cases.values()]
-        return ["" if each.chosen_for is None else recorded(each) for each in methods]
+    def checkpoint(self) -> StepsCheckpoint:
+        """For the steps of boundaries that follow."""
+        return StepsCheckpoint(self.comm, self._checkpoint, self._resume)
 
     @property
     def _checkpoint(self) -> Path | None:
@@ -332,7 +332,8 @@ class DesignLoop:
         if self._checkpoint is not None and state is not None:
             rows = np.array([[row[name] for name in self._columns] for row in self.rows])
             common = {"stage_iterations": self.stage_iterations, "start": self._start}
-            common |= {"modes": self._modes, "mode_error": self._mode_error, "steps": self._steps}
+            common |= {"modes": self._modes, "mode_error": self._mode_error}
+            common |= {"steps": chosen_methods(self.problem)}
             common |= {"columns": self._columns, "rows": rows}
             save_checkpoint(self.comm, self._checkpoint, {**state, **self._identity, **common})
         if iteration == 0:

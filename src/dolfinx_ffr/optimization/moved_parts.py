@@ -9,24 +9,34 @@ from ..boundary import Boundary, Surface
 from ..design import Design, LevelSet
 from ..dynamics import SimulationError
 from ..part import Part
-from .boundary_steps import move_boundary
+from .boundary_steps import moved
 from .result import Result, warn
+from .steps_checkpoint import StepsCheckpoint
 
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
 
 
 def with_moved_boundaries(
-    result: Result, steps: int, tolerance: float | None, progress: bool
+    result: Result,
+    steps: int,
+    tolerance: float | None,
+    progress: bool,
+    checkpoint: StepsCheckpoint,
 ) -> Result:
     """The result of a run, and that of ``steps`` of the boundaries of its parts; collective.
+
+    They are kept in a ``checkpoint``, from which a run that is resumed goes on.
 
     Warns:
         DesignWarning: If there are no such steps, with the reason.
     """
     designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
     bound = {name: result.bounds.get(name, 1.0) for name in designs}
-    others = {n: x for n, x in result.variables.items() if n not in designs}
+    bodies = result.problem.flexible.items()
+    # those by dimensions stay
+    full = {n: 1.0 - body.domain.void_cells for n, body in bodies if n not in designs}
+    others = {n: x for n, x in result.variables.items() if n not in designs} | full
     try:
         boundaries: dict[str, Boundary | Surface] = {}
         for name, design in designs.items():
@@ -37,22 +47,15 @@ def with_moved_boundaries(
                 boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
             else:
                 boundaries[name] = Surface.of(part, member, mirrors=mirrors)
-        moved = move_boundary(
-            result.problem,
-            boundaries,
-            volume=bound,
-            variables=others,
-            iterations=steps,
-            mode_tolerance=tolerance,
-            progress=progress,
-        )
+        options = others, steps, None, tolerance, progress, checkpoint
+        found = moved(result.problem, boundaries, bound, *options)
     except (ValueError, SimulationError) as error:
         warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
         return result
     # the part may keep bounds that the densities have missed
-    kept = result.reason == "infeasible" and not moved.violations
+    kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
-    return replace(result, moved=moved, violations=moved.violations, reason=reason)
+    return replace(result, moved=found, violations=found.violations, reason=reason)
 
 
 def _sizes(design: Design) -> tuple[float, float]:

@@ -52,13 +52,13 @@ def optimize(
     with `Result.reason` "interrupted"; a second one raises KeyboardInterrupt at once, as mpirun
     does a second after the first. After SIGTERM `Result.finish` makes no parts: who sends it wants
     the program to end. ``resume`` goes on from the checkpoint, which is written after every
-    iteration, on any number of ranks.
+    iteration and every step of a boundary, on any number of ranks.
 
     Args:
         problem: What is minimised; its constraints hold too, if the optimiser takes any.
         design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`, or its
             dimensions, a `DimensionDesign`, which takes no ``volume``; with several flexible
-            bodies a mapping from their names to one each. `Variables` without a domain
+            bodies a mapping from their names to one each, of any kind. `Variables` without a domain
             have names of their own in the mapping: the problem, which must know them, is evaluated
             at them by that name, and has a gradient with respect to them, shape (size,).
         start: Variables of the start design, shape (size,), with several by name, for example from
@@ -133,7 +133,9 @@ def optimize(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
             )
         sizing = sized(problem, design)
-        if sizing and (volume != _VOLUME or gradient or not isinstance(optimizer, MMA | None)):
+        alone = sizing is not None and not sizing[0].flexible
+        given_volume = alone and volume != _VOLUME
+        if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
             raise ValueError(
                 "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
                 "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
@@ -181,13 +183,15 @@ def optimize(
             start=None if start is None else begin,
             mode_tolerance=mode_tolerance if sizing is None else None,
         )
-        usual = MMA() if sizing is None else MMA(length=1)
+        usual = MMA(length=1) if alone else MMA()
         with alone_in(comm, folder, "optimize: output"):
             result = (optimizer or usual).run(loop, designs, begin, filled)
             if sizing is not None:
                 result = sizing[0].finished(result, mode_tolerance)
             if steps and result.reason != "interrupted":
-                result = with_moved_boundaries(result, steps, mode_tolerance, progress)
+                result = with_moved_boundaries(
+                    result, steps, mode_tolerance, progress, loop.checkpoint
+                )
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
 

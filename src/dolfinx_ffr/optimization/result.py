@@ -197,7 +197,7 @@ class Result:
         if name is None:
             name = only({body: body for body in designs})
         validation.choice("result: part", name, designs)
-        if self.moved is not None:
+        if self.moved is not None and name in self.moved.boundaries:
             return self.moved.part(name)
         if name not in self._parts:
             design, body = designs[name], self.problem.flexible[name]
@@ -264,7 +264,7 @@ class Result:
             several = len(self._designs_of_parts) > 1
             for name, own in file_names(self._designs_of_parts).items():
                 part, title = self._parts.get(name), name
-                if self.moved is not None:
+                if self.moved is not None and name in self.moved.boundaries:
                     part = self.moved.part(name)
                 # the surface of a solid is worth a look in any case
                 if part is None or (found is None and not isinstance(part, Solid)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Bodies by named dimensions, as a problem whose variables are these.
+"""Bodies by named dimensions, as a problem whose variables are these, and densities of others.
 
 Each design has a mesh of its own, and the exact gradient of what was computed there. A design that
 has no valid geometry is one that cannot be simulated, so the optimiser takes its step back.
@@ -16,6 +16,7 @@ from mpi4py import MPI
 from ..design import DimensionDesign, DimensionMotion, Variables
 from ..dynamics import SimulationError
 from ..problem import Evaluation, Problem
+from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
 from .gradient import Array
 from .result import Result, of_problem
@@ -31,12 +32,13 @@ class SizedEvaluation(Evaluation):
 
 
 class Sizing:
-    """A `problem` with ``designs`` of all its flexible bodies, for `DesignLoop`."""
+    """A `problem` with ``designs`` of some of its flexible bodies, for `DesignLoop`."""
 
     def __init__(self, problem: Problem, designs: Mapping[str, DimensionDesign]) -> None:
         self._problem, self._designs = problem, dict(designs)
         self.comm: MPI.Comm = problem.comm
-        self.flexible: dict[str, Any] = {}
+        #: Bodies whose densities are designed
+        self.flexible = {n: body for n, body in problem.flexible.items() if n not in designs}
         self.load_cases, self.combine = problem.load_cases, problem.combine
         self._refuse_lengths()
 
@@ -51,8 +53,12 @@ class Sizing:
                         "where bearings may move: give its length"
                     )
 
+    def with_bodies(self, bodies: Mapping[str, Any]) -> Sizing:
+        """The same with other bodies whose densities are designed."""
+        return Sizing(self._problem.with_bodies(bodies), self._designs)
+
     def value(self, x: Array | Mapping[str, Array]) -> SizedEvaluation:
-        """Objective and constraints at variables, by body; a SimulationError without a geometry."""
+        """Objective and constraints at variables and densities; SimulationError: no geometry."""
         given = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
         bodies, motions = {}, {}
         try:  # also what its gradient takes: a design that is kept has one
@@ -61,7 +67,7 @@ class Sizing:
                 bodies[name] = body = self._problem.flexible[name].with_domain(domain)
                 motions[name] = design.motion(domain, given[name], body.marker_nodes)
             problem = self._problem.with_bodies(bodies)
-            found = problem.value(of_problem(_full(problem)))
+            found = problem.value(of_problem({**given, **_full(bodies)}))
         except (ValueError, RuntimeError) as error:
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
         told = {
@@ -83,7 +89,8 @@ class Sizing:
             if part.nodes is None:
                 return part
             slopes = {n: m.pullback(part.nodes[n], part.centers[n]) for n, m in motions}
-            return replace(part, gradient=slopes)
+            others = part.gradient if isinstance(part.gradient, Mapping) else {}
+            return replace(part, gradient={**others, **slopes})
 
         cases = {n: along(case) for n, case in found.load_cases.items()}
         bounds = {n: along(bound) for n, bound in found.constraints.items()}
@@ -99,12 +106,17 @@ class Sizing:
         sizing = Sizing(problem, self._designs)
         return sizing, replace(found, problem=problem)  # type: ignore[return-value, call-arg]
 
+    def full(self, problem: Problem) -> dict[str, Array]:
+        """Densities of the bodies by dimensions, on the meshes of a ``problem``, (cells,) each."""
+        return _full({name: problem.flexible[name] for name in self._designs})
+
     def finished(self, result: Result, tolerance: float | None) -> Result:
         """The result of a run with its problem on the last meshes, with as many modes as needed."""
         evaluation = result.evaluation
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
         problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
-        x, errors = _full(problem), dict[str, float]()
+        x = {**result.variables, **result.densities, **self.full(problem)}
+        errors: dict[str, float] = {}
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}
             problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
@@ -112,9 +124,9 @@ class Sizing:
         return replace(result, problem=problem, evaluation=found, mode_errors=errors)
 
 
-def _full(problem: Problem) -> dict[str, Array]:
+def _full(bodies: Mapping[str, FlexibleBody]) -> dict[str, Array]:
     """Full bodies, (cells,) each."""
-    return {name: 1.0 - body.domain.void_cells for name, body in problem.flexible.items()}
+    return {name: 1.0 - body.domain.void_cells for name, body in bodies.items()}
 
 
 def _parts(evaluation: Evaluation) -> dict[str, Any]:
@@ -124,17 +136,17 @@ def _parts(evaluation: Evaluation) -> dict[str, Any]:
 
 def sized(
     problem: Problem, design: Variables | Mapping[str, Variables]
-) -> tuple[Sizing, dict[str, DimensionDesign]] | None:
-    """The problem of dimensions, and these by body; None if there are no dimensions."""
+) -> tuple[Sizing, dict[str, Variables]] | None:
+    """The problem of dimensions, and all designs by name; None if there are no dimensions."""
     names = list(problem.flexible)
     given = design if isinstance(design, Mapping) else dict.fromkeys(names[:1], design)
     found = {n: part for n, part in given.items() if isinstance(part, DimensionDesign)}
     if not found:
         return None
-    if set(given) != set(names) or found.keys() != given.keys():
+    if not found.keys() <= set(names) <= given.keys():
         raise ValueError(
             f"optimize: dimensions are given for {sorted(found)}, and the problem designs "
-            f"{sorted(names)}; give dimensions for each, or some bodies by their volume integrals"
+            f"{sorted(names)}; give dimensions or densities of each, or some bodies by their "
+            "volume integrals"
         )
-    ordered = {name: found[name] for name in names}
-    return Sizing(problem, ordered), ordered
+    return Sizing(problem, found), {name: given[name] for name in [*names, *given]}

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""Struts that end free: they carry nothing, and only the minimum width keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..design import Isometry
+
+Array = NDArray[np.float64]
+
+#: Width of spurs at most, and way around one at least, in minimum members
+_WIDE, _AROUND = 3.0, 5.0
+#: Way around a spur at least, in its widths where it begins: less is a corner
+_LONG = 3.0
+
+
+def spurs(
+    curves: Iterable[tuple[Array, bool]],
+    material: shapely.Geometry,
+    member: float,
+    isometries: Sequence[Isometry],
+) -> list[shapely.Geometry]:
+    """What of a ``material`` ends free, each with its mirror images, the longest first.
+
+    A curve that passes a narrow place twice encloses a spur in between, where no other curve is
+    inside. The ``curves`` are points (n, 2) with the material on their left, and whether they are
+    closed. Lengths are in metres, as the minimum ``member``.
+    """
+    found: list[tuple[float, shapely.Geometry]] = []
+    inside = material.buffer(0.05 * member)
+    shapely.prepare(inside)
+    for points, closed in curves:
+        for around, spur in _enclosed(points, closed, member):
+            if any(spur.intersects(other) for _, other in found):
+                continue
+            if spur.is_valid and inside.covers(spur):
+                whole = [shapely.transform(spur, image) for image in isometries]
+                found.append((around, shapely.union_all(whole)))
+    found.sort(key=lambda pair: -pair[0])
+    return [piece for _, piece in found]
+
+
+def _enclosed(x: Array, closed: bool, member: float) -> Iterator[tuple[float, shapely.Polygon]]:
+    """Pieces of a curve between two places that are near each other, the longest first."""
+    pairs = cKDTree(x).query_pairs(_WIDE * member, output_type="ndarray")
+    if closed:
+        pairs = np.vstack([pairs, pairs[:, ::-1] + [0, len(x)]])
+        x = np.vstack([x, x])
+    steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    swept = np.concatenate([[0.0], np.cumsum(0.5 * _cross(x[:-1], x[1:]))])
+    i, j = pairs.T
+    around = along[j] - along[i]
+    width = np.linalg.norm(x[j] - x[i], axis=1)
+    area = swept[j] - swept[i] + 0.5 * _cross(x[j], x[i])
+    spur = (around > np.maximum(_LONG * width, _AROUND * member)) & (area > 0.0)
+    spur &= 2.0 * area < _WIDE * member * around
+    for k in np.flatnonzero(spur)[np.argsort(-around[spur], kind="stable")]:
+        yield float(around[k]), shapely.Polygon(x[i[k] : j[k] + 1])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
