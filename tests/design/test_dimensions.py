@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.optimization.sizing import sized
 
 pytestmark = pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")
 
@@ -238,6 +239,49 @@ def test_sizing(comm: MPI.Intracomm) -> None:
     np.testing.assert_allclose(history["psi"], alone.history["psi"], rtol=1e-9)
     for name, value in alone.dimensions["rod"].items():
         assert found[name] == pytest.approx(value, abs=1e-7 * np.ptp(BOUNDS[name]))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.PartWarning")
+def test_dimensions_of_one_body_beside_densities_of_another() -> None:
+    """The lever hangs from a link that is designed by a level set, whose boundary then moves."""
+    made = design(size=0.012)
+    link = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4))
+    frame = ffr.ChordFrame("left", "right")
+    bodies = {
+        "link": ffr.FlexibleBody(link, STEEL, frame=frame, modes=3),
+        "rod": ffr.FlexibleBody(made.domain(MPI.COMM_SELF), STEEL, frame=frame, modes=3),
+    }
+    mechanism = ffr.Mechanism(
+        {"link": ffr.Placement((0.0, 0.0)), "rod": ffr.Placement((0.4, 0.0))},
+        [
+            ffr.Revolute(("link", "left"), ffr.Ground()),
+            ffr.Revolute(("rod", "left"), ("link", "right")),
+        ],
+        gravity=(0.0, -9.81),
+    )
+    limit = ffr.Constraint(ffr.Mass("rod"), upper=0.75)
+    steps, objective = ffr.GeneralizedAlpha(0.1, 40), ffr.IntegralCompliance()
+    problem = ffr.Problem(bodies, mechanism, steps, objective, [limit])
+    designs = {"rod": made, "link": ffr.LevelSet(link)}
+    options: dict[str, Any] = {"volume": 0.7, "progress": False, "mode_tolerance": None}
+    result = ffr.optimize(problem, designs, iterations=10, boundary=1, **options)
+    history = result.history
+    assert history["psi"][-1] < 0.5 * history["psi"][0] and result.feasible
+    assert np.all(np.ptp([history[f"rod: {name}"] for name in BOUNDS], axis=1) > 0.0)
+    assert result.densities.keys() == {"link"} and result.dimensions.keys() == {"rod"}
+    assert result.moved is not None and result.psi == result.moved.psi < history["psi"][-1]
+    assert result.problem.flexible["rod"].domain is result.moved.problem.flexible["rod"].domain
+    # the derivatives are those of each kind
+    x = {"rod": made.even(), "link": np.full(link.n_cells, 0.7)}
+    sizing, _ = sized(problem, designs)
+    slopes = sizing.differentiate(sizing.value(x)).gradient
+    along = {"rod": 0.02 * ALONG, "link": 1e-3 * np.random.default_rng(0).random(link.n_cells)}
+    ends = [sizing.value({n: x[n] + side * along[n] for n in x}).psi for side in (1.0, -1.0)]
+    exact = sum(slopes[name] @ along[name] for name in x)
+    assert 0.5 * (ends[0] - ends[1]) == pytest.approx(exact, rel=0.01)
+    for part in ("rod", "link"):
+        assert result.part(part).pieces == 1
 
 
 def test_values_without_a_geometry_are_taken_back() -> None:
