@@ -421,7 +421,7 @@ class Boundary:
         return curve.at(s if curve.closed else np.append(s, curve.spans))
 
     def trimmed(self, spur: shapely.Geometry) -> Boundary:
-        """The boundary without one of its `spurs`; the curves around it are fitted anew.
+        """The boundary without a ``spur``, one of its `spurs`; the curves around are fitted anew.
 
         ValueError if one of these would have no length any more.
         """
