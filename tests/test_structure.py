@@ -37,6 +37,7 @@ FLOORS = (
     "fem",
     "body",
     "mechanism",
+    "interchange",
     "parallel",
     "verification",
     "limits",
@@ -47,7 +48,7 @@ FLOORS = (
     "documentation",
 )
 #: What knows nothing of finite elements and of other ranks.
-MECHANICAL = ("body", "dynamics", "mechanical_problem", "mechanism", "objective")
+MECHANICAL = ("body", "dynamics", "interchange", "mechanical_problem", "mechanism", "objective")
 FINITE_ELEMENTS = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 MAX_LINES = 620
 VERSION_QUESTION = re.compile(

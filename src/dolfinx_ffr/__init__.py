@@ -71,6 +71,7 @@ _BY_FOLDER = _lists(
         ),
         "dynamics": "Trajectory",
         "fem": "ElasticMaterial Elasticity Interface",
+        "interchange": "Format InterchangeWarning read_body read_terms sid_terms write_body",
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
         "objective": "DensityField DrivePower DriveWork StressField",
         "optimization": (

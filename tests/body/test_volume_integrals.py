@@ -13,8 +13,7 @@ from shared.beams import beam
 from shared.derivatives import random_direction
 from shared.spatial_bodies import cloud, cloud_of_mass
 
-from dolfinx_ffr.body import BodyMarker, VolumeIntegrals
-from dolfinx_ffr.body.moments import axial, cross_matrix, theta
+from dolfinx_ffr.body import BodyMarker, VolumeIntegrals, axial, cross_matrix, theta
 
 EPS = np.finfo(float).eps
 

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from ..interchange import axial as axial
+from ..interchange import cross_matrix as cross_matrix
+from ..interchange import theta as theta
 from .marker import LOADS as LOADS
 from .marker import BodyMarker as BodyMarker
-from .moments import axial as axial
-from .moments import cross_matrix as cross_matrix
-from .moments import theta as theta
 from .parametric import ParametricBody as ParametricBody
 from .volume_integrals import QUARTER_TURN as QUARTER_TURN
 from .volume_integrals import VolumeIntegrals as VolumeIntegrals

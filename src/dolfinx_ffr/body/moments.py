@@ -17,26 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..interchange import axial
 from .marker import ASYMMETRY, Array, largest_share
 
 #: Smallest eigenvalue of a matrix at unit diagonal that passes for zero.
 _ROUND_OFF = 1e-9
-
-
-def cross_matrix(x: Array) -> Array:
-    """The matrix of the cross product with a vector x, shape (3, 3)."""
-    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
-
-
-def theta(Z: Array) -> Array:
-    """The matrices tr(Z) 1 - Z, shape (..., 3, 3)."""
-    return np.trace(Z, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - Z
-
-
-def axial(Z: Array) -> Array:
-    """The vectors of the antisymmetric parts of matrices (..., 3, 3), shape (..., 3)."""
-    i, j = np.array([2, 0, 1]), np.array([1, 2, 0])
-    return np.asarray(Z[..., i, j] - Z[..., j, i])
 
 
 def views_of_moments(P: Array) -> tuple[Array, Array]:

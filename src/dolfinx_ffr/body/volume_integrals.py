@@ -33,7 +33,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from .file import MARKERS, STIFFENING, checked_ending, read_arrays, write_arrays
+from ..interchange import (
+    MARKERS,
+    STIFFENING,
+    axial,
+    cross_matrix,
+    read_body,
+    theta,
+    write_body,
+)
+from ..mechanism import RayleighDamping
 from .marker import (
     ASYMMETRY,
     LOADS,
@@ -47,14 +56,11 @@ from .marker import (
     largest_share,
 )
 from .moments import (
-    axial,
     check_gram_matrix,
     check_moments,
-    cross_matrix,
     dimension_of_inertia,
     moments_of_rigid_body,
     smallest_scaled_eigenvalue,
-    theta,
     views_of_moments,
 )
 
@@ -276,18 +282,39 @@ class VolumeIntegrals:
         body.validate(name)
         return body
 
-    def save(self, path: str | Path) -> None:
-        """Write to a NumPy file, which `load` reads; :mod:`dolfinx_ffr.body.file` lists its keys.
+    def save(
+        self, path: str | Path, *, format: str | None = None, damping: RayleighDamping | None = None
+    ) -> None:
+        """Write to a file of this package or for another program; docs/interchange.md has a table.
 
-        The ``path`` ends in ``.npz``; an older file is replaced when all is written. Under MPI call
-        it on one rank.
+        Args:
+            path: Where it goes; an older file is replaced when all is written. Under MPI call it on
+                one rank.
+            format: A name of the table; by default it follows from the ending of the path, ``.npz``
+                for this package's own files, whose keys :mod:`dolfinx_ffr.interchange.numpy_file`
+                lists.
+            damping: Damping of the elastic coordinates, for formats that hold it.
 
         Raises:
-            ValueError: If the integrals are not valid, or the path has another ending.
+            ValueError: If the integrals are not valid, the ending is unknown, or the format cannot
+                hold the body.
             OSError: If the file cannot be written.
+
+        Warns:
+            InterchangeWarning: If the format cannot hold something that the body has.
         """
-        path = checked_ending(path)
+        path = validation.path("body file", path)
         self.validate(path.stem)
+        arrays = self._by_key
+        if damping is not None:
+            needed = "a RayleighDamping"
+            damping = validation.instance("body file: damping", damping, RayleighDamping, needed)
+            arrays["damping"] = damping.alpha * self.G[1:, 1:] + damping.beta * self.K
+        write_body(path, arrays, format)
+
+    @property
+    def _by_key(self) -> dict[str, Any]:
+        """What a file holds of it, arrays by key."""
         points, n, r, d = self.markers.values(), len(self.markers), self.modes, self.dimension
         rotations = np.array([p.rotation for p in points])
         arrays: dict[str, Any] = {
@@ -304,21 +331,21 @@ class VolumeIntegrals:
             if any(array is not None for array in own):
                 parts = [default if array is None else array for array in own]
                 arrays[f"marker_{key}"] = np.array(parts)
-        write_arrays(path, arrays)
+        return arrays
 
     @staticmethod
-    def load(path: str | Path) -> VolumeIntegrals:
-        """Read from a NumPy file at a ``path`` ending in ``.npz``, of `save` or another code.
+    def load(path: str | Path, *, format: str | None = None) -> VolumeIntegrals:
+        """Read from a file at a ``path``, of `save` or another code, in a ``format`` as there.
 
-        :mod:`dolfinx_ffr.body.file` lists the keys. Numbers are taken from the file exactly.
+        Numbers are taken from the file exactly.
 
         Raises:
             ValueError: If the file is damaged, a key is missing or unknown, an array has the wrong
                 shape or holds NaN, or the integrals suit no body.
             OSError: If the file cannot be read.
         """
-        path = checked_ending(path)
-        arrays = read_arrays(path)
+        arrays = read_body(path, format)
+        path = Path(path)
         try:
             markers = {}
             for n, name in enumerate(arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()):
@@ -422,6 +449,56 @@ class VolumeIntegrals:
             markers={name: marker.leading(modes) for name, marker in self.markers.items()},
             stiffening={load: a[..., :modes, :modes] for load, a in self.stiffening.items()},
         )
+
+    def extruded(self, thickness: float, moments: ArrayLike) -> VolumeIntegrals:
+        """The body in the plane as one in space, that lies in z = 0 and does not bend out of it.
+
+        In its plane it moves as before. If it turns about other axes, its inertia is right, and
+        geometric stiffness by omega^2 is shared evenly by the axes in the plane.
+
+        Args:
+            thickness: Of an even mass, on both sides of the plane [m].
+            moments: Int rho w_a w_b^T, shape (modes + 1, modes + 1, 2, 2) [kg m^2], of which G and
+                N have a part; `FlexibleBody.in_space` knows them.
+
+        Raises:
+            ValueError: If the body is in space, or the moments do not fit G and N.
+        """
+        if self.P is not None:
+            raise ValueError("extruded: the body is in space already")
+        thickness = validation.number("extruded: thickness", thickness, above=0.0, unit="m")
+        n, r = self.modes + 1, self.modes
+        flat = validation.real_array("extruded: moments", moments, (n, n, 2, 2))
+        views = {"G": np.einsum("abkk->ab", flat), "N": flat[..., 0, 1] - flat[..., 1, 0]}
+        for key, view in views.items():
+            if largest_share(view - getattr(self, key), np.diag(self.G)) > ASYMMETRY:
+                raise ValueError(
+                    f"extruded: the moments do not fit {key}: they are of another body"
+                )
+        P, turned = np.zeros((n, n, 3, 3)), np.zeros((3, 3, r, r))
+        P[..., :2, :2] = flat
+        P[0, 0, 2, 2] = self.mass * thickness**2 / 12.0
+
+        def padded(array: Array, axis: int = 0) -> Array:
+            return np.insert(array, 2, 0.0, axis=axis)
+
+        markers = {}
+        for name, point in self.markers.items():
+            bent = None if point.stiffening is None else padded(point.stiffening)
+            turns = np.vstack([np.zeros((2, r)), point.rotation])
+            shapes = padded(point.displacement), turns
+            markers[name] = BodyMarker(padded(point.position), *shapes, bent)
+        loads = {}
+        if "acceleration" in self.stiffening:
+            loads["acceleration"] = padded(self.stiffening["acceleration"])
+        if rates := {"omega2", "alpha"} & set(self.stiffening):
+            # [alpha] + [omega]^2 has -omega^2 in 11 and 22, alpha in 21 and -alpha in 12
+            for load in rates:
+                signs = -np.eye(2) if load == "omega2" else QUARTER_TURN
+                turned[:2, :2] += 0.5 * np.multiply.outer(signs, self.stiffening[load])
+            loads["rotation"] = turned
+        S = padded(self.S, axis=1)
+        return VolumeIntegrals.in_space(self.mass, S, P, self.K, markers, loads)
 
     def zeros_like(self) -> VolumeIntegrals:
         """Integrals of the same shape with all entries zero, the start of a sum of derivatives."""

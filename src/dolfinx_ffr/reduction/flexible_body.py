@@ -33,7 +33,7 @@ from .direct_solver import DIRECT
 from .factored_body import FactoredBody
 from .frame import Frame
 from .geometric_stiffness import GeometricStiffening
-from .integrals import volume_integrals, volume_integrals_pullback
+from .integrals import second_moments, volume_integrals, volume_integrals_pullback
 from .point_marker import PointMarker
 from .static_correction import static_correction, static_correction_pullback
 
@@ -301,6 +301,27 @@ class FlexibleBody:
         if self.stiffening is None:
             return found
         return self.stiffening.stiffened(factored, basis, found)
+
+    def in_space(self, reduced: ReducedBody) -> VolumeIntegrals:
+        """The integrals of a ``reduced`` body in space, as programs for space take it.
+
+        A body in the plane lies in z = 0 and has the thickness of its material, see
+        `VolumeIntegrals.extruded`. Collective.
+
+        Raises:
+            ValueError: If the material has no thickness.
+        """
+        if self.domain.dimension == 3:
+            return reduced.integrals
+        if self.material.thickness is None:
+            raise ValueError(
+                f"body: the material {type(self.material).__name__} has no thickness, which a body "
+                "in space has; give it one"
+            )
+        with self._working:
+            matrices = self.factored(reduced).matrices
+            moments = second_moments(self.reduction, matrices, reduced.basis)
+        return reduced.integrals.extruded(float(self.material.thickness), moments)
 
     def pullback(
         self,

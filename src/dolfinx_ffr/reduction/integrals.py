@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..body import BodyMarker, VolumeIntegrals
-from ..fem import Array, Block, Matrices, rotated
+from ..fem import Array, Block, Elasticity, Matrices, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .krylov import projected, symmetric
 from .point_marker import PointMarker
@@ -57,13 +57,27 @@ def volume_integrals(
     mass = float(elasticity.inner(unit[:, :1], mass_unit[:, :1])[0, 0])
     S = elasticity.inner(fields, mass_unit)
     if elasticity.dimension == 3:
-        parts = [elasticity.inner(fields[k::3], mass_fields[j::3]) for k, j in np.ndindex(3, 3)]
-        P = np.stack(parts, axis=-1).reshape(*parts[0].shape, 3, 3)
-        return VolumeIntegrals.in_space(mass, S, 0.5 * (P + P.transpose(1, 0, 3, 2)), K, at)
+        P = _second_moments(elasticity, fields, mass_fields)
+        return VolumeIntegrals.in_space(mass, S, P, K, at)
     G = symmetric(elasticity.inner(fields, mass_fields))
     turned = elasticity.inner(rotated(fields), mass_fields)
     N = 0.5 * (turned - turned.T)
     return VolumeIntegrals(mass=mass, S=S, G=G, N=N, K=K, markers=at)
+
+
+def _second_moments(elasticity: Elasticity, fields: Block, mass_fields: Block) -> Array:
+    """Int rho w_a w_b^T, shape (a, a, d, d), of fields and their products with the mass."""
+    d = elasticity.dimension
+    parts = [elasticity.inner(fields[k::d], mass_fields[j::d]) for k, j in np.ndindex(d, d)]
+    P = np.stack(parts, axis=-1).reshape(*parts[0].shape, d, d)
+    return 0.5 * (P + P.transpose(1, 0, 3, 2))
+
+
+def second_moments(reduction: CraigBampton, matrices: Matrices, basis: ReducedBasis) -> Array:
+    """Int rho w_a w_b^T of a body at one density, (r + 1, r + 1, d, d), all of it in the plane."""
+    fields = _fields(reduction, basis)
+    mass_fields = reduction.elasticity.apply(matrices.mass, fields)
+    return _second_moments(reduction.elasticity, fields, mass_fields)
 
 
 def _warn_of_round_off(basis: ReducedBasis, stiffness: Array) -> None:

@@ -30,15 +30,13 @@ A marker whose geometric stiffness is all zero has none.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .. import validation
 from ..files import replace_file
+from .format import FEATURES, Arrays
 
 _LOADS = ("omega2", "alpha", "rotation", "acceleration")
 #: Geometric stiffness: load by key
@@ -49,16 +47,30 @@ MARKERS = [f"marker_{key}" for key in _OF_MARKERS]
 _KEYS = ["mass", "S", "G", "N", "P", "K", *STIFFENING, "markers", *MARKERS]
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+class NumpyFile:
+    """This package's own files, .npz."""
+
+    name = "npz"
+    endings: tuple[str, ...] = (".npz",)
+    holds: tuple[str, ...] = tuple(feature for feature in FEATURES if feature != "damping")
+    readable = True
+
+    def write(self, path: Path, arrays: Arrays) -> None:
+        write_all(path, {key: array for key, array in arrays.items() if key in _KEYS})
+
+    def read(self, path: Path) -> dict[str, Any]:
+        return _checked(path, read_all(path))
+
+
+def write_all(path: Path, arrays: Arrays) -> None:
     """Write arrays by key to a file; an older file is replaced when all is written."""
     content = io.BytesIO()
     np.savez(content, **arrays)
     replace_file(path, content.getvalue())
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a body file by key; a damaged or inconsistent file is refused."""
-    arrays = _read(path)
+def _checked(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
+    """The arrays of a body file by key; an inconsistent file is refused."""
     unknown = sorted(set(arrays) - set(_KEYS))
     if unknown:
         raise ValueError(f"body file {path}: unknown keys {unknown}; the keys are {_KEYS}")
@@ -94,19 +106,14 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def checked_ending(path: str | Path) -> Path:
-    """The path of a body file, which must end in .npz."""
-    path = validation.path("body file", path)
-    if path.suffix != ".npz":
-        raise ValueError(f"body file {path}: the name must end in .npz")
-    return path
-
-
-def _read(path: Path) -> dict[str, NDArray[Any]]:
+def read_all(path: Path) -> dict[str, Any]:
     """All arrays of a file, whose contents have been checked against their checksums."""
     content = io.BytesIO(path.read_bytes())
     try:
         with np.load(content, allow_pickle=False) as arrays:
+            # how many there are stands at the end of the archive, which nothing else compares
+            if int.from_bytes(content.getvalue()[-12:-10], "little") != len(arrays.files):
+                raise ValueError("arrays are lost")
             return {key: arrays[key] for key in arrays.files}
     # a damaged directory of the archive raises anything from NotImplementedError to OSError
     except Exception as error:

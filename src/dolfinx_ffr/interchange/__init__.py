@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: MIT
+"""Bodies that travel: files by which other multibody and finite-element programs hand bodies on.
+
+A body is here what its file holds, arrays by key in SI units (`numpy_file` lists them). A new kind
+of file is one class with a name, endings, what it can hold, `write` and `read` (`Format`), in one
+module, and a line in `FORMATS`. Matrices of a finite-element program become a body by
+`reduction.reduce_matrices`.
+"""
+
+from __future__ import annotations
+
+from ..documentation import explain_fields
+from .files import FORMATS as FORMATS
+from .files import read_body as read_body
+from .files import write_body as write_body
+from .format import Arrays as Arrays
+from .format import Format as Format
+from .format import InterchangeWarning as InterchangeWarning
+from .moments import axial as axial
+from .moments import cross_matrix as cross_matrix
+from .moments import theta as theta
+from .numpy_file import MARKERS as MARKERS
+from .numpy_file import STIFFENING as STIFFENING
+from .sid import read_terms as read_terms
+from .sid import sid_terms as sid_terms
+
+explain_fields(globals())

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""Files of bodies by their ending or the name of their format."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import validation
+from .exudyn import Exudyn
+from .format import FEATURES, Arrays, Format, InterchangeWarning
+from .numpy_file import NumpyFile
+from .sid import StandardInputData
+
+_KINDS: tuple[Format, ...] = (NumpyFile(), StandardInputData(), Exudyn())
+#: By the name of the format
+FORMATS = {kind.name: kind for kind in _KINDS}
+
+
+def write_body(path: str | Path, arrays: Arrays, format: str | None = None) -> None:
+    """Write a body, ``arrays`` by key, to a ``path`` in a ``format``, by default of the ending.
+
+    Raises:
+        ValueError: If format or ending are not known, or the format cannot hold the body.
+        OSError: If the file cannot be written.
+
+    Warns:
+        InterchangeWarning: If the body has something that the format cannot hold.
+    """
+    path, kind = _kind(path, format)
+    if kind.name != "npz" and arrays["S"].shape[1] != 3:
+        raise ValueError(
+            f"body file {path}: the format {kind.name!r} holds bodies in space, and this one is in "
+            "the plane; FlexibleBody.in_space(reduced), or extruded(thickness, moments) of "
+            "its integrals, make one in space of it"
+        )
+    left_out = [
+        what
+        for what, keys in FEATURES.items()
+        if what not in kind.holds and any(key in arrays and np.any(arrays[key]) for key in keys)
+    ]
+    if kind.name != "npz" and left_out:
+        warnings.warn(
+            f"body file {path}: the format {kind.name!r} cannot hold {', '.join(left_out)}; the "
+            "file goes without",
+            InterchangeWarning,
+            stacklevel=3,
+        )
+    kind.write(path, arrays)
+
+
+def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
+    """The arrays by key of the body at a ``path``, in a ``format`` as of `write_body`.
+
+    Raises:
+        ValueError: If the file is damaged, or holds no body.
+        OSError: If it cannot be read.
+    """
+    path, kind = _kind(path, format)
+    if not kind.readable:
+        raise ValueError(
+            f"body file {path}: the format {kind.name!r} is for other programs alone: its matrices "
+            "are those of small motions, from which no body that turns can be made; keep an .npz"
+        )
+    try:
+        return kind.read(path)
+    except (IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        told = str(error)
+        told = told if told.startswith("body file") else f"body file {path}: {told}"
+        raise ValueError(told) from error
+
+
+def _kind(path: str | Path, format: str | None) -> tuple[Path, Format]:
+    """The path, and the format of that name or with that ending."""
+    path = validation.path("body file", path)
+    if format is not None:
+        return path, FORMATS[validation.choice("body file: format", format, FORMATS)]
+    for kind in FORMATS.values():
+        if path.suffix.lower() in [ending.lower() for ending in kind.endings]:
+            return path, kind
+    endings = ", ".join(kind.endings[0] for kind in FORMATS.values() if kind.endings)
+    raise ValueError(
+        f"body file {path}: the name must end in {endings}, or give format=, one of {list(FORMATS)}"
+    )

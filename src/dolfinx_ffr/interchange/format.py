@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""What all kinds of files have in common: their protocol, what they hold, and a checksum."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: A body by key, see `numpy_file`; ``damping`` (modes, modes) may stand there, too
+Arrays = Mapping[str, Any]
+#: Where the checksum of a text stands in it
+_SEAL = re.compile(rb"dolfinx_ffr crc32=([0-9a-f]{8})")
+SEAL = "dolfinx_ffr crc32=00000000"
+
+#: What a file may be unable to hold, with the keys of the arrays that it then lacks
+FEATURES = {
+    "geometric stiffening": ("stiffening_rotation", "stiffening_acceleration"),
+    "stiffening by forces at markers": ("marker_stiffening",),
+    "axes of markers": ("marker_axes",),
+    "rotations of markers": ("marker_rotations",),
+    "damping": ("damping",),
+}
+
+
+class InterchangeWarning(UserWarning):
+    """Something of a body that a file cannot hold, or that is not taken from it."""
+
+
+class Format(Protocol):
+    """One kind of file for a body in space."""
+
+    name: str  #: For the argument ``format``
+    endings: tuple[str, ...]  #: Of its files; the first one is usual
+    holds: tuple[str, ...]  #: Those of `FEATURES` that it can hold
+    readable: bool  #: Whether a body can be made of it again
+
+    def write(self, path: Path, arrays: Arrays) -> None:
+        """Write a body, its ``arrays`` by key, to a ``path`` in one stroke."""
+        ...
+
+    def read(self, path: Path) -> dict[str, Any]:
+        """The arrays of the body at a ``path``; a ValueError says what is wrong with the file."""
+        ...
+
+
+def sealed(text: str) -> bytes:
+    """A text in whose `SEAL` the checksum of the whole is entered."""
+    content = text.encode()
+    return content.replace(SEAL.encode(), b"%s%08x" % (SEAL[:-8].encode(), zlib.crc32(content)), 1)
+
+
+def unsealed(path: Path) -> str:
+    """The text of a file; one with a checksum that is not its own is refused."""
+    content = path.read_bytes()
+    if found := _SEAL.search(content):
+        whole = _SEAL.sub(SEAL.encode(), content, count=1)
+        if int(found[1], 16) != zlib.crc32(whole):
+            raise ValueError(
+                "the file was changed or cut after it was written (its checksum differs); write it "
+                "again, or delete the checksum if the change was meant"
+            )
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"the file is damaged or no text: {error}") from None
+
+
+def number(text: str, line: int) -> float:
+    """A number with a Fortran exponent or another."""
+    try:
+        value = float(text.replace("D", "E").replace("d", "e"))
+    except ValueError:
+        raise ValueError(f"line {line}: {text!r} is no number") from None
+    if not np.isfinite(value):
+        raise ValueError(f"line {line}: {text!r} is not finite")
+    return value
+
+
+def required(name: str, hint: str) -> ImportError:
+    """The error that an optional library is missing."""
+    return ImportError(f"{hint} needs {name}, which is not installed: pip install {name}")
+
+
+def elastic(arrays: Arrays) -> tuple[NDArray[np.float64], ...]:
+    """Mass, S, P and K of a body."""
+    S = arrays["S"]
+    r = len(S) - 1
+    return np.asarray(arrays["mass"]), S, arrays["P"], arrays.get("K", np.zeros((r, r)))
+
+
+def markers(arrays: Arrays) -> tuple[list[str], dict[str, NDArray[np.float64]]]:
+    """Names of the markers, and their arrays without the prefix; none where they are missing."""
+    r = len(arrays["S"]) - 1
+    names = [str(name) for name in arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()]
+    n = len(names)
+    none = {
+        "positions": np.zeros((n, 3)),
+        "displacements": np.zeros((n, 3, r)),
+        "rotations": np.zeros((n, 3, r)),
+        "stiffening": np.zeros((n, 3, r, r)),
+        "axes": np.broadcast_to(np.eye(3), (n, 3, 3)),
+    }
+    return names, {key: arrays.get(f"marker_{key}", default) for key, default in none.items()}

@@ -1,0 +1,513 @@
+# SPDX-License-Identifier: MIT
+"""Standard input data of flexible bodies (SID), the text that Simpack, Neweul-M2 and others read.
+
+The equations of motion in the body's frame, with v' its acceleration less gravity, w its angular
+velocity and q the elastic coordinates, are
+
+    [m     -[d]   Ct^T ] [v']   [ [w] [w] d + 2 [w] Ct^T q'   ]
+    [[d]    J     Cr^T ] [w'] + [ Gr(q') w + [w] J w          ] = forces
+    [Ct     Cr    Me   ] [q'']  [ Ge(q') w + Oe (w w) + Ke q + De q' ]
+
+and each matrix is a Taylor series m0 + sum_k m1_k q_k, whose entry m1_k(i, j) stands in the file as
+m1(i, k, j). With the arrays of a body (see `numpy_file`), K_l of translation and K_kl of rotation
+its geometric stiffness:
+
+    d = S_0 + sum q_k S_k                 J = theta(P_00 + sum q_k (P_0k + P_k0))
+    Ct_j = S_j + sum q_k K_jk             Cr_j = axial(P_j0 + sum q_k (P_jk + K_jk))
+    Gr_k = 2 theta(P_k0 + sum q_l P_kl)   Ge_k = 2 axial(P_jk)
+    Oe_j = w . Z w - w^2 tr Z             with Z = P_j0 + sum q_k (P_jk + K_jk)
+
+J stands as a column 11, 22, 33, 12, 13, 23, the columns of Oe are 11, 22, 33, 12, 23, 13, and Gr
+and Ge have three columns for each k. The first order of Gr, which the standard allows and others
+leave out, tells inertia and stiffening in Oe apart. Nodes are the markers: their names stand in
+the first line, ``origin``, ``phi`` and ``psi`` have position and shape functions, ``AP`` the axes,
+and the first order of ``phi`` the geometric stiffness by forces there.
+
+References:
+    O. Wallrapp, Standardization of flexible body modeling in multibody system codes, Part I:
+    definition of standard input data, Mechanics of Structures and Machines 22 (1994),
+    doi:10.1080/08905459408905214.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ..files import replace_file
+from .format import (
+    FEATURES,
+    SEAL,
+    Arrays,
+    InterchangeWarning,
+    elastic,
+    markers,
+    number,
+    sealed,
+    unsealed,
+)
+from .moments import axial, centrifugal, cross_matrix, of_parts, of_theta, theta
+
+Array = NDArray[np.float64]
+#: Terms of order zero, and of order one with the index of q before that of the column
+Taylor = tuple[Array, Array | None]
+_J = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_NODE = {"origin": (3, 1), "phi": (3, None), "psi": (3, None), "AP": (3, 3), "sigma": (6, 1)}
+_FIELDS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+#: Largest difference of terms that say the same, relative to their size: files have few digits
+_SAME = 1e-5
+#: Share of the inertia below which a difference is round-off and no stiffening
+_ROUND_OFF = 1e-9
+#: Factor by which terms are scaled at least where they are too large for any mass
+_LEAST = 0.5
+
+
+class StandardInputData:
+    """Files .SID_FEM."""
+
+    name = "sid"
+    endings: tuple[str, ...] = (".SID_FEM", ".sid")
+    holds: tuple[str, ...] = tuple(FEATURES)
+    readable = True
+
+    def write(self, path: Path, arrays: Arrays) -> None:
+        terms, (names, at), r = sid_terms(arrays), markers(arrays), len(arrays["S"]) - 1
+        lines = [
+            f"{len(names):5d}{r:5d}    :No. nodes, No. modes:{SEAL} markers={json.dumps(names)}",
+            " part",
+            "      new modal                                 =",
+            "           refmod",
+            f"                mass                            ={_fortran(float(arrays['mass']))}",
+            f"                nelastq                         ={r:6d}",
+        ]
+        for k, frequency in enumerate(_frequencies(arrays), 1):
+            mode = f"Eigen Mode {k:4d} :{frequency:13.6g} Hz"
+            lines.append(f"                ielastq ({k:4d})                  = {mode}")
+        lines += ["           end refmod", "           frame"]
+        for k, own in enumerate(zip(*at.values(), strict=True), 1):
+            lines.append(f"                new node                        ={k:6d}")
+            lines.append("                     rframe                     =    body ref")
+            for key, term in _node_terms(*own).items():
+                lines += _written(key, *term, indent=21)
+            lines.append("                end node")
+        lines.append("           end frame")
+        for key, term in terms.items():
+            lines += _written(key, *term, indent=11)
+        lines += ["      end modal", " end part", ""]
+        replace_file(path, sealed("\n".join(lines)))
+
+    def read(self, path: Path) -> dict[str, Any]:
+        text = unsealed(path)
+        reader = _Reader(text)
+        mass, terms, nodes = reader.modal()
+        told = re.search(r"markers=(\[.*?\])\s*$", text.partition("\n")[0])
+        names = [str(name) for name in json.loads(told[1])] if told else list(nodes)
+        if len(names) != len(nodes):
+            raise ValueError(f"line 1: {len(names)} names of {len(nodes)} nodes")
+        return _body(mass, reader.r, terms, dict(zip(names, nodes.values(), strict=True)))
+
+
+def read_terms(path: str | Path) -> dict[str, Taylor]:
+    """The terms of the file at a ``path`` by name, whatever body they make, as of no q and of q.
+
+    The first order has the index of q before that of the column, and may be None.
+    """
+    return _Reader(unsealed(Path(path))).modal()[1]
+
+
+def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
+    """The terms of a body's standard input data by name; ``arrays`` are those of the body."""
+    _, S, P, K = elastic(arrays)
+    r = len(S) - 1
+    none = np.zeros((3, 3, r, r))
+    turned = np.moveaxis(arrays.get("stiffening_rotation", none), (0, 1), (2, 3))
+    moved = np.moveaxis(arrays.get("stiffening_acceleration", none[0]), 0, 2)
+    first, second = P[1:, 0], P[1:, 1:]
+    inertia, by_q = theta(P[0, 0]), theta(P[0, 1:] + P[1:, 0])
+    bent = second + turned  # j, k
+    gyro, by_gyro = 2.0 * theta(first), 2.0 * theta(second)  # k, i, j and k, l, i, j
+    whole = np.trace(P[1:, 1:], axis1=2, axis2=3)
+    return {
+        "mdCM": (S[0][:, None], S[1:].T[:, :, None]),
+        "J": (
+            np.array([[inertia[i, j]] for i, j in _J]),
+            np.array([by_q[:, i, j] for i, j in _J])[:, :, None],
+        ),
+        "Ct": (S[1:], moved),
+        "Cr": (axial(first), axial(bent)),
+        "Me": (whole, None),
+        "Gr": (
+            gyro.transpose(1, 0, 2).reshape(3, 3 * r),
+            by_gyro.transpose(2, 1, 0, 3).reshape(3, r, 3 * r),
+        ),
+        "Ge": (2.0 * axial(second).reshape(r, 3 * r), None),
+        "Oe": (centrifugal(first), centrifugal(bent)),
+        "ksigma": (np.zeros((r, 1)), None),
+        "Ke": (K, None),
+        "De": (arrays.get("damping", np.zeros((r, r))), None),
+    }
+
+
+def _node_terms(x: Array, phi: Array, psi: Array, bent: Array, axes: Array) -> dict[str, Taylor]:
+    """The terms of a node from position, shape functions, geometric stiffness and axes."""
+    turns = np.array([cross_matrix(column) @ axes for column in psi.T]).reshape(-1, 3, 3)
+    return {
+        "origin": (x[:, None], phi[:, :, None]),
+        "phi": (phi, -bent if np.any(bent) else None),
+        "psi": (psi, None),
+        "AP": (axes, turns.transpose(1, 0, 2)),
+    }
+
+
+def _frequencies(arrays: Arrays) -> Array:
+    """Square roots of diagonal stiffness over mass [Hz], as the names of the coordinates."""
+    _, _, P, K = elastic(arrays)
+    mass = np.einsum("aakk->a", P)[1:]
+    ratio = np.divide(np.diag(K), mass, out=np.zeros(len(mass)), where=mass > 0.0)
+    return np.asarray(np.sqrt(np.maximum(ratio, 0.0)) / (2.0 * np.pi))
+
+
+def _fortran(value: float) -> str:
+    return f"{value: .16E}".replace("E", "D")
+
+
+def _written(name: str, m0: Array, m1: Array | None, indent: int) -> Iterator[str]:
+    """The lines of a term; zeros are left out."""
+    at, inner = " " * indent, " " * (indent + 5)
+    rows, columns = m0.shape
+    r = m1.shape[1] if m1 is not None else {"Me": rows, "Ke": rows, "De": rows}.get(name, columns)
+    r = {"ksigma": rows, "Ge": rows}.get(name, r)
+    order = int(m1 is not None)
+    zero = not np.any(m0) and (m1 is None or not np.any(m1))
+    numbers = (order, rows, columns, r, 0, 0 if zero else 3)
+    yield at + name
+    for key, value in zip(_FIELDS, numbers, strict=True):
+        yield f"{inner}{key:<22}={value:5d}"
+    for i, j in np.argwhere(m0):
+        yield f"{inner}{f'm0({i + 1:4d},{j + 1:4d})':<22}={_fortran(m0[i, j])}"
+    if m1 is None:
+        m1 = np.zeros((0, 0, 0))
+    for i, k, j in np.argwhere(m1):
+        yield f"{inner}{f'm1({i + 1:4d},{k + 1:4d},{j + 1:4d})':<22}={_fortran(m1[i, k, j])}"
+    yield f"{at}end {name}"
+
+
+class _Reader:
+    """The lines of a file, one after the other."""
+
+    _entry = re.compile(r"m([01])\s*\(([\d\s,]+)\)\s*=\s*(\S+)$")
+
+    def __init__(self, text: str) -> None:
+        lines = ((k, line.strip()) for k, line in enumerate(text.splitlines(), 1))
+        self._lines = [(k, line) for k, line in lines if line]
+        self._at = 0
+        head = re.match(r"(\d+)\s+(\d+)\b", self._next("the numbers of nodes and modes"))
+        if not head:
+            raise ValueError("line 1: it must begin with the numbers of nodes and modes")
+        self.n, self.r = int(head[1]), int(head[2])
+        if max(self.n, self.r) > len(self._lines):
+            raise ValueError(f"line 1: {self.n} nodes and {self.r} modes in so short a file")
+
+    def _next(self, wanted: str) -> str:
+        if self._at == len(self._lines):
+            raise ValueError(f"the file ends before {wanted}: it was cut short")
+        self.line, text = self._lines[self._at]
+        self._at += 1
+        return text
+
+    def _expect(self, *words: str) -> str:
+        """The value of the next line, which begins with the words."""
+        text = self._next(" ".join(words))
+        head, _, value = text.partition("=")
+        if head.split()[: len(words)] != list(words):
+            raise ValueError(
+                f"line {self.line}: {' '.join(words)!r} is expected, not {text[:60]!r}"
+            )
+        return value.strip()
+
+    def _integer(self, word: str) -> int:
+        value = self._expect(word)
+        if not re.fullmatch(r"\d{1,9}", value):
+            raise ValueError(f"line {self.line}: {word} must be a whole number, not {value!r}")
+        return int(value)
+
+    def modal(self) -> tuple[float, dict[str, Taylor], dict[str, dict[str, Taylor]]]:
+        """Mass, terms of the body by name, and terms of the nodes by their name."""
+        self._expect("part")
+        self._expect("new", "modal")
+        self._expect("refmod")
+        mass = number(self._expect("mass"), self.line)
+        if self._integer("nelastq") != self.r:
+            raise ValueError(f"line {self.line}: nelastq differs from {self.r} in the first line")
+        for _ in range(self.r):
+            self._expect("ielastq")
+        self._expect("end", "refmod")
+        self._expect("frame")
+        nodes: dict[str, dict[str, Taylor]] = {}
+        for _ in range(self.n):
+            name = self._expect("new", "node")
+            if not name or name in nodes:
+                raise ValueError(f"line {self.line}: node {name!r} stands twice or has no name")
+            self._expect("rframe")
+            nodes[name] = self._terms("end node", _NODE)
+        self._expect("end", "frame")
+        r = self.r
+        known = {"mdCM": (3, 1), "J": (None, None), "Ct": (r, 3), "Cr": (r, 3), "Me": (r, r)}
+        known |= {"Gr": (3, 3 * r), "Ge": (r, 3 * r), "Oe": (r, 6), "ksigma": (r, 1)}
+        terms = self._terms("end modal", {**known, "Ke": (r, r), "De": (r, r)})
+        self._expect("end", "part")
+        if missing := sorted({"mdCM", "J", "Ct", "Cr", "Me", "Gr", "Oe", "Ke"} - set(terms)):
+            raise ValueError(f"the terms {missing} are missing")
+        return mass, terms, nodes
+
+    def _terms(self, end: str, known: dict[str, Any]) -> dict[str, Taylor]:
+        found: dict[str, Taylor] = {}
+        while (name := self._next(end)) != end:
+            if name not in known or name in found:
+                raise ValueError(
+                    f"line {self.line}: {name[:60]!r} is not one of {list(known)}, or stands twice"
+                )
+            rows, columns = known[name]
+            found[name] = self._taylor(name, rows, self.r if name in ("phi", "psi") else columns)
+        return found
+
+    def _taylor(self, name: str, rows: int | None, columns: int | None) -> Taylor:
+        order, nrow, ncol, nq, _, structure = (self._integer(key) for key in _FIELDS)
+        shape = nrow, ncol
+        fits = shape in ((6, 1), (3, 3)) if rows is None else shape == (rows, columns)
+        if not fits or order > 1 or structure > 4 or nq not in (0, self.r):
+            raise ValueError(
+                f"line {self.line}: {name} has order {order}, {nrow} x {ncol} entries, nq = {nq} "
+                f"and structure {structure}; that does not fit {self.r} modes"
+            )
+        parts = np.zeros(shape), np.zeros((nrow, self.r, ncol))
+        if structure == 4:
+            parts[0][:] = np.eye(*shape)
+        seen = set()
+        while (text := self._next(f"end {name}")) != f"end {name}":
+            entry = self._entry.match(text)
+            index = tuple(int(k) - 1 for k in entry[2].split(",")) if entry else ()
+            if not entry or len(index) != 2 + int(entry[1]) or int(entry[1]) > order:
+                raise ValueError(f"line {self.line}: {text[:60]!r} is no entry of {name}")
+            part = parts[int(entry[1])]
+            if (entry[1], index) in seen or any(
+                not 0 <= k < size for k, size in zip(index, part.shape, strict=True)
+            ):
+                raise ValueError(f"line {self.line}: {text[:60]!r} is twice in {name}, or outside")
+            seen.add((entry[1], index))
+            part[index] = number(entry[3], self.line)
+        if structure == 2 and nrow == ncol:  # one triangle
+            for part in (parts[0], *parts[1].transpose(1, 0, 2)):
+                one_sided = not (np.any(np.tril(part, -1)) and np.any(np.triu(part, 1)))
+                part += part.T - np.diag(np.diag(part)) if one_sided else 0.0
+        return parts[0], parts[1] if order else None
+
+
+def _body(
+    mass: float, r: int, terms: dict[str, Taylor], nodes: dict[str, dict[str, Taylor]]
+) -> dict[str, Any]:
+    """The arrays of a body from its terms."""
+
+    def first_order(name: str) -> Array:
+        m0, m1 = terms[name]
+        return np.zeros((m0.shape[0], r, m0.shape[1])) if m1 is None else m1
+
+    S = np.vstack([terms["mdCM"][0].T, terms["Ct"][0]])
+    mixed = _mixed_moments(terms)
+    P = np.zeros((r + 1, r + 1, 3, 3))
+    P[1:, 0], P[0, 1:] = mixed, mixed.transpose(0, 2, 1)
+    P[0, 0] = of_theta(_inertia(terms["J"], mixed))
+    if np.any(first_order("mdCM")):
+        _alike("mdCM", first_order("mdCM")[:, :, 0], "Ct", S[1:].T)
+    Me = terms["Me"][0]
+    # of Cr the part that changes its sign with j and k is inertia, the other one stiffening
+    by_cr = first_order("Cr")
+    spun, kept = (0.5 * (by_cr + sign * by_cr.transpose(1, 0, 2)) for sign in (-1.0, 1.0))
+    by_oe = first_order("Oe")
+    if np.any(first_order("Gr")):
+        T = first_order("Gr").reshape(3, r, r, 3).transpose(2, 1, 0, 3)
+        P[1:, 1:] = of_theta(0.5 * T)
+    else:
+        scale, P[1:, 1:] = _second_moments(by_oe, spun, Me, mass, S, P)
+        S[1:], P[1:, 0], P[0, 1:] = scale * S[1:], scale * P[1:, 0], scale * P[0, 1:]
+    P[1:, 1:] = 0.5 * (P[1:, 1:] + P[1:, 1:].transpose(1, 0, 3, 2))
+    _alike("Me", Me, "Gr or Oe", np.trace(P[1:, 1:], axis1=2, axis2=3))
+    if np.any(first_order("Gr")):
+        _alike("Cr", spun, "Gr", axial(P[1:, 1:]))
+    size = np.sqrt(np.abs(np.outer(np.diag(Me), np.diag(Me))))
+    turned = of_parts(by_oe - centrifugal(P[1:, 1:]), kept)
+    stiff = {
+        "stiffening_rotation": np.moveaxis(turned, (2, 3), (0, 1)),
+        "stiffening_acceleration": np.moveaxis(first_order("Ct"), 2, 0),
+    }
+    for key, array in (("Oe", by_oe), ("Ct", first_order("Ct"))):
+        apart = _difference(array, array.transpose(1, 0, 2))
+        _doubted(f"{key} by q_j and by q_k, whose mean is taken", apart)
+    arrays: dict[str, Any] = {
+        **{key: 0.5 * (a + np.swapaxes(a, -1, -2)) for key, a in stiff.items()},
+        "mass": np.float64(mass),
+        "S": S,
+        "P": P,
+        "K": terms["Ke"][0],
+        "markers": np.array(list(nodes), dtype=np.str_),
+        **_markers(nodes, r),
+    }
+    for key in stiff:
+        if not np.any(np.abs(arrays[key]) > _ROUND_OFF * size):
+            del arrays[key]
+    if np.any(terms["ksigma"][0] if "ksigma" in terms else 0.0):
+        raise ValueError("ksigma is not zero: bodies with stress at rest are not modelled")
+    if "De" in terms and np.any(terms["De"][0]):
+        warnings.warn(
+            "the file has damping, which belongs to the mechanism here and is left out: give "
+            "Mechanism(damping=...) a RayleighDamping",
+            InterchangeWarning,
+            stacklevel=2,
+        )
+    return arrays
+
+
+def _markers(nodes: dict[str, dict[str, Taylor]], r: int) -> dict[str, Array]:
+    """The arrays of the markers from the terms of the nodes."""
+    found: dict[str, list[Array]] = {f"marker_{key}": [] for key in ("positions", "displacements")}
+    found |= {f"marker_{key}": [] for key in ("rotations", "stiffening", "axes")}
+    for name, terms in nodes.items():
+        if missing := sorted({"origin", "phi", "psi", "AP"} - set(terms)):
+            raise ValueError(f"node {name}: the terms {missing} are missing")
+        (x, moved), (phi, bent), (psi, _), (axes, _) = (
+            terms[key] for key in ("origin", "phi", "psi", "AP")
+        )
+        if moved is not None and np.any(moved) and np.any(phi):
+            _alike(f"node {name}: origin", moved[:, :, 0], "phi", phi)
+        found["marker_positions"].append(x[:, 0])
+        found["marker_displacements"].append(phi)
+        found["marker_rotations"].append(psi)
+        found["marker_stiffening"].append(np.zeros((3, r, r)) if bent is None else -bent)
+        found["marker_axes"].append(axes)
+    n = len(nodes)
+    shapes = ((n, 3), (n, 3, r), (n, 3, r), (n, 3, r, r), (n, 3, 3))
+    arrays = {
+        key: np.array(values).reshape(shape)
+        for (key, values), shape in zip(found.items(), shapes, strict=True)
+    }
+    if not np.any(arrays["marker_stiffening"]):
+        del arrays["marker_stiffening"]
+    if np.array_equal(arrays["marker_axes"], np.broadcast_to(np.eye(3), (n, 3, 3))):
+        del arrays["marker_axes"]
+    return arrays
+
+
+def _mixed_moments(terms: dict[str, Taylor]) -> Array:
+    """P_k0, (r, 3, 3), from Cr and Oe, which Gr must confirm in one of the orders in use."""
+    vectors, coefficients = terms["Cr"][0], terms["Oe"][0]
+    r = len(vectors)
+    gyro = 0.5 * terms["Gr"][0].reshape(3, r, 3).transpose(1, 0, 2)
+    # some write the columns 13 and 23 of Oe the other way round
+    both = [
+        of_parts(coefficients[:, order], vectors) for order in ([*range(6)], [0, 1, 2, 3, 5, 4])
+    ]
+    apart = [_difference(theta(moments), gyro) for moments in both]
+    _doubted("Gr and that of Cr and Oe, which are taken", min(apart))
+    if apart[1] < 1e-3 * apart[0]:
+        coefficients[:] = coefficients[:, [0, 1, 2, 3, 5, 4]]
+        if terms["Oe"][1] is not None:
+            terms["Oe"][1][:] = terms["Oe"][1][:, :, [0, 1, 2, 3, 5, 4]]
+        return both[1]
+    return both[0]
+
+
+def _inertia(J: Taylor, mixed: Array) -> Array:
+    """The tensor (3, 3) of a column or a matrix; what q adds to it must fit P_k0, (r, 3, 3)."""
+    m0, m1 = J
+    wanted = theta(mixed + mixed.transpose(0, 2, 1)).transpose(1, 0, 2)
+    best: tuple[float, Array] = (np.inf, m0)
+    for pairs in (_J, (*_J[:4], _J[5], _J[4])):
+        whole, by_q = m0, m1
+        if m0.shape == (6, 1):
+            whole, by_q = np.zeros((3, 3)), None if m1 is None else np.zeros((3, len(mixed), 3))
+            for row, (i, j) in enumerate(pairs):
+                whole[i, j] = whole[j, i] = m0[row, 0]
+                if by_q is not None and m1 is not None:
+                    by_q[i, :, j] = by_q[j, :, i] = m1[row, :, 0]
+        apart = 0.0 if by_q is None or not np.any(by_q) else _difference(by_q, wanted)
+        if apart < best[0]:
+            best = apart, whole
+    if best[0] > _SAME:
+        raise ValueError(f"the terms J, Cr and Oe contradict each other by {best[0]:.1e}")
+    _alike("J", best[1], "its transpose", best[1].T)
+    return best[1]
+
+
+def _second_moments(
+    by_oe: Array, spun: Array, Me: Array, mass: float, S: Array, P: Array
+) -> tuple[float, Array]:
+    """P_jk, (r, r, 3, 3), where Gr does not have it, and by which S_j and P_j0 are to be scaled.
+
+    It follows from Oe and Cr, if Oe has no stiffening. Else the least that moves with 1 and X, the
+    rest of Me alike along all axes, and turns as far as that allows. Bodies with these moments
+    differ by terms of second order in q, which the standard leaves out, beside those of Cr and Ge.
+    """
+
+    def smallest(moments: Array) -> float:
+        whole = moments.transpose(0, 2, 1, 3).reshape(3 * len(Me), 3 * len(Me))
+        return float(np.linalg.eigvalsh(0.5 * (whole + whole.T))[0])
+
+    gram = np.block([[np.array([[mass]]), S[:1]], [S[:1].T, P[0, 0]]])
+    along = np.concatenate([S[1:, :, None], P[1:, 0]], axis=2)  # j, component, 1 and X
+    least = np.einsum("jma,ab,knb->jkmn", along, np.linalg.pinv(gram, hermitian=True), along)
+    found = of_parts(by_oe, spun)
+    found = 0.5 * (found + found.transpose(1, 0, 3, 2))
+    size = float(np.max(np.diag(Me), initial=0.0))
+    exact = _difference(np.trace(found, axis1=2, axis2=3), Me) <= _SAME
+    if not len(Me) or (exact and smallest(found - least) >= -_SAME * size):
+        return 1.0, found
+    needed = np.trace(least, axis1=2, axis2=3)
+    most = np.max(scipy.linalg.eigh(needed, Me, eigvals_only=True))
+    square = float(min(1.0, 0.999 / most))
+    if square < _LEAST**2:
+        raise ValueError(
+            f"no mass moves as Ct, Cr and Oe say: they are {square**-0.5:.1f} times as large as Me "
+            "and J allow; the terms themselves can be had from read_terms"
+        )
+    rest = (Me - square * needed)[:, :, None, None] * np.eye(3) / 3.0
+    turns = of_parts(np.zeros((*Me.shape, 6)), spun - square * axial(least))
+    # the share of turns with which no mass is negative
+    shares = (share for share in np.linspace(1.0, 0.0, 101) if smallest(rest + share * turns) >= 0)
+    kept = float(next(shares, 0.0))
+    warnings.warn(
+        "Oe and Cr hold more than the inertia of the coordinates that Me has, as with geometric "
+        "stiffening, or contradict it, and the file has no first order of Gr that tells: the "
+        "inertia of pairs of coordinates is estimated, and what is left of Oe is stiffening"
+        + (f"; Ct, Cr and Oe are too large for Me, and scaled by {square**0.5:.3f}" * (square < 1))
+        + (f"; only {kept:.0%} of the turning part of Cr is kept" * (kept < 1)),
+        InterchangeWarning,
+        stacklevel=2,
+    )
+    return square**0.5, np.asarray(square * least + rest + kept * turns)
+
+
+def _difference(one: Array, other: Array) -> float:
+    """Largest difference relative to the largest entry."""
+    size = max(np.max(np.abs(one), initial=0.0), np.max(np.abs(other), initial=0.0))
+    return float(np.max(np.abs(one - other), initial=0.0) / size) if size > 0.0 else 0.0
+
+
+def _doubted(what: str, apart: float) -> None:
+    """Warn where terms that say the same differ, as where a program approximates some."""
+    if apart > _SAME:
+        text = f"the file contradicts itself: {what}, differ by {apart:.1e} of the largest entry"
+        warnings.warn(text, InterchangeWarning, stacklevel=3)
+
+
+def _alike(what: str, one: Array, other: str, values: Array) -> None:
+    """Refuse terms that say the same otherwise."""
+    if (apart := _difference(one, values)) > _SAME:
+        raise ValueError(f"{what} and {other} must agree, but entries differ by {apart:.1e}")
