@@ -38,9 +38,10 @@ _FOLDERS = _lists(
         "mechanical_problem": "MechanicalProblem",
         "mechanism": (
             "Assembled Bushing Cylindrical Distance Force Gear Ground LinearDrive Mechanism Motion "
-            "Moving Placement PlacementWarning Planar PointMass PointOnLine PointOnPlane "
-            "PrescribedAngle PrescribedPosition RayleighDamping Revolute Spherical SpringDamper "
-            "StaticEquilibrium Torque TorsionalSpringDamper Translational Universal Weld"
+            "Moving Parameters Placement PlacementWarning Planar PointMass PointOnLine "
+            "PointOnPlane PrescribedAngle PrescribedPosition RayleighDamping Revolute Spherical "
+            "SpringDamper StaticEquilibrium Torque TorsionalSpringDamper Translational Universal "
+            "Weld"
         ),
         "objective": (
             "Combination Constraint Derivatives Frequency IntegralCompliance Inventory JointForce "

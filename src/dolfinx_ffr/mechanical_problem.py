@@ -11,12 +11,13 @@ depend on the trajectory, such as a mass, causes neither.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import validation
 from .body import VolumeIntegrals
@@ -24,22 +25,28 @@ from .documentation import explain_fields
 from .dynamics import (
     REFERENCE,
     Certificate,
+    FlatModel,
     Integrator,
     Judge,
+    MechanismBars,
     Run,
     StepChoice,
     TimeInterval,
     TimeStepWarning,
     Trajectory,
     adjoint,
+    assemble_model,
     certified,
+    fixed_slopes,
     integrate,
     load_cells,
+    parameter_slopes,
+    parametric,
     refined,
     relative_change,
     simulate,
 )
-from .mechanism import Mechanism
+from .mechanism import Mechanism, ParametricMechanism
 from .objective import (
     Constraint,
     Derivatives,
@@ -53,6 +60,7 @@ from .objective import (
 
 Bodies = Mapping[str, VolumeIntegrals]
 Array = NDArray[np.float64]
+Key = TypeVar("Key", bound=Hashable)
 
 #: Relative error to which numbers are certified for an estimate of the error by the steps, at least
 FINEST = 1e-8
@@ -75,6 +83,8 @@ class ConstraintValue:
     nodes: dict[str, Array] | None = field(default=None, repr=False)
     #: Likewise with respect to the centers of interfaces, as `Evaluation.centers`
     centers: dict[str, Array] | None = field(default=None, repr=False)
+    #: Derivative of g with respect to the parameters of the mechanism, by name
+    parameters: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property
     def integrals_gradient(self) -> dict[str, VolumeIntegrals] | None:
@@ -104,6 +114,11 @@ class MechanicalEvaluation:
         """Derivative of psi with respect to the integrals by name of the body, markers included."""
         return None if self.derivatives is None else dict(self.derivatives.integrals)
 
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Derivative of psi with respect to the parameters of the mechanism, by name."""
+        return {} if self.derivatives is None else dict(self.derivatives.parameters)
+
 
 @dataclass(frozen=True)
 class MechanicalProblem:
@@ -111,6 +126,7 @@ class MechanicalProblem:
 
     It takes bodies that are given by arrays, from a file (:meth:`VolumeIntegrals.load`), from a
     formula (:class:`ParametricBody`) or from another code; neither a mesh nor DOLFINx is needed.
+    The mechanism may have :class:`Parameters`, by which evaluations have derivatives, too.
 
     Example:
         >>> problem = MechanicalProblem(mechanism, integrator, IntegralCompliance())
@@ -172,11 +188,27 @@ class MechanicalProblem:
                 deform is rigid.
             SimulationError: If the trajectory cannot be computed.
         """
-        start, given = perf_counter(), _response(bodies)
+        start, given = perf_counter(), self.response(bodies)
         self.validate(given.inventory)
         trajectory = self.settled(given).trajectory(given.bodies)
         found = self.evaluated(replace(given, simulated=trajectory))
         return replace(found, seconds={"simulation": perf_counter() - start})
+
+    def at(self, values: ArrayLike | Mapping[str, float]) -> MechanicalProblem:
+        """The same problem at other values of the mechanism's parameters, see `Parameters.at`.
+
+        It is the problem itself where the mechanism has none. Errors are those of
+        `Parameters.at` and `Parameters.mechanism`.
+        """
+        if not isinstance(self.mechanism, ParametricMechanism):
+            return self
+        found = self.mechanism.at(values)
+        return self if found is self.mechanism else replace(self, mechanism=found)
+
+    def response(self, bodies: Bodies | Response) -> Response:
+        """The arguments of the objectives before a simulation, the mechanism's bodies included."""
+        given = bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
+        return replace(given, bodies={**given.bodies, **self.mechanism.own_bodies})
 
     def trajectory(self, bodies: Bodies) -> Trajectory | None:
         """The trajectory of ``bodies``, by name; None if nothing depends on it.
@@ -207,22 +239,48 @@ class MechanicalProblem:
         So a design whose value is rejected need not be differentiated.
         """
         start, response = perf_counter(), evaluation.response
-        found = {}
-        for label, objective in self.objectives.items():
-            where = f"constraint {label!r}: " if label else ""
-            direct = derivatives_of(objective, response, where)
-            through = {name: body.zeros_like() for name, body in response.bodies.items()}
-            if moves(direct, response):
-                through = adjoint(response.trajectory, direct.trajectory).bodies  # type: ignore[arg-type]
-            found[label] = direct.without_trajectory(through)
-        constraints = {
-            c.label: replace(
-                evaluation.constraints[c.label], derivatives=found[c.label].scaled(c.slope)
+        direct = self.partial(response)
+        through = through_trajectory(response, direct)
+        found = {label: part.without_trajectory(through[label]) for label, part in direct.items()}
+        constraints = {}
+        for c in self.constraints:
+            own = found[c.label].scaled(c.slope)
+            constraints[c.label] = replace(
+                evaluation.constraints[c.label], derivatives=own, parameters=dict(own.parameters)
             )
-            for c in self.constraints
-        }
         seconds = {**evaluation.seconds, "adjoint": perf_counter() - start}
         return replace(evaluation, constraints=constraints, derivatives=found[""], seconds=seconds)
+
+    def partial(
+        self, response: Response, labels: Collection[str] | None = None, of: str = ""
+    ) -> dict[str, Derivatives]:
+        """Partial derivatives of the objectives at a ``response``, by label; of all by default.
+
+        Those by parameters, at fixed trajectory, are among them. Names of constraints begin with
+        the text ``of`` in messages.
+        """
+        wanted = {n: o for n, o in self.objectives.items() if labels is None or n in labels}
+        where = {n: f"constraint {of + n!r}: " if n else "" for n in wanted}
+        found = {n: derivatives_of(each, response, where[n]) for n, each in wanted.items()}
+        mechanism, run = self.mechanism, response.simulated
+        if not isinstance(mechanism, ParametricMechanism) or not wanted:
+            return found
+        times = np.array([0.0, self.integrator.end_time])
+        model = run.model if run else assemble_model(mechanism, response.bodies, times)
+
+        def number(objective: Objective) -> Callable[[FlatModel], float]:
+            def value(other: FlatModel) -> float:
+                simulated = None if run is None else replace(run, model=other)
+                bodies = {name: other.bodies[name] for name in response.bodies}
+                return value_of(objective, replace(response, simulated=simulated, bodies=bodies))
+
+            return value
+
+        slopes = fixed_slopes(model, [number(each) for each in wanted.values()])
+        for (label, part), row in zip(found.items(), slopes.tolist(), strict=True):
+            own = dict(zip(mechanism.parameters.names, row, strict=True))
+            found[label] = replace(part, parameters=own)
+        return found
 
     def calibrated(self, response: Response) -> MechanicalProblem:
         """The problem with objectives corrected at a ``response``, see `Objective.calibrated`.
@@ -267,7 +325,7 @@ class MechanicalProblem:
                 where it suffices.
             interval: The time interval and the accuracy.
         """
-        given = _response(bodies)
+        given = self.response(bodies)
         cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
         judged, present = self._judged(given), given.simulated
         return interval.chosen(*judged, cells, damped=damped, present=present)
@@ -288,7 +346,7 @@ class MechanicalProblem:
         """
         if not self.needs_trajectory:
             return self
-        interval, given = TimeInterval(self.integrator.end_time, tolerance), _response(bodies)
+        interval, given = TimeInterval(self.integrator.end_time, tolerance), self.response(bodies)
         if isinstance(self.integrator, TimeInterval) or self.integrator.chosen_for is not None:
             return self.stepping(self.choice(given, interval))
         exact = self._certified(given, interval.end_time, REFERENCE * tolerance)
@@ -330,9 +388,29 @@ class MechanicalProblem:
         return certified(*self._judged(given), cells, tolerance, damped=damped, near=near)
 
 
-def _response(bodies: Bodies | Response) -> Response:
-    """A response without a trajectory of bodies alone, or the given one."""
-    return bodies if isinstance(bodies, Response) else Response(None, dict(bodies))
+def through_trajectory(
+    response: Response, direct: Mapping[Key, Derivatives]
+) -> dict[Key, Derivatives]:
+    """Derivatives through the trajectory of a ``response``: by all integrals, and by parameters.
+
+    The partial derivatives ``direct`` of some numbers have keys of any kind.
+    """
+    found, bars = dict[Key, Derivatives](), dict[Key, MechanismBars]()
+    for key, part in direct.items():
+        bodies = {name: body.zeros_like() for name, body in response.bodies.items()}
+        if moves(part, response):
+            pulled = adjoint(response.trajectory, part.trajectory)  # type: ignore[arg-type]
+            bodies = pulled.bodies
+            if isinstance(response.trajectory.model.mechanism, ParametricMechanism):
+                bars[key] = pulled.mechanism
+        found[key] = Derivatives(integrals=bodies)
+    if bars:
+        names = parametric(response.trajectory.model).parameters.names
+        slopes = parameter_slopes(response.trajectory, list(bars.values()))
+        for key, row in zip(bars, slopes.tolist(), strict=True):
+            own = dict(zip(names, row, strict=True))
+            found[key] = replace(found[key], parameters=own)
+    return found
 
 
 def moves(direct: Derivatives, response: Response) -> bool:

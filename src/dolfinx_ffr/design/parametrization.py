@@ -53,6 +53,14 @@ class Variables(ABC):
         share = validation.number("design: value", value, least=0, most=1)
         return np.full(self.size, self.lower + share * (self.upper - self.lower))
 
+    def point(self, variables: Array) -> Array:
+        """The values at which a problem is evaluated; by default the ``variables`` themselves."""
+        return variables
+
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        """The derivative by the ``variables``, shape (size,), given that by `point`."""
+        return validation.real_array("design: the derivative", x_bar, (self.size,))
+
     def penalty(self, variables: Array) -> tuple[float, Array]:
         """A term beside log psi at ``variables``, and its derivative, shape (size,)."""
         return 0.0, np.zeros(self.size)
@@ -84,6 +92,9 @@ class Design(Variables):
     def nominal(self) -> Design:
         """The nominal design, where psi is that of an eroded one, see `LevelSet`."""
         return self
+
+    def point(self, variables: Array) -> Array:
+        return self.density(variables)
 
     @abstractmethod
     def density(self, variables: Array) -> Array:

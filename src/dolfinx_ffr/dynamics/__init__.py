@@ -29,8 +29,10 @@ from .kinematics import MarkerMotion as MarkerMotion
 from .kinematics import marker_motion as marker_motion
 from .kinematics import marker_motion_pullback as marker_motion_pullback
 from .mechanism_bars import MechanismBars as MechanismBars
+from .mechanism_bars import fixed_slopes as fixed_slopes
 from .mechanism_bars import influence as influence
 from .mechanism_bars import parameter_slopes as parameter_slopes
+from .mechanism_bars import parametric as parametric
 from .memory import check_memory as check_memory
 from .memory import required_memory as required_memory
 from .model import FlatModel as FlatModel

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import Mechanism
+from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
 from .model import FlatModel, effective_bodies
+from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, VolumeIntegrals]
-#: From the shifts of all parameters to the mechanism and all bodies there.
-Built = Callable[[Array], tuple[Mechanism, Bodies]]
 
 #: Fields of the arrays that a mechanism and the markers of its bodies set.
 FIELDS = ("gravity", "alpha", "beta", "shapes", "vector_stiffening", "drive", "prescribed",
@@ -40,6 +39,9 @@ _OVER_TIME = ("gravity", "drive", "prescribed", "load_table")
 _STEP, _SHORTER, _TIMES, _BENT = 2e-4, 1 / 16, 5, 3e-3
 #: Changes below this share of the size of an array are round-off.
 _ROUND_OFF = 1e-12
+#: Second differences below this share of first ones, or below this share of the size of an array,
+#: are those of what is linear.
+_LINEAR, _NOISE = 1e-9, 4e-16
 #: Change of the start by a step, in sizes of the start, beyond which it has jumped.
 _JUMP = 1e-2
 
@@ -85,71 +87,80 @@ class MechanismBars:
 class _Stated(NamedTuple):
     """What a mechanism says at values of its parameters."""
 
+    model: FlatModel
     arrays: dict[str, Array]
-    effective: Bodies  #: With point masses, markers zero
-    bodies: Bodies
+    effective: Bodies  #: With point masses
     y: Array  #: Shift from the start at the values themselves, shape (size,)
     v: Array
 
     def flat(self) -> list[Array]:
-        """All numbers, as a list of arrays."""
+        """All numbers that may depend on parameters, as a list of arrays."""
         parts = [self.y, self.v, *self.arrays.values()]
-        for body in (*self.effective.values(), *self.bodies.values()):
+        given = self.model.bodies
+        changing = [body for name, body in self.effective.items() if body is not given[name]]
+        for body in (*changing, *self.model.mechanism.own_bodies.values()):
             parts += [np.ravel(value) for value in _numbers(body)]
         return parts
 
 
-def parameter_slopes(
-    model: FlatModel,
-    start: tuple[Array, Array],
-    built: Built,
-    ranges: Sequence[tuple[str, float, float]],
-    bars: Sequence[tuple[MechanismBars, Bodies]],
-) -> Array:
-    """Derivatives by parameters of a mechanism, shape (numbers, parameters).
+def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> Array:
+    """Derivatives by the parameters of a mechanism, through the trajectory: (numbers, parameters).
 
-    They are those through the trajectory and the bodies. Of a number that takes what the mechanism
-    says at a fixed trajectory, too, as the power of a drive along a distance with a moving anchor,
-    this share is missing.
-
-    Args:
-        model: The compiled mechanism at the values.
-        start: Coordinates and velocities at the start, shape (size,) each.
-        built: The mechanism and all bodies at shifts from the values, shape (parameters,).
-        ranges: For each parameter its name, and its distances to the lower and the upper bound.
-        bars: For each number its derivatives by what the mechanism says, and the partial ones by
-            the integrals of the bodies.
+    For each number its derivatives by what the mechanism says are given. They hold all but what
+    depends on the parameters at a fixed trajectory, see `fixed_slopes`.
 
     Raises:
         ValueError: If the topology, a jump or the branch of the start depends on a parameter, or
             the mechanism cannot be built beside the values; the message names it.
     """
-    own = _Differences(model, start, built)
-    found = np.zeros((len(bars), len(ranges)))
-    for k, (name, below, above) in enumerate(ranges):
-        try:
-            found[:, k] = own.slopes(k, below, above, bars)
-        except ValueError as error:
-            raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
-    return found
+    own = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
+    return own.by_parameters(
+        len(bars), lambda state: [_contracted(own.base, state, bar) for bar in bars]
+    )
 
 
-def influence(
-    model: FlatModel, built: Built, ranges: Sequence[tuple[str, float, float]]
-) -> list[str]:
+def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
+    """The same of numbers of a model, at a fixed trajectory: shape (numbers, parameters).
+
+    Each is a function of the model with other values of the parameters, as the power of a drive
+    along a line, whose direction may be a parameter. The result is zero where none changes with
+    all parameters at once. Errors are those of `parameter_slopes`.
+    """
+    mechanism, here = parametric(model), [number(model) for number in numbers]
+    beside = model.stated_by(mechanism.twin, model.bodies)
+    if [number(beside) for number in numbers] == here:
+        return np.zeros((len(numbers), len(mechanism.parameters.names)))
+    own = _Differences(model)
+    return own.by_parameters(
+        len(numbers),
+        lambda state: [
+            number(state.model) - old for number, old in zip(numbers, here, strict=True)
+        ],
+    )
+
+
+def influence(model: FlatModel) -> list[str]:
     """Names of the parameters on which what the mechanism says does not depend."""
-    none = (np.zeros(model.size), np.zeros(model.size))
-    own, idle = _Differences(model, none, built, with_start=False), []
-    for k, (name, below, above) in enumerate(ranges):
-        step = 1e-3 * (above if above >= below else -below)
-        shift = np.zeros(len(ranges))
-        shift[k] = step
-        here, there = own.base.flat(), own.stated(shift).flat()
-        start, other = own.model.mechanism, built(shift)[0]
-        same = all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
-        if same and _start_of(start, model) == _start_of(other, model):
+    mechanism, own, idle = parametric(model), _Differences(model), []
+    here, start = own.base.flat(), _start_of(model.mechanism, model)
+    for k, (name, below, above) in enumerate(mechanism.parameters.ranges):
+        other = own.stated(_shift(k, 1e-3 * (above if above >= below else -below)))
+        same = all(np.array_equal(a, b) for a, b in zip(here, other.flat(), strict=True))
+        if same and start == _start_of(other.model.mechanism, model):
             idle.append(name)
     return idle
+
+
+def parametric(model: FlatModel) -> ParametricMechanism:
+    """The mechanism of a model, which has parameters."""
+    assert isinstance(model.mechanism, ParametricMechanism)
+    return model.mechanism
+
+
+def _shift(k: int, step: float) -> Array:
+    shift = np.zeros(k + 1)
+    shift[k] = step
+    return shift
 
 
 def _start_of(mechanism: Mechanism, model: FlatModel) -> list[bytes]:
@@ -168,52 +179,78 @@ class _JumpedError(ValueError):
 class _Differences:
     """Differences of what a mechanism says."""
 
-    def __init__(
-        self, model: FlatModel, start: tuple[Array, Array], built: Built, with_start: bool = True
-    ) -> None:
-        self.model, self.start, self.built, self.with_start = model, start, built, with_start
+    def __init__(self, model: FlatModel, start: tuple[Array, Array] | None = None) -> None:
+        self.model, self.start = model, start
         none = np.zeros(model.size)
-        self.base = _stated(model, model.bodies, none, none)
+        self.base = _stated(model, none, none)
 
-    def slopes(
-        self, k: int, below: float, above: float, bars: Sequence[tuple[MechanismBars, Bodies]]
-    ) -> Array:
-        """Derivatives of all numbers by parameter k, shape (numbers,)."""
-        h, states = _STEP / _SHORTER * (below + above), list[_Stated]()
+    def by_parameters(self, count: int, change: Callable[[_Stated], Sequence[float]]) -> Array:
+        """Derivatives (count, parameters) of numbers, of which ``change`` is that to a state."""
+        ranges = parametric(self.model).parameters.ranges
+        found = np.zeros((count, len(ranges)))
+        for k, (name, below, above) in enumerate(ranges):
+            try:
+                for weight, state in self._around(k, below, above):
+                    found[:, k] += weight * np.array(change(state))
+            except ValueError as error:
+                raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
+        return found
+
+    def _around(self, k: int, below: float, above: float) -> list[tuple[float, _Stated]]:
+        """States beside the values of parameter k, and weights of their changes in derivatives."""
+        h, found = _STEP / _SHORTER * (below + above), list[tuple[float, _Stated]]()
         for left in reversed(range(_TIMES)):
             h *= _SHORTER
-            offsets, weights = _stencil(h, below, above)
             try:
-                states = [self.stated(self._shift(k, s * h)) if s else self.base for s in offsets]
+                straight, found = self._differences(k, h, below, above)
             except _JumpedError:
                 if left:
                     continue
                 raise
-            if not _bends(states, offsets, self.base):
+            if straight:
                 break
-        total = np.zeros(len(bars))
-        for weight, state in zip(weights, states, strict=True):
-            total += weight / h * np.array([_contracted(self.base, state, *bar) for bar in bars])
-        return total
+        return found
 
-    def _shift(self, k: int, step: float) -> Array:
-        shift = np.zeros(k + 1)
-        shift[k] = step
-        return shift
+    def _differences(
+        self, k: int, h: float, below: float, above: float
+    ) -> tuple[bool, list[tuple[float, _Stated]]]:
+        """Whether slopes hardly change over steps h, and states with their weights.
+
+        Two where all that changes is linear, as by a stiffness or a force, and else of fourth
+        order, between the bounds.
+        """
+        central = 2.0 * h <= min(below, above)
+        side = 1 if central or above >= below else -1
+
+        def at(offsets: Sequence[int]) -> list[_Stated]:
+            return [self.stated(_shift(k, side * s * h)) for s in offsets]
+
+        near, base = at((-1, 1) if central else (1, 2)), self.base.flat()
+        one, two = near[0].flat(), near[1].flat()
+        ends = (one, two, base) if central else (base, two, one)
+        if not _bends(*ends, _LINEAR, _NOISE):
+            weights, states = ([-1 / 2, 1 / 2] if central else [0.0, 1 / 2]), near
+            straight = True
+        else:
+            states = near + at((-2, 2) if central else (3, 4))
+            weights = [-2 / 3, 2 / 3, 1 / 12, -1 / 12] if central else [4.0, -3.0, 4 / 3, -1 / 4]
+            far = states[-1].flat()
+            ends = (states[-2].flat(), far, base) if central else (base, far, two)
+            straight = not _bends(*ends, _BENT, _ROUND_OFF)
+        return straight, [(side * w / h, state) for w, state in zip(weights, states, strict=True)]
 
     def stated(self, shift: Array) -> _Stated:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
-        mechanism, bodies = self.built(shift)
-        model = self.model.stated_by(mechanism, bodies)
+        model = self.model.stated_by(parametric(self.model).shifted(shift), self.model.bodies)
         _check_same(self.model, model)
         y, v = np.zeros(model.size), np.zeros(model.size)
-        if self.with_start and self._start_depends(model):
+        if self.start is not None and self._start_depends(model):
             _, there, rate = started(model)
             y, v = model.arrays.difference(there[None], self.start[0])[0], rate - self.start[1]
             size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
             if float(np.max(np.abs(y))) > _JUMP * size:
                 raise _JumpedError("the start jumps to another position by a small change of it")
-        return _stated(model, bodies, y, v)
+        return _stated(model, y, v)
 
     def _start_depends(self, model: FlatModel) -> bool:
         """Whether the start may be another one."""
@@ -233,10 +270,10 @@ class _Differences:
         return _start_of(old.mechanism, old) != _start_of(model.mechanism, old)
 
 
-def _stated(model: FlatModel, bodies: Bodies, y: Array, v: Array) -> _Stated:
+def _stated(model: FlatModel, y: Array, v: Array) -> _Stated:
     arrays = {name: getattr(model.arrays, name) for name in FIELDS}
-    effective = effective_bodies(model.mechanism, bodies)
-    return _Stated(arrays, {n: without_markers(b) for n, b in effective.items()}, bodies, y, v)
+    effective = effective_bodies(model.mechanism, model.bodies)
+    return _Stated(model, arrays, effective, y, v)
 
 
 def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
@@ -252,53 +289,34 @@ def _numbers(body: VolumeIntegrals) -> list[Array]:
     return [np.asarray(part, dtype=np.float64) for part in parts if part is not None]
 
 
-def _stencil(h: float, below: float, above: float) -> tuple[list[int], list[float]]:
-    """Offsets in steps, and weights of fourth order, of a derivative between two bounds."""
-    if 2.0 * h <= min(below, above):
-        return [-2, -1, 1, 2], [1 / 12, -2 / 3, 2 / 3, -1 / 12]
-    side = 1 if above >= below else -1
-    weights = (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
-    return [side * k for k in range(5)], [side * weight for weight in weights]
-
-
-def _bends(states: Sequence[_Stated], offsets: Sequence[int], base: _Stated) -> bool:
-    """Whether a step is so long that slopes change on its way."""
-    middle = states[2] if 0 in offsets else base
-    for at, one, two in zip(middle.flat(), states[0].flat(), states[-1].flat(), strict=True):
-        change = float(np.max(np.abs(one - two), initial=0.0))
+def _bends(
+    one: Sequence[Array], two: Sequence[Array], middle: Sequence[Array], share: float, noise: float
+) -> bool:
+    """Whether slopes change between two ends by more than a share, or a noise of their size."""
+    for a, b, at in zip(one, two, middle, strict=True):
+        change = float(np.max(np.abs(a - b), initial=0.0))
         size = float(np.max(np.abs(at), initial=0.0))
-        bend = float(np.max(np.abs(one + two - 2.0 * at), initial=0.0))
-        if bend > _BENT * change + _ROUND_OFF * (size + 1.0):
+        if float(np.max(np.abs(a + b - 2.0 * at), initial=0.0)) > share * change + noise * (
+            size + 1.0
+        ):
             return True
     return False
 
 
-def _contracted(base: _Stated, state: _Stated, bars: MechanismBars, direct: Bodies) -> float:
+def _contracted(base: _Stated, state: _Stated, bars: MechanismBars) -> float:
     """Change of a number by the change of what a mechanism says."""
     total = float(state.y @ bars.y + state.v @ bars.v) if bars.y.size else 0.0
     for name, bar in bars.arrays.items():
         total += float(np.sum(bar * (state.arrays[name] - base.arrays[name])))
-    for mine, theirs, by in (
-        (base.effective, state.effective, bars.bodies),
-        (base.bodies, state.bodies, direct),
-    ):
-        for name, own in by.items():
-            if theirs[name] is not mine[name]:
-                total += own.dot(theirs[name] + mine[name].scaled(-1.0))
+    for name, own in bars.bodies.items():
+        mine, theirs = base.effective[name], state.effective[name]
+        if theirs is not mine:
+            total += own.dot(theirs + mine.scaled(-1.0))
     return total
 
 
 def _check_same(old: FlatModel, new: FlatModel) -> None:
     """Refuse another topology, and other times of jumps."""
-    for what, before, after in (
-        ("joints", old.mechanism.joint_names, new.mechanism.joint_names),
-        ("forces", old.mechanism.force_names, new.mechanism.force_names),
-    ):
-        if before != after:
-            raise ValueError(f"the {what} change with it, from {before} to {after}")
-    same = len(old.mechanism.point_masses) == len(new.mechanism.point_masses)
-    if old.mechanism.start.in_equilibrium != new.mechanism.start.in_equilibrium or not same:
-        raise ValueError("the kind of start or the number of point masses changes with it")
     for name in (*_TOPOLOGY, *FIELDS):
         a, b = getattr(old.arrays, name), getattr(new.arrays, name)
         if a.shape != b.shape or (name in _TOPOLOGY and not np.array_equal(a, b)):

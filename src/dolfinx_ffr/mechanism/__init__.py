@@ -46,7 +46,10 @@ from .motion import evaluated as evaluated
 from .motion import is_zero as is_zero
 from .motion import sample as sample
 from .motion import tabulated as tabulated
+from .parametric import Parameter as Parameter
+from .parametric import Parameters as Parameters
 from .parametric import ParametricMechanism as ParametricMechanism
+from .parametric import TopologyError as TopologyError
 from .parts import aligned as aligned
 from .parts import coincidence as coincidence
 from .parts import on_line as on_line

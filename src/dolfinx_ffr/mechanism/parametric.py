@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""A mechanism made of named numbers by a function of the user's."""
+"""Named numbers of a mechanism, and the mechanism that a function of the user's makes of them."""
 
 from __future__ import annotations
 
+import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,67 +20,103 @@ Array = NDArray[np.float64]
 
 #: Share of the ranges by which the values differ at which vectors are compared a second time.
 _APART = 1e-4
+#: Share of its range within which a parameter stands at a bound
+_AT = 1e-3
 
 
-@dataclass(frozen=True)
-class ParametricMechanism(Mechanism):
-    """A mechanism at given values of its parameters; see :meth:`built`."""
+class TopologyError(ValueError):
+    """A function of parameters that returns another machine for other values."""
 
-    #: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on them.
-    build: Callable[..., Any] = field(default=Mechanism, repr=False)
-    #: By name the value, the lower and the upper bound
-    parameters: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    label: str = "parameters"  #: Name of the parameters among designs
-    #: Integrals of bodies that depend on the parameters, by name
-    own_bodies: Mapping[str, Any] = field(default_factory=dict)  # type: ignore[misc]
 
-    @classmethod
-    def built(
-        cls,
-        build: Callable[..., Any],
-        parameters: Mapping[str, tuple[float, float, float]],
-        label: str = "parameters",
-    ) -> ParametricMechanism:
-        """The mechanism that the function makes of the values.
+class Parameter(NamedTuple):
+    """A number between two bounds."""
 
-        Raises:
-            TypeError: If it returns no mechanism.
-            ValueError: If a value is not between its bounds, or these are not apart, or there is
-                no mechanism with these values; the message says them.
-        """
-        for name, (value, low, high) in parameters.items():
-            validation.number(f"upper bound of parameter {name!r}", high, above=low)
-            validation.number(f"parameter {name!r}", value, least=low, most=high)
-        values = {name: value for name, (value, _, _) in parameters.items()}
-        try:
-            given = build(**values)
-        except (ValueError, ArithmeticError) as error:
-            said = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
-            raise ValueError(f"parameters: no mechanism with {said}: {error}") from error
-        mechanism, bodies = given if isinstance(given, tuple) else (given, {})
-        what = "parameters: what the function returns"
-        needed = "a Mechanism, or a Mechanism and a mapping of VolumeIntegrals"
-        validation.instance(what, mechanism, Mechanism, needed)
-        validation.instance(what, bodies, Mapping, needed)
-        own = {part.name: getattr(mechanism, part.name) for part in fields(Mechanism)}
-        return cls(**own, build=build, parameters=parameters, label=label, own_bodies=bodies)
+    value: float  #: At the start, in the unit of the parameter
+    lower: float  #: Smallest value
+    upper: float  #: Largest value
+    unit: str = ""  #: For history, summary and report
+    #: "linear", or "log" for a positive number whose ratios count: an optimiser's steps are shares
+    #: of the range, or of its logarithm
+    scale: str = "linear"
+
+
+class Parameters:
+    """Numbers that make a mechanism, to be designed: names, values, bounds, units.
+
+        ffr.Parameters(stiffness=(1e4, 1e3, 1e5), damping=(10.0, 0.0, 50.0, "N s/m"))
+
+    Args:
+        given: By name (value, lower bound, upper bound), and where wanted the unit, and the scale
+            "linear" or "log" of the steps of an optimiser (`mechanism.Parameter`).
+
+    Raises:
+        TypeError: If an entry is no such tuple.
+        ValueError: If none are given, or a value is not between its bounds, or these are not finite
+            or not apart, or not positive with the scale "log".
+    """
+
+    def __init__(self, /, **given: tuple[Any, ...]) -> None:
+        if not given:
+            raise ValueError("parameters: none are given; give name=(value, lower, upper)")
+        #: By name, in the order of the variables
+        self.entries: dict[str, Parameter] = {}
+        for name, entry in given.items():
+            what = f"parameter {name!r}"
+            if not (isinstance(entry, tuple | list) and 3 <= len(entry) <= 5):
+                raise TypeError(
+                    f"{what} must be (value, lower, upper), and where wanted unit and scale, but "
+                    f"it is {validation.described(entry)}"
+                )
+            own = Parameter(*entry)
+            validation.choice(f"{what}: scale", own.scale, ("linear", "log"))
+            validation.instance(f"{what}: unit", own.unit, str, "a text")
+            above = 0.0 if own.scale == "log" else -math.inf
+            lower = validation.number(f"lower bound of {what}", own.lower, above=above)
+            upper = validation.number(f"upper bound of {what}", own.upper, above=lower)
+            value = validation.number(what, own.value, least=lower, most=upper)
+            self.entries[name] = own._replace(value=value, lower=lower, upper=upper)
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name}={tuple(entry)}" for name, entry in self.entries.items())
+        return f"Parameters({given})"
 
     @property
     def names(self) -> list[str]:
         """Names of the parameters, in their order."""
-        return list(self.parameters)
+        return list(self.entries)
 
     @property
     def values(self) -> dict[str, float]:
-        """Values of the parameters by name."""
-        return {name: value for name, (value, _, _) in self.parameters.items()}
+        """Values by name."""
+        return {name: entry.value for name, entry in self.entries.items()}
 
-    def at(self, values: ArrayLike | Mapping[str, float]) -> ParametricMechanism:
-        """The mechanism at other values: by name, those missing stay; or all, shape (size,).
+    @property
+    def vector(self) -> Array:
+        """Values, shape (size,)."""
+        return np.array(list(self.values.values()))
+
+    @property
+    def ranges(self) -> list[tuple[str, float, float]]:
+        """Of each parameter the name and the distances to its bounds."""
+        return [(n, e.value - e.lower, e.upper - e.value) for n, e in self.entries.items()]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Names with units, by name."""
+        return {n: f"{n} [{e.unit}]" if e.unit else n for n, e in self.entries.items()}
+
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """Which parameters stand at a bound: "lower" or "upper"."""
+        share = self.shares(self.vector)
+        ends = zip(self.names, share < _AT, share > 1.0 - _AT, strict=True)
+        return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
+
+    def at(self, values: ArrayLike | Mapping[str, float]) -> Parameters:
+        """The same at other values: by name, those missing stay; or all, shape (size,).
 
         Raises:
-            ValueError: If a name is not known, a number is not finite or out of its bounds, or
-                there is no mechanism with these values.
+            ValueError: If a name is not known, or a number is not finite or out of its bounds.
         """
         if isinstance(values, Mapping):
             for name in values:
@@ -89,28 +127,149 @@ class ParametricMechanism(Mechanism):
             given = dict(zip(self.names, vector.tolist(), strict=True))
         if given == self.values:
             return self
-        found = {}
-        for name, (_, low, high) in self.parameters.items():
-            value = validation.number(f"parameter {name!r}", given[name], least=low, most=high)
-            found[name] = (value, low, high)
-        return self.built(self.build, found, self.label)
+        return Parameters(**{n: e._replace(value=given[n]) for n, e in self.entries.items()})
 
-    def shifted(self, shift: Array) -> ParametricMechanism:
-        """The mechanism at values shifted by numbers, of which the last may be left out."""
-        values = np.array(list(self.values.values()))
-        values[: len(shift)] += shift
-        return self.at(values)
+    def fits(self, other: Parameters) -> bool:
+        """Whether names, bounds, units and scales are the same."""
+        mine, theirs = (
+            [(n, e._replace(value=0.0)) for n, e in each.entries.items()] for each in (self, other)
+        )
+        return mine == theirs
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Parameters) and self.entries == other.entries
+
+    __hash__ = None  # type: ignore[assignment]
+
+    # ------------------------------------------------------------------ shares of the ranges
 
     @property
-    def ranges(self) -> list[tuple[str, float, float]]:
-        """Of each parameter the name and the distances to its bounds."""
-        return [(n, value - low, high - value) for n, (value, low, high) in self.parameters.items()]
+    def bounds(self) -> Array:
+        """Lower and upper bounds, shape (2, size)."""
+        return np.array([(e.lower, e.upper) for e in self.entries.values()]).T
+
+    @property
+    def _log(self) -> NDArray[np.bool_]:
+        return np.array([entry.scale == "log" for entry in self.entries.values()])
+
+    def _scaled(self, values: Array) -> Array:
+        """Values (..., size) on the scales of the parameters."""
+        found = np.array(values, dtype=np.float64)
+        found[..., self._log] = np.log(found[..., self._log])
+        return found
+
+    def shares(self, vector: Array) -> Array:
+        """Values (size,) as shares of their ranges, on their scales, shape (size,)."""
+        low, high = self._scaled(self.bounds)
+        return np.clip((self._scaled(vector) - low) / (high - low), 0.0, 1.0)
+
+    def from_shares(self, shares: Array) -> tuple[Array, Array]:
+        """Values at ``shares`` (size,) of their ranges, and their derivatives, (size,) each."""
+        low, high = self._scaled(self.bounds)
+        values = low + shares * (high - low)
+        values[self._log] = np.exp(values[self._log])
+        rates = np.where(self._log, values, 1.0) * (high - low)
+        return np.clip(values, *self.bounds), rates
+
+    # ------------------------------------------------------------------ the mechanism
+
+    def mechanism(self, build: Callable[..., Any]) -> ParametricMechanism:
+        """The mechanism that a function makes of the parameters.
+
+        Args:
+            build: A function of the parameters that it names as its arguments, or of all of them
+                by ``**``. It returns a `Mechanism`, or a mechanism and a mapping of the
+                `VolumeIntegrals` of bodies that depend on the parameters. Several functions of the
+                same parameters may make several load cases.
+
+        Raises:
+            TypeError: If it is no function, or returns no mechanism.
+            ValueError: If it has an argument that is no parameter, or there is no mechanism with
+                these values; the message says them.
+        """
+        validation.function("parameters: what makes the mechanism", build, "the parameters")
+        taken = _taken(build, self.names)
+        said = ", ".join(f"{name} = {self.values[name]:.6g}" for name in taken)
+        try:
+            given = build(**{name: self.values[name] for name in taken})
+        except (ValueError, ArithmeticError) as error:
+            raise ValueError(f"parameters: no mechanism with {said}: {error}") from error
+        mechanism, bodies = given if isinstance(given, tuple) else (given, {})
+        what = "parameters: what the function returns"
+        needed = "a Mechanism, or a Mechanism and a mapping of VolumeIntegrals"
+        validation.instance(what, mechanism, Mechanism, needed)
+        validation.instance(what, bodies, Mapping, needed)
+        own = {part.name: getattr(mechanism, part.name) for part in fields(Mechanism)}
+        return ParametricMechanism(**own, build=build, parameters=self, own_bodies=bodies)
+
+
+def _taken(build: Callable[..., Any], names: list[str]) -> list[str]:
+    """The parameters that a function takes."""
+    own = inspect.signature(build).parameters.values()
+    asked = [p.name for p in own if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    needed = {p.name for p in own if p.default is p.empty and p.name in asked}
+    if unknown := sorted(needed - set(names)):
+        raise ValueError(
+            f"parameters: the function takes {unknown[0]!r}, and the parameters are {names}"
+        )
+    every = any(p.kind == p.VAR_KEYWORD for p in own)
+    return [name for name in names if every or name in asked]
+
+
+@dataclass(frozen=True)
+class ParametricMechanism(Mechanism):
+    """A mechanism at given values of its parameters; see `Parameters.mechanism`."""
+
+    #: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on them.
+    build: Callable[..., Any] = field(default=Mechanism, repr=False)
+    parameters: Parameters = field(kw_only=True)
+    #: Integrals of bodies that depend on the parameters, by name
+    own_bodies: Mapping[str, Any] = field(default_factory=dict)  # type: ignore[misc]
+
+    def at(self, values: ArrayLike | Mapping[str, float]) -> ParametricMechanism:
+        """The mechanism at other values of the parameters, see `Parameters.at`.
+
+        Raises:
+            TopologyError: If it has other joints, forces, point masses or bodies there.
+            ValueError: As `Parameters.at`, and if there is no mechanism with these values.
+        """
+        parameters = self.parameters.at(values)
+        if parameters is self.parameters:
+            return self
+        found = parameters.mechanism(self.build)
+        for what, before, after in (
+            ("joints", self.joint_names, found.joint_names),
+            ("forces", self.force_names, found.force_names),
+            ("number of point masses", len(self.point_masses), len(found.point_masses)),
+            ("bodies", sorted(self.placements), sorted(found.placements)),
+            ("bodies", sorted(self.own_bodies), sorted(found.own_bodies)),
+            ("kind of start", type(self.start).__name__, type(found.start).__name__),
+        ):
+            if before != after:
+                said = ", ".join(f"{n} = {v:.6g}" for n, v in parameters.values.items())
+                raise TopologyError(
+                    f"parameters: the {what} change with them, from {before} to {after} with "
+                    f"{said}; the function must return the same for all values"
+                )
+        return found
+
+    def shifted(self, shift: Array) -> ParametricMechanism:
+        """The mechanism at values shifted a little, by numbers of which the last may be left out.
+
+        What is alike by chance is told from the rest as at the values themselves.
+        """
+        values = self.parameters.vector
+        values[: len(shift)] += shift
+        found = self.at(values)
+        if found is not self:
+            found.__dict__["twin"] = self.twin
+        return found
 
     @cached_property
     def twin(self) -> ParametricMechanism:  # type: ignore[override]
         """The same at values close by, at which nothing is alike by chance."""
         steps = [
             _APART * (0.5 + 0.5 * ((k + 1) * 0.6180339887 % 1.0)) * (high if high >= low else -low)
-            for k, (_, low, high) in enumerate(self.ranges)
+            for k, (_, low, high) in enumerate(self.parameters.ranges)
         ]
-        return self.shifted(np.array(steps))
+        return self.at(self.parameters.vector + np.array(steps))

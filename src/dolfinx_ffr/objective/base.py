@@ -147,6 +147,9 @@ class Derivatives:
     areas: Mapping[str, Array] = field(default_factory=dict)
     #: With respect to the areas that the points of the stress stand for, shape (cells, points).
     weights: Mapping[str, Array] = field(default_factory=dict)
+    #: With respect to the parameters of the mechanism, by name. An objective leaves them out: they
+    #: are formed by a problem, for all that depends on its parameters.
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     def checked(self, what: str, response: Response) -> Derivatives:
         """The derivatives as arrays; ``what`` they are is said in errors.
@@ -206,22 +209,28 @@ class Derivatives:
 
     def scaled(self, factor: float) -> Derivatives:
         """The derivatives times a ``factor``."""
+
+        def times(part: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: factor * bar for name, bar in part.items()}
+
         return Derivatives(
             None if self.trajectory is None else self.trajectory.scaled(factor),
             {name: bar.scaled(factor) for name, bar in self.integrals.items()},
-            *(
-                {name: factor * bar for name, bar in part.items()}
-                for part in (self.densities, self.stresses, self.areas, self.weights)
-            ),
+            times(self.densities),
+            times(self.stresses),
+            times(self.areas),
+            times(self.weights),
+            {name: factor * slope for name, slope in self.parameters.items()},
         )
 
-    def without_trajectory(self, through: Mapping[str, VolumeIntegrals]) -> Derivatives:
-        """The derivatives as a function of the bodies alone, with the trajectory eliminated.
+    def without_trajectory(self, through: Derivatives) -> Derivatives:
+        """The derivatives as a function of the bodies and parameters alone.
 
         Args:
-            through: With respect to the integrals of all bodies through the trajectory, by name.
+            through: Those through the trajectory, with respect to the integrals of all bodies and
+                to the parameters.
         """
-        return Derivatives(integrals=through) + replace(self, trajectory=None)
+        return through + replace(self, trajectory=None)
 
     def __add__(self, other: Derivatives) -> Derivatives:
         ours, theirs = self.trajectory, other.trajectory
@@ -232,6 +241,7 @@ class Derivatives:
             _added(self.stresses, other.stresses, _sum_of_modes),
             _added(self.areas, other.areas, add),
             _added(self.weights, other.weights, add),
+            _added(self.parameters, other.parameters, add),
         )
 
 

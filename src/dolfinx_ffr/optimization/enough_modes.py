@@ -50,6 +50,7 @@ def with_steps_for(
     """
     if not isinstance(problem, Problem):  # one of the user's own
         return problem, evaluation
+    problem = problem.at_evaluation(evaluation)
     try:
         changed = problem.with_steps_for(evaluation)
         if changed is problem:
@@ -80,7 +81,8 @@ def with_enough_modes(
     """
     if not evaluation.moves:
         return problem, evaluation, dict.fromkeys(problem.flexible, 0.0)
-    grown, found = problem, evaluation
+    grown = problem = problem.at_evaluation(evaluation)
+    found = evaluation
     try:
         while True:
             errors = mode_error(grown, found)

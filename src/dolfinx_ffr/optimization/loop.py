@@ -359,7 +359,7 @@ class DesignLoop:
             *(f"{key} of {name}" for name in several for key in ("volume", "frequency", "gray")),
             *(f"psi of {name}" for name in cases),
             *(f"constraint {label}" for label in evaluation.constraints),
-            *getattr(evaluation, "dimensions", ()),
+            *evaluation.told,
         ]
 
     def _row(self, x: Mapping[str, Array], evaluation: Evaluation) -> Row:
@@ -394,7 +394,7 @@ class DesignLoop:
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
         row |= {f"constraint {label}": c.value for label, c in evaluation.constraints.items()}
-        return row | getattr(evaluation, "dimensions", {})
+        return row | evaluation.told
 
     def result(
         self,
@@ -412,7 +412,7 @@ class DesignLoop:
         law of cut elements. A `DesignWarning` names violated constraints, and bodies of which more
         than a tenth is gray.
         """
-        x = {name: x_of(design, variables[name]) for name, design in designs.items()}
+        x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
         crisp = [n for n, design in dense.items() if design.fills and design.sharpness >= CRISP]
         problem, told = self.problem, evaluation
@@ -460,11 +460,6 @@ class DesignLoop:
         history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
         end = (reason, dict(designs), problem, violations, errors, bounds)
         return Result(densities, dict(variables), told, history, *end)
-
-
-def x_of(design: Variables, variables: Array) -> Array:
-    """The argument of a problem: a density, shape (cells,), or variables without a domain."""
-    return design.density(variables) if isinstance(design, Design) else variables
 
 
 class Optimizer(Protocol):

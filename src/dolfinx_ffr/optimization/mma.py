@@ -38,7 +38,7 @@ from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from .gradient import Array
-from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer, x_of
+from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
 from .moving_asymptotes import Asymptotes
 from .result import Result
 
@@ -152,7 +152,7 @@ class _Run:
     def x(self, variables: Array, progress: float, *, nominal: bool = False) -> dict[str, Array]:
         """The point at which the problem is evaluated."""
         parts, designs = self.split(variables), self.designs(progress, nominal=nominal)
-        return {name: x_of(design, parts[name]) for name, design in designs.items()}
+        return {name: design.point(parts[name]) for name, design in designs.items()}
 
     def begin(self, start: Mapping[str, Array]) -> tuple[_Point, Evaluation]:
         """The first point, lowered until the volume bounds hold, with its evaluation."""
@@ -415,10 +415,9 @@ def _nominal(design: Variables) -> Variables:
 
 def _by_variables(name: str, design: Variables, variables: Array, bar: Array | None) -> Array:
     """The derivative by the variables, shape (size,), from that by the density or by them."""
-    what = f"optimize: the derivative by {name!r}"
-    if isinstance(design, Design):
-        return design.pullback(variables, validation.real_array(what, bar))
-    return validation.real_array(what, bar, (design.size,))
+    return design.pullback(
+        variables, validation.real_array(f"optimize: the derivative by {name!r}", bar)
+    )
 
 
 def _largest(bounds: Array) -> float:

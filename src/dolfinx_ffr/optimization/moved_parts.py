@@ -36,7 +36,8 @@ def with_moved_boundaries(
     bodies = result.problem.flexible.items()
     # those by dimensions stay
     full = {n: 1.0 - body.domain.void_cells for n, body in bodies if n not in designs}
-    others = {n: x for n, x in result.variables.items() if n not in designs} | full
+    free = {n: part for n, part in result.designs.items() if n not in designs}
+    others = {n: part.point(result.variables[n]) for n, part in free.items()} | full
     try:
         boundaries: dict[str, Boundary | Surface] = {}
         for name, design in designs.items():

@@ -14,7 +14,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..design import Design, Variables
+from ..design import Design, ParameterDesign, Variables
+from ..mechanism import Parameters
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .gradient import ExactAdjoint, GradientMethod
@@ -31,7 +32,7 @@ _VOLUME, _BOUNDARY = 0.5, 25
 
 def optimize(
     problem: Problem,
-    design: Variables | Mapping[str, Variables],
+    design: Variables | Parameters | Mapping[str, Variables | Parameters],
     start: ArrayLike | Mapping[str, ArrayLike] | None = None,
     *,
     optimizer: Optimizer | None = None,
@@ -46,7 +47,7 @@ def optimize(
     boundary: int | None = None,
     **options: Any,
 ) -> Result:
-    """Design one or several bodies by the gradient of all their elements.
+    """Design bodies by the gradient of all their elements, and parameters of their mechanism.
 
     Ctrl-C (or SIGTERM) ends the loop after the iteration at hand and returns the design so far,
     with `Result.reason` "interrupted"; a second one raises KeyboardInterrupt at once, as mpirun
@@ -58,13 +59,15 @@ def optimize(
         problem: What is minimised; its constraints hold too, if the optimiser takes any.
         design: On the domain of the problem's body, a `LevelSet` or a `DensityDesign`, or its
             dimensions, a `DimensionDesign`, which takes no ``volume``; with several flexible
-            bodies a mapping from their names to one each, of any kind. `Variables` without a domain
-            have names of their own in the mapping: the problem, which must know them, is evaluated
-            at them by that name, and has a gradient with respect to them, shape (size,).
+            bodies a mapping from their names to one each, of any kind. The `Parameters` of the
+            mechanism have a name of their own in the mapping, or are the design where no body has
+            a density. So have other `Variables` without a domain: a problem of one's own is
+            evaluated at them by that name, and has a gradient with respect to them, shape (size,).
         start: Variables of the start design, shape (size,), with several by name, for example from
-            `LevelSet.with_holes`; by default `Variables.even`. They are lowered until the volume
-            bound holds. If a level set falls apart by that, `LevelSetEvolution` warns and begins
-            with an even density.
+            `LevelSet.with_holes`, and the values of parameters; by default `Variables.even`, and
+            the parameters' own values. Densities are lowered until the volume bound holds. If a
+            level set falls apart by that, `LevelSetEvolution` warns and begins with an even
+            density.
         optimizer: `MMA` (the default) or `LevelSetEvolution`.
         volume: Upper bound of the filled share of the body, in (0, 1]; for several bodies one
             number for each, or a mapping by name.
@@ -132,6 +135,7 @@ def optimize(
             raise ValueError(
                 "optimize: resume=True needs the folder of the checkpoint: give it as output"
             )
+        design = _with_parameters(problem, design)
         sizing = sized(problem, design)
         alone = sizing is not None and not sizing[0].flexible
         given_volume = alone and volume != _VOLUME
@@ -141,6 +145,9 @@ def optimize(
                 "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
             )
         designs = _by_body(*(sizing or (problem, design)))
+        tuned = [part for part in designs.values() if isinstance(part, ParameterDesign)]
+        if tuned and gradient is not None and not gradient.exact:
+            raise ValueError("optimize: parameters take the exact gradient")
         if optimizer is not None:
             what = "LevelSetEvolution(...) or MMA(...)"
             validation.implementation("optimize: optimizer", optimizer, ("run",), what)
@@ -183,7 +190,9 @@ def optimize(
             start=None if start is None else begin,
             mode_tolerance=mode_tolerance if sizing is None else None,
         )
-        usual = MMA(length=1) if alone else MMA()
+        if tuned:
+            problem.check_influence()
+        usual = MMA() if domains else MMA(length=1)  # nothing becomes crisp
         with alone_in(comm, folder, "optimize: output"):
             result = (optimizer or usual).run(loop, designs, begin, filled)
             if sizing is not None:
@@ -194,6 +203,31 @@ def optimize(
                 )
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
+
+
+def _with_parameters(
+    problem: Problem, design: Variables | Parameters | Mapping[str, Variables | Parameters]
+) -> Variables | Mapping[str, Variables]:
+    """The designs with parameters as variables, or an error where they are not the problem's."""
+    if isinstance(design, Parameters) and not problem.flexible:
+        design = {"parameters": design}
+    every = design if isinstance(design, Mapping) else {"": design}
+    given = {name: part for name, part in every.items() if isinstance(part, Parameters)}
+    own = getattr(problem, "parameters", None)
+    for name, part in given.items():
+        if own is None or not part.fits(own):
+            raise ValueError(
+                f"optimize: {name or 'the design'!r} has the parameters {part.names}, and the "
+                f"mechanism of the problem {'none' if own is None else own.names}, or with other "
+                "bounds; make it by parameters.mechanism(...)"
+            )
+        if name in problem.bodies or len(given) > 1:
+            raise ValueError(
+                f"optimize: parameters stand once, under a name that no body has, not as {name!r}"
+            )
+    if not given:
+        return design  # type: ignore[return-value]
+    return {n: ParameterDesign(p) if n in given else p for n, p in every.items()}  # type: ignore[misc, arg-type]
 
 
 def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> dict[str, Variables]:

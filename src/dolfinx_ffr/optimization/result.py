@@ -157,7 +157,9 @@ class Result:
             "gray": float(self.history["gray"][-1]),
             "modes": {name: body.modes for name, body in told.problem.flexible.items()},
             "mode_error": max(errors, default=None),
-            **({"dimensions": self.dimensions, "at_bounds": self.at_bounds} if self._sized else {}),
+            **({"dimensions": self.dimensions} if self._sized else {}),
+            **({"parameters": self._told_parameters()} if self.parameters else {}),
+            **({"at_bounds": self.at_bounds} if self._sized or self.parameters else {}),
         } | ({"boundary": self.moved.summary()} if self.moved else {})
 
     @property
@@ -166,9 +168,26 @@ class Result:
         return {n: d.named(self.variables[n]) for n, d in self._sized.items()}
 
     @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the mechanism's parameters by name, where they were designed."""
+        at = self.evaluation.at
+        return at.values if at is not None and self.evaluation.label else {}
+
+    def _told_parameters(self) -> dict[str, dict[str, Any]]:
+        """The parameters with their starts, bounds and units."""
+        at, history, found = self.evaluation.at, self.history, {}
+        assert at is not None
+        for (name, entry), key in zip(at.entries.items(), self.evaluation.told, strict=True):
+            found[name] = {"start": float(history[key][0]), **entry._asdict()}
+        return found
+
+    @property
     def at_bounds(self) -> dict[str, dict[str, str]]:
-        """By body the dimensions that stand at a bound: "lower" or "upper"."""
-        return {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
+        """Dimensions by body, and parameters, that stand at a bound: "lower" or "upper"."""
+        found = {n: d.at_bounds(self.variables[n]) for n, d in self._sized.items()}
+        if self.parameters and self.evaluation.at is not None:
+            found[self.evaluation.label] = self.evaluation.at.at_bounds
+        return found
 
     @property
     def _sized(self) -> dict[str, DimensionDesign]:

@@ -30,6 +30,10 @@ class SizedEvaluation(Evaluation):
     motions: dict[str, DimensionMotion] = field(default_factory=dict, repr=False)  #: By body
     dimensions: dict[str, float] = field(default_factory=dict)  #: By "body: name"
 
+    @property
+    def told(self) -> dict[str, float]:
+        return self.dimensions | super().told
+
 
 class Sizing:
     """A `problem` with ``designs`` of some of its flexible bodies, for `DesignLoop`."""
@@ -116,6 +120,8 @@ class Sizing:
         assert isinstance(evaluation, SizedEvaluation) and evaluation.problem is not None
         problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
         x = {**result.variables, **result.densities, **self.full(problem)}
+        if found.at is not None and found.label:
+            x[found.label] = found.at.vector
         errors: dict[str, float] = {}
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}

@@ -112,7 +112,8 @@ class Scene:
         problem: Problem, evaluation: Evaluation, steps: NDArray[np.int64], *, energy: bool
     ) -> Scene:
         """Gather the bodies at some time steps, with strain energies if asked for; collective."""
-        mechanism, trajectory = problem.mechanism, evaluation.trajectory
+        trajectory = evaluation.trajectory
+        mechanism = trajectory.model.mechanism
         bodies = {}
         for name, integrals in trajectory.model.bodies.items():
             held = [(joint, marker) for joint in mechanism.joints for marker in joint.markers]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..body import VolumeIntegrals
 from ..fem import Domain
+from ..mechanism import Mechanism
 from ..objective import DensityField, Derivatives, Inventory, Response
 from ..reduction import BodyStress, FlexibleBody, ReducedBody
 
@@ -34,7 +35,7 @@ class Pulled(NamedTuple):
 
 
 class DesignedBodies:
-    """Bodies by name; at least one has a density."""
+    """Bodies by name, some with a density."""
 
     def __init__(self, bodies: Mapping[str, Body]) -> None:
         kinds = (FlexibleBody, VolumeIntegrals)
@@ -44,17 +45,12 @@ class DesignedBodies:
         self.every = dict(bodies)
         #: The bodies with a density
         self.flexible = {k: b for k, b in bodies.items() if isinstance(b, FlexibleBody)}
-        if not self.flexible:
-            raise ValueError(
-                f"problem: none of the bodies {sorted(bodies)} has a density to design; give "
-                "at least one FlexibleBody, or use MechanicalProblem, which needs none"
-            )
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share the bodies."""
-        comm: MPI.Comm = next(iter(self.flexible.values())).domain.comm
-        return comm
+        """The ranks that share the bodies; all where none has a density."""
+        comms = (body.domain.comm for body in self.flexible.values())
+        return next(comms, MPI.COMM_WORLD)
 
     @property
     def space(self) -> bool:
@@ -84,6 +80,21 @@ class DesignedBodies:
             name: _field(body, np.ones(body.domain.n_cells)) for name, body in self.flexible.items()
         }
         return Inventory(markers, self.modes, (), full)
+
+    def refuse_lengths_of_placements(self, mechanisms: Iterable[Mechanism]) -> None:
+        """Refuse lengths between markers that move with the nodes, as these are left out."""
+        for mechanism in mechanisms:
+            for connection in (*mechanism.joints, *mechanism.forces):
+                if getattr(connection, "length", 0.0) is not None:
+                    continue
+                for marker in connection.markers:
+                    body, point = marker if isinstance(marker, tuple) else ("", "")
+                    if body in self.flexible and point in self.flexible[body].markers:
+                        raise ValueError(
+                            f"problem: {connection.label!r} takes its length from the placements, "
+                            f"where marker {point!r} of {body!r} moves with the nodes: give its "
+                            "length, which then has no derivative"
+                        )
 
     def filled(self, share: float) -> dict[str, Array]:
         """Densities, shape (cells,), that equal ``share`` in all designed elements."""

@@ -14,6 +14,7 @@ from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory
 from ..mechanical_problem import ConstraintValue
+from ..mechanism import Parameters
 from ..reduction import ReducedBody
 
 Array = NDArray[np.float64]
@@ -38,6 +39,8 @@ class LoadCaseEvaluation:
     #: Derivative of psi with respect to the integrals of every body, the same on every rank; None
     #: where only the value was asked for, or where the load case has no weight
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
+    #: Likewise with respect to the parameters of the mechanism, as `Evaluation.parameters`
+    parameters: dict[str, float] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class Evaluation:
     #: Value of the objective (integral compliance: [J s]), of several load cases the one number
     #: that they become together; the same on every rank
     psi: float
-    #: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where only the value
-    #: was asked for
+    #: dpsi/dx by body, for each cell owned by this rank, shape (cells,), and by `label` dpsi/dp,
+    #: shape (parameters,); None where only the value was asked for
     gradient: dict[str, Array] | None
     bodies: dict[str, ReducedBody] = field(repr=False)  #: Shape functions and integrals
     volume: dict[str, float]  #: Share of each body's area that is filled, in [0, 1]
@@ -70,8 +73,21 @@ class Evaluation:
     #: Likewise by body for the center of each interface, at fixed nodes, in the order of
     #: ``domain.interfaces``, shape (interfaces, dimension), the same on every rank
     centers: dict[str, Array] | None = field(default=None, repr=False)
+    #: Derivative of psi with respect to each parameter of the mechanism, by name, the same on every
+    #: rank; empty where there are none, or only the value was asked for
+    parameters: dict[str, float] = field(default_factory=dict)
+    at: Parameters | None = None  #: The parameters of the mechanism, with their values
+    #: Name under which their values were given beside densities; the gradient has it, too
+    label: str = ""
     #: By name of the load case
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
+
+    @property
+    def told(self) -> dict[str, float]:
+        """Values of parameters that are designed by names with units, for histories."""
+        if self.at is None or not self.label:
+            return {}
+        return {f"parameter {self.at.labels[n]}": value for n, value in self.at.values.items()}
 
     @property
     def moves(self) -> bool:
@@ -114,6 +130,7 @@ class Evaluation:
             centers=found.centers,
             constraints=found.constraints,
             integrals_gradient=found.integrals_gradient,
+            parameters=found.parameters,
             load_cases={load_case: found},
         )
 

@@ -17,11 +17,14 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from .. import validation
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, check_names, compile_kernels
-from ..mechanical_problem import ConstraintValue, MechanicalProblem
-from ..mechanism import Mechanism
+from ..dynamics import Integrator, SimulationError, Trajectory, check_names, compile_kernels
+from ..mechanical_problem import MechanicalProblem
+from ..mechanism import Mechanism, TopologyError
 from ..objective import (
     Combination,
     Constraint,
@@ -30,12 +33,13 @@ from ..objective import (
     Response,
     StressField,
     WeightedSum,
-    derivatives_of,
     value_of,
 )
 from ..parallel import agreed_memory, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled, added
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
+from .load_cases import LoadCases, weighted
+from .parameters import apart, check_influence, parametric, shared
 from .spread import WORK, Job, adjoints, trajectories
 from .steps import checked_memory, chosen_again, chosen_before
 
@@ -47,27 +51,29 @@ LOAD_CASE = "load case"
 DIFFERS = 1e-6
 
 
-class Problem:
+class Problem(LoadCases):
     """Minimise psi(x): an objective of a mechanism's motion as a function of its bodies' densities.
 
         psi(x) = objective(trajectory),   the trajectory solves the equations of motion
                                           of the mechanism with bodies(x)
 
     Constraints g_k(x) <= 0 come from the same simulation, each with an adjoint pass of its own
-    where it depends on the trajectory. Without any flexible body use `MechanicalProblem`.
+    where it depends on the trajectory. Without any flexible body use `MechanicalProblem`, or
+    design the `Parameters` of the mechanism.
 
     Args:
         bodies: By the names that the mechanism uses; `FlexibleBody` for bodies with a density,
             `VolumeIntegrals` for given ones (rigid bodies, standard input data).
-        mechanism: Joints, motions, point masses, gravity.
+        mechanism: Joints, motions, point masses, gravity; made of `Parameters`, psi and
+            constraints have derivatives by these, too.
         integrator: Time interval and steps, or a `TimeInterval` for which steps are chosen.
         objective: What is minimised.
         constraints: Bounds on further objectives, for optimisers that take several.
 
     Raises:
         TypeError: If an argument is of a wrong kind.
-        ValueError: If no body has a density, two constraints have the same name, or an objective
-            depends on the density of a body that has none.
+        ValueError: If there are neither densities nor parameters, two constraints have the same
+            name, or an objective depends on the density of a body that has none.
         MemoryError: On every rank, if the trajectory would take more memory than a machine has.
     """
 
@@ -123,20 +129,28 @@ class Problem:
     ) -> None:
         """Check and set the parts; the load cases are made where errors reach all ranks."""
         self._designed = DesignedBodies(bodies)
-        self.bodies = self._designed.every
-        #: The bodies with a density
-        self.flexible = self._designed.flexible
         with on_every_rank(self.comm, WORK):
-            #: The load cases by name
             self.load_cases = validation.instances_by_name(
                 "problem: load cases", cases(), MechanicalProblem, "a MechanicalProblem"
             )
             if not self.load_cases:
                 raise ValueError("problem: give at least one load case")
             needed = "WeightedSum(...), PowerMean(...) or WorstCase(...)"
-            #: How the objectives of the load cases become one number
             self.combine = validation.instance("problem: combine", combine, Combination, needed)
             combine.check(self.load_cases)
+            #: Those of the mechanisms, with their values, or None
+            self.parameters = shared(self.load_cases)
+            stated = [mechanism.own_bodies for mechanism in parametric(self.load_cases).values()]
+            self._designed = DesignedBodies({k: b for m in (bodies, *stated) for k, b in m.items()})
+            self.bodies = self._designed.every
+            #: The bodies with a density
+            self.flexible = self._designed.flexible
+            if not self.flexible and self.parameters is None:
+                raise ValueError(
+                    f"problem: none of the bodies {sorted(bodies)} has a density to design; give "
+                    "at least one FlexibleBody, or ffr.Parameters of the mechanism, or use "
+                    "MechanicalProblem, which needs none"
+                )
             inventory = self._designed.inventory()
             for name, case in self.load_cases.items():
                 try:
@@ -175,58 +189,6 @@ class Problem:
         return self.of_load_cases(self.bodies, {load_case: self.load_cases[load_case]})
 
     @property
-    def mechanism(self) -> Mechanism:
-        """Mechanism of the only load case: joints, drives, point masses, loads.
-
-        Raises:
-            ValueError: If there are several load cases; so do `integrator` and `objective`.
-        """
-        return only_case(self.load_cases, "problem.load_cases[{!r}].mechanism").mechanism
-
-    @property
-    def integrator(self) -> Integrator:
-        """Time interval and steps of the only load case."""
-        return only_case(self.load_cases, "problem.load_cases[{!r}].integrator").integrator
-
-    @integrator.setter
-    def integrator(self, integrator: Integrator) -> None:
-        self._change(integrator=integrator)
-
-    @property
-    def objective(self) -> Objective:
-        """Objective of the only load case, which is minimised."""
-        return only_case(self.load_cases, "problem.load_cases[{!r}].objective").objective
-
-    @objective.setter
-    def objective(self, objective: Objective) -> None:
-        self._change(objective=objective)
-
-    def _change(self, **parts: Any) -> None:
-        """Change parts of the only load case."""
-        only_case(self.load_cases, "Problem.of_load_cases")
-        self.load_cases = {name: replace(case, **parts) for name, case in self.load_cases.items()}
-        self._prepare()
-
-    @property
-    def constraints(self) -> list[Constraint]:
-        """The constraints of all load cases; of several "load case: name" is the name."""
-        return [
-            constraint
-            if len(self.load_cases) == 1
-            else replace(constraint, name=self._label(name, constraint.label))
-            for name, case in self.load_cases.items()
-            for constraint in case.constraints
-        ]
-
-    def _label(self, case: str, label: str) -> str:
-        """The name of a load case's constraint among all constraints."""
-        return label if len(self.load_cases) == 1 else f"{case}: {label}"
-
-    def _of(self, what: str, case: str) -> str:
-        """The name of a part of a load case in messages."""
-        return what if len(self.load_cases) == 1 else f"{what} of load case {case!r}"
-
-    @property
     def comm(self) -> MPI.Comm:
         """The ranks that evaluate the problem together."""
         return self._designed.comm
@@ -236,6 +198,32 @@ class Problem:
         if all(cases[name] is case for name, case in self.load_cases.items()):
             return self
         return self.of_load_cases(self.bodies, cases, self.combine)
+
+    def at(self, values: ArrayLike | Mapping[str, float]) -> Self:
+        """The same problem at other values of its parameters: by name, or all, shape (size,).
+
+        Those that are not named stay. The problem itself without parameters, or at its own values.
+
+        Raises:
+            ValueError: On every rank, as `Parameters.at` and `Parameters.mechanism`; if a mechanism
+                has other joints or forces at these values; or if there are no parameters.
+        """
+        with on_every_rank(self.comm, WORK):
+            if self.parameters is None:
+                raise ValueError("problem: its mechanism has no parameters; see ffr.Parameters")
+            cases = {name: case.at(values) for name, case in self.load_cases.items()}
+        return self._with(cases)
+
+    def at_evaluation(self, evaluation: Evaluation) -> Self:
+        """The same problem at the parameters of an ``evaluation``."""
+        return self if evaluation.at is None else self.at(evaluation.at.values)
+
+    def check_influence(self) -> None:
+        """Refuse, on every rank, parameters on which nothing depends; bodies are reduced once."""
+        if self.parameters is not None:
+            given = self._designed.response(self._designed.reduce(self._designed.filled(1.0)))
+            with on_every_rank(self.comm, WORK):
+                check_influence(self.load_cases, given)
 
     def with_modes(self, modes: Mapping[str, int]) -> Self:
         """The same problem with other numbers of normal ``modes``, by name of the body.
@@ -303,7 +291,8 @@ class Problem:
         given steps stay as they are. Returns the problem itself where all steps still suffice; new
         ones are printed, with a `TimeStepWarning` if they do not.
         """
-        return self._with(chosen_again(self.comm, self.load_cases, self._responses(evaluation)))
+        own = self.at_evaluation(evaluation)
+        return own._with(chosen_again(self.comm, own.load_cases, self._responses(evaluation)))
 
     def time_errors(self, evaluation: Evaluation) -> dict[str, float]:
         """Estimates of the relative errors by the time steps at an ``evaluation``, by load case.
@@ -313,7 +302,8 @@ class Problem:
         """
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, "the errors of time steps"):
-            found = {n: m.time_error(responses[n]) for n, m in self.load_cases.items()}
+            cases = self.at_evaluation(evaluation).load_cases
+            found = {n: m.time_error(responses[n]) for n, m in cases.items()}
         return dict(self.comm.bcast(found))
 
     def calibrated(self, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
@@ -348,22 +338,32 @@ class Problem:
 
         Args:
             x: Densities of the cells owned by this rank, shape (cells,), in [0, 1]; with more than
-                one flexible body a mapping by name.
+                one flexible body a mapping by name. The mapping may have values of the parameters,
+                shape (parameters,), under a name that is not that of a body; else those of the
+                problem count (see `at`).
 
         Raises:
             TypeError: On every rank, if a density holds something else than real numbers.
             ValueError: On every rank, if a density has the wrong size, is NaN or leaves [0, 1], or
                 if a body has no mass.
-            SimulationError: On every rank, if the trajectory cannot be computed.
+            SimulationError: On every rank, if the trajectory cannot be computed, or there is no
+                mechanism with the parameters of ``x``.
         """
         bodies = self._designed
         with on_every_rank(self.comm, WORK):
-            densities = bodies.checked(x)
+            label, values, rest = apart(x, self.flexible, self.parameters)
+            densities = bodies.checked(rest)
+        if values is not None:
+            try:
+                return replace(self.at(values).value(densities), label=label)
+            except TopologyError:
+                raise
+            except ValueError as error:  # of a trial, which is taken back
+                raise SimulationError(str(error), None) from error  # type: ignore[arg-type]
         reduced = bodies.reduce(densities)
         begin, given = perf_counter(), bodies.response(reduced)
         simulated = trajectories(self.comm, self.load_cases, given.bodies)
-        responses = {name: replace(given, simulated=found) for name, found in simulated.items()}
-        psi, cases = self._evaluated(responses)
+        psi, cases = self._evaluated(self._moving(given, simulated))
         seconds = {"simulation": perf_counter() - begin}
         return Evaluation(
             psi=psi,
@@ -376,6 +376,7 @@ class Problem:
             seconds=added([*(part.seconds for part in reduced.values()), seconds]),
             constraints=self._labelled(cases),
             load_cases=cases,
+            at=self.parameters,
         )
 
     def gradient(self, x: Densities, *, nodes: bool = False) -> Evaluation:
@@ -385,21 +386,6 @@ class Problem:
         raises what `value` and `differentiate` raise.
         """
         return self.differentiate(self.value(x), nodes=nodes)
-
-    def _refuse_lengths_of_placements(self) -> None:
-        """Refuse lengths between markers that move with the nodes, as these are left out."""
-        for case in self.load_cases.values():
-            for connection in (*case.mechanism.joints, *case.mechanism.forces):
-                if getattr(connection, "length", 0.0) is not None:
-                    continue
-                for marker in connection.markers:
-                    body, point = marker if isinstance(marker, tuple) else ("", "")
-                    if body in self.flexible and point in self.flexible[body].markers:
-                        raise ValueError(
-                            f"problem: {connection.label!r} takes its length from the placements, "
-                            f"where marker {point!r} of {body!r} moves with the nodes: give its "
-                            "length, which then has no derivative"
-                        )
 
     def differentiate(
         self, evaluation: Evaluation, *, by_load_case: bool = False, nodes: bool = False
@@ -424,7 +410,8 @@ class Problem:
             ValueError: On every rank, with ``nodes`` if a length that is not given depends on them.
         """
         if nodes:
-            self._refuse_lengths_of_placements()
+            mechanisms = [case.mechanism for case in self.load_cases.values()]
+            self._designed.refuse_lengths_of_placements(mechanisms)
         responses = self._responses(evaluation)
         checked_memory(self._designed, self.load_cases, self._memory, adjoint=True)
         psis = {name: case.psi for name, case in evaluation.load_cases.items()}
@@ -437,12 +424,16 @@ class Problem:
         direct = self._direct(responses, jobs)
         through = adjoints(self.comm, responses, direct)
         found = {job: part.without_trajectory(through[job]) for job, part in direct.items()}
+        label = evaluation.label
         seconds = {"adjoint": perf_counter() - begin}
         pulled: list[Pulled] = []
 
         def back(bars: Derivatives) -> dict[str, Any]:
             pulled.append(self._designed.pullback(evaluation.bodies, bars, nodes=nodes))
-            return {key: getattr(pulled[-1], key) for key in ("gradient", "nodes", "centers")}
+            by = {key: getattr(pulled[-1], key) for key in ("gradient", "nodes", "centers")}
+            if label:
+                by["gradient"][label] = np.array(list(bars.parameters.values()))
+            return by | {"parameters": dict(bars.parameters)}
 
         cases = {}
         for name, case in self.load_cases.items():
@@ -461,12 +452,13 @@ class Problem:
                 **(back(psi) if psi and name in apart else {"gradient": None}),
                 integrals_gradient=dict(psi.integrals) if psi else None,
             )
-        total = _weighted({name: found[name, ""] for name in counting}, counting)
+        total = weighted({name: found[name, ""] for name in counting}, counting)
         if counting.keys() <= apart:
             gradients: dict[str, Any] = {}
             for key in ("gradient", "nodes", "centers"):  # areas stand for all that add up alike
                 own = {n: Derivatives(areas=getattr(cases[n], key) or {}) for n in counting}
-                gradients[key] = dict(_weighted(own, counting).areas) or None
+                gradients[key] = dict(weighted(own, counting).areas) or None
+            gradients["parameters"] = dict(total.parameters)
         else:
             gradients = back(total)
         if len(cases) == 1:
@@ -485,15 +477,13 @@ class Problem:
         self, responses: Mapping[str, Response], jobs: Collection[Job]
     ) -> dict[Job, Derivatives]:
         """Partial derivatives of objectives, by load case and label."""
-        where = {
-            (name, label): f"constraint {self._label(name, label)!r}: " if label else ""
-            for name, label in jobs
-        }
+        several, found = len(self.load_cases) > 1, dict[Job, Derivatives]()
         with on_every_rank(self.comm, WORK):
-            return {
-                (n, k): derivatives_of(self.load_cases[n].objectives[k], responses[n], where[n, k])
-                for n, k in jobs
-            }
+            for name, case in self.load_cases.items():
+                labels = [label for n, label in jobs if n == name]
+                own = case.partial(responses[name], labels, f"{name}: " if several else "")
+                found |= {(name, label): part for label, part in own.items()}
+        return {job: found[job] for job in jobs}
 
     def _counting(
         self, evaluation: Evaluation
@@ -514,8 +504,9 @@ class Problem:
         """
         responses, direct, weights = self._counting(evaluation)
         through = adjoints(self.comm, responses, direct)
-        fixed = _weighted({n: direct[n, ""].without_trajectory({}) for n in weights}, weights)
-        moved = _weighted({n: Derivatives(integrals=through[n, ""]) for n in weights}, weights)
+        none = Derivatives()
+        fixed = weighted({n: direct[n, ""].without_trajectory(none) for n in weights}, weights)
+        moved = weighted({n: through[n, ""] for n in weights}, weights)
         return dict(fixed.integrals), dict(moved.integrals)
 
     def partial_derivatives(self, evaluation: Evaluation) -> Derivatives:
@@ -525,8 +516,8 @@ class Problem:
         """
         _, found, weights = self._counting(evaluation)
         if len(self.load_cases) > 1:
-            found = {job: part.without_trajectory({}) for job, part in found.items()}
-        return _weighted({name: found[name, ""] for name in weights}, weights)
+            found = {j: part.without_trajectory(Derivatives()) for j, part in found.items()}
+        return weighted({name: found[name, ""] for name in weights}, weights)
 
     def psi_with(
         self,
@@ -548,7 +539,7 @@ class Problem:
                 mechanism=replace(case.mechanism, start=case.mechanism.start.resized(modes)),
                 integrator=(integrators or {}).get(name, case.integrator),
             )
-            for name, case in self.load_cases.items()
+            for name, case in self.at_evaluation(evaluation).load_cases.items()
         }
         simulated = trajectories(self.comm, cases, bodies, warn=False)
         fields = self._designed.response(evaluation.bodies).densities
@@ -570,7 +561,15 @@ class Problem:
         """The arguments of the objectives at an evaluation, by load case."""
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         given = self._designed.response(evaluation.bodies)
-        return {n: replace(given, simulated=m.trajectory) for n, m in evaluation.load_cases.items()}
+        simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
+        return self.at_evaluation(evaluation)._moving(given, simulated)
+
+    def _moving(
+        self, given: Response, simulated: Mapping[str, Trajectory | None]
+    ) -> dict[str, Response]:
+        """Responses by load case, with the bodies that its mechanism states."""
+        cases = self.load_cases.items()
+        return {n: replace(case.response(given), simulated=simulated[n]) for n, case in cases}
 
     def _evaluated(
         self, responses: Mapping[str, Response]
@@ -593,27 +592,3 @@ class Problem:
             name: LoadCaseEvaluation(value, responses[name].simulated, bounds)
             for name, (value, bounds) in values.items()
         }
-
-    def _labelled(self, cases: Mapping[str, LoadCaseEvaluation]) -> dict[str, ConstraintValue]:
-        """The constraints of all load cases by their labels."""
-        return {
-            self._label(name, label): value
-            for name, case in cases.items()
-            for label, value in case.constraints.items()
-        }
-
-    def _combined(self, psi: Mapping[str, float]) -> float:
-        """The one number from the objectives by load case."""
-        kind = type(self.combine).__name__
-        return validation.number(f"the value of {kind}", self.combine.value(psi))
-
-    def _slopes(self, psi: Mapping[str, float]) -> dict[str, float]:
-        """The derivatives of psi by the objectives of the load cases."""
-        given, kind = self.combine.slopes(psi), type(self.combine).__name__
-        return {n: validation.number(f"the slope of {kind} by {n!r}", given.get(n)) for n in psi}
-
-
-def _weighted(parts: Mapping[str, Derivatives], weights: Mapping[str, float]) -> Derivatives:
-    """Weighted sum of derivatives by load case."""
-    scaled = [p if weights[n] == 1.0 else p.scaled(weights[n]) for n, p in parts.items()]
-    return sum(scaled[1:], scaled[0])

@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 from ..body import VolumeIntegrals
-from ..dynamics import SimulationError, Trajectory, adjoint, integrate, restored, warn_of_limits
-from ..mechanical_problem import MechanicalProblem, moves
+from ..dynamics import SimulationError, Trajectory, integrate, restored, warn_of_limits
+from ..mechanical_problem import MechanicalProblem, through_trajectory
 from ..objective import Derivatives, Response
 from ..parallel import gathered, on_every_rank
 
@@ -96,25 +96,23 @@ def trajectories(
 
 def adjoints(
     comm: MPI.Comm, responses: Mapping[str, Response], direct: Mapping[Job, Derivatives]
-) -> dict[Job, dict[str, VolumeIntegrals]]:
-    """The derivatives by all integrals through the trajectories; collective on ``comm``.
+) -> dict[Job, Derivatives]:
+    """The derivatives by all integrals and by parameters through the trajectories; collective.
 
     The ``responses`` are given by load case, the partial derivatives ``direct`` by load case and
     label.
     """
-    several, found = len(responses) > 1, dict[Job, dict[str, VolumeIntegrals]]()
+    several, found = len(responses) > 1, dict[Job, Derivatives]()
     costs = {}
     for job, part in direct.items():
         known = responses[job[0]].simulated
         costs[job] = 0.0 if known is None or part.trajectory is None else float(known.y.size)
     with on_every_rank(comm, WORK):
-        for job in _mine(comm, costs) if several else direct:
-            with _named(job[0]) if several else nullcontext():
-                response, bar = responses[job[0]], direct[job].trajectory
-                if bar is not None and moves(direct[job], response):
-                    found[job] = adjoint(response.trajectory, bar).bodies
-                else:
-                    found[job] = {n: body.zeros_like() for n, body in response.bodies.items()}
+        mine = _mine(comm, costs) if several else list(direct)
+        for case in dict.fromkeys(name for name, _ in mine):
+            own = {job: direct[job] for job in mine if job[0] == case}
+            with _named(case) if several else nullcontext():
+                found |= through_trajectory(responses[case], own)
     every = _joined(gathered(comm, "the adjoints of a problem", found)) if several else found
     return {job: every[job] for job in direct}
 
