@@ -74,7 +74,8 @@ _BY_FOLDER = _lists(
         "fem": "ElasticMaterial Elasticity Interface",
         "interchange": "Format InterchangeWarning read_body read_terms sid_terms write_body",
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
-        "objective": "DensityField DrivePower DriveWork StressField",
+        "mechanism": "Parameter ParametricMechanism",
+        "objective": "DensityField DrivePower DriveWork ResidualVibration StressField",
         "optimization": (
             "BoundaryResult DesignLoop GradientErrors GradientMethod GradientReport Optimizer"
         ),

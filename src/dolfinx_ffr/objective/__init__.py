@@ -31,6 +31,7 @@ from .joints import JointForce as JointForce
 from .markers import MarkerAcceleration as MarkerAcceleration
 from .markers import MarkerVelocity as MarkerVelocity
 from .markers import PathTracking as PathTracking
+from .markers import ResidualVibration as ResidualVibration
 from .properties import Frequency as Frequency
 from .properties import Mass as Mass
 from .properties import Volume as Volume

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import validation
 from ..dynamics import drives, driving_power, driving_power_pullback
 from .base import Derivatives, Inventory, Objective, Response
-from .time_average import check_window, power_mean, time_weights
+from .time_average import MeanOverTime, check_window, time_weights
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class _OfDrives(Objective):
 
 
 @dataclass(frozen=True)
-class DrivePower(_OfDrives):
+class DrivePower(_OfDrives, MeanOverTime):
     """Power mean over time of the power of a drive, whatever its sign [W].
 
         psi = scale (1/T int |P(t)|^p dt)^(1/p),    P = -lam . (C_y v)
@@ -93,39 +93,15 @@ class DrivePower(_OfDrives):
 
     def __post_init__(self) -> None:
         self._check_joints()
-        validation.number("drive power: the power", self.power, above=1.0)
-        validation.flag("drive power: peak", self.peak)
-        validation.number("drive power: scale", self.scale, above=0.0)
-        check_window("drive power", self.window)
+        self._check_mean("drive power")
 
-    def _mean(self, response: Response) -> tuple[Array, float, Array]:
-        """The power over time, its mean, and the derivative of that by its size."""
-        found = self.powers(response)
+    def _sizes(self, response: Response) -> tuple[Array, Array]:
         weights = time_weights(response.trajectory, self.window, "drive power")
-        return found, *power_mean(np.abs(found), weights, self.power)
-
-    def evaluate(self, response: Response) -> float:
-        return self.scale * self._mean(response)[1]
+        return np.abs(self.powers(response)), weights
 
     def derivatives(self, response: Response) -> Derivatives:
-        found, _, bar = self._mean(response)
         # Where the power vanishes, so does the derivative, as the power of it is above 1.
-        return self._pullback(response, self.scale * bar * np.sign(found))
-
-    def largest(self, response: Response) -> float:
-        """The largest power of the instants that count, whatever its sign, at a ``response`` [W].
-
-        Raises:
-            ValueError: As :meth:`evaluate` does.
-        """
-        weights = time_weights(response.trajectory, self.window, "drive power")
-        return float(np.max(np.abs(self.powers(response))[weights > 0.0]))
-
-    def calibrated(self, response: Response) -> DrivePower:
-        mean = self._mean(response)[1]
-        if not (self.peak and mean > 0.0):
-            return self
-        return replace(self, scale=self.largest(response) / mean)
+        return self._pullback(response, self._sizes_bar(response) * np.sign(self.powers(response)))
 
 
 @dataclass(frozen=True)

@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..dynamics import TrajectoryBar
-from .base import Derivatives, Inventory, Objective, Response
-from .time_average import check_window, power_mean, time_weights
+from .base import Derivatives, Inventory, Response
+from .time_average import MeanOverTime, time_weights
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class JointForce(Objective):
+class JointForce(MeanOverTime):
     """Power mean over time of the force in a joint [N].
 
-        psi = (1/T int |F(t)|^p dt)^(1/p)
+        psi = scale (1/T int |F(t)|^p dt)^(1/p)
 
-    With p = 2 it is the root mean square; it tends to the largest force over time as p grows. F is
+    With p = 2 it is the root mean square; it tends to the largest force over time as p grows, and
+    with ``peak`` the objective :meth:`calibrated` at a design is the largest force there. F is
     the vector of the joint's forces, as in :meth:`Trajectory.joint_force`. A joint that carries
     forces and a moment, a weld for instance, counts its forces unless ``moment`` is set; a joint
     that carries only a moment, a drive, counts that [N m].
@@ -37,34 +38,24 @@ class JointForce(Objective):
     moment: bool = False  #: Count the moment of a joint that carries forces as well [N m]
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
+    peak: bool = False  #: Correct the mean, by its scale, to the largest force of each design kept
+    scale: float = 1.0  #: Factor of the mean, positive
 
     def __post_init__(self) -> None:
         validation.name("joint force: joint", self.joint)
         validation.flag("joint force: moment", self.moment)
-        validation.number("joint force: the power", self.power, least=1.0)
-        if self.power == 1.0:
-            raise ValueError(
-                "joint force: with a power of 1 the mean has a kink where the force vanishes; "
-                "take a larger one"
-            )
-        check_window("joint force", self.window)
-
-    def evaluate(self, response: Response) -> float:
-        size, weights = self._size(response)
-        return power_mean(size, weights, self.power)[0]
+        self._check_mean("joint force")
 
     def derivatives(self, response: Response) -> Derivatives:
         trajectory, rows = response.trajectory, self._rows(response)
-        size, weights = self._size(response)
-        size_bar = power_mean(size, weights, self.power)[1]
+        size, size_bar = self._sizes(response)[0], self._sizes_bar(response)
         bar = TrajectoryBar.zeros(trajectory)
         # Where the force vanishes, so does the derivative, as the power is above 1.
         quotient = np.divide(size_bar, size, out=np.zeros_like(size), where=size > 0.0)
         bar.multipliers[:, rows] = quotient[:, None] * trajectory.multipliers[:, rows]
         return Derivatives(bar)
 
-    def _size(self, response: Response) -> tuple[Array, Array]:
-        """Size of the force and weights of the instants, shape (steps + 1,) each."""
+    def _sizes(self, response: Response) -> tuple[Array, Array]:
         size = np.linalg.norm(response.trajectory.multipliers[:, self._rows(response)], axis=1)
         return size, time_weights(response.trajectory, self.window, "joint force")
 

@@ -83,7 +83,8 @@ class _MarkerObjective(Objective):
 
     def derivatives(self, response: Response) -> Derivatives:
         weights = self._weights(response.trajectory)
-        return self._pullback(response, 2.0 * weights[:, None] * self.vectors(response))
+        bar = 2.0 * weights[:, None] * self.vectors(response)
+        return self._pullback(response, **{self._vector: bar})
 
     def _state(self, response: Response) -> tuple[BodyMarker, State]:
         """The marker and its body's coordinates, velocities, accelerations, as if in space."""
@@ -129,12 +130,13 @@ class _MarkerObjective(Objective):
             motion = motion._replace(position=r, velocity=v, acceleration=a, A=A)
         return marker, state, motion
 
-    def _pullback(self, response: Response, bar: Array) -> Derivatives:
-        """Transpose of `_motion` for the marker's ``_vector``, whose bar is (steps + 1, 2 or 3)."""
+    def _pullback(self, response: Response, **bars: Array) -> Derivatives:
+        """Transpose of `_motion` for vectors of the marker by name, bars (steps + 1, 2 or 3)."""
         trajectory, (marker, state, motion) = response.trajectory, self._motion(response)
         d = trajectory.model.dimension
         r, v, a = (np.zeros_like(motion.position) for _ in range(3))
-        {"position": r, "velocity": v, "acceleration": a}[self._vector][:, :d] = bar
+        for name, bar in bars.items():
+            {"position": r, "velocity": v, "acceleration": a}[name][:, :d] = bar
         found = marker_motion_pullback(_IN_SPACE, marker, state, motion, (r, v, a))
         where = trajectory.model.coordinates(self.body).all
         columns = slice(None) if d == 3 else _columns_in_space(where.stop - where.start)
@@ -277,6 +279,61 @@ class MarkerAcceleration(_SquareOverTime):
     unit: ClassVar[str] = "m^2/s^3"
     _what: ClassVar[str] = "marker acceleration"
     _vector: ClassVar[str] = "acceleration"
+
+
+@dataclass(frozen=True)
+class ResidualVibration(_SquareOverTime):
+    """Mean square of the vibration of a marker after a stop, over a window [m^2].
+
+        psi = 1/T int |r_P - r_0|^2 + tau^2 |v_P|^2 dt,    r_0 the mean of r_P over the window
+
+    or r_0 the given place of the stop: then psi is the error at the end of a cycle. With
+    tau = 1 / omega a vibration with the frequency omega counts the same by place and by velocity,
+    so that psi hardly depends on where the window cuts it.
+
+    Raises:
+        ValueError: If the window is not an interval, or the time is negative; when the value is
+            asked for, if a name does not exist, or the place has other components.
+    """
+
+    unit: ClassVar[str] = "m^2"
+    _what: ClassVar[str] = "residual vibration"
+    _vector: ClassVar[str] = "position"
+
+    tau: float = 0.0  #: Time by which velocities are multiplied [s]
+    #: Where the marker is to stop, (x, y), in space (x, y, z) [m]; None takes the mean.
+    place: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.number("residual vibration: tau", self.tau, least=0.0, unit="s")
+
+    def _weights(self, trajectory: Trajectory) -> Array:
+        weights = super()._weights(trajectory)
+        return weights / np.sum(weights)
+
+    def vectors(self, response: Response) -> Array:
+        """Vectors from the place of the stop to the marker at a ``response``, [m]."""
+        positions = super().vectors(response)
+        if self.place is None:
+            return positions - self._weights(response.trajectory) @ positions
+        what = "residual vibration: the place"
+        return positions - validation.real_array(what, self.place, (positions.shape[1],))
+
+    def _velocities(self, response: Response) -> Array:
+        found: Array = self._motion(response)[2].velocity
+        return found[:, : response.trajectory.model.dimension]
+
+    def evaluate(self, response: Response) -> float:
+        weights = self._weights(response.trajectory)
+        squares = np.sum(self._velocities(response) ** 2, axis=1)
+        return super().evaluate(response) + self.tau**2 * float(weights @ squares)
+
+    def derivatives(self, response: Response) -> Derivatives:
+        # the weighted sum of the vectors from their mean is zero, so its share vanishes
+        w = 2.0 * self._weights(response.trajectory)[:, None]
+        velocity = self.tau**2 * w * self._velocities(response)
+        return self._pullback(response, position=w * self.vectors(response), velocity=velocity)
 
 
 def _columns_in_space(size: int) -> NDArray[np.int64]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Integrals and power means over the time steps.
+"""Integrals and power means over the time steps, and objectives that are such means.
 
 By the trapezoidal rule; with the Radau IIA method by the weights of its stages, which have its
 order, and where a window cuts a step, by the integral of the polynomial through the stages.
@@ -7,11 +7,16 @@ order, and where a window cuts a step, by the integral of the polynomial through
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from dataclasses import replace
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
 from ..dynamics import Trajectory, stage_integrals
+from .base import Objective, Response
 
 Array = NDArray[np.float64]
 
@@ -85,3 +90,53 @@ def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Arra
         return 0.0, np.zeros_like(values)
     mean = largest * float(share @ (values / largest) ** power) ** (1.0 / power)
     return mean, share * (values / mean) ** (power - 1.0)
+
+
+class MeanOverTime(Objective):
+    """Power mean over time of a size, whose scale may correct it to the largest one.
+
+    psi = scale (1/T int |s(t)|^p dt)^(1/p)
+    """
+
+    power: float  #: The power p, above 1
+    window: tuple[float, float] | None  #: Begin and end of the time that counts [s]
+    peak: bool  #: Correct the mean, by its scale, to the largest size of each design kept
+    scale: float  #: Factor of the mean, positive
+
+    def _check_mean(self, what: str) -> None:
+        """Refuse wrong fields."""
+        validation.number(f"{what}: the power", self.power, least=1.0)
+        if self.power == 1.0:
+            raise ValueError(
+                f"{what}: with a power of 1 the mean has a kink where the size vanishes; take a "
+                "larger one"
+            )
+        validation.flag(f"{what}: peak", self.peak)
+        validation.number(f"{what}: scale", self.scale, above=0.0)
+        check_window(what, self.window)
+
+    @abstractmethod
+    def _sizes(self, response: Response) -> tuple[Array, Array]:
+        """Sizes, which are not negative, and weights of the instants, shape (steps + 1,) each."""
+
+    def _sizes_bar(self, response: Response) -> Array:
+        """Derivative of the number by the sizes, shape (steps + 1,)."""
+        return self.scale * power_mean(*self._sizes(response), self.power)[1]
+
+    def evaluate(self, response: Response) -> float:
+        return self.scale * power_mean(*self._sizes(response), self.power)[0]
+
+    def largest(self, response: Response) -> float:
+        """The largest size of the instants that count at a ``response``, in the unit of psi.
+
+        Raises:
+            ValueError: As :meth:`evaluate` does.
+        """
+        sizes, weights = self._sizes(response)
+        return float(np.max(sizes[weights > 0.0]))
+
+    def calibrated(self, response: Response) -> Self:
+        mean = power_mean(*self._sizes(response), self.power)[0]
+        if not (self.peak and mean > 0.0):
+            return self
+        return replace(self, scale=self.largest(response) / mean)  # type: ignore[type-var]
