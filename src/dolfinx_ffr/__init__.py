@@ -54,7 +54,7 @@ _FOLDERS = _lists(
         ),
         "part": "Part PartWarning Solid Verification verify",
         "postprocessing": (
-            "LocalModesWarning local_modes mode_error model_report modes_below propose_modes "
+            "LocalModesWarning local_modes mode_error model_report propose_modes "
             "select_modes von_mises worst_stress"
         ),
         "problem": "Evaluation Problem",
@@ -87,7 +87,7 @@ _BY_FOLDER = _lists(
             "mode_derivatives"
         ),
         "postprocessing": (
-            "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes"
+            "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes modes_below"
         ),
         "problem": "LoadCaseEvaluation",
         "reduction": "CraigBampton ReducedBody",

@@ -254,7 +254,7 @@ class MechanicalProblem:
     def partial(
         self, response: Response, labels: Collection[str] | None = None, of: str = ""
     ) -> dict[str, Derivatives]:
-        """Partial derivatives of the objectives at a ``response``, by label; of all by default.
+        """Partial derivatives of the objectives at a ``response``, by label; of all ``labels``.
 
         Those by parameters, at fixed trajectory, are among them. Names of constraints begin with
         the text ``of`` in messages.

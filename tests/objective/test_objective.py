@@ -348,7 +348,7 @@ def test_refused_with_the_names_that_exist(
         (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "weight of body 'rod' is negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
-        (lambda: DrivePower("pin", power=1.0), "the power must be above 1"),
+        (lambda: DrivePower("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: DrivePower(("pin", "pin")), "one name or different ones"),
         (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),
         (lambda: DriveWork("pin", rounding=0.0), "rounding must be positive"),

@@ -58,7 +58,7 @@ class Variables(ABC):
         return variables
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
-        """The derivative by the ``variables``, shape (size,), given that by `point`."""
+        """The derivative by the ``variables``, shape (size,), given ``x_bar``, that by `point`."""
         return validation.real_array("design: the derivative", x_bar, (self.size,))
 
     def penalty(self, variables: Array) -> tuple[float, Array]:

@@ -130,7 +130,7 @@ class Parameters:
         return Parameters(**{n: e._replace(value=given[n]) for n, e in self.entries.items()})
 
     def fits(self, other: Parameters) -> bool:
-        """Whether names, bounds, units and scales are the same."""
+        """Whether names, bounds, units and scales are those of ``other`` ones."""
         mine, theirs = (
             [(n, e._replace(value=0.0)) for n, e in each.entries.items()] for each in (self, other)
         )
@@ -159,7 +159,7 @@ class Parameters:
         return found
 
     def shares(self, vector: Array) -> Array:
-        """Values (size,) as shares of their ranges, on their scales, shape (size,)."""
+        """Values, a ``vector`` (size,), as shares of their ranges, on their scales."""
         low, high = self._scaled(self.bounds)
         return np.clip((self._scaled(vector) - low) / (high - low), 0.0, 1.0)
 
@@ -222,7 +222,7 @@ class ParametricMechanism(Mechanism):
 
     #: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on them.
     build: Callable[..., Any] = field(default=Mechanism, repr=False)
-    parameters: Parameters = field(kw_only=True)
+    parameters: Parameters = field(kw_only=True)  #: With their values
     #: Integrals of bodies that depend on the parameters, by name
     own_bodies: Mapping[str, Any] = field(default_factory=dict)  # type: ignore[misc]
 
@@ -254,9 +254,9 @@ class ParametricMechanism(Mechanism):
         return found
 
     def shifted(self, shift: Array) -> ParametricMechanism:
-        """The mechanism at values shifted a little, by numbers of which the last may be left out.
+        """The mechanism at values that are shifted a little.
 
-        What is alike by chance is told from the rest as at the values themselves.
+        The last numbers of a ``shift`` may be left out. What is alike by chance is told from the rest as at the values themselves.
         """
         values = self.parameters.vector
         values[: len(shift)] += shift
