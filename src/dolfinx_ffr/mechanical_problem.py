@@ -24,11 +24,11 @@ from .body import VolumeIntegrals
 from .documentation import explain_fields
 from .dynamics import (
     REFERENCE,
+    Bars,
     Certificate,
     FlatModel,
     Integrator,
     Judge,
-    MechanismBars,
     Run,
     StepChoice,
     TimeInterval,
@@ -41,7 +41,6 @@ from .dynamics import (
     integrate,
     load_cells,
     parameter_slopes,
-    parametric,
     refined,
     relative_change,
     simulate,
@@ -240,7 +239,11 @@ class MechanicalProblem:
         """
         start, response = perf_counter(), evaluation.response
         direct = self.partial(response)
-        through = through_trajectory(response, direct)
+        pulled = dict[str, Bars]()
+        for label, part in direct.items():
+            if moves(part, response):
+                pulled[label] = adjoint(response.trajectory, part.trajectory)  # type: ignore[arg-type]
+        through = through_trajectory(response, direct, pulled)
         found = {label: part.without_trajectory(through[label]) for label, part in direct.items()}
         constraints = {}
         for c in self.constraints:
@@ -389,27 +392,25 @@ class MechanicalProblem:
 
 
 def through_trajectory(
-    response: Response, direct: Mapping[Key, Derivatives]
+    response: Response, keys: Collection[Key], pulled: Mapping[Key, Bars]
 ) -> dict[Key, Derivatives]:
     """Derivatives through the trajectory of a ``response``: by all integrals, and by parameters.
 
-    The partial derivatives ``direct`` of some numbers have keys of any kind.
+    The adjoints of some numbers were ``pulled`` back, by ``keys`` of any kind; those of others are
+    zero.
     """
-    found, bars = dict[Key, Derivatives](), dict[Key, MechanismBars]()
-    for key, part in direct.items():
-        bodies = {name: body.zeros_like() for name, body in response.bodies.items()}
-        if moves(part, response):
-            pulled = adjoint(response.trajectory, part.trajectory)  # type: ignore[arg-type]
-            bodies = pulled.bodies
-            if isinstance(response.trajectory.model.mechanism, ParametricMechanism):
-                bars[key] = pulled.mechanism
-        found[key] = Derivatives(integrals=bodies)
-    if bars:
-        names = parametric(response.trajectory.model).parameters.names
-        slopes = parameter_slopes(response.trajectory, list(bars.values()))
-        for key, row in zip(bars, slopes.tolist(), strict=True):
-            own = dict(zip(names, row, strict=True))
-            found[key] = replace(found[key], parameters=own)
+    found, own = dict[Key, Derivatives](), dict[Key, dict[str, float]]()
+    if pulled and isinstance(response.trajectory.model.mechanism, ParametricMechanism):
+        names = response.trajectory.model.mechanism.parameters.names
+        bars = [bar.mechanism for bar in pulled.values()]
+        rows = parameter_slopes(response.trajectory, bars).tolist()
+        own = {
+            key: dict(zip(names, row, strict=True)) for key, row in zip(pulled, rows, strict=True)
+        }
+    for key in keys:
+        bodies = pulled[key].bodies if key in pulled else None
+        none = {name: body.zeros_like() for name, body in response.bodies.items()}
+        found[key] = Derivatives(integrals=bodies or none, parameters=own.get(key, {}))
     return found
 
 

@@ -256,7 +256,8 @@ class ParametricMechanism(Mechanism):
     def shifted(self, shift: Array) -> ParametricMechanism:
         """The mechanism at values that are shifted a little.
 
-        The last numbers of a ``shift`` may be left out. What is alike by chance is told from the rest as at the values themselves.
+        The last numbers of a ``shift`` may be left out. What is alike by chance is told from
+        the rest as at the values themselves.
         """
         values = self.parameters.vector
         values[: len(shift)] += shift

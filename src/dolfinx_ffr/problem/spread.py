@@ -16,8 +16,16 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 from ..body import VolumeIntegrals
-from ..dynamics import SimulationError, Trajectory, integrate, restored, warn_of_limits
-from ..mechanical_problem import MechanicalProblem, through_trajectory
+from ..dynamics import (
+    Bars,
+    SimulationError,
+    Trajectory,
+    adjoint,
+    integrate,
+    restored,
+    warn_of_limits,
+)
+from ..mechanical_problem import MechanicalProblem, moves, through_trajectory
 from ..objective import Derivatives, Response
 from ..parallel import gathered, on_every_rank
 
@@ -110,9 +118,13 @@ def adjoints(
     with on_every_rank(comm, WORK):
         mine = _mine(comm, costs) if several else list(direct)
         for case in dict.fromkeys(name for name, _ in mine):
-            own = {job: direct[job] for job in mine if job[0] == case}
             with _named(case) if several else nullcontext():
-                found |= through_trajectory(responses[case], own)
+                own, pulled = [job for job in mine if job[0] == case], dict[Job, Bars]()
+                for job in own:
+                    response, bar = responses[case], direct[job].trajectory
+                    if bar is not None and moves(direct[job], response):
+                        pulled[job] = adjoint(response.trajectory, bar)
+                found |= through_trajectory(responses[case], own, pulled)
     every = _joined(gathered(comm, "the adjoints of a problem", found)) if several else found
     return {job: every[job] for job in direct}
 
