@@ -403,10 +403,8 @@ def through_trajectory(
     if pulled and isinstance(response.trajectory.model.mechanism, ParametricMechanism):
         names = response.trajectory.model.mechanism.parameters.names
         bars = [bar.mechanism for bar in pulled.values()]
-        rows = parameter_slopes(response.trajectory, bars).tolist()
-        own = {
-            key: dict(zip(names, row, strict=True)) for key, row in zip(pulled, rows, strict=True)
-        }
+        for key, row in zip(pulled, parameter_slopes(response.trajectory, bars), strict=True):
+            own[key] = dict(zip(names, row.tolist(), strict=True))
     for key in keys:
         bodies = pulled[key].bodies if key in pulled else None
         none = {name: body.zeros_like() for name, body in response.bodies.items()}

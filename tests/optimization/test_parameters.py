@@ -16,7 +16,11 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.objective import DrivePower
 from dolfinx_ffr.verification import taylor_test
 
-pytestmark = pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")
+#: Coarse steps and gray designs are no matter here.
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore::dolfinx_ffr.{name}Warning")
+    for name in ("TimeStep", "Design", "LargeDeformation")
+]
 
 END, PIN = ("arm", "end"), ("arm", "pin")
 MARKERS = {"pin": (-0.3, 0.0), "end": (0.2, 0.0)}
@@ -42,3 +46,183 @@ def arm_problem(build: Any = arm, parameters: ffr.Parameters = PARAMETERS) -> ff
     times, power = ffr.GeneralizedAlpha(0.5, 30), ffr.Constraint(DrivePower("motor"), upper=6.0)
     mechanism = parameters.mechanism(build)
     return ffr.Problem({}, mechanism, times, ffr.JointForce("motor"), [power])
+
+
+CRANK = ffr.Parameters(
+    radius=(0.1, 0.08, 0.12, "m"),
+    stiffness=(500.0, 100.0, 5000.0, "N/m", "log"),
+    load=(0.5, 0.2, 1.0, "kg"),
+    anchor=(0.6, 0.5, 0.7, "m"),
+    slope=(0.1, 0.0, 0.2),
+    turns=(6.0, 5.0, 7.0, "rad"),
+)
+
+
+def crank(
+    radius: float, stiffness: float, load: float, anchor: float, slope: float, turns: float
+) -> ffr.Mechanism:
+    """The flexible rod of a slider-crank on a slope, with a spring at its slider."""
+    moving = ffr.Moving.circle((0, 0), radius, ffr.Motion.smooth_step(turns, 0.5))
+    slider = ("rod", "right")
+    return ffr.Mechanism(
+        placements={"rod": ffr.Placement((radius, 0.0))},
+        joints=[
+            ffr.Revolute(("rod", "left"), moving, name="motor"),
+            ffr.PointOnLine(slider, ffr.Ground(), (1.0, slope)),
+        ],
+        point_masses=[ffr.PointMass(slider, load)],
+        forces=[ffr.SpringDamper(slider, ffr.Ground((anchor, 0.2)), stiffness, length=0.2)],
+    )
+
+
+def crank_problem(comm: MPI.Comm, integrator: Any = None) -> ffr.Problem:
+    bodies = {"rod": slider_crank(comm, (20, 4), modes=2).flexible["rod"]}
+    bounds = [
+        ffr.Constraint(DrivePower("motor"), upper=9.0),
+        ffr.Constraint(ffr.JointForce("motor", peak=True, power=8.0), upper=300.0, name="force"),
+    ]
+    integrator = integrator or ffr.GeneralizedAlpha(0.5, 60)
+    return ffr.Problem(bodies, CRANK.mechanism(crank), integrator, ffr.IntegralCompliance(), bounds)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "integrator",
+    [ffr.GeneralizedAlpha(0.5, 60), ffr.RadauIIA(0.5, steps=20)],
+    ids=["alpha", "radau"],
+)
+def test_derivatives_beside_densities(comm: MPI.Comm, integrator: Any) -> None:
+    """By each parameter as by differences; by all and densities together the Taylor test."""
+    problem = crank_problem(comm, integrator)
+    domain = problem.flexible["rod"].domain
+    x = 0.5 + 0.2 * np.sin(40.0 * domain.centroids[:, 0])
+
+    def numbers(values: np.ndarray, densities: np.ndarray = x) -> np.ndarray:
+        found = problem.value({"rod": densities, "machine": values})
+        return np.array([found.psi, *(c.value for c in found.constraints.values())])
+
+    here, at = problem.gradient({"rod": x, "machine": CRANK.vector}), CRANK.vector
+    assert here.gradient is not None
+    np.testing.assert_array_equal(here.gradient["machine"], list(here.parameters.values()))
+    for k, (name, low, high) in enumerate(CRANK.ranges):
+        h = 3e-4 * (low + high) * np.eye(len(at))[k]
+        near, far = (numbers(at + s * h) - numbers(at - s * h) for s in (1.0, 2.0))
+        by = [here.parameters[name], *(c.parameters[name] for c in here.constraints.values())]
+        np.testing.assert_allclose(by, (8.0 * near - far) / (12.0 * h[k]), rtol=1e-7)
+    widths = np.array([low + high for _, low, high in CRANK.ranges])
+    along, shift = 0.3 * np.cos(90.0 * domain.centroids[:, 0]), 0.3 * widths
+    slope = domain.sum(here.gradient["rod"] * along) + here.gradient["machine"] @ shift
+    result = taylor_test(
+        lambda s: float(numbers(at + s[0] * shift, x + s[0] * along)[0]),
+        lambda _: slope,
+        np.zeros(1),
+        np.ones(1),
+    )
+    assert result.order == pytest.approx(2.0, abs=0.1), result
+
+
+@pytest.mark.mpi
+def test_parameters_and_a_body_on_several_ranks(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Together they come lower than the body alone; history and summary tell the parameters."""
+    folder = comm.bcast(tmp_path)
+    problem = crank_problem(comm)
+    level = ffr.DensityDesign(problem.flexible["rod"].domain)
+    run: dict[str, Any] = {"iterations": 6, "progress": False, "boundary": 0, "volume": 0.6}
+    run["mode_tolerance"] = None
+    alone = ffr.optimize(problem, level, **run)
+    together = {"rod": level, "machine": CRANK}
+    result = ffr.optimize(problem, together, output=folder, **run)
+    assert result.psi < 0.9 * alone.psi and not alone.parameters
+    radius = result.history["parameter radius [m]"]
+    assert radius[0] == 0.1 and result.parameters["radius"] == pytest.approx(radius[-1], rel=1e-12)
+    told = result.summary()["parameters"]["stiffness"]
+    assert told["unit"] == "N/m" and told["start"] == pytest.approx(500.0)
+    assert result.problem.parameters == CRANK.at(result.parameters)
+    assert result.problem.value(result.densities["rod"]).psi == pytest.approx(result.psi, rel=1e-9)
+    run["iterations"] = 7
+    again = ffr.optimize(problem, together, output=folder, resume=True, **run)
+    np.testing.assert_array_equal(again.history["psi"][:7], result.history["psi"])
+
+
+def test_parameters_alone() -> None:
+    """Without a mesh; what stands at a bound is told."""
+    problem = arm_problem()
+    result = ffr.optimize(problem, PARAMETERS, iterations=15, progress=False)
+    assert result.psi < 0.2 * result.history["psi"][0] and result.feasible
+    assert result.at_bounds == {"parameters": {"stiffness": "lower", "anchor": "lower"}}
+    other = problem.at({"mass": 0.4})
+    assert other.parameters == PARAMETERS.at({"mass": 0.4})
+    assert other.value({}).psi == problem.value([40.0, 0.4, 0.7]).psi != problem.value({}).psi
+    cases = {
+        name: ffr.MechanicalProblem(PARAMETERS.mechanism(arm), part.integrator, part.objective)
+        for name in ("one", "two")
+        for part in problem.load_cases.values()
+    }
+    both = ffr.Problem.of_load_cases({}, cases).gradient({})
+    single = problem.gradient({})
+    for name, slope in both.parameters.items():
+        assert slope == pytest.approx(2.0 * single.parameters[name], rel=1e-12)
+
+
+def test_a_trial_without_a_mechanism_is_taken_back() -> None:
+    def build(stiffness: float, mass: float, anchor: float) -> Any:
+        if mass > 0.4:
+            raise ValueError("too heavy")
+        return arm(stiffness, mass, anchor if mass < 0.36 else np.nan)
+
+    result = ffr.optimize(arm_problem(build), PARAMETERS, iterations=12, progress=False)
+    assert not result.history["accepted"].all()
+    assert 0.3 < result.parameters["mass"] < 0.36 and result.psi < result.history["psi"][0]
+    with pytest.raises(ffr.SimulationError, match=r"no mechanism with .*mass = 0.45.*too heavy"):
+        arm_problem(build).value([40.0, 0.45, 0.7])
+
+
+def other_forces(stiffness: float, mass: float, anchor: float) -> Any:
+    mechanism, bodies = arm(stiffness, mass, anchor)
+    return (
+        (ffr.Mechanism(mechanism.placements, mechanism.joints), bodies)
+        if mass > 0.4
+        else (
+            mechanism,
+            bodies,
+        )
+    )
+
+
+def refusals() -> dict[str, Any]:
+    good, own = arm_problem(), ffr.Parameters(idle=(1.0, 0.0, 2.0), **PARAMETERS.entries)
+    idle = arm_problem(lambda idle, **others: arm(**others), own)
+    return {
+        "nothing depends on 'idle'": lambda: ffr.optimize(idle, own),
+        "the forces change with them": lambda: ffr.optimize(arm_problem(other_forces), PARAMETERS),
+        "the function takes 'height', and the parameters": lambda: arm_problem(
+            lambda height, **others: arm(**others)
+        ),
+        "no mechanism with stiffness = 40": lambda: arm_problem(
+            lambda **all: arm(**{**all, "stiffness": np.nan})
+        ),
+        r"parameter 'p' must be \(value, lower, upper\)": lambda: ffr.Parameters(p=3.0),
+        "parameter 'p' must lie between 0 and 1": lambda: ffr.Parameters(p=(-1.0, 0.0, 1.0)),
+        "lower bound of parameter 'p' must be positive": lambda: ffr.Parameters(
+            p=(1.0, 0.0, 2.0, "", "log")
+        ),
+        "'mas'": lambda: good.at({"mas": 0.2}),
+        "parameter 'mass' must lie": lambda: good.at({"mass": 0.7}),
+        "with other bounds": lambda: ffr.optimize(good, own),
+        "under a name that no body has, not as 'arm'": lambda: ffr.optimize(
+            good, {"arm": PARAMETERS}
+        ),
+        "different parameters": lambda: ffr.Problem.of_load_cases(
+            {},
+            {
+                "one": good.load_cases["load case"],
+                "two": good.at({"mass": 0.2}).load_cases["load case"],
+            },
+        ),
+    }
+
+
+@pytest.mark.parametrize("said", list(refusals()))
+def test_refused(said: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=said):
+        refusals()[said]()

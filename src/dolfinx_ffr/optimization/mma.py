@@ -14,7 +14,7 @@ takes a second value an iteration.
 There is no line search. Near the end the constraints that are violated are tightened by as much, so
 that the designs come to lie on the feasible side; the best feasible crisp design is the result. A
 design that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken
-back, and the next step is half as long.
+back, and the next step is half as long. Without densities a rise of psi alone is taken back, too.
 
 For `WorstCase` log of each weighted psi is bounded by a variable, which is minimised in the place
 of log psi.
@@ -56,6 +56,8 @@ STUCK = 8
 RECOVER = 1.5
 #: Violation, relative, from which on psi may rise so that a constraint is met
 VIOLATED = 1e-3
+#: Violation up to which bounds are tightened where nothing becomes crisp
+NEAR = 0.02
 #: Arrays of the asymptotes in a checkpoint, besides x
 STATE = ("before", "earlier", "reach")
 #: Numbers of a point in a checkpoint, and their kinds
@@ -133,6 +135,7 @@ class _Run:
     def __init__(self, options: MMA, loop: DesignLoop, designs: Designs, volume: Bounds) -> None:
         self.options, self.loop = options, loop
         self._designs, self.volume = dict(designs), dict(volume)
+        self.dense = any(isinstance(design, Design) for design in designs.values())
         self.sizes = {name: design.size for name, design in designs.items()}
         self.lower, self.upper = (
             np.concatenate([np.full(d.size, getattr(d, side)) for d in designs.values()])
@@ -207,7 +210,10 @@ class _Run:
         moved = replace(moved, iteration=iteration, progress=progress)
         if progress >= CRISP:
             # tightened by what is violated, relaxed slowly where nothing is
-            margins = np.where(bounds > 0.0, point.margins + bounds, 0.9 * point.margins)
+            near = bounds > 0.0
+            if not self.dense:  # a start may be far outside, from which a few steps lead back
+                near &= bounds < NEAR
+            margins = np.where(near, point.margins + bounds, 0.9 * point.margins)
             moved = replace(moved, margins=margins)
             if _largest(bounds) <= FEASIBLE and moved.merit < point.best_merit:
                 moved = replace(moved, best=tried.x, best_merit=moved.merit)
@@ -232,8 +238,12 @@ class _Run:
         # psi may rise where that brings a violated constraint nearer
         pays = worst > VIOLATED and then < worst
         broken = then > max(worst, 0.0) + BROKEN
-        rises = found.psi > now.psi + APART * abs(now.psi) and not pays
-        if rises and not broken:  # what becoming sharper alone brings is no fault of the step
+        # without densities nothing becomes sharp, so psi of feasible designs need never rise
+        apart = APART if self.dense or worst > FEASIBLE else 0.0
+        rises = found.psi > now.psi + apart * abs(now.psi) and not pays
+        if (
+            rises and not broken and self.dense
+        ):  # what becoming sharper alone brings is no fault of the step
             try:
                 before = self.loop.value(self.x(point.asymptotes.x, progress)).psi
             except SimulationError:
@@ -340,7 +350,7 @@ class _Run:
         if self.loop.interrupted():
             return "interrupted"
         if point.rejected >= STUCK:
-            return "stalled"
+            return "stalled" if self.dense else "converged"
         return "converged" if self.converged(point) else ""
 
     def converged(self, point: _Point) -> bool:
