@@ -192,9 +192,11 @@ def optimize(
         )
         if tuned:
             problem.check_influence()
-        usual = MMA() if domains else MMA(length=1)  # nothing becomes crisp
+        chosen = optimizer or MMA()
+        if not domains and isinstance(chosen, MMA) and chosen.length is None:
+            chosen = replace(chosen, length=1)  # nothing becomes crisp
         with alone_in(comm, folder, "optimize: output"):
-            result = (optimizer or usual).run(loop, designs, begin, filled)
+            result = chosen.run(loop, designs, begin, filled)
             if sizing is not None:
                 result = sizing[0].finished(result, mode_tolerance)
             if steps and result.reason != "interrupted":

@@ -127,7 +127,8 @@ def animate_motion(
 
     One sees what `plot_scene` shows, moving. The colour of a cell is its strain energy density
     relative to the largest one of all pictures, on a scale that spreads the small values.
-    Below, the strain energy of all flexible bodies runs along with time.
+    Below, the strain energy of all flexible bodies runs along with time; without any, the kinetic
+    energy of all bodies.
 
     Args:
         problem: Bodies and mechanism.
@@ -197,16 +198,19 @@ def _film(
         colors, top = _energy_colors(scene)
         view = _view(scene)(axes, scene, scale, colors)
         stamp = _write(figure, _heading(title, scale), "")
-        _add_color_bar(figure, top)
+        if flexible:
+            _add_color_bar(figure, top)
         below = style.axes_at(figure, 0.6, 0.5, 8.15, 0.75)
         t = scene.trajectory.t
-        total = np.sum([scene.trajectory.strain_energy(name) for name in flexible], axis=0)
+        run, kind = scene.trajectory, "strain" if flexible else "kinetic"
+        energy = run.strain_energy if flexible else run.kinetic_energy
+        total = np.sum([energy(name) for name in flexible or scene.bodies], axis=0)
         unit, factor = style.prefixed(float(np.max(total)), "J")
         below.plot(t, total * factor, color=style.BLUE, linewidth=1.2)
         below.set_xlim(t[0], t[-1])
         below.set_ylim(0.0, max(1.12 * float(np.max(total)) * factor, 1e-300))
         below.set_xlabel("time [s]", labelpad=1.0)
-        below.set_title(f"strain energy [{unit}]", loc="left", fontsize=9.5, pad=4.0)
+        below.set_title(f"{kind} energy [{unit}]", loc="left", fontsize=9.5, pad=4.0)
         below.locator_params(axis="y", nbins=3)
         style.tidy(below)
         (line,) = below.plot([], [], color=style.GRAY, linewidth=0.8)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: MIT
+# %% [markdown]
+"""# An arm that is balanced by a counterweight, and by a spring: numbers of a machine alone.
+
+What you will see: a motor lifts an arm with a payload and lowers it again. Most of its moment only
+holds the weight. A counterweight takes a part of that away, and brings inertia of its own; a spring
+takes all of it away, and nothing is left but the inertia of the arm.
+
+**Problem.** Find the stiffness k of the spring and the mass m of the counterweight that minimise the
+root mean square of the motor's moment M over the motion. No body has a mesh. Both answers are known:
+
+    k = G / (a b),    m = 0    with the spring,    G = g (m_arm l/2 + m_load l)
+    m = -<u w> / <w w>         without it,         u = J phi'' + G cos(phi), w = c^2 phi'' - g c cos(phi)
+
+with the spring between a point at the height a and the distance b on the arm, with no length of its
+own, the counterweight at the distance c behind the pin, and mean values <.> over the motion.
+
+Run `python demos/balanced_arm.py --help`, also under `mpirun -n 2`; it takes some seconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from command_line import parse, say
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+from dolfinx_ffr.program import run
+
+# %% Parameters
+LENGTH, MASS, PAYLOAD, GRAVITY = 0.6, 2.0, 1.5, 9.81  # [m], [kg], [kg], [m/s^2]
+HEIGHT, PLACE, BEHIND = 0.25, 0.3, 0.15  # a, b and c [m]
+INERTIA = MASS * LENGTH**2 / 12.0  # of the arm about its centre [kg m^2]
+DURATION, STEPS = 2.0, 800  # [s], [-]
+ANGLE = ffr.Motion.spline([0.0, 1.0, 2.0], [-0.6, 0.9, -0.6], ends="rest")  # [rad]
+MARKERS = {"pin": (-LENGTH / 2, 0.0), "tip": (LENGTH / 2, 0.0)}
+MARKERS |= {"spring": (PLACE - LENGTH / 2, 0.0), "back": (-BEHIND - LENGTH / 2, 0.0)}
+ARM = ffr.VolumeIntegrals.rigid(MASS, (0.0, 0.0), INERTIA, MARKERS)
+
+
+# %% The machine, a function of what is to be designed
+def machine(counterweight: float, stiffness: float = 0.0) -> ffr.Mechanism:
+    """The arm on its motor, with a counterweight and a spring without a length of its own."""
+    pin, start = ("arm", "pin"), float(ANGLE.value(np.zeros(1))[0])
+    spring = ffr.SpringDamper(("arm", "spring"), ffr.Ground((0.0, HEIGHT)), stiffness, length=0.0)
+    center = 0.5 * LENGTH * np.array([np.cos(start), np.sin(start)])
+    return ffr.Mechanism(
+        placements={"arm": ffr.Placement(tuple(center), start)},
+        joints=[
+            ffr.Revolute(pin, ffr.Ground(), name="pin"),
+            ffr.PrescribedAngle(pin, ANGLE, name="motor"),
+        ],
+        point_masses=[
+            ffr.PointMass(("arm", "tip"), PAYLOAD),
+            ffr.PointMass(("arm", "back"), counterweight),
+        ],
+        gravity=(0.0, -GRAVITY),
+        forces=[spring] if stiffness else [],
+    )
+
+
+# %% The answers by hand
+def by_hand() -> dict[str, float]:
+    """Stiffness of the spring [N/m], and the counterweight without it [kg]."""
+    t = np.linspace(0.0, DURATION, 20_001)
+    angle, _, faster = ANGLE.tabulate(t)
+    weight = GRAVITY * (0.5 * MASS * LENGTH + PAYLOAD * LENGTH)
+    inertia = INERTIA + MASS * LENGTH**2 / 4.0 + PAYLOAD * LENGTH**2
+    u = inertia * faster + weight * np.cos(angle)
+    w = BEHIND**2 * faster - GRAVITY * BEHIND * np.cos(angle)
+    return {"stiffness": weight / (HEIGHT * PLACE), "counterweight": -float(u @ w / (w @ w))}
+
+
+# %% The program
+def main(arguments: list[str] | None = None) -> None:
+    """Design both, compare them with the answers by hand, and leave numbers and pictures."""
+    options = parse(arguments, "balanced_arm", steps=STEPS, iterations=60)
+    output, hand = options.output, by_hand()
+    times, moment = ffr.GeneralizedAlpha(DURATION, options.steps), ffr.JointForce("motor")
+    counterweight, stiffness = (1.0, 1e-3, 20.0, "kg"), (50.0, 10.0, 500.0, "N/m", "log")
+    designs = {
+        "counterweight": ffr.Parameters(counterweight=counterweight),
+        "spring": ffr.Parameters(counterweight=counterweight, stiffness=stiffness),
+    }
+    results, runs, curves, table, exact = {}, {}, {}, {}, ffr.MMA(tolerance=1e-9)
+    for name, parameters in designs.items():
+        problem = ffr.Problem({"arm": ARM}, parameters.mechanism(machine), times, moment)
+        run_of = {"optimizer": exact, "iterations": options.iterations, "output": output / name}
+        results[name] = found = ffr.optimize(problem, parameters, **run_of)
+        runs.setdefault("nothing", problem.at({"counterweight": 1e-3}).value({}))
+        runs[name] = found.evaluation
+    for name, evaluation in runs.items():
+        curves[name] = evaluation.trajectory.t, evaluation.trajectory.joint_force("motor")[:, 0]
+        table[name] = {"rms": evaluation.psi, **(evaluation.at.values if evaluation.at else {})}
+        say(f"{name}: {table[name]}")
+    best = results["spring"]
+    plotting.plot_curves(
+        {"moment of the motor [N m]": curves}, output / "moment.png", xlabel="time [s]"
+    )
+    plotting.plot_scene(best.problem, best.evaluation, output / "scene.png", time=0.5)
+    plotting.animate_motion(best.problem, best.evaluation, output / "motion.gif")
+    record = ffr.run_record(best, title="A balanced arm")
+    comm = best.problem.comm
+    ffr.write_summary(comm, output / "summary.json", {**record, "table": table, "by_hand": hand})
+    ffr.write_report(comm, output)
+
+    # %% Both are the answers by hand
+    for name, value in (("counterweight", "counterweight"), ("spring", "stiffness")):
+        error = abs(results[name].parameters[value] / hand[value] - 1.0)
+        assert error < 2e-3, f"{value} is off by {error:.2%}"
+
+
+if __name__ == "__main__":
+    run(main)
