@@ -242,9 +242,8 @@ print("drawn")
 """
 
 
-#: Imports, the last of which may be too late.
+#: Imports beside that of the plotting alone, which its tests have; the last may be too late.
 ORDERS = (
-    ("dolfinx_ffr.plotting",),
     ("dolfinx", "dolfinx_ffr", "pyvista"),
     ("pyvista", "dolfinx", "dolfinx_ffr"),
     ("dolfinx", "pyvista", "dolfinx_ffr"),

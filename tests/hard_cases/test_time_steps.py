@@ -194,22 +194,31 @@ def numbers(scene: Scene, trajectory: ffr.dynamics.Trajectory) -> Array:
     return np.array([objective.evaluate(response) for objective in scene.objectives])
 
 
-def resolved(scene: Scene) -> Array:
-    """All objectives of a motion whose steps are far shorter than anything in it."""
+def resolved(scene: Scene, tolerance: float) -> Array:
+    """All objectives of a motion whose steps are far shorter than anything in it.
+
+    By a method of fifth order: to some percent of the tolerance at most.
+    """
+    share = (1e-6 / tolerance) ** 0.2
     cells, _ = load_cells(scene.mechanism, scene.bodies, scene.end_time)
     ends = [np.zeros(1)]
     for a, b in pairwise(cells.ends):
-        count = max(math.ceil(2 * scene.enough * (b - a) / scene.end_time), 8)
+        count = max(math.ceil(2 * share * scene.enough * (b - a) / scene.end_time), 8)
         ends.append(np.linspace(a, b, count + 1)[1:])
     method = ffr.RadauIIA(scene.end_time, steps=np.concatenate(ends))
     return numbers(scene, integrate(scene.mechanism, scene.bodies, method))
 
 
+#: Random scenes by number: the last digit is the kind, the first the tolerance. Two of each kind
+#: and three to five of each tolerance, among them one whose accuracy cannot be had.
+CASES = (0, 3, 5, 12, 14, 17, 19, 21, 24, 26, 28, 29, 31, 32, 36, 38, 40, 43, 45, 47)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("case", range(60))
+@pytest.mark.parametrize("case", CASES)
 def test_an_accuracy_that_is_asked_for_is_got_or_the_error_is_told(case: int) -> None:
     """Of all objectives at once; a warning tells the error within a factor of three."""
-    kind, tolerance = KINDS[case % len(KINDS)], TOLERANCES[(case // len(KINDS)) % 5]
+    kind, tolerance = KINDS[case % len(KINDS)], TOLERANCES[case // len(KINDS)]
     scene = kind(np.random.default_rng(case))
     first, *others = scene.objectives
     bounds = [ffr.Constraint(each, upper=1.0, name=str(k)) for k, each in enumerate(others)]
@@ -220,7 +229,8 @@ def test_an_accuracy_that_is_asked_for_is_got_or_the_error_is_told(case: int) ->
         warnings.simplefilter("always")
         chosen = problem.stepping(choice)
     found = numbers(scene, integrate(scene.mechanism, scene.bodies, chosen.integrator))
-    error = float(np.max(np.abs(found / resolved(scene) - 1.0)))
+    error = float(np.max(np.abs(found / resolved(scene, tolerance) - 1.0)))
+    assert choice.met == (case != 32)
     if choice.met:
         assert not caught and error <= tolerance
     else:
