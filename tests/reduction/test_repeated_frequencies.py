@@ -65,13 +65,13 @@ def round_off(exact: np.ndarray) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BODIES)
 def test_no_copy_is_missed(name: str) -> None:
-    """1 to 40 modes at all tolerances, against LAPACK; what is said about clusters is right."""
+    """Up to 40 modes at all tolerances, against LAPACK; what is said about clusters is right."""
     domain = BODIES[name](MPI.COMM_SELF)
     first = reduction(domain, 1)
     factored = factor(first)
     exact = all_eigenvalues(first, factored)
     ends = np.append(0, np.flatnonzero(np.diff(exact) >= CLUSTER * exact[1:]) + 1)
-    for modes in range(1, 41):
+    for modes in (*range(1, 21), *range(21, 41, 3)):
         tolerance = TOLERANCES[modes % 4]
         body = CraigBampton(first.elasticity, first.frame, modes, tolerance=tolerance)
         with warnings.catch_warnings(record=True) as caught:

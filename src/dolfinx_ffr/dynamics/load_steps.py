@@ -19,7 +19,7 @@ from itertools import islice, pairwise, takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from .tables import BESIDE_JUMP, TimeTables
+from .tables import BESIDE_JUMP, TimeTables, once_for_a_mechanism
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,7 @@ class LoadSteps:
     resolved: bool
 
 
+@once_for_a_mechanism
 def load_steps(tables: TimeTables, end_time: float, samples: int = SAMPLES) -> LoadSteps:
     """Cells from 0 to the end time [s] in which loads and motions are smooth, by some samples."""
     return _Search(tables, end_time, samples).found()

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import weakref
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,32 @@ Array = NDArray[np.float64]
 
 #: Relative distance from a jump at which the values on its sides are taken.
 BESIDE_JUMP = 1e-15
+
+Numbers = ParamSpec("Numbers")
+Found = TypeVar("Found")
+
+
+def once_for_a_mechanism(
+    function: Callable[Concatenate[TimeTables, Numbers], Found],
+) -> Callable[Concatenate[TimeTables, Numbers], Found]:
+    """Decorator that keeps what a function of tables and numbers finds while the mechanism lives.
+
+    A design loop simulates one mechanism with one body after another, whose loads and prescribed
+    motions stay what they are.
+    """
+    known: dict[Any, tuple[weakref.ref[Mechanism], Found]] = {}
+
+    @wraps(function)
+    def kept(tables: TimeTables, *args: Numbers.args, **kwargs: Numbers.kwargs) -> Found:
+        key = (id(tables.mechanism), args, *kwargs.items())
+        before = known.get(key)
+        if before is not None and before[0]() is tables.mechanism:
+            return before[1]
+        found = function(tables, *args, **kwargs)
+        known[key] = weakref.ref(tables.mechanism, lambda _: known.pop(key, None)), found
+        return found
+
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +82,7 @@ class TimeTables:
         jumps = np.unique(np.array([*known, *self.mechanism.jumps], dtype=np.float64))
         return jumps[jumps > 0.0]
 
+    @once_for_a_mechanism
     def check(self, start: float, end: float) -> None:
         """Compare all derivatives with differences between two times [s].
 
