@@ -212,77 +212,51 @@ def errors(
 ALPHA, RADAU = ffr.GeneralizedAlpha(0.1, 40), ffr.RadauIIA(0.1, steps=10)
 COMPLIANCE = ffr.IntegralCompliance()
 HALF = ffr.Volume("rod", region=lambda x: x[0] < 0.2)
-#: Cells, their order, objectives of one motion, the method, and options of the rod.
-Case = tuple[str, int, tuple[ffr.Objective, ...], Any, dict[str, Any]]
-SPOT = {"markers": {"spot": (0.213, 0.011)}}
-PLANE: dict[str, Case] = {
-    "triangles, joint": ("triangle", 1, (COMPLIANCE, ffr.JointForce("crank pin"), HALF), RADAU, {}),
-    "quadrilaterals of order 2": (
-        "quadrilateral",
-        2,
-        (COMPLIANCE, ffr.Frequency("rod"), ffr.Volume("rod")),
-        ALPHA,
-        {},
+STIFF = ("omega2", "alpha", "acceleration", "markers")
+SPOT, IN_SPACE = {"spot": (0.213, 0.011)}, {"spot": (0.213, 0.011, 0.02)}
+STRESS, PATH = ffr.PeakStress("rod", power=4), ffr.PathTracking("rod", "spot", (0.2, 0.1))
+UNCORRECTED = ffr.PeakStress("rod", power=4, correction=False)
+PATH_IN_SPACE = ffr.PathTracking("rod", "spot", (0.2, 0.1, 0.05))
+ACCELERATION = ffr.MarkerAcceleration("rod", "spot")
+JOINT = (COMPLIANCE, ffr.JointForce("crank pin"), HALF)
+#: What is not the same on several ranks is cells, stress, and a marker that one of them has.
+mpi = pytest.mark.mpi
+PLANE = [
+    pytest.param("triangle", 1, JOINT, RADAU, {}, id="joint"),
+    pytest.param(
+        *("quadrilateral", 2, (COMPLIANCE, ffr.Frequency("rod"), ffr.Volume("rod")), ALPHA, {}),
+        marks=mpi,
     ),
-    "order 3, marker": (
-        "triangle",
-        3,
-        (ffr.PathTracking("rod", "spot", (0.2, 0.1)), COMPLIANCE),
-        ALPHA,
-        SPOT,
-    ),
-    "curved, stress": (
-        "curved",
-        2,
-        (COMPLIANCE, ffr.PeakStress("rod", power=4, correction=False), ffr.Mass("rod")),
-        RADAU,
-        {},
-    ),
-    "stress": ("quadrilateral", 1, (ffr.PeakStress("rod", power=4),), ALPHA, {}),
-    "stiffened, marker": (
-        "quadrilateral",
-        1,
-        (ffr.MarkerAcceleration("rod", "spot"), COMPLIANCE),
-        ALPHA,
-        SPOT | {"stiffening": ("omega2", "alpha", "acceleration", "markers")},
-    ),
-}
-#: What is not the same on several ranks: cells, stress, and a marker that one of them has.
-RANKS = ("quadrilaterals of order 2", "order 3, marker", "curved, stress")
-IN_SPACE = {"markers": {"spot": (0.213, 0.011, 0.02)}}
-SPACE: dict[str, Case] = {
-    "stress": ("hexahedron", 1, (ffr.PeakStress("rod", power=4), COMPLIANCE), ALPHA, {}),
-    "tetrahedra, marker": (
-        "tetrahedron",
-        2,
-        (ffr.MarkerAcceleration("rod", "spot"), COMPLIANCE),
-        ALPHA,
-        IN_SPACE,
-    ),
-    "stiffened, marker": (
-        "hexahedron",
-        1,
-        (ffr.PathTracking("rod", "spot", (0.2, 0.1, 0.05)), COMPLIANCE),
-        ALPHA,
-        IN_SPACE | {"stiffening": ("rotation", "acceleration", "markers")},
-    ),
-}
+    pytest.param("triangle", 3, (PATH, COMPLIANCE), ALPHA, {"markers": SPOT}, marks=mpi),
+    pytest.param(*("curved", 2, (COMPLIANCE, UNCORRECTED, ffr.Mass("rod")), RADAU, {}), marks=mpi),
+    ("quadrilateral", 1, (STRESS,), ALPHA, {}),
+    ("quadrilateral", 1, (ACCELERATION, COMPLIANCE), ALPHA, {"markers": SPOT, "stiffening": STIFF}),
+]
 
 
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(name, marks=[pytest.mark.mpi] * (name in RANKS)) for name in PLANE],
-)
-def test_in_the_plane(case: str) -> None:
-    *what, options = PLANE[case]
-    assert max(errors(slider_crank, MPI.COMM_WORLD, *what, **options)) < 1e-7
+@pytest.mark.parametrize(("cell", "order", "objectives", "integrator", "options"), PLANE)
+def test_in_the_plane(
+    cell: str, order: int, objectives: Any, integrator: Any, options: dict[str, Any]
+) -> None:
+    comm = MPI.COMM_WORLD
+    assert max(errors(slider_crank, comm, cell, order, objectives, integrator, **options)) < 1e-7
+
+
+SPACE = [
+    ("hexahedron", 1, (STRESS, COMPLIANCE), {}),
+    ("tetrahedron", 2, (ACCELERATION, COMPLIANCE), {"markers": IN_SPACE}),
+    (
+        *("hexahedron", 1, (PATH_IN_SPACE, COMPLIANCE)),
+        {"markers": IN_SPACE, "stiffening": ("rotation", "acceleration", "markers")},
+    ),
+]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", SPACE)
-def test_in_space(case: str) -> None:
-    *what, options = SPACE[case]
-    assert max(errors(pendulum, MPI.COMM_SELF, *what, **options)) < 1e-7
+@pytest.mark.parametrize(("cell", "order", "objectives", "options"), SPACE)
+def test_in_space(cell: str, order: int, objectives: Any, options: dict[str, Any]) -> None:
+    alone = MPI.COMM_SELF
+    assert max(errors(pendulum, alone, cell, order, objectives, ALPHA, **options)) < 1e-7
 
 
 def test_a_length_that_would_change_is_refused() -> None:
