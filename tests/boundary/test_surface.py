@@ -157,7 +157,7 @@ def test_walls(place: float) -> None:
 def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """On any number of ranks alike; the file is closed."""
     results = []
-    for ranks in (comm, MPI.COMM_SELF):
+    for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
         results.append(
             move_boundary(
@@ -165,7 +165,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_p
             )
         )
     result = results[0]
-    assert result.history["psi"] == pytest.approx(results[1].history["psi"], rel=1e-6)
+    assert result.history["psi"] == pytest.approx(results[-1].history["psi"], rel=1e-6)
     assert result.psi < 0.95 * result.history["psi"][0]
     assert result.history["volume"][-1] < 0.9 * 1.01
     solid = result.part()
