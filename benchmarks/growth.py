@@ -40,6 +40,8 @@ PARTS = {
 ONCE = 0
 #: What the largest mesh takes with room to spare [bytes]; it is left out where less is free
 MEMORY = 14e9
+#: Least memory that is seen [MB]
+PAGE = 0.004
 #: In the picture
 LABELS = {
     "gradient": "psi and exact gradient",
@@ -193,9 +195,18 @@ def rows_of_growth(results: Results, cpu: bool = False) -> list[Row]:
     return rows
 
 
+def floored(rows: list[Row]) -> list[Row]:
+    """Rows that show a page of memory at least.
+
+    Small bodies may take no more than is there already, and zero has no logarithm.
+    """
+    names = ("memory_value", "memory_gradient")
+    return [{**row, **{name: max(row[name], PAGE) for name in names}} for row in rows]
+
+
 def exponents(rows: list[Row]) -> list[Row]:
     """By which power of the number of elements time and memory grow from one mesh to the next."""
-    found = []
+    rows, found = floored(rows), []
     for ranks in sorted({row["ranks"] for row in rows}):
         for smaller, larger in pairwise(chosen(rows, ranks=ranks)):
             scale = np.log(larger["elements"] / smaller["elements"])

@@ -10,7 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from growth import ONCE, PARTS, Row, draw_shares, part_columns, rows_of_growth
+from growth import ONCE, PARTS, Row, draw_shares, floored, part_columns, rows_of_growth
 from jobs import Job, Progress, Results, measure
 from report import Study, Table, chosen, line, plot
 from scene import holes_design, slider_crank
@@ -19,8 +19,6 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, ORANGE
 
 DIRECT, ITERATIVE = "direct", "iterative"
-#: Least memory that is seen [MB]
-PAGE = 0.004
 #: Memories for which the largest body is told [GiB]
 GIB = 16, 24, 64
 #: Constraint modes of both rods: of the plane, of space
@@ -108,7 +106,7 @@ def rows_of_solvers(rows: list[Row]) -> list[Row]:
     found = []
     for row in chosen(rows, solver=ITERATIVE):
         for other in chosen(rows, solver=DIRECT, mesh=row["mesh"]):
-            memory = [max(r["memory_gradient"], PAGE) for r in (row, other)]
+            memory = [r["memory_gradient"] for r in floored([row, other])]
             difference = np.linalg.norm(row["slope"] - other["slope"])
             found.append(
                 {
@@ -145,12 +143,7 @@ def report_space(results: Results, directory: Path) -> list[Table]:
     study.table("space", rows, **first)
     study.table("space_parts", rows, parts=part_columns("%"))
     study.table("space_solvers", solvers, crossings=_crossings(solvers))
-    # small bodies take no more memory than is there already, and a logarithm has no zero
-    floored = [
-        {**row, **{f"memory_{n}": max(row[f"memory_{n}"], PAGE) for n in ("value", "gradient")}}
-        for row in rows
-    ]
-    direct, iterative = (chosen(floored, solver=solver) for solver in (DIRECT, ITERATIVE))
+    direct, iterative = (chosen(floored(rows), solver=solver) for solver in (DIRECT, ITERATIVE))
     caption = "Time, shares and memory over the number of unknowns in space"
     with study.picture(caption, 1, 3, (14.0, 4.4)) as (times, shares, memory):
         for axes, unit, title in ((times, "", "Time"), (memory, "memory_", "Peak memory")):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from growth import exponents
 from matplotlib.image import imread
 from run import PEERS, STUDIES
 from shared import TOP, processes
@@ -109,6 +110,14 @@ def test_pages_have_facts_and_a_picture(output: Path, page: str) -> None:
     picture = imread(output / f"{page}.png")
     assert picture.shape[0] > 400 and picture.shape[1] > 800
     assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 10
+
+
+def test_meshes_that_take_no_memory_have_an_exponent() -> None:
+    """As what came before them in their process took as much."""
+    none = {"ranks": 1, "gradient": 1.0, "bound": 1.0, "memory_value": 0.0, "memory_gradient": 0.0}
+    meshes = [{**none, "mesh": f"{n}", "elements": n} for n in (10, 20)]
+    (found,) = exponents(meshes)
+    assert [found[f"{name}_exponent"] for name in ("gradient", "memory_gradient")] == [0.0, 0.0]
 
 
 def test_single_columns(rows: Rows) -> None:
