@@ -81,7 +81,7 @@ def psi(problem: ffr.Problem, boundary: Boundary) -> tuple[ffr.Problem, ffr.Eval
 
 
 @pytest.mark.mpi
-def test_the_derivative_is_that_of_parts_meshed_anew() -> None:
+def test_the_derivative_on_several_ranks_is_that_of_parts_meshed_anew() -> None:
     """Beside differences over new meshes; their own noise is some 1e-5 of psi."""
     problem, boundary = scene()
     here, evaluation = psi(problem, boundary)
@@ -178,7 +178,6 @@ def test_nodes_follow_the_controls() -> None:
     assert np.max(np.abs((motion._follow @ control)[numbers] - x)[np.isin(numbers, on)]) < 1e-8
 
 
-@pytest.mark.mpi
 def test_psi_falls_and_members_stay() -> None:
     problem, boundary = scene()
     result = move_boundary(problem, boundary, iterations=4, volume=0.79, progress=False)
@@ -241,10 +240,11 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     result = move_boundary(bounded(1.05), boundary, iterations=12, **coarse)
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
     assert found < 1.05 * 1.003 * largest
-    # the first steps go beyond the limit, and the later ones come back to it with less material
-    psis, excess = result.history["psi"], result.history["excess"]
+    # the first steps go beyond the limit, and the later ones come back to it with less material:
+    # how much less depends on the mesher, and 12 steps are not the end
+    excess = result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
-    assert result.psi <= psis[0] and psis[-2] < 0.8 * psis[0]
+    assert result.psi < 0.9 * result.history["psi"][0]
 
 
 def test_a_void_between_solid_regions_is_one_hole_with_rounded_corners() -> None:
