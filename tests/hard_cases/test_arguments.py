@@ -606,14 +606,6 @@ class Scene:
         yield row(plotting.plot_gradient_histories, "comm psi_solid", histories, histories=runs)
         turn = {"source": CRANK.angle, "end_time": 1.0}
         yield row(plotting.plot_crank_motion, "comm end_time", turn, source=MOTION)
-        worth = (*MAPPING, {}, {"a": {}}, {"a": {"b": 0.0}}, {"a": {"b": "1"}})
-        yield row(
-            plotting.plot_trade_off,
-            "comm",
-            {"psi": {"a": {"slow": 1.0, "fast": 2.0}, "b": {"slow": 2.0, "fast": 1.0}}},
-            psi=(*worth, {"a": {"b": 1.0}, "c": {"d": 1.0}}),
-            images=(1.0, "a", [1.0], {"c": np.ones((2, 2))}, {"a": np.ones(2)}, {"a": "x"}),
-        )
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
         panels = {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}}
         wrong = (*MAPPING, {}, *curves)
@@ -653,7 +645,6 @@ CALLED = {
     **{"variables": "coefficients", "combine": "weights", "rows": "row", "images": "image"},
     **{"mirrors": "mirror", "terms": "term|weight of", "other": "objective", "upper": "bound"},
     **{"load_cases": "load cases?", "path": "end (in|the name in)", "panels": "curves"},
-    **{"psi": "plot_trade_off"},
 }
 
 

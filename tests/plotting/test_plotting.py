@@ -27,7 +27,6 @@ from dolfinx_ffr.plotting import (
     plot_modes,
     plot_part,
     plot_scene,
-    plot_trade_off,
 )
 from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
 from dolfinx_ffr.plotting.part_view import STEEL as MATERIAL
@@ -361,17 +360,6 @@ def test_heading_of_a_panel_stays_clear_of_its_value(
     for axes in drawn[0].axes:
         left, right = (text.get_window_extent() for text in (axes._left_title, axes._right_title))
         assert left.x1 < right.x0 - 5.0 or left.y0 > right.y1
-
-
-def test_trade_off_has_a_row_for_each_design(tmp_path: Path) -> None:
-    """And images beside them, where there are any; the best are cool, the worst warm."""
-    psi = {f"design {k}": {"slow": 1.0 + k, "fast": 4.0 - k} for k in range(3)}
-    plain = pixels(plot_trade_off(psi, tmp_path / "a.png"))
-    images = {"design 1": np.eye(40)}
-    drawn = pixels(plot_trade_off(psi, tmp_path / "b.png", images=images))
-    assert drawn.shape[0] == plain.shape[0] and drawn.shape[1] > plain.shape[1]
-    more = pixels(plot_trade_off({**psi, "all": psi["design 1"]}, tmp_path / "c.png"))
-    assert more.shape[0] > plain.shape[0]
 
 
 def test_crank_motion_of_a_trajectory_is_that_of_its_motion(solved: Solved, tmp_path: Path) -> None:

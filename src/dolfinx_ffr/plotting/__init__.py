@@ -15,7 +15,6 @@ from .diagrams import plot_curves as plot_curves
 from .diagrams import plot_gradient_histories as plot_gradient_histories
 from .diagrams import plot_history as plot_history
 from .diagrams import plot_kernel as plot_kernel
-from .diagrams import plot_trade_off as plot_trade_off
 from .fields import mesh_grid as mesh_grid
 from .fields import plot_design as plot_design
 from .fields import plot_gradient_elements as plot_gradient_elements

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Diagrams over iterations and over time, of radial basis functions, of designs in load cases."""
+"""Diagrams over iterations and over time, and of radial basis functions."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
@@ -26,8 +26,6 @@ from . import style
 
 Array = NDArray[np.float64]
 
-#: Excess over the best design from which on a field of a table has the last colour
-_WORST = 1.0
 #: Heading and unit of each panel, by the name of the column
 _COLUMNS = {
     "psi": ("objective ψ", ""),
@@ -377,83 +375,6 @@ def plot_kernel(
     return style.written(comm, path, draw)
 
 
-def plot_trade_off(
-    psi: Mapping[str, Mapping[str, float]],
-    path: str | Path,
-    *,
-    images: Mapping[str, ArrayLike] | None = None,
-    title: str = "",
-    comm: MPI.Comm = MPI.COMM_WORLD,
-) -> Path:
-    """Draw a table of designs and load cases.
-
-    Each number is ``psi`` of a design in a load case relative to that of the design which is best
-    in it; the last column is the largest of the row. psi is given by name of the design and of the
-    load case, the same for all designs, infinite where it cannot be simulated. The ``images`` of
-    designs by name, shape (rows, columns), 1 for solid and 0 for void, are drawn beside their rows;
-    ``path``, ``title`` and ``comm`` are as for `plot_curves`.
-
-    Raises:
-        ValueError: On every rank, if designs have other load cases than the first, a value is not
-            positive, or an image is of another design.
-    """
-    path = style.writable(path, title)
-    what = "plot_trade_off"
-    rows = {
-        name: validation.by_name(f"{what}: {name!r}", values, "values of psi")
-        for name, values in validation.by_name(what, psi, "values by load case").items()
-    }
-    load_cases = list(next(iter(rows.values()), {}))
-    if not load_cases:
-        raise ValueError(f"{what}: give values of at least one design in one load case")
-    for name, values in rows.items():
-        if list(values) != load_cases:
-            raise ValueError(
-                f"{what}: {name!r} has values of {list(values)}, and the first design "
-                f"of {load_cases}"
-            )
-        for case, value in values.items():
-            if not (validation.is_number(value) and value > 0.0):
-                raise ValueError(
-                    f"{what}: psi of {name!r} in {case!r} must be positive, but it is {value!r}"
-                )
-    table = np.array([[values[case] for case in load_cases] for values in rows.values()])
-    best = table.min(axis=0)
-    table /= np.where(np.isfinite(best), best, 1.0)
-    table = np.column_stack([table, table.max(axis=1)])
-    pictures = {}
-    shape: dict[str, Any] = {"shape": (None, None), "expected": "rows and columns"}
-    for name, image in validation.by_name(f"{what}: images", images or {}, "images").items():
-        pictures[name] = validation.real_array(f"{what}: image of {name!r}", image, **shape)
-    if unknown := [name for name in pictures if name not in rows]:
-        raise ValueError(f"{what}: an image of {unknown[0]!r}, but the designs are {list(rows)}")
-
-    def draw(file: Path) -> None:
-        # in inches: heading and names of load cases, names of designs, their pictures, the table
-        head, name_width, image_width, foot = 0.85, 1.35, 2.7 if pictures else 0.0, 0.1
-        table_width, row_height = 0.8 * (len(load_cases) + 1.15), 0.46
-        width = name_width + image_width + table_width + 0.15
-        height = head + row_height * len(rows) + foot
-        with style.styled_figure(width, height, file) as figure:
-            size = table_width, row_height * len(rows)
-            axes = style.axes_at(figure, name_width + image_width, foot, *size)
-            _fill(axes, table, load_cases)
-            for i, name in enumerate(rows):
-                y = height - head - (i + 0.5) * row_height
-                figure.text(0.1 / width, y / height, name, ha="left", va="center")
-                if name in pictures:
-                    size = image_width - 0.2, 0.88 * row_height
-                    own = style.axes_at(figure, name_width, y - 0.5 * size[1], *size)
-                    own.imshow(1.0 - pictures[name], cmap="gray", vmin=0, vmax=1, origin="lower")
-                    own.set(xticks=[], yticks=[])
-                    own.spines[:].set_color(style.LIGHT)
-                    own.spines[:].set_linewidth(0.6)
-            heading = title or "ψ over that of the design which is best in this load case"
-            figure.text(0.1 / width, 1.0 - 0.1 / height, heading, va="top", fontsize=11.0)
-
-    return style.written(comm, path, draw)
-
-
 @contextmanager
 def _panels(
     file: Path, rows: int, across: int, size: tuple[float, float], title: str, xlabel: str
@@ -497,22 +418,3 @@ def _crank_angle(trajectory: Trajectory) -> Motion:
         "plot_crank_motion: the mechanism has no moving marker with a changing angle; give the "
         "motion itself"
     )
-
-
-def _fill(axes: Axes, table: Array, load_cases: Sequence[str]) -> None:
-    """Draw numbers (rows, load cases + 1) on coloured fields, the last column apart."""
-    places = [*range(len(load_cases)), len(load_cases) + 0.15]
-    colors = style.GLOW(0.1 + 0.8 * np.clip((table - 1.0) / _WORST, 0.0, 1.0))
-    for i, row in enumerate(table):
-        for place, value, color in zip(places, row, colors[i], strict=True):
-            axes.fill_between([place - 0.48, place + 0.48], i - 0.46, i + 0.46, color=color, lw=0)
-            light = float(np.dot(color[:3], (0.299, 0.587, 0.114))) > 0.55
-            text = f"{value:.2f}" if np.isfinite(value) else "–"
-            shade = style.DARK if light else "white"
-            axes.text(place, i, text, ha="center", va="center", color=shade)
-    axes.set_xlim(-0.5, places[-1] + 0.5)
-    axes.set_ylim(len(table) - 0.5, -0.5)
-    axes.set_xticks(places, [*(name.replace(", ", ",\n") for name in load_cases), "largest"])
-    axes.set_yticks([])
-    axes.tick_params(top=True, bottom=False, labeltop=True, labelbottom=False, length=0, pad=2)
-    axes.spines[:].set_visible(False)
