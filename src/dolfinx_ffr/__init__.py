@@ -81,10 +81,9 @@ _BY_FOLDER = _lists(
         ),
         "part": "Enclosed LoosePiece Width",
         "paper": (
-            "ApproximateGradient ElementByElement ElementGradient GradientElements "
-            "IllConditionedWarning IntegralDerivatives ModeDerivative ScatteredInterpolation "
-            "Solver best_length elementwise_gradient gradient_errors integral_derivatives "
-            "mode_derivatives"
+            "ApproximateGradient ElementGradient GradientElements IllConditionedWarning "
+            "IntegralDerivatives ModeDerivative ScatteredInterpolation Solver best_length "
+            "elementwise_gradient gradient_errors integral_derivatives mode_derivatives"
         ),
         "postprocessing": (
             "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes modes_below"

@@ -346,7 +346,7 @@ def test_what_is_refused() -> None:
     with pytest.raises(ValueError, match="give boundary=0"):
         ffr.optimize(problem, made, boundary=2, progress=False)
     others: list[dict[str, Any]] = [{"volume": 0.4}, {"optimizer": ffr.LevelSetEvolution()}]
-    for asked in (*others, {"gradient": ffr.paper.ElementByElement()}):
+    for asked in (*others, {"gradient": ffr.paper.ApproximateGradient()}):
         with pytest.raises(ValueError, match="take MMA, the exact gradient, and no volume; bound"):
             ffr.optimize(problem, made, progress=False, **asked)
     with pytest.raises(ValueError, match=r"dimensions are given for \['crank', 'rod'\]"):

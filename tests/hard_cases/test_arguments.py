@@ -495,7 +495,6 @@ class Scene:
         elements = (*elements, {"arm": [0]})
         of_cells = paper.elementwise_gradient
         yield row(of_cells, "problem evaluation solver", {"cells": [0]}, cells=elements)
-        yield row(paper.ElementByElement, "solver batch")
         optional = some(POSITIVE)
         grid = {"grid": optional, "band": optional, "share": (*optional, 1.1)}
         yield row(paper.GradientElements, "", {"grid": 0.1}, **grid)

@@ -139,4 +139,4 @@ def test_other_gradients_serve_smooth_numbers(comm: MPI.Intracomm) -> None:
     """Of the largest value they know no gradient by load case, and MMA says what does."""
     problem = three_load_cases(comm, ffr.WorstCase(WEIGHTS), (10, 2), constraints=False, modes=2)
     with pytest.raises(ValueError, match="only that of all together; take ExactAdjoint"):
-        run(problem, gradient=ffr.paper.ElementByElement())
+        run(problem, gradient=ffr.paper.ApproximateGradient())

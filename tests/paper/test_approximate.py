@@ -192,9 +192,7 @@ def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
             progress=False,
         )
 
-    exact, element = run(None), run(ffr.paper.ElementByElement())
-    assert_allclose(element.history["psi"], exact.history["psi"], rtol=1e-6)
-    assert list(element.history) == list(exact.history)
+    exact = run(None)
     assert "gradient_estimate" not in exact.history
     elements = ffr.paper.GradientElements(share=0.4)
     near = run(ffr.paper.ApproximateGradient(elements, ffr.ThinPlate(), compare_every=2))

@@ -10,7 +10,6 @@ from .gradient import ExactAdjoint as ExactAdjoint
 from .gradient import GradientErrors as GradientErrors
 from .gradient import GradientMethod as GradientMethod
 from .gradient import GradientReport as GradientReport
-from .gradient import of_all_elements as of_all_elements
 from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
 from .loop import Optimizer as Optimizer

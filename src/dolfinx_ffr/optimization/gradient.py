@@ -72,14 +72,9 @@ class ExactAdjoint:
         self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
     ) -> tuple[Evaluation, dict[str, GradientReport]]:
         """The evaluation with the exact gradient, see `GradientMethod`."""
-        return problem.differentiate(evaluation), of_all_elements(problem)
-
-
-def of_all_elements(problem: Problem) -> dict[str, GradientReport]:
-    """The reports of a gradient that is exact at all designed elements, by name of the body."""
-    reports = {}
-    for name, body in problem.flexible.items():
-        design = body.domain.design_cells
-        count = body.domain.comm.allreduce(int(np.count_nonzero(design)))
-        reports[name] = GradientReport(count, 1.0, design)
-    return reports
+        reports = {}
+        for name, body in problem.flexible.items():
+            design = body.domain.design_cells
+            count = body.domain.comm.allreduce(int(np.count_nonzero(design)))
+            reports[name] = GradientReport(count, 1.0, design)
+        return problem.differentiate(evaluation), reports

@@ -10,7 +10,6 @@ from __future__ import annotations
 from ..documentation import explain_fields
 from .approximate import ApproximateGradient as ApproximateGradient
 from .approximate import gradient_errors as gradient_errors
-from .elementwise import ElementByElement as ElementByElement
 from .elementwise import ElementGradient as ElementGradient
 from .elementwise import IntegralDerivatives as IntegralDerivatives
 from .elementwise import elementwise_gradient as elementwise_gradient

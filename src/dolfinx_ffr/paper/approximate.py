@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,8 @@ from ..fem import Array, Domain
 from ..optimization import Distance, GradientErrors, GradientReport
 from ..parallel import on_every_rank
 from ..problem import Evaluation, Problem
-from .elementwise import ExactValues
+from .elementwise import elementwise_gradient
+from .mode_derivatives import SOLVERS, Solver
 from .rbf_interpolation import ScatteredInterpolation, best_length
 from .sampling import GradientElements
 
@@ -44,7 +45,7 @@ REFINED = 0.25
 
 
 @dataclass(frozen=True)
-class ApproximateGradient(ExactValues):
+class ApproximateGradient:
     """Exact derivatives at selected elements, radial basis functions between them.
 
     Use it to see what the approximation costs and gains; `ExactAdjoint` is exact and faster.
@@ -70,6 +71,10 @@ class ApproximateGradient(ExactValues):
     #: Half-width of the band around the active boundary for which errors are reported as well [m];
     #: None takes two mean elements
     band: float | None = None
+    solver: Solver = "bordered"  #: Of the normal modes' derivatives, "bordered" or "deflated"
+    batch: int = 128  #: Elements whose linear systems are solved at once
+    #: Show a progress bar for every gradient; the ranks may differ in that
+    progress: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check kinds and numbers."""
@@ -84,7 +89,8 @@ class ApproximateGradient(ExactValues):
                 validation.number(f"{what}: {name}", getattr(self, name), above=0.0)
         validation.number(f"{what}: largest_share", self.largest_share, above=0.0, most=1.0)
         validation.integer(f"{what}: compare_every", self.compare_every)
-        self._check(what)
+        validation.choice(f"{what}: solver", self.solver, SOLVERS)
+        validation.integer(f"{what}: batch", self.batch, least=1)
 
     def __call__(
         self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
@@ -117,9 +123,11 @@ class ApproximateGradient(ExactValues):
         known = np.zeros(len(selected), dtype=bool)
         values = np.zeros(domain.n_cells)
         method = self
+        how: dict[str, Any] = {"solver": self.solver, "batch": self.batch}
         while True:
             cells = {name: domain.owned(selected & ~known)}
-            found = self._at(problem, evaluation, cells)[name]
+            exact = elementwise_gradient(problem, evaluation, cells, progress=self.progress, **how)
+            found = exact[name]
             values[found.cells] = found.values
             known |= selected
             through = _Interpolated(method, domain, known, domain.everywhere(values))

@@ -28,9 +28,8 @@ References:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,10 +38,9 @@ from tqdm import tqdm
 from .. import validation
 from ..body import VolumeIntegrals
 from ..fem import Array, rotated
-from ..optimization import Distance, GradientReport, of_all_elements
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody, ReducedBody
-from .mode_derivatives import SOLVERS, Solver, cell_numbers, check_reduced, mode_derivatives
+from .mode_derivatives import Solver, cell_numbers, check_reduced, mode_derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,47 +224,3 @@ def elementwise_gradient(
             seconds=perf_counter() - start,
         )
     return result
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExactValues:
-    """How gradient methods compute exact values at single elements."""
-
-    solver: Solver = "bordered"  #: Of the normal modes' derivatives, "bordered" or "deflated"
-    batch: int = 128  #: Elements whose linear systems are solved at once
-    #: Show a progress bar for every gradient; the ranks may differ in that
-    progress: bool = field(default=False, compare=False)
-
-    def _check(self, what: str) -> None:
-        validation.choice(f"{what}: solver", self.solver, SOLVERS)
-        validation.integer(f"{what}: batch", self.batch, least=1)
-
-    def _at(
-        self, problem: Problem, evaluation: Evaluation, cells: Mapping[str, ArrayLike]
-    ) -> dict[str, ElementGradient]:
-        own: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(ExactValues)}
-        return elementwise_gradient(problem, evaluation, cells, **own)
-
-
-@dataclass(frozen=True)
-class ElementByElement(ExactValues):
-    """Exact values at all designed elements, one after the other; zero at the others."""
-
-    exact: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        self._check("element by element")
-
-    def __call__(
-        self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
-    ) -> tuple[Evaluation, dict[str, GradientReport]]:
-        cells = {name: body.domain.design_cells for name, body in problem.flexible.items()}
-        found = self._at(problem, evaluation, cells)
-        gradient = {}
-        for name, part in found.items():
-            gradient[name] = np.zeros(problem.flexible[name].domain.n_cells)
-            gradient[name][part.cells] = part.values
-        seconds = dict(evaluation.seconds)
-        seconds["element by element"] = sum(part.seconds for part in found.values())
-        return replace(evaluation, gradient=gradient, seconds=seconds), of_all_elements(problem)
