@@ -53,11 +53,6 @@ def adjoint(trajectory: Trajectory, bar: TrajectoryBar) -> Bars:
     The derivatives by bodies are by name, those by the markers' positions and shape functions
     included, the start among what depends on them. Those by the mechanism have the start apart.
     The number's own dependence on the integrals, at fixed trajectory, is not included.
-
-    Raises:
-        ValueError: If the derivatives have the wrong shape or hold NaN.
-        MemoryError: If that would take more memory than the machine has.
-        RuntimeError: If the matrix of a step is singular.
     """
     model, size, rows = trajectory.model, trajectory.y.shape, trajectory.multipliers.shape
     for name, shape in (("y", size), ("v", size), ("w", size), ("multipliers", rows)):

@@ -43,11 +43,8 @@ class NoEquilibriumError(ValueError):
 def static_equilibrium(model: FlatModel, y: Array, length: float) -> tuple[Array, Array]:
     """Coordinates in equilibrium (size,) and unwrapped angles (see :meth:`Kinematics.turns`).
 
-    The search begins at y (size,), with steps in parts of the length of the bodies [m].
-
-    Raises:
-        ValueError: If the mechanism still moves freely in its equilibrium.
-        NoEquilibriumError: If none was found, for instance because a body is very soft.
+    The search begins at y (size,), with steps in parts of the length of the bodies [m]. A
+    ValueError says that the mechanism still moves freely there.
     """
     arrays, n = without(model.arrays, 1, "alpha", "beta"), model.size
     kinematics = Kinematics(arrays)

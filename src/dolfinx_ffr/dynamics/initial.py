@@ -36,11 +36,8 @@ def started(model: FlatModel) -> tuple[FlatModel, Array, Array]:
     undeformed bodies. A given deformation shifts them once more, along the directions in which the
     joints of the undeformed bodies pull; a static equilibrium is sought from there instead. The
     velocities are corrected by one least-squares solve. All corrections have the least norm, angles
-    counted as the arc that they sweep at the mechanism's size.
-
-    Raises:
-        ValueError: If the joints contradict each other or do not reach, naming the joint that is
-            open the most; if joints are redundant, naming them; or if there is no equilibrium.
+    counted as the arc that they sweep at the mechanism's size. Joints that contradict each other,
+    do not reach or are redundant are named in a ValueError.
     """
     closure = _Closure(model)
     y, v = _placed(model)

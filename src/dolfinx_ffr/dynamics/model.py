@@ -216,10 +216,6 @@ def assemble_model(
 
     The derivatives of all motions are compared with differences unless they have been `checked`.
     The instant near the start comes an offset [s] after it, by default a share of the first step.
-
-    Raises:
-        ValueError: If a name does not exist, integrals are not valid, a motion is NaN or its
-            derivatives are wrong; the message names the thing.
     """
     if not bodies:
         raise ValueError("a mechanism needs at least one body")

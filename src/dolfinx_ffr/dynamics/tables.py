@@ -84,11 +84,7 @@ class TimeTables:
 
     @once_for_a_mechanism
     def check(self, start: float, end: float) -> None:
-        """Compare all derivatives with differences between two times [s].
-
-        Raises:
-            ValueError: If a derivative is wrong; the message names the marker or the joint.
-        """
+        """Refuse motions whose derivatives differ from differences between two times [s]."""
         motions = list(self._motions)
         motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
         for motion, where in motions:
@@ -102,10 +98,6 @@ class TimeTables:
 
         At the very time of a jump they hold the values before it: a step may end there, and the
         stages of the one that begins there lie behind it.
-
-        Raises:
-            ValueError: If a value is NaN or infinite, or a length is not positive; the message
-                names the marker, the joint or the force.
         """
         if self.jumps.size:
             at_jump = np.isin(instants, self.jumps)

@@ -93,20 +93,11 @@ class Integrator(ABC):
 
     @abstractmethod
     def integrate(self, model: FlatModel, y0: Array, v0: Array) -> Trajectory:
-        """Trajectory of a model, tabulated at :attr:`times`, from consistent y0 and v0 (size,).
-
-        Raises:
-            SimulationError: If Newton's method does not converge, the mechanism becomes singular,
-                or the steps become too small.
-        """
+        """Trajectory of a model, tabulated at :attr:`times`, from consistent y0 and v0 (size,)."""
 
     @abstractmethod
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        """Transpose of :meth:`integrate`, from the derivatives with respect to a trajectory, bar.
-
-        Raises:
-            RuntimeError: If the matrix of a step is singular.
-        """
+        """Transpose of :meth:`integrate`, from the derivatives with respect to a trajectory."""
 
 
 @dataclass(frozen=True, eq=False)

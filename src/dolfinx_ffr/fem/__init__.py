@@ -11,6 +11,7 @@ with working_with_numpy("petsc4py"):
 
 from .circles import fit_circle as fit_circle
 from .circles import fit_cylinder as fit_cylinder
+from .circles import nearest_circle as nearest_circle
 from .curves import Arc as Arc
 from .curves import Array as Array
 from .curves import Curve as Curve
@@ -43,6 +44,7 @@ from .material import PlaneStrain as PlaneStrain
 from .material import PlaneStress as PlaneStress
 from .material import SuppressedVoidMass as SuppressedVoidMass
 from .material import cut_exponent as cut_exponent
+from .mesh_checks import connected as connected
 from .mesh_checks import floating_cells as floating_cells
 from .nodes import MeshNodes as MeshNodes
 from .nodes import add_ghosts as add_ghosts

@@ -21,26 +21,30 @@ FEWEST = 5
 ROUND = 1e-4
 
 
-def fit_circle(points: Array) -> Array | None:
-    """The centre (2,) of the circle of points (n, 2); None for fewer than five or under a sixth."""
+def nearest_circle(points: Array, accuracy: float) -> tuple[Array, float] | None:
+    """Centre (2,) and radius of the circle of points (n, 2); None beyond an accuracy, in radii."""
     middle = points.mean(axis=0)
     extent = float(np.max(np.linalg.norm(points - middle, axis=1)))
     if not extent > 0.0:
         return None
     s = (points - middle) / extent
-    if len(np.unique(np.round(s, 9), axis=0)) < FEWEST:
-        return None
     matrix = np.column_stack([2.0 * s, np.ones(len(s))])
     solution, _, rank, _ = np.linalg.lstsq(matrix, np.sum(s**2, axis=1), rcond=1e-9)
-    if rank < 3:
-        return None
-    center = solution[:2]
-    radii = np.linalg.norm(s - center, axis=1)
+    radii = np.linalg.norm(s - solution[:2], axis=1)
     radius = float(radii.mean())
-    # the chord of a sixth of the circle is as long as the radius; these points extend to its half
-    if np.max(np.abs(radii - radius)) > ROUND * radius or radius > 2.0 * (1.0 + ROUND):
+    if rank < 3 or np.max(np.abs(radii - radius)) > accuracy * radius:
         return None
-    return np.asarray(middle + extent * center)
+    return np.asarray(middle + extent * solution[:2]), extent * radius
+
+
+def fit_circle(points: Array) -> Array | None:
+    """The centre (2,) of the circle of points (n, 2); None for fewer than five or under a sixth."""
+    found, offset = nearest_circle(points, ROUND), points - points.mean(axis=0)
+    extent = float(np.max(np.linalg.norm(offset, axis=1)))
+    # the chord of a sixth of the circle is as long as the radius; these points extend to its half
+    if found is None or found[1] > 2.0 * (1.0 + ROUND) * extent:
+        return None
+    return found[0] if len(np.unique(np.round(offset / extent, 9), axis=0)) >= FEWEST else None
 
 
 def fit_cylinder(points: Array, axis: Array) -> tuple[Array, Array] | None:

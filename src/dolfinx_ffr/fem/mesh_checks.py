@@ -99,13 +99,13 @@ def floating_cells(
         held[facet_vertices[part].ravel()] = True
     # within a rank by cells; across ranks by shared vertices, each joined to one of its piece
     rows = np.repeat(table[:, :1].ravel(), max(table.shape[1] - 1, 0))
-    piece = components(n_local, rows, table[:, 1:].ravel())
+    piece = connected(np.column_stack([rows, table[:, 1:].ravel()]), n_local)
     n = int(vertex_map.size_global)
     first = np.full(piece.max(initial=-1) + 1, n, dtype=np.int64)
     np.minimum.at(first, piece, global_vertices)
     comm = domain.comm
     edges = np.vstack(comm.allgather(np.column_stack([global_vertices, first[piece]])))
-    label = components(n, edges[:, 0], edges[:, 1])
+    label = connected(edges, n)
     # a vertex without any of the cells is a component of its own, and no piece
     own = label[global_vertices[table[:, :1].ravel()]]
     pieces = np.unique(np.concatenate(comm.allgather(np.unique(own))))
@@ -116,10 +116,11 @@ def floating_cells(
     return result, int(np.count_nonzero(floats)), len(pieces)
 
 
-def components(n: int, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The connected component of each of n vertices."""
-    graph = coo_matrix((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n, n))
-    return connected_components(graph, directed=False)[1]
+def connected(pairs: NDArray[np.integer], count: int) -> NDArray[np.int64]:
+    """Number of the connected component, from 0, of each of ``count`` things, by pairs (n, 2)."""
+    ones = np.ones(len(pairs), dtype=bool)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _boundary_segments(domain: mesh.Mesh) -> Array:

@@ -22,7 +22,7 @@ from ..limits import MOST_CURVES, check_count
 from ..parallel import on_rank_0
 from .curves import Arc, Array, Curve, Drawn, Line, Spline, enclosed, polygon
 from .dxf_file import read_dxf
-from .mesh_checks import components
+from .mesh_checks import connected
 from .mesh_file import TaggedMesh, read_gmsh_model
 from .plane_mesh import Drawing, Face, check_size, gmsh_model, mesh_faces, walked
 from .svg_file import read_svg
@@ -192,7 +192,7 @@ def _joined(curves: Sequence[Curve], near: float) -> tuple[list[Curve], list[tup
     """The curves with common ends, and the numbers of the ends."""
     ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
     pairs = cKDTree(ends).query_pairs(near, output_type="ndarray").reshape(-1, 2)
-    label = components(len(ends), *pairs.T)
+    label = connected(pairs, len(ends))
     positions = ends[np.unique(label, return_index=True)[1]]
     nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
     found = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]

@@ -36,12 +36,8 @@ class AppliedForce(Connection):
     def element(self, undeformed: Undeformed) -> Element:
         """Springs and loads that make up the force, in the plane or in space.
 
-        Args:
-            undeformed: The placements, which supply what the force leaves open, and the dimension.
-
-        Raises:
-            ValueError: If its markers coincide where they must not, or an argument has no meaning
-                in the plane or in space.
+        ``undeformed`` has the placements, which supply what the force leaves open, and the
+        dimension. A ValueError refuses what has no meaning there.
         """
         raise NotImplementedError
 

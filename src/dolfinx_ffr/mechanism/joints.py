@@ -52,12 +52,8 @@ class Joint(Connection):
     def rows(self, undeformed: Undeformed) -> list[Row]:
         """The scalar constraint equations of the joint, in the plane or in space.
 
-        Args:
-            undeformed: The placements, which supply what the joint leaves open, and the dimension.
-
-        Raises:
-            ValueError: If its markers coincide where they must not, or an argument has no meaning
-                in the plane or in space.
+        ``undeformed`` has the placements, which supply what the joint leaves open, and the
+        dimension. A ValueError refuses what has no meaning there.
         """
         raise NotImplementedError
 

@@ -213,15 +213,10 @@ def spline(
     degree: int,
     smoothing: float | None,
 ) -> Spline:
-    """The spline through values (n,) at times (n,) [s], or fitted to them; see `Motion.spline`.
-
-    Raises:
-        TypeError: If an argument is of the wrong kind.
-        ValueError: If the times do not increase, values are too few for the ends or the fit, or an
-            argument has no meaning.
-    """
+    """The spline through values (n,) at times (n,) [s], or fitted to them; see `Motion.spline`."""
     t = validation.real_array(f"{what}: times", times, (None,))
-    c = validation.real_array(f"{what}: values", values, (t.size,), expected=_as_many(t.size))
+    each = f"one value for each of the {t.size} times"
+    c = validation.real_array(f"{what}: values", values, (t.size,), expected=each)
     both = _ends(what, ends)
     degree = int(validation.integer(f"{what}: the degree", degree))
     if degree not in DEGREES:
@@ -261,10 +256,6 @@ def spline(
     found = _through(x, c, degree, both)
     parts = (found, found.derivative(1), found.derivative(2))
     return Spline(float(t[0]), unit, float(x[-1]), parts, both)
-
-
-def _as_many(size: int) -> str:
-    return f"one value for each of the {size} times"
 
 
 def _ends(what: str, ends: str | tuple[str, str]) -> tuple[str, str]:

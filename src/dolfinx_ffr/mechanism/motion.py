@@ -407,14 +407,7 @@ def check_signal(what: str, signal: object) -> None:
 
 
 def evaluated(signal: Signal, times: Array, what: str) -> Array:
-    """Evaluate a signal: shape () if it is constant, otherwise (n,), one value per time.
-
-    The result may hold NaN.
-
-    Raises:
-        ValueError: If the function fails, or gives something else; the message says how it is to
-            be written.
-    """
+    """Evaluate a signal: shape () if it is constant, otherwise (n,), one value per time."""
     function = signal.value if isinstance(signal, Motion) else signal
     if not callable(function):
         return np.asarray(function, dtype=np.float64)

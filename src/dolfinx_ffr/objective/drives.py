@@ -45,11 +45,7 @@ class _OfDrives(Objective):
                 )
 
     def powers(self, response: Response) -> Array:
-        """The power over time at a ``response``, negative where drives brake, (steps + 1,) [W].
-
-        Raises:
-            ValueError: If there is no such joint, or it drives nothing.
-        """
+        """The power over time at a ``response``, negative where drives brake, (steps + 1,) [W]."""
         self.validate(response.inventory)
         driving = drives(response.trajectory.model)
         for name in self._joints:

@@ -65,11 +65,7 @@ class _MarkerObjective(Objective):
             )
 
     def vectors(self, response: Response) -> Array:
-        """The vector at a ``response`` in global axes, shape (steps + 1, 2 or 3).
-
-        Raises:
-            ValueError: If a name does not exist; the message lists those that do.
-        """
+        """The vector at a ``response`` in global axes, shape (steps + 1, 2 or 3)."""
         found: Array = getattr(self._motion(response)[2], self._vector)
         return found[:, : response.trajectory.model.dimension]
 

@@ -101,23 +101,19 @@ class Volume(_WithoutTrajectory):
                 )
 
     def validate(self, inventory: Inventory) -> None:
-        self._shares(self._density(inventory))
+        self._areas(self._density(inventory))
 
     def evaluate(self, response: Response) -> float:
         density = self._density(response)
-        return density.sum(density.values * self._shares(density))
+        areas, total = self._areas(density)
+        return density.sum(density.values * (areas / total))
 
     def derivatives(self, response: Response) -> Derivatives:
         density = self._density(response)
-        chosen, whole = self._chosen(density), density.whole
-        total = (
-            whole.sum(whole.areas * self._chosen(whole))
-            if whole
-            else density.sum(np.where(chosen, density.areas, 0.0))
-        )
-        fixed = 0.0 if whole else self.evaluate(response)
-        areas = np.where(chosen, density.values - fixed, 0.0) / total
-        return Derivatives(densities={self.body: self._shares(density)}, areas={self.body: areas})
+        areas, total = self._areas(density)
+        fixed = 0.0 if density.whole else self.evaluate(response)
+        by_areas = np.where(self._chosen(density), density.values - fixed, 0.0) / total
+        return Derivatives(densities={self.body: areas / total}, areas={self.body: by_areas})
 
     def _density(self, of: Inventory | Response) -> DensityField:
         """Density of the body."""
@@ -128,8 +124,8 @@ class Volume(_WithoutTrajectory):
             )
         return of.densities[self.body]
 
-    def _shares(self, density: DensityField) -> Array:
-        """Area of each cell in the region over the area of the region, shape (cells,)."""
+    def _areas(self, density: DensityField) -> tuple[Array, float]:
+        """Area of each cell, (cells,), zero outside of the region, and the area of the region."""
         areas = np.where(self._chosen(density), density.areas, 0.0)
         whole = density.whole
         total = whole.sum(whole.areas * self._chosen(whole)) if whole else density.sum(areas)
@@ -138,7 +134,7 @@ class Volume(_WithoutTrajectory):
                 f"volume of body {self.body!r}: its region holds no cell; the centroids of cells, "
                 "in metres and in the coordinates of the mesh, are what a predicate sees"
             )
-        return areas / total
+        return areas, total
 
     def _chosen(self, density: DensityField) -> NDArray[np.bool_]:
         """Which cells lie in the region, shape (cells,)."""

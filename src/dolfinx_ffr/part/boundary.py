@@ -10,7 +10,7 @@ from itertools import count, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fem import Arc, Curve, Line
+from ..fem import Arc, Curve, Line, nearest_circle
 from .cut import Segments
 from .field import Array, Field, Integers, cross, turns
 from .fitting import corners, fitted, followed, thinned
@@ -232,18 +232,8 @@ def _longest_circle(
 
 def _circle(x: Array) -> Array | None:
     """Centre and radius of the circle on which points are, None if there is none."""
-    middle = x.mean(axis=0)
-    size = float(np.max(np.linalg.norm(x - middle, axis=1)))
-    s = (x - middle) / size
-    matrix = np.column_stack([2.0 * s, np.ones(len(s))])
-    solution, _, rank, _ = np.linalg.lstsq(matrix, np.sum(s**2, axis=1), rcond=1e-9)
-    if rank < 3:
-        return None
-    radii = np.linalg.norm(s - solution[:2], axis=1)
-    radius = float(radii.mean())
-    if np.max(np.abs(radii - radius)) > _ON_CIRCLE * radius:
-        return None
-    return np.array([*(middle + size * solution[:2]), size * radius])
+    found = nearest_circle(x, _ON_CIRCLE)
+    return None if found is None else np.array([*found[0], found[1]])
 
 
 def _chains(ends: Integers, marks: Integers, *, directed: bool = True) -> Iterable[Chain]:

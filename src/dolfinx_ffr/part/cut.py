@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .field import Array, Field, Integers, connected, evaluated, refuse_zero, zeros_between
+from ..fem import connected
+from .field import Array, Field, Integers, evaluated, refuse_zero, zeros_between
 from .lattice import DESIGN, SOLID, VOID, Lattice
 
 #: Values of less than this distance from the zero line count as material, in units of the spacing

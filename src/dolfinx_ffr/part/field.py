@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from .. import validation
 
@@ -95,10 +93,3 @@ def turns(sides: Array) -> Array:
     """The angles (n - 1,) between sides (n, 2) that follow each other, anticlockwise [rad]."""
     before, after = sides[:-1], sides[1:]
     return np.asarray(np.arctan2(cross(before, after), np.einsum("ij,ij->i", before, after)))
-
-
-def connected(pairs: Integers, count: int) -> Integers:
-    """Number of the connected component, from 0, of each of ``count`` things, by pairs (n, 2)."""
-    ones = np.ones(len(pairs), dtype=bool)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])

@@ -22,12 +22,20 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..fem import DESIGNED, Domain, ElasticMaterial, GatheredMesh, Tetrahedra, fit_cylinder
+from ..fem import (
+    DESIGNED,
+    Domain,
+    ElasticMaterial,
+    GatheredMesh,
+    Tetrahedra,
+    connected,
+    fit_cylinder,
+)
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 from .ball_widths import thinnest_in_space
 from .export import UNITS
-from .field import Array, Field, connected
+from .field import Array, Field
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
 from .verify import Enclosed, Found, PartWarning
 from .widths import Width
