@@ -67,9 +67,7 @@ _FOLDERS = _lists(
 _BY_FOLDER = _lists(
     {
         "boundary": "Surface",
-        "design": (
-            "DensityFilter Design Evolution HeavisideProjection VelocityExtension VolumeBisection"
-        ),
+        "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
         "dynamics": "Trajectory",
         "fem": "ElasticMaterial Elasticity Interface",
         "interchange": "Format InterchangeWarning read_body read_terms sid_terms write_body",

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.design.parametrization import volume_multiplier
 
 
 def evolution_on(comm: MPI.Intracomm, bound: float, **options: Any) -> ffr.design.Evolution:
@@ -41,20 +42,20 @@ def loads(domain: ffr.Domain) -> np.ndarray:
 @given(bound=st.floats(0.01, 0.99))
 def test_bisection_finds_the_multiplier(bound: float) -> None:
     """For the volume 1 / (1 + Lambda) it is 1 / bound - 1."""
-    found = ffr.design.VolumeBisection(bound, tolerance=1e-12).multiplier(lambda m: 1.0 / (1.0 + m))
+    found = volume_multiplier(lambda m: 1.0 / (1.0 + m), bound, 1e-12)
     assert found == pytest.approx(1.0 / bound - 1.0, rel=1e-9)
     assert 1.0 / (1.0 + found) <= bound
 
 
 @given(bound=st.floats(0.1, 1.0), volume=st.floats(0.0, 1.0))
 def test_multiplier_is_zero_where_the_bound_holds(bound: float, volume: float) -> None:
-    multiplier = ffr.design.VolumeBisection(bound).multiplier(lambda m: volume * math.exp(-m))
+    multiplier = volume_multiplier(lambda m: volume * math.exp(-m), bound)
     assert multiplier >= 0.0
     assert (multiplier == 0.0) == (volume <= bound)
 
 
 def test_bisection_takes_the_feasible_side_of_a_jump() -> None:
-    found = ffr.design.VolumeBisection(0.5).multiplier(lambda m: 0.8 if m < 3.7 else 0.2)
+    found = volume_multiplier(lambda m: 0.8 if m < 3.7 else 0.2, 0.5)
     assert found == pytest.approx(3.7)
     assert found >= 3.7
 
@@ -62,7 +63,7 @@ def test_bisection_takes_the_feasible_side_of_a_jump() -> None:
 @pytest.mark.mpi
 def test_bounds_out_of_reach_are_named(comm: MPI.Intracomm) -> None:
     with pytest.raises(ValueError, match=r"stays at 0\.6, above its bound 0\.5"):
-        ffr.design.VolumeBisection(0.5).multiplier(lambda m: 0.6 + 0.3 * math.exp(-m))
+        volume_multiplier(lambda m: 0.6 + 0.3 * math.exp(-m), 0.5)
     with pytest.raises(ValueError, match=r"the solid regions alone fill 0\.1 of the body"):
         evolution_on(comm, 0.1)
 

@@ -14,7 +14,7 @@ from shared.scenes import SCENES
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import parallel
-from dolfinx_ffr.dynamics.memory import required_memory
+from dolfinx_ffr.dynamics import required_memory
 from dolfinx_ffr.dynamics.trajectory import Integrator
 from dolfinx_ffr.limits import available_memory
 

@@ -429,12 +429,10 @@ class Scene:
         line = {"point": (0.0, 0.0), "normal": (1.0, 0.0)}
         yield row(ffr.Mirror, "", line, point=PAIR, normal=(*PAIR, (0.0, 0.0)))
         gradient = (*some(ARRAY), 1.0, np.ones(2))
-        yield row(ffr.mirror_lines, "domain", gradient=gradient, tolerance=NOT_NEGATIVE)
+        yield row(ffr.mirror_lines, "domain", gradient=gradient)
         shares = (*SHARE, 0.0, 0.01)
         yield row(design.Evolution, "levelset", {"volume": 0.7}, volume=shares, band=POSITIVE)
         yield row(design.VelocityExtension, "levelset", radius=optional)
-        full = (*SHARE, 1.0)
-        yield row(design.VolumeBisection, "", {"bound": 0.5}, bound=POSITIVE, tolerance=full)
         yield row(ffr.DensityDesign, "domain eta", radius=some(NOT_NEGATIVE))
         yield row(self.design.even, "", {"value": 0.5}, value=(*SHARE, 2.0))
         yield row(design.DensityFilter, "domain", {"radius": 0.1}, radius=NOT_NEGATIVE)

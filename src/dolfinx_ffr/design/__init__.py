@@ -22,7 +22,6 @@ from .parameter_design import ParameterDesign as ParameterDesign
 from .parametrization import DensityDesign as DensityDesign
 from .parametrization import Design as Design
 from .parametrization import Variables as Variables
-from .parametrization import VolumeBisection as VolumeBisection
 from .parametrization import check_volume as check_volume
 from .parametrization import shrunk as shrunk
 from .rbf import ExponentialSpline as ExponentialSpline

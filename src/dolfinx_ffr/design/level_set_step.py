@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from .density_filter import check_neighbours
 from .level_set import Array, LevelSet
-from .parametrization import VolumeBisection, check_volume, filled_share
+from .parametrization import check_volume, filled_share, volume_multiplier
 from .rbf import Wendland, kernel_matrix
 
 
@@ -84,7 +84,7 @@ class Evolution:
         #: The level set whose densities are evaluated, and whose derivatives move the boundary
         self.analysed = levelset
         self.band = band * levelset.spacing
-        self.bisection = VolumeBisection(volume)
+        self.bound = volume  #: Of the filled share
         self.extension = extension or VelocityExtension(levelset)
         self.distance = distance or self._signed_distance
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
@@ -148,8 +148,8 @@ class Evolution:
 
     def _bounded(self, family: Callable[[float], Array]) -> tuple[Array, float]:
         """The first member of a family of shrinking designs that keeps the volume bound."""
-        multiplier = self.bisection.multiplier(
-            lambda m: filled_share(self.levelset, self.variables(family(m)))
+        multiplier = volume_multiplier(
+            lambda m: filled_share(self.levelset, self.variables(family(m))), self.bound
         )
         return family(multiplier), multiplier
 

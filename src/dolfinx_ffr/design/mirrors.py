@@ -22,7 +22,7 @@ MOST = 96
 NEAR = 0.75
 #: Angle of principal axes with the axes of the coordinates that counts as none [degrees]
 ANGLE = 0.05
-#: Share of a body that may be without an image
+#: Share of a body that may be without an image, and by which a gradient may differ from its image
 SHARE = 0.02
 
 
@@ -108,9 +108,7 @@ def image_cells(domain: Domain, mirror: Mirror) -> NDArray[np.int64] | str:
     return np.asarray(nearest)
 
 
-def mirror_lines(
-    domain: Domain, gradient: Array | None = None, *, tolerance: float = 0.02
-) -> list[Mirror]:
+def mirror_lines(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     """The lines through the centroid of a body about which it is its own mirror image.
 
     Candidates are the axes of the coordinates and the principal axes of the area, and lines in
@@ -123,9 +121,8 @@ def mirror_lines(
     Args:
         domain: The body.
         gradient: Derivative of the objective with respect to the densities of this rank's cells at
-            a symmetric density, shape (cells,); None asks about the body alone.
-        tolerance: By how much the gradient may differ from its image, relatively (Euclidean norm,
-            per area).
+            a symmetric density, shape (cells,); it may differ from its image by 2 % (Euclidean
+            norm, per area). None asks about the body alone.
 
     Returns:
         The lines that are confirmed, the same on every rank.
@@ -142,17 +139,15 @@ def mirror_lines(
             angles |= {round(own, 6), round(own + 90.0, 6)}
     turns = map(math.radians, sorted(angles))
     normals = [(-math.sin(turn), math.cos(turn)) for turn in turns]
-    return _confirmed("mirror lines", domain, center, normals, gradient, tolerance)
+    return _confirmed("mirror lines", domain, center, normals, gradient)
 
 
-def mirror_planes(
-    domain: Domain, gradient: Array | None = None, *, tolerance: float = 0.02
-) -> list[Mirror]:
+def mirror_planes(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     """The planes through the centroid of a body in space about which it is its own mirror image.
 
     Candidates are the planes across the axes of the coordinates and across the principal axes of
     the volume, and those between two axes of the coordinates with the same second moments.
-    ``domain``, ``gradient`` and ``tolerance``, result and warning are as for `mirror_lines`.
+    ``domain`` and ``gradient``, result and warning are as for `mirror_lines`.
     """
     center, spread, axes = _principal_axes("mirror planes", domain, 3)
     normals = list(np.eye(3))
@@ -164,7 +159,7 @@ def mirror_planes(
     for i, j in ((0, 1), (1, 2), (2, 0)):
         if abs(moments[i] - moments[j]) < 1e-3 * moments[i]:  # as of a square section
             normals += [np.eye(3)[i] + np.eye(3)[j], np.eye(3)[i] - np.eye(3)[j]]
-    return _confirmed("mirror planes", domain, center, normals, gradient, tolerance)
+    return _confirmed("mirror planes", domain, center, normals, gradient)
 
 
 def _principal_axes(what: str, domain: Domain, dimension: int) -> tuple[Array, Array, Array]:
@@ -186,10 +181,8 @@ def _confirmed(
     center: Array,
     normals: Iterable[Iterable[float]],
     gradient: Array | None,
-    tolerance: float,
 ) -> list[Mirror]:
     """The mirrors through a center that the body has, and the gradient if there is one."""
-    validation.number(f"{what}: tolerance", tolerance, least=0.0)
     parts = domain.centroids, domain.cell_volumes, domain.design_cells
     centroids, volumes, designed = map(domain.everywhere, parts)
     density = None
@@ -209,7 +202,7 @@ def _confirmed(
             image = np.where(np.isnan(image), density[nearest], image)  # beyond all centroids
             difference = np.sqrt(volumes @ (density - image) ** 2)
             whole = np.sqrt(volumes @ density**2)
-            if difference > tolerance * whole:
+            if difference > SHARE * whole:
                 off = 100 * difference / whole
                 reason = f"the gradient differs by {off:.2g} % from its image"
         if reason:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -176,46 +175,36 @@ class DensityDesign(Design):
         return self.filter(values)
 
 
-@dataclass(frozen=True)
-class VolumeBisection:
-    """Smallest multiplier for which a volume stays below its bound."""
+def volume_multiplier(
+    volume: Callable[[float], float], bound: float, tolerance: float = 1e-6
+) -> float:
+    """The smallest Lambda >= 0 with ``volume`` (Lambda) <= bound, a falling function.
 
-    bound: float  #: Upper bound of the volume, in any unit; here a share of the body's area
-    tolerance: float = 1e-6  #: How far below the bound the volume may end, relative to the bound
-
-    def __post_init__(self) -> None:
-        """Check the bound."""
-        validation.number("volume bound", self.bound, above=0.0)
-        validation.number("volume bisection: tolerance", self.tolerance, least=0.0, below=1.0)
-
-    def multiplier(self, volume: Callable[[float], float]) -> float:
-        """The smallest Lambda >= 0 with ``volume`` (Lambda) <= bound, a falling function.
-
-        Raises:
-            ValueError: If no multiplier brings the volume below its bound.
-        """
-        if volume(0.0) <= self.bound:
-            return 0.0
-        low, high = 0.0, 1.0
-        while volume(high) > self.bound:
-            low, high = high, 2.0 * high
-            if high > 1e12:
-                raise ValueError(
-                    f"the volume stays at {volume(high):.6g}, above its bound {self.bound:.6g}, "
-                    "whatever the multiplier: raise the bound or shrink the solid regions"
-                )
-        for _ in range(200):
-            middle = 0.5 * (low + high)
-            found = volume(middle)
-            if found > self.bound:
-                low = middle
-            else:
-                high = middle
-                if found >= self.bound * (1.0 - self.tolerance):
-                    break
-            if high - low <= 1e-14 * high:
+    The volume may end below its bound by the tolerance, relative to the bound. ValueError if no
+    multiplier brings it there.
+    """
+    if volume(0.0) <= bound:
+        return 0.0
+    low, high = 0.0, 1.0
+    while volume(high) > bound:
+        low, high = high, 2.0 * high
+        if high > 1e12:
+            raise ValueError(
+                f"the volume stays at {volume(high):.6g}, above its bound {bound:.6g}, whatever "
+                "the multiplier: raise the bound or shrink the solid regions"
+            )
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        found = volume(middle)
+        if found > bound:
+            low = middle
+        else:
+            high = middle
+            if found >= bound * (1.0 - tolerance):
                 break
-        return high
+        if high - low <= 1e-14 * high:
+            break
+    return high
 
 
 def check_volume(domain: Domain, volume: float) -> None:
@@ -243,8 +232,8 @@ def shrunk(design: Design, variables: Array, volume: float) -> Array:
         range_ = design.upper - design.lower
         return np.asarray(np.clip(variables - shift * range_, design.lower, design.upper))
 
-    bisection = VolumeBisection(volume)
-    return lowered(bisection.multiplier(lambda shift: filled_share(design, lowered(shift))))
+    share = volume_multiplier(lambda shift: filled_share(design, lowered(shift)), volume)
+    return lowered(share)
 
 
 def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:

@@ -19,8 +19,7 @@ from .kinematics import (
     vector_bars,
 )
 from .mechanism_bars import MechanismBars, without_markers
-from .memory import check_memory
-from .simulation import one_thread
+from .simulation import check_memory, one_thread
 from .trajectory import Trajectory, TrajectoryBar, TrajectoryPullback
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from threadpoolctl import ThreadpoolController
 
 from .. import validation
 from ..body import VolumeIntegrals
+from ..limits import available_memory
 from ..mechanism import Mechanism
 from .equilibrium import NoEquilibriumError
 from .failures import SimulationError, at_rest
@@ -20,7 +21,6 @@ from .integration.compiled import compile_kernels
 from .integration.radau import RadauIIA
 from .integration.time_interval import TimeInterval
 from .load_steps import LoadSteps, load_steps
-from .memory import check_memory
 from .model import assemble_model
 from .trajectory import Integrator, Trajectory
 from .validity import warn_of_limits
@@ -137,6 +137,44 @@ def restored(
         model = model.at(numbers["t"])
     model = model.counting_from(numbers["turns"][:1])
     return Trajectory(**numbers, model=model, integrator=integrator)
+
+
+def required_memory(
+    integrator: Integrator, modes: Iterable[int], *, adjoint: bool = False, space: bool = False
+) -> int:
+    """Estimate of the memory of a trajectory of bodies with so many modes each [bytes].
+
+    With `adjoint` an adjoint pass is included. It is zero if the steps follow from a tolerance.
+    """
+    sizes = [(6 if space else 3) + number for number in modes]
+    n, rows = sum(sizes), (6 if space else 3) * len(sizes)
+    # Coordinates with three derivatives, multipliers of two kinds, tables of loads and of vectors
+    # with two derivatives each, while they are made; then stretches of a trajectory that are
+    # joined, or derivatives, their copies and adjoints.
+    passing = 15 if adjoint else 9 if integrator.stages > 1 else 4
+    numbers = (4 + passing) * n + 25 * rows + 10
+    return 8 * numbers * integrator.instants
+
+
+def check_memory(
+    integrator: Integrator,
+    modes: Iterable[int],
+    available: int | None = None,
+    *,
+    adjoint: bool = False,
+    space: bool = False,
+) -> None:
+    """Refuse, by a MemoryError, a trajectory beyond the available memory of the machine [bytes]."""
+    required = required_memory(integrator, modes, adjoint=adjoint, space=space)
+    limit = available_memory() if available is None else available
+    if required > limit:
+        what = "a motion and its adjoint" if adjoint else "a motion"
+        raise MemoryError(
+            f"{what} of {integrator.instants:,} instants would take some "
+            f"{required / 1e9:,.0f} GB, and there are {limit / 1e9:,.1f} GB on this machine for "
+            "each process; take fewer steps, or RadauIIA with a tolerance, which takes as many as "
+            "it needs"
+        )
 
 
 _controller: ThreadpoolController | None = None

@@ -146,7 +146,7 @@ class _Steps:
         ):
             raise ValueError("optimize: the evolution moves another level set")
         #: Of the filled shares, by name of the body
-        self.bounds = {name: e.bisection.bound for name, e in evolutions.items()}
+        self.bounds = {name: e.bound for name, e in evolutions.items()}
         #: Of each stage, by name of the body
         self.stages = []
         for stage, sharp in enumerate(options.sharpness):
@@ -303,7 +303,7 @@ class _Steps:
         for name, evolution in self.stages[0].items():
             levelset = evolution.levelset
             parts = {**levelset.identity(), "sharpness": list(self.options.sharpness)}
-            parts["volume"] = evolution.bisection.bound
+            parts["volume"] = evolution.bound
             common |= {f"{key} of {name}": value for key, value in parts.items()}
         return common
 
