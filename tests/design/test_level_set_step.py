@@ -143,7 +143,8 @@ def test_a_short_step_descends(comm: MPI.Intracomm, sharpness: float) -> None:
 @pytest.mark.mpi
 def test_a_step_follows_the_design_that_is_analysed(comm: MPI.Intracomm) -> None:
     """Against its derivatives, where they are not cut off; volumes are of the one that is made."""
-    plain = evolution_on(comm, 1.0, extension=lambda values: values).with_sharpness(32.0)
+    plain = evolution_on(comm, 1.0).with_sharpness(32.0)
+    plain.extension = lambda values: values
     eroded = plain.with_sharpness(32.0, eroded=True)
     gradient, phi = loads(plain.levelset.domain), started(plain)
     slope = plain.levelset.eroded.pullback(plain.variables(phi), gradient)
@@ -172,15 +173,3 @@ def test_without_a_derivative_nothing_moves() -> None:
     moved, multiplier = evolution.step(phi, loads(evolution.levelset.domain), 1.0)
     assert np.array_equal(moved, phi)
     assert multiplier == 0.0
-
-
-def test_pieces_can_be_replaced() -> None:
-    """A velocity extension and a re-initialiser of one's own take the place of the default ones."""
-    evolution = evolution_on(MPI.COMM_SELF, 1.0, extension=np.sign, distance=lambda phi: 0.5 * phi)
-    levelset = evolution.levelset
-    phi = 0.1 * np.cos(20.0 * levelset.knots[:, 0])
-    band = 3.0 * levelset.spacing
-    assert evolution.reinitialize(phi) == pytest.approx(np.clip(0.5 * phi, -band, band))
-    moved, _ = evolution.step(phi, loads(levelset.domain), 1.0)
-    steps = np.unique(np.round((moved - phi) / levelset.spacing, 9))
-    assert set(steps) == {-1.0, 1.0}

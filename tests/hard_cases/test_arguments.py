@@ -79,10 +79,10 @@ BY_NAME: dict[str, Sequence[Any]] = {
     **dict.fromkeys(("distance", "start", "angle", "low", "high"), NUMBER),
     **dict.fromkeys(("floor", "threshold", "eta"), INNER_SHARE),
     **dict.fromkeys(("void", "progress", "spectral_radius"), SHARE),
-    **dict.fromkeys(("modes", "iterations", "compare_every", "reinitialize_every"), COUNT),
+    **dict.fromkeys(("modes", "iterations", "compare_every"), COUNT),
     **dict.fromkeys(("order", "steps", "batch", "n", "number", "cluster"), WHOLE_FROM_1),
     **dict.fromkeys(("a", "b", "marker", "point", "line", "relative_to"), MARKER),
-    **dict.fromkeys(("follower", "free", "moment", "resume", "logarithmic", "markers"), FLAG),
+    **dict.fromkeys(("follower", "free", "moment", "resume", "markers"), FLAG),
     **dict.fromkeys(("name", "title", "xlabel", "joint"), TEXT),
     **dict.fromkeys(("value", "velocity", "acceleration"), FUNCTION),
     **dict.fromkeys(("function", "jacobian", "kernel"), FUNCTION),
@@ -439,8 +439,7 @@ class Scene:
         yield row(design.HeavisideProjection, "eta", {"beta": 1.0}, beta=POSITIVE)
         yield row(
             ffr.LevelSetEvolution,
-            "reinitialize_every",
-            evolution=(1.0, "fast", {"rod": 1.0}),
+            "",
             sharpness=STAGES,
             step=POSITIVE,
             tolerance=NOT_NEGATIVE,
@@ -478,7 +477,7 @@ class Scene:
             frame=NOTHING,
         )
         x = {"x": full}
-        yield row(ffr.gray_fraction, "domain low high", x, x=self.refused["density"])
+        yield row(ffr.gray_fraction, "domain", x, x=self.refused["density"])
         everywhere = np.ones(self.rod.n_cells, bool)
         cells = (*ARRAY, [0], everywhere[1:])
         errors = paper.gradient_errors
@@ -520,7 +519,7 @@ class Scene:
         yield row(stress_modes, "body reduced relaxation void", correction=FLAG[1:])
         q = (*ARRAY, np.zeros(2), np.full(5, math.nan))
         still = {"q": np.zeros(5)}
-        yield row(ffr.von_mises, "body reduced relaxation void", still, q=q)
+        yield row(ffr.von_mises, "body reduced", still, q=q)
         name = (*TEXT[:2], "arm")
         yield row(ffr.worst_stress, "body evaluation", {"name": "rod"}, name=name)
         yield row(ffr.postprocessing.modes_below, "body frequency", {"frequency": 1.0})
@@ -606,7 +605,7 @@ class Scene:
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
         panels = {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}}
         wrong = (*MAPPING, {}, *curves)
-        yield row(plotting.plot_curves, "comm xlabel logarithmic markers", panels, panels=wrong)
+        yield row(plotting.plot_curves, "comm xlabel markers", panels, panels=wrong)
         bump = {"kernel": ffr.Gaussian(0.1), "extent": 1.0}
         yield row(plotting.plot_kernel, "comm extent kernel", bump)
         shown, solid = {"stress": full}, (cells[0], *cells[2:], full < 0.0)

@@ -161,7 +161,6 @@ def test_gray_fraction_counts_areas() -> None:
     x = np.zeros(domain.n_cells)
     x[:4] = [0.1, 0.9, 0.5, 0.11]
     assert ffr.gray_fraction(domain, x) == pytest.approx(0.2)
-    assert ffr.gray_fraction(domain, x, 0.05, 0.95) == pytest.approx(0.4)
 
 
 @pytest.mark.mpi
@@ -451,10 +450,8 @@ def test_files_of_a_state(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
 def test_what_does_not_go_together_is_refused(comm: MPI.Intracomm) -> None:
     problem, levelset, start = copy(comm)
     other, gray = ffr.LevelSet(Copy(comm, disc).domain), ffr.DensityDesign(problem.domain)
-    moving = ffr.LevelSetEvolution(ffr.design.Evolution(other, 0.6))
     cases: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
         ((other, start), {}, "not on the domain of the problem's body"),
-        ((levelset, start), {"optimizer": moving}, "the evolution moves another level set"),
         ((gray,), {"optimizer": STEPS}, "moves level sets"),
         ((gray,), {"optimizer": ffr.MMA(), "move": 0.5}, r"\['move'\] to the optimizer, opt.*=MMA"),
         (({"beam": gray}, gray.even(0.5)), {}, r"designs are given for \['beam'\]"),

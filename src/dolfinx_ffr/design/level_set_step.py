@@ -58,24 +58,13 @@ class Evolution:
         volume: Upper bound of the filled share of the body's area, in (0, 1].
         band: Phi is kept within this many spacings of its zero line, so that a hole or a strut of
             that size can vanish within that many steps.
-        extension: Velocity extension; by default with its default radius.
-        distance: Re-initialiser, from phi at the knots (knots,) to a signed distance at the knots;
-            by default that from the boundary of the level set.
 
     Raises:
         ValueError: On every rank, if the bound is out of range or below the share of the regions
             that stay solid.
     """
 
-    def __init__(
-        self,
-        levelset: LevelSet,
-        volume: float,
-        *,
-        band: float = 3.0,
-        extension: Callable[[Array], Array] | None = None,
-        distance: Callable[[Array], Array] | None = None,
-    ) -> None:
+    def __init__(self, levelset: LevelSet, volume: float, *, band: float = 3.0) -> None:
         validation.instance("evolution: levelset", levelset, LevelSet, "a LevelSet")
         domain = levelset.domain
         validation.number("evolution: band", band, above=0.0)
@@ -85,8 +74,7 @@ class Evolution:
         self.analysed = levelset
         self.band = band * levelset.spacing
         self.bound = volume  #: Of the filled share
-        self.extension = extension or VelocityExtension(levelset)
-        self.distance = distance or self._signed_distance
+        self.extension: Callable[[Array], Array] = VelocityExtension(levelset)
         self._cell_share = np.where(domain.design_cells, domain.cell_volumes, 0.0)
 
     def with_sharpness(self, sharpness: float, *, eroded: bool = False) -> Evolution:
@@ -119,7 +107,7 @@ class Evolution:
 
         It ends at the band, and is shrunk evenly until the volume bound holds.
         """
-        return self.bounded(np.clip(self.distance(phi), -self.band, self.band))
+        return self.bounded(np.clip(self._signed_distance(phi), -self.band, self.band))
 
     def bounded(self, phi: Array) -> Array:
         """``phi`` (knots,), shrunk evenly until the volume bound holds."""

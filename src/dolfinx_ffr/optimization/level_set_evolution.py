@@ -29,6 +29,8 @@ from .result import Result, warn
 GROW, SHRINK = 1.3, 0.5
 #: A step shorter than this share of a spacing means that there is no descent left
 SHORTEST = 1e-3
+#: Steps between re-initialisations to the signed distance
+REINITIALIZED = 5
 #: Iterations over which convergence is judged
 WINDOW = 5
 #: A design whose psi is this many times that of the reference is in pieces: its gradient is that of
@@ -41,15 +43,12 @@ class LevelSetEvolution(Optimizer):
     """Explicit steps of one level set a body; takes a volume bound and no other constraint.
 
     Args:
-        evolution: How the level set moves, of several bodies by name; by default an `Evolution`
-            with the volume bound of the run. One that is given brings its own bound.
         sharpness: Steepness of the projection in each stage. The next stage begins where one has
             converged, or has had its share of the iterations.
         step: Largest change of phi in one iteration, in knot spacings (CFL number); above one the
             zero line overshoots thin struts.
         tolerance: A stage has converged when psi falls by less than this, relatively, over five
             iterations.
-        reinitialize_every: Steps between re-initialisations to the signed distance; 0 for none.
         stage_iterations: Iterations of a stage at most; by default those of the run are shared out
             evenly. A number makes the path of a design independent of the number of iterations.
 
@@ -57,11 +56,9 @@ class LevelSetEvolution(Optimizer):
         ValueError: If a number is out of range.
     """
 
-    evolution: Evolution | Mapping[str, Evolution] | None = None
     sharpness: Sequence[float] = (11.0, 19.0, 32.0, 56.0)
     step: float = 1.0
     tolerance: float = 1e-3
-    reinitialize_every: int = 5
     stage_iterations: int | None = None
 
     def __post_init__(self) -> None:
@@ -73,13 +70,8 @@ class LevelSetEvolution(Optimizer):
             validation.number(stages, value, above=0.0)
         validation.number(f"{what}: step", self.step, above=0.0)
         validation.number(f"{what}: tolerance", self.tolerance, least=0.0)
-        validation.integer(f"{what}: reinitialize_every", self.reinitialize_every)
         if self.stage_iterations is not None:
             validation.integer(f"{what}: stage_iterations", self.stage_iterations, least=1)
-        given = self.evolution if isinstance(self.evolution, Mapping) else {"": self.evolution}
-        for evolution in given.values():
-            kinds = (Evolution, type(None))
-            validation.instance(f"{what}: evolution", evolution, kinds, "an Evolution")
 
     def run(self, loop: DesignLoop, designs: Designs, start: Arrays, volume: Bounds) -> Result:
         """The level sets ``designs`` moved from ``start`` below ``volume`` in a ``loop``."""
@@ -137,16 +129,8 @@ class _Steps:
                 "problem has some; give optimizer=MMA()"
             )
         self.loop, self.options = loop, options
-        given = options.evolution
-        if given is None:
-            given = {name: Evolution(design, volume[name]) for name, design in designs.items()}
-        evolutions = dict(given if isinstance(given, Mapping) else dict.fromkeys(designs, given))
-        if list(evolutions) != list(designs) or any(
-            evolutions[name].levelset is not design for name, design in designs.items()
-        ):
-            raise ValueError("optimize: the evolution moves another level set")
-        #: Of the filled shares, by name of the body
-        self.bounds = {name: e.bound for name, e in evolutions.items()}
+        evolutions = {name: Evolution(design, volume[name]) for name, design in designs.items()}
+        self.bounds = volume  #: Of the filled shares, by name of the body
         #: Of each stage, by name of the body
         self.stages = []
         for stage, sharp in enumerate(options.sharpness):
@@ -218,9 +202,9 @@ class _Steps:
         self, state: _State, evaluation: Evaluation
     ) -> tuple[_State, Evaluation, bool, float]:
         """The next state, its evaluation, whether the step was kept, and the multiplier."""
-        gradient, every = evaluation.gradient, self.options.reinitialize_every
+        gradient = evaluation.gradient
         assert gradient is not None
-        due = bool(every and state.accepted + 1 >= every)
+        due = state.accepted + 1 >= REINITIALIZED
         moved, multiplier = {}, 0.0
         for name, evolution in self.stages[state.stage].items():
             phi, own = evolution.step(state.phi[name], gradient[name], state.size)

@@ -36,18 +36,15 @@ def warn(text: str, stacklevel: int = 4) -> None:
     warnings.warn(text, DesignWarning, stacklevel=stacklevel + 1)
 
 
-def gray_fraction(domain: Domain, x: Array, low: float = 0.1, high: float = 0.9) -> float:
-    """The share of a body's area whose density is neither void nor solid; collective.
+def gray_fraction(domain: Domain, x: Array) -> float:
+    """The share of a body's area whose density is between 0.1 and 0.9; collective.
 
-    Densities ``x`` of this rank's cells of the ``domain``, shape (cells,), count as void up to
-    ``low``, and as solid from ``high`` on. A ValueError on every rank if they have the wrong size,
-    are NaN or leave [0, 1].
+    The densities ``x`` are those of this rank's cells of the ``domain``, shape (cells,). A
+    ValueError on every rank if they have the wrong size, are NaN or leave [0, 1].
     """
     validation.instance("gray fraction: domain", domain, Domain, "a Domain")
-    validation.number("gray fraction: low", low)
-    validation.number("gray fraction: high", high)
     density = domain.check_density(x)
-    gray = (density > low) & (density < high)
+    gray = (density > 0.1) & (density < 0.9)
     return domain.sum(domain.cell_volumes * gray) / domain.area
 
 
@@ -100,10 +97,7 @@ class BoundaryResult:
 
     def part(self, name: str | None = None) -> Part | Solid:
         """The part or solid of the body ``name``, by default of the only one."""
-        boundary: Boundary | Surface = (
-            only(self.boundaries) if name is None else self.boundaries[name]
-        )
-        return boundary.part
+        return (self.boundary if name is None else self.boundaries[name]).part
 
 
 @dataclass(frozen=True)

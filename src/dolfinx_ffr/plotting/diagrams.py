@@ -219,7 +219,6 @@ def plot_curves(
     path: str | Path,
     *,
     xlabel: str = "",
-    logarithmic: bool = False,
     markers: bool = False,
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -229,8 +228,7 @@ def plot_curves(
     Args:
         panels: By heading with unit, curves by name, each an abscissa and values of the same size.
         xlabel: What the abscissa is, with unit.
-        logarithmic: Both axes logarithmic, with a mark at each point.
-        markers: A mark at each point of linear axes too.
+        markers: A mark at each point.
         path: File to write.
         title: Heading.
         comm: Ranks that call this together.
@@ -240,7 +238,6 @@ def plot_curves(
     """
     path = style.writable(path, title)
     validation.name("plot_curves: xlabel", xlabel)
-    validation.flag("plot_curves: logarithmic", logarithmic)
     validation.flag("plot_curves: markers", markers)
     _check_panels(panels)
 
@@ -251,12 +248,9 @@ def plot_curves(
                 for (name, (x, y)), color in zip(
                     curves.items(), cycle(style.ACCENTS), strict=False
                 ):
-                    marker = "o" if logarithmic or markers else ""
+                    marker = "o" if markers else ""
                     label = name if len(curves) > 1 else ""
                     axes.plot(x, y, color=color, label=label, marker=marker, markersize=4.0)
-                if logarithmic:
-                    axes.set_xscale("log")
-                    axes.set_yscale("log")
                 axes.set_title(heading, loc="left")
 
     return style.written(comm, path, draw)

@@ -188,21 +188,14 @@ class StressEnvelope:
     load_case: str = ""  #: In which load case, where it was found by `worst_stress`
 
 
-def von_mises(
-    body: FlexibleBody,
-    reduced: ReducedBody,
-    q: ArrayLike,
-    *,
-    relaxation: float = 0.0,
-    void: float = VOID,
-) -> Array:
+def von_mises(body: FlexibleBody, reduced: ReducedBody, q: ArrayLike) -> Array:
     """The von Mises stress of each cell for elastic coordinates, shape (cells,) [Pa].
 
     It is the largest one at the points of the cell, for elastic coordinates ``q``, shape (modes,),
     of the ``reduced`` ``body``. Inertia forces are not known here; for a body in motion
-    `worst_stress` is more accurate. ``relaxation`` and ``void`` are those of `StressModes.of`.
+    `worst_stress` is more accurate. Void and relaxation are those of `StressModes.of` by default.
     """
-    modes = StressModes.of(body, reduced, correction=False, relaxation=relaxation, void=void)
+    modes = StressModes.of(body, reduced, correction=False)
     return np.asarray(np.max(modes.von_mises(q), axis=1))
 
 
