@@ -71,9 +71,15 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"exact derivatives at {share:.0%} of the elements of the final design")
 
     # %% Pictures and numbers
-    plotting.plot_kernel(kernel, output / "kernel.png", extent=0.2, title=f"{kernel}", comm=comm)
-    told = {f"approximate, {options.share:.0%}": result.history}
-    plotting.plot_gradient_histories(told, output / "histories.png", psi_solid=full, comm=comm)
+    told, i = result.history, result.history["iteration"]
+    errors = {"estimate": (i, told["gradient_estimate"]), "true": (i, told["gradient_error"])}
+    panels = {
+        "psi / psi of the full rod": {"": (i, told["psi"] / full)},
+        "elements with exact derivatives": {"": (i, told["gradient_elements"])},
+        "relative error of the gradient": errors,
+    }
+    axis = {"xlabel": "iteration", "markers": True, "comm": comm}
+    plotting.plot_curves(panels, output / "histories.png", **axis)
     told = f"{result.psi / full:.1%} of the full rod's compliance"
     plotting.plot_gradient_elements(domain, {told: (result.x, selected)}, output / "elements.png")
     plotting.plot_design(domain, {told: result.x}, output / "design.png")

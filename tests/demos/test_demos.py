@@ -202,7 +202,7 @@ SCENES = {
     ),
     "approximate_gradient": (
         ["--elements", "24", "6", "--iterations", "3"],
-        ["kernel.png", "histories.png", "elements.png", "design.png", "motion.gif"],
+        ["histories.png", "elements.png", "design.png", "motion.gif"],
     ),
 }
 

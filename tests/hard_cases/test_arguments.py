@@ -582,7 +582,6 @@ class Scene:
     def of_pictures(self) -> Rows:
         columns = {"iteration": [0.0, 1.0], "psi": [2.0, 1.0]}
         no_columns = ({}, {"psi": 1.0}, {"psi": ["1"]}, {"psi": [1.0, 2.0], "volume": [1.0]})
-        runs = (*MAPPING, {"a": 1.0}, *({"a": history} for history in no_columns))
         full, scale = self.full, some(NOT_NEGATIVE)
         cells = (*ARRAY, full[1:])
 
@@ -598,16 +597,12 @@ class Scene:
             psi_solid=some(POSITIVE),
             volume_bound=(0.0, "1", math.nan),
         )
-        histories = {"histories": {"exact": columns}, "psi_solid": 1.0}
-        yield row(plotting.plot_gradient_histories, "comm psi_solid", histories, histories=runs)
         turn = {"source": CRANK.angle, "end_time": 1.0}
         yield row(plotting.plot_crank_motion, "comm end_time", turn, source=MOTION)
         curves = ({"a": 1.0}, {"a": {"b": 1.0}}, {"a": {"b": ([0.0], [0.0, 1.0])}}, {"a": {1: 1}})
         panels = {"panels": {"psi": {"run": ([0.0, 1.0], [1.0, 2.0])}}}
         wrong = (*MAPPING, {}, *curves)
         yield row(plotting.plot_curves, "comm xlabel markers", panels, panels=wrong)
-        bump = {"kernel": ffr.Gaussian(0.1), "extent": 1.0}
-        yield row(plotting.plot_kernel, "comm extent kernel", bump)
         shown, solid = {"stress": full}, (cells[0], *cells[2:], full < 0.0)
         yield row(plotting.plot_stress, "domain", shown, stress=cells, solid=solid)
         chosen = {"selections": {"a": (full, full > 0.5)}}

@@ -12,9 +12,7 @@ from ..documentation import explain_fields
 from .boundary_film import animate_boundary as animate_boundary
 from .diagrams import plot_crank_motion as plot_crank_motion
 from .diagrams import plot_curves as plot_curves
-from .diagrams import plot_gradient_histories as plot_gradient_histories
 from .diagrams import plot_history as plot_history
-from .diagrams import plot_kernel as plot_kernel
 from .fields import mesh_grid as mesh_grid
 from .fields import plot_design as plot_design
 from .fields import plot_gradient_elements as plot_gradient_elements

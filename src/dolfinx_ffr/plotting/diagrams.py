@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Diagrams over iterations and over time, and of radial basis functions."""
+"""Diagrams over iterations and over time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
-from ..design import Kernel
 from ..dynamics import Trajectory
 from ..io import read_history
 from ..mechanism import Motion, Moving
@@ -270,103 +269,6 @@ def _check_panels(panels: Mapping[str, Mapping[str, tuple[ArrayLike, ArrayLike]]
                 raise ValueError(
                     f"{what} must be an abscissa and as many values, but has the shapes {sizes}"
                 )
-
-
-def plot_gradient_histories(
-    histories: Mapping[str, Mapping[str, ArrayLike]],
-    path: str | Path,
-    *,
-    psi_solid: float,
-    title: str = "",
-    comm: MPI.Comm = MPI.COMM_WORLD,
-) -> Path:
-    """Draw the runs of one design problem by several gradients, over the iterations.
-
-    One sees the objective of all runs together, the number of elements with exact derivatives, and
-    the estimated and true errors of approximate gradients.
-
-    The ``histories`` of `optimize` are by name of the run, and ``psi_solid`` is the objective of
-    the solid body [J s]; ``path``, ``title`` and ``comm`` are as for `plot_curves`.
-    """
-    path = style.writable(path, title)
-    psi_solid = validation.number("plot_gradient_histories: psi_solid", psi_solid, above=0.0)
-    given = validation.by_name("plot_gradient_histories: histories", histories, "histories")
-    runs = {name: _numbers(f"plot_gradient_histories: {name!r}", h) for name, h in given.items()}
-    for name, run in runs.items():
-        if missing := sorted({"iteration", "psi"} - set(run)):
-            raise ValueError(
-                f"plot_gradient_histories: {name!r} has the columns {sorted(run)} and lacks "
-                f"{' and '.join(missing)}"
-            )
-
-    def draw(file: Path) -> None:
-        with _panels(file, 1, 3, (12.6, 4.0), title, "iteration") as panels:
-            looks = zip(cycle(style.ACCENTS), cycle(["-", "--", "-."]), strict=False)
-            for (name, run), (color, line) in zip(runs.items(), looks, strict=False):
-                i, psi = run["iteration"], run["psi"] / psi_solid
-                panels[0].plot(i, psi, line, color=color, label=f"{name}: {psi[-1]:.3f}")
-                if "gradient_elements" in run:
-                    panels[1].plot(i, run["gradient_elements"], line, color=color, label=name)
-                    _draw_errors(panels[2], run, color)
-            objective, elements, errors = panels
-            objective.set_title("objective ψ / ψ of the solid body", loc="left")
-            objective.set_yscale("log")
-            objective.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-            objective.yaxis.set_minor_formatter(
-                lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else ""
-            )
-            elements.set_title("elements with exact derivatives", loc="left")
-            elements.set_ylim(0.0, None)
-            errors.set_title("relative error of the gradient", loc="left")
-            errors.set_yscale("log")
-            decades = np.log10(errors.get_ylim())
-            errors.set_ylim(10.0 ** np.floor(decades[0]), 10.0 ** np.ceil(decades[1]))
-
-    return style.written(comm, path, draw)
-
-
-def _draw_errors(axes: Axes, run: Mapping[str, Array], color: str) -> None:
-    """Draw the estimate as a line, true errors as points."""
-    i = run["iteration"]
-    if np.any(run["gradient_estimate"] > 0.0):
-        axes.plot(i, run["gradient_estimate"], color=color, linewidth=1.2, label="estimate")
-    marks = {"gradient_error": ("o", "true"), "band_error": ("^", "true, near the boundary")}
-    for key, (marker, label) in marks.items():
-        known = np.isfinite(run[key])
-        if np.any(known):
-            axes.plot(i[known], run[key][known], marker, color=color, markersize=4.0, label=label)
-
-
-def plot_kernel(
-    kernel: Kernel,
-    path: str | Path,
-    *,
-    extent: float,
-    title: str = "",
-    comm: MPI.Comm = MPI.COMM_WORLD,
-) -> Path:
-    """Draw a radial basis function, the ``kernel``, as a surface over the plane around its knot.
-
-    Half the side of the square that is drawn is the ``extent`` [m]; ``path``, ``title`` and
-    ``comm`` are as for `plot_curves`.
-    """
-    path = style.writable(path, title)
-    validation.function("plot_kernel: kernel", kernel, "distances")
-    extent = validation.number("plot_kernel: extent", extent, above=0.0, unit="m")
-
-    def draw(file: Path) -> None:
-        side = np.linspace(-extent, extent, 101)
-        x, y = np.meshgrid(side, side)
-        unit, factor = style.prefixed(extent, "m")
-        with style.styled_figure(6.0, 4.6, file) as figure:
-            axes = figure.add_axes((0.0, 0.02, 0.92, 0.9), projection="3d")
-            g = kernel(np.hypot(x, y))
-            axes.plot_surface(factor * x, factor * y, g, cmap="cividis", rcount=80, ccount=80)
-            axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]", zlabel="g")
-            axes.set_title(title or repr(kernel), fontsize=11)
-            axes.view_init(28, -55)
-
-    return style.written(comm, path, draw)
 
 
 @contextmanager
