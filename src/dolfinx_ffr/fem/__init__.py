@@ -30,7 +30,6 @@ from .elasticity import rigid_fields as rigid_fields
 from .elasticity import rotated as rotated
 from .elasticity import summed as summed
 from .gathered_mesh import GatheredMesh as GatheredMesh
-from .gathered_mesh import gathered_cells as gathered_cells
 from .gathered_mesh import surface_of as surface_of
 from .interface import Interface as Interface
 from .material import RAMP as RAMP

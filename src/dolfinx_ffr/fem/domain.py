@@ -397,6 +397,27 @@ class Domain:
         """This rank's own part of the ``values`` of all cells, the inverse of `everywhere`."""
         return np.asarray(values[self._order[1]])
 
+    def on_rank_0(self, values: NDArray[Any]) -> NDArray[Any]:
+        """As `everywhere`, but on rank 0 alone, shape (cells, ...); none elsewhere."""
+        with on_every_rank(self.comm, "gathering values"):
+            if len(values) != self.n_cells:
+                raise ValueError(
+                    f"gathering: {len(values)} values on rank {self.comm.rank}, which owns "
+                    f"{self.n_cells} cells; give one for each"
+                )
+        order, sent = self._order[0], self.comm.gather(values)
+        return values[:0] if sent is None else np.concatenate(sent)[order]
+
+    def on_cells(self, block: Array) -> Array:
+        """Fields (dofs of this rank, columns) on its cells, (cells, nodes, dimension, columns)."""
+        nodes, field = _compat.dofmap_array(self.space)[: self.n_cells], fem.Function(self.space)
+        found = np.empty((*nodes.shape, self.dimension, block.shape[1]))
+        for i, column in enumerate(block.T):
+            field.x.array[: len(column)] = column
+            field.x.scatter_forward()
+            found[..., i] = field.x.array.reshape(-1, self.dimension)[nodes]
+        return found
+
     @cached_property
     def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Positions of all cells among those gathered from the ranks, and of this rank's cells."""

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from dolfinx import fem
 from numpy.typing import NDArray
 
-from ..parallel import announce, on_every_rank
+from ..parallel import announce
 from . import _compat
 from .domain import Array, Domain
 
@@ -33,7 +32,6 @@ class GatheredMesh:
     cells: Integers  #: (cells, 4 or 8) points of each cell, in the order of VTK
     interfaces: dict[str, NDArray[np.bool_]]  #: (points,) points of each interface
     domain: Domain  #: The body
-    _order: Integers  #: (cells,) position of each cell among the cells sent by the ranks
     _first: Integers  #: (points,) one of the corners of the ordered cells for each point
 
     @staticmethod
@@ -43,43 +41,26 @@ class GatheredMesh:
         order = CORNERS[domain.cell]
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
         dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, order]
-        number = np.asarray(domain.mesh.topology.original_cell_index)[: domain.n_cells]
         held = [np.isin(dofs, part.dofs) for part in domain.interfaces.values()]
-        own = number, domain.mesh.geometry.x[nodes], np.stack(held, axis=2)
-        sent = domain.comm.gather(own) or [tuple(part[:0] for part in own)]
-        numbers, corners, marks = (np.concatenate(parts) for parts in zip(*sent, strict=True))
-        rank_order = np.argsort(numbers, kind="stable")
-        every = corners[rank_order].reshape(-1, 3)
+        every = domain.on_rank_0(domain.mesh.geometry.x[nodes]).reshape(-1, 3)
         tolerance = _SAME * float(np.max(np.ptp(domain.bounding_box, axis=0)))
         _, first, which = np.unique(
             np.round(every / tolerance), axis=0, return_index=True, return_inverse=True
         )
-        marks = marks[rank_order].reshape(len(every), len(held))[first]
+        marks = domain.on_rank_0(np.stack(held, axis=2)).reshape(len(every), len(held))[first]
         return GatheredMesh(
             points=every[first],
             cells=which.reshape(-1, len(order)),
             interfaces=dict(zip(domain.interfaces, marks.T, strict=True)),
             domain=domain,
-            _order=rank_order,
             _first=first,
         )
 
-    def cell_values(self, values: NDArray) -> NDArray:
-        """Values of all cells (cells, ...) on rank 0, empty elsewhere."""
-        return gathered_cells(self.domain, values, self._order)
-
     def displacements(self, block: Array) -> Array:
         """Displacements at the points on rank 0, shape (points, 3, columns), empty elsewhere."""
-        domain = self.domain
         # vertices have the first dofs of a cell
-        dofs = _compat.dofmap_array(domain.space)[: domain.n_cells, CORNERS[domain.cell]]
-        field = fem.Function(domain.space)
-        values = np.empty((*dofs.shape, 3, block.shape[1]))
-        for i, column in enumerate(block.T):
-            field.x.array[: len(column)] = column
-            field.x.scatter_forward()
-            values[..., i] = field.x.array.reshape(-1, 3)[dofs]
-        return self.cell_values(values).reshape(-1, 3, block.shape[1])[self._first]
+        corners = self.domain.on_cells(block)[:, CORNERS[self.domain.cell]]
+        return self.domain.on_rank_0(corners).reshape(-1, 3, block.shape[1])[self._first]
 
     def grid(self) -> pyvista.UnstructuredGrid:
         """The cells as a grid, on rank 0."""
@@ -87,18 +68,6 @@ class GatheredMesh:
 
         kind = pyvista.CellType["TETRA" if self.cells.shape[1] == 4 else "HEXAHEDRON"]
         return pyvista.UnstructuredGrid({kind: self.cells}, self.points)
-
-
-def gathered_cells(domain: Domain, values: NDArray, order: Integers) -> NDArray:
-    """Values of all cells, put in a given order, on rank 0, and none elsewhere; collective."""
-    with on_every_rank(domain.comm, "gathering values"):
-        if len(values) != domain.n_cells:
-            raise ValueError(
-                f"gathering: {len(values)} values on rank {domain.comm.rank}, which owns "
-                f"{domain.n_cells} cells; give one for each"
-            )
-    sent = domain.comm.gather(values)
-    return values[:0] if sent is None else np.concatenate(sent)[order]
 
 
 def surface_of(grid: pyvista.UnstructuredGrid) -> pyvista.PolyData:

@@ -75,7 +75,7 @@ class Tetrahedra:
         Tetrahedra.check(domain, finer)
         mesh = GatheredMesh.of(domain)
         regions = np.where(domain.void_cells, VOID, np.where(domain.solid_cells, SOLID, DESIGNED))
-        of_cells = map(mesh.cell_values, (_facets(domain), regions))
+        of_cells = map(domain.on_rank_0, (_facets(domain), regions))
         body = Tetrahedra(mesh.points, mesh.cells, *of_cells)
         if domain.comm.rank:
             none = np.zeros((0, 4), dtype=np.int64)

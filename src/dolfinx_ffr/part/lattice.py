@@ -65,19 +65,14 @@ class Lattice:
         for i, part in enumerate(domain.interfaces.values()):
             interface[np.isin(facets, part.facets)] = i
         own = (
-            np.asarray(mesh.topology.original_cell_index)[:n],
             np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[nodes],
             x,
             np.select([domain.void_cells, domain.solid_cells], [VOID, SOLID], DESIGN),
             interface,
         )
-        sent = domain.comm.gather(own)
-        if sent is None:
-            return None
-        number, *others = (np.concatenate(parts) for parts in zip(*sent, strict=True))
-        order = np.argsort(number, kind="stable")
+        every = [domain.on_rank_0(values) for values in own]
         degree = int(_compat.coordinate_element(mesh).degree)
-        return _lattice(kind, degree, largest, *(values[order] for values in others))
+        return None if domain.comm.rank else _lattice(kind, degree, largest, *every)
 
 
 def _lattice(

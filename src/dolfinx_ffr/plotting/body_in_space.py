@@ -34,7 +34,7 @@ def designs_in_space(domain: Domain, designs: Mapping[str, Array], path: Path, t
     """Draw designs, densities of this rank's cells by heading, as solids under each other."""
     mesh = GatheredMesh.of(domain)
     fields = {name: density_field(domain, x) for name, x in designs.items()}
-    passive = [mesh.cell_values(cells) for cells in (domain.solid_cells, domain.void_cells)]
+    passive = [domain.on_rank_0(cells) for cells in (domain.solid_cells, domain.void_cells)]
 
     def show(view: Rendering, grid: Any, name: str) -> None:
         level = fields[name](mesh.points)
@@ -66,7 +66,7 @@ def stress_in_space(
 ) -> Path:
     """Draw the stress [Pa] of this rank's solid cells; the note says when it is largest."""
     mesh = GatheredMesh.of(domain)
-    values, chosen = mesh.cell_values(stress), mesh.cell_values(solid)
+    values, chosen = domain.on_rank_0(stress), domain.on_rank_0(solid)
     told = values[chosen] if np.any(chosen) else np.zeros(1)  # the other ranks have none
     largest = float(told.max())
     unit, factor = style.prefixed(largest, "Pa")
@@ -88,7 +88,7 @@ def modes_in_space(
     """Draw the shape functions as the deformed body, coloured by the amount of the displacement."""
     mesh = GatheredMesh.of(body.domain)
     shapes = mesh.displacements(reduced.basis.shapes)
-    shown = np.flatnonzero(mesh.cell_values(reduced.density) >= VOID)
+    shown = np.flatnonzero(body.domain.on_rank_0(reduced.density) >= VOID)
 
     def show(view: Rendering, grid: Any, name: str) -> None:
         cells = grid.extract_cells(shown)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import basix
 import numpy as np
-from dolfinx import fem, mesh
+from dolfinx import mesh
 from numpy.typing import NDArray
 
-from ..fem import Domain, _compat, gathered_cells
+from ..fem import Domain, _compat
 from ..parallel import announce
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ class DrawnMesh:
     outline: Integers  #: (lines, 2) ends of the lines on the boundary
     interfaces: dict[str, Integers]  #: (lines, 2) ends of the lines of each interface
     domain: Domain  #: The body
-    _order: Integers  #: (cells,) where each cell stands among those sent by the ranks
 
     @staticmethod
     def of(domain: Domain) -> DrawnMesh:
@@ -45,51 +44,30 @@ class DrawnMesh:
         kind, degree, lattice, pieces = _reference(domain)
         nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
         x = domain.mesh.geometry.x[nodes][:, :, :2]
-        points = np.einsum("pn,cnd->cpd", _shape_functions(kind, degree, lattice), x)
+        table = _shape_functions(kind, degree, lattice)
+        points = domain.on_rank_0(np.einsum("pn,cnd->cpd", table, x))
         sides = [_points_on_facet(kind, i, lattice) for i in range(len(basix.topology(kind)[1]))]
         topology = domain.mesh.topology
         facets = topology.connectivity(2, 1).array.reshape(-1, len(sides))[: domain.n_cells]
         chosen = {"": mesh.exterior_facet_indices(topology)}
         chosen.update({name: part.facets for name, part in domain.interfaces.items()})
-        number = np.asarray(topology.original_cell_index)[: domain.n_cells]
-        sent = domain.comm.gather(
-            (number, points, {name: np.isin(facets, part) for name, part in chosen.items()})
-        )
-        if sent is None:
-            none = np.zeros((0, 2), dtype=np.int64)
-            empty = dict.fromkeys(domain.interfaces, none)
-            return DrawnMesh(np.zeros((0, 2)), none, none[:, 0], none, empty, domain, none[:, 0])
-        order = np.argsort(np.concatenate([part[0] for part in sent]), kind="stable")
-        points = np.concatenate([part[1] for part in sent])[order]
-        first = len(lattice) * np.arange(len(order), dtype=np.int64)
+        first = len(lattice) * np.arange(len(points), dtype=np.int64)
         lines = {}
-        for name in chosen:
-            marked = np.concatenate([part[2][name] for part in sent])[order]
+        for name, part in chosen.items():
+            marked = domain.on_rank_0(np.isin(facets, part))
             own = [first[marked[:, i]][:, None, None] + side for i, side in enumerate(sides)]
             lines[name] = np.concatenate([each.reshape(-1, 2) for each in own])
-        parents = np.repeat(np.arange(len(order), dtype=np.int64), len(pieces))
+        parents = np.repeat(np.arange(len(points), dtype=np.int64), len(pieces))
         every = (first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1])
         outline = lines.pop("")
-        return DrawnMesh(points.reshape(-1, 2), every, parents, outline, lines, domain, order)
-
-    def cell_values(self, values: NDArray) -> NDArray:
-        """Values (cells, ...) of this rank's cells as those of all cells on rank 0."""
-        return gathered_cells(self.domain, values, self._order)
+        return DrawnMesh(points.reshape(-1, 2), every, parents, outline, lines, domain)
 
     def displacements(self, block: Array) -> Array:
         """Fields (owned dofs, columns) at the points on rank 0, shape (points, 2, columns)."""
-        domain = self.domain
-        kind, _, lattice, _ = _reference(domain)
-        table = _shape_functions(kind, domain.order, lattice)
-        dofs = _compat.dofmap_array(domain.space)[: domain.n_cells]
-        field = fem.Function(domain.space)
-        values = np.empty((domain.n_cells, len(lattice), 2, block.shape[1]))
-        for i, column in enumerate(block.T):
-            field.x.array[: len(column)] = column
-            field.x.scatter_forward()
-            nodal = field.x.array.reshape(-1, 2)[dofs]
-            values[..., i] = np.einsum("pn,cnd->cpd", table, nodal)
-        return self.cell_values(values).reshape(-1, 2, block.shape[1])
+        kind, _, lattice, _ = _reference(self.domain)
+        table = _shape_functions(kind, self.domain.order, lattice)
+        fields = np.einsum("pn,cndk->cpdk", table, self.domain.on_cells(block))
+        return self.domain.on_rank_0(fields).reshape(-1, 2, block.shape[1])
 
     def grid(self) -> pyvista.UnstructuredGrid:
         """The pieces as a grid, on rank 0."""

@@ -111,7 +111,7 @@ def plot_gradient_elements(
     drawn, shades = DrawnMesh.of(domain), {}
     for name, (x, selected) in pairs.items():
         shades[name] = _gray(drawn, 0.75 * domain.check_density(x, name))
-        chosen = drawn.cell_values(np.asarray(selected, dtype=bool))
+        chosen = domain.on_rank_0(np.asarray(selected, dtype=bool))
         shades[name][chosen] = 0.55 * shades[name][chosen] + 0.45 * np.array(to_rgb(style.ORANGE))
 
     def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
@@ -165,7 +165,7 @@ def plot_stress(
     if domain.dimension == 3:
         return stress_in_space(domain, own, chosen, path, title, note)
     drawn = DrawnMesh.of(domain)
-    values, chosen = drawn.cell_values(own), drawn.cell_values(chosen)
+    values, chosen = domain.on_rank_0(own), domain.on_rank_0(chosen)
 
     def fill(figure: Figure, panels: list[Axes], inches: float) -> None:
         (axes,) = panels
@@ -210,7 +210,7 @@ def plot_modes(
         return modes_in_space(body, reduced, names, path, title)
     drawn = DrawnMesh.of(body.domain)
     shapes = drawn.displacements(reduced.basis.shapes)
-    shown = drawn.cell_values(reduced.density)[drawn.parents] >= VOID
+    shown = body.domain.on_rank_0(reduced.density)[drawn.parents] >= VOID
 
     low, high = body.domain.bounding_box
     size = high - low
@@ -260,7 +260,7 @@ def mesh_grid(domain: Domain, fields: Mapping[str, ArrayLike]) -> pyvista.Unstru
                     f"mesh_grid: {name!r} must have one value for each cell owned by the rank; "
                     f"{here} for {domain.n_cells} cells"
                 )
-    values = {name: drawn.cell_values(array) for name, array in arrays.items()}
+    values = {name: domain.on_rank_0(array) for name, array in arrays.items()}
     if domain.comm.rank > 0:
         return None
     grid = drawn.grid()
@@ -359,7 +359,7 @@ def _draw_legend(figure: Figure, drawn: DrawnMesh, inches: float) -> None:
 
 def _gray(drawn: DrawnMesh, density: Array) -> Array:
     """Colours from white (0) to black (1) on rank 0, shape (cells, 3)."""
-    return np.repeat(1.0 - drawn.cell_values(density)[:, None], 3, axis=1)
+    return np.repeat(1.0 - drawn.domain.on_rank_0(density)[:, None], 3, axis=1)
 
 
 def _names(body: FlexibleBody, reduced: ReducedBody) -> list[str]:

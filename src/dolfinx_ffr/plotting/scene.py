@@ -129,12 +129,12 @@ class Scene:
                 mesh = gathered_mesh(body.domain)
                 points = mesh.points - body.reduction.origin
                 shapes = mesh.displacements(reduced.basis.shapes)
-                density = mesh.cell_values(reduced.density)
+                density = body.domain.on_rank_0(reduced.density)
                 if energy:
                     volume = body.domain.cell_volumes * body.material.thickness
                     energy_of = partial(body.elasticity.strain_energy, reduced.density)
                     local = [energy_of(reduced.basis.shapes @ q) for q in elastic]
-                    fields = mesh.cell_values((np.array(local) / volume).T).T
+                    fields = body.domain.on_rank_0((np.array(local) / volume).T).T
             bodies[name] = DrawnBody(
                 name=name,
                 mesh=mesh,
