@@ -82,11 +82,6 @@ def number(text: str, line: int) -> float:
     return value
 
 
-def required(name: str, hint: str) -> ImportError:
-    """The error that an optional library is missing."""
-    return ImportError(f"{hint} needs {name}, which is not installed: pip install {name}")
-
-
 def elastic(arrays: Arrays) -> tuple[NDArray[np.float64], ...]:
     """Mass, S, P and K of a body."""
     S = arrays["S"]
