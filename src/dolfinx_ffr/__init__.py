@@ -70,7 +70,10 @@ _BY_FOLDER = _lists(
         "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
         "dynamics": "Trajectory",
         "fem": "ElasticMaterial Elasticity Interface",
-        "interchange": "Format InterchangeWarning read_body read_terms sid_terms write_body",
+        "interchange": (
+            "AssembledMatrices Format InterchangeWarning read_abaqus read_body read_calculix "
+            "read_terms sid_terms write_body"
+        ),
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
         "mechanism": "Parameter ParametricMechanism",
         "objective": "DensityField DrivePower DriveWork ResidualVibration StressField",
@@ -87,7 +90,7 @@ _BY_FOLDER = _lists(
             "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes modes_below"
         ),
         "problem": "LoadCaseEvaluation",
-        "reduction": "CraigBampton ReducedBody",
+        "reduction": "CraigBampton ReducedBody reduce_matrices",
     }
 )
 

@@ -312,3 +312,9 @@ def test_pull_stiffens_the_blade(comm: MPI.Comm) -> None:
     roundoff = 4.0 * float(np.ptp(values)) / values[0]
     way = {"blade": x}, {"blade": direction}
     check_gradient(problem, *way, taylor=0.04, roundoff=roundoff)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="Debian's calculix-ccx is not installed")
+def test_a_part_from_calculix(undrawn: Callable[..., Path]) -> None:
+    """Frequencies to 1e-8 and psi to 1e-6 of the same mesh, which the demo asserts."""
+    undrawn("part_from_calculix", "--size", "0.02")

@@ -32,6 +32,7 @@ from .elasticity import summed as summed
 from .gathered_mesh import GatheredMesh as GatheredMesh
 from .gathered_mesh import surface_of as surface_of
 from .interface import Interface as Interface
+from .interface import surface_reference as surface_reference
 from .material import RAMP as RAMP
 from .material import SIMP as SIMP
 from .material import BoundMaterial as BoundMaterial

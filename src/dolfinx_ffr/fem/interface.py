@@ -120,7 +120,16 @@ def _surface(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[Array, Array
     if dim == 2:
         circle = fit_circle(points)
         return (_moments(domain, facets)[1] if circle is None else circle), None
-    area, centroid, normal, spread = _moments(domain, facets)
+    return surface_reference(points, *_moments(domain, facets))
+
+
+def surface_reference(
+    points: Array, area: float, centroid: Array, normal: Array, spread: Array
+) -> tuple[Array, Array | None]:
+    """Reference point and axis, (3,), of a surface in space with some points (n, 3).
+
+    By its area, its centroid (3,), and the integrals of its normal, (3,), and of n n^T, (3, 3).
+    """
     length = float(np.linalg.norm(normal))
     if length > (1.0 - FLAT) * area:
         return centroid, normal / length

@@ -10,6 +10,9 @@ module, and a line in `FORMATS`. Matrices of a finite-element program become a b
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .abaqus import read_abaqus as read_abaqus
+from .abaqus import read_calculix as read_calculix
+from .assembled import AssembledMatrices as AssembledMatrices
 from .files import FORMATS as FORMATS
 from .files import read_body as read_body
 from .files import write_body as write_body

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .assembled_body import reduce_matrices as reduce_matrices
 from .craig_bampton import CraigBampton as CraigBampton
 from .craig_bampton import ReducedBasis as ReducedBasis
 from .craig_bampton import ShapesBar as ShapesBar

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+# %% [markdown]
+"""# A part that CalculiX has assembled, in motion beside the same part with a mesh.
+
+What you will see: gmsh meshes a flat link with two bores, CalculiX (Debian's ``calculix-ccx``)
+writes its stiffness and mass, and the link swings on one bore. The body from these matrices, which
+has no mesh here, and the body from the mesh file have the same frequencies and the same motion.
+
+**Model.** Hexahedra of first order. The matrices K and M of the free part, with the positions of
+the nodes and the sets of those on the bores, are reduced by Craig and Bampton's method as those of
+a mesh are: rigid bores, and normal modes phi_i with K phi_i = lambda_i M phi_i between them.
+
+Run `python demos/part_from_calculix.py --help`; it takes some seconds, on one processor.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import gmsh
+import numpy as np
+from command_line import parse, say
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+from dolfinx_ffr.interchange import read_calculix
+from dolfinx_ffr.program import run
+
+# %% Parameters
+LENGTH, WIDTH, HEIGHT, RADIUS = 0.2, 0.05, 0.01, 0.012  # [m]
+STEEL = ffr.Isotropic(young=210e9, poisson=0.3, density=7850.0)
+SIZE = 0.008  # of the elements [m]
+DURATION, STEPS = 0.3, 600  # [s], [-]
+
+
+# %% The mesh, and CalculiX's input file
+def write_part(folder: Path, size: float) -> None:
+    """Mesh the link by gmsh: ``link.msh`` for us, and ``link.inp`` for CalculiX."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ, mesh = gmsh.model.occ, gmsh.model.mesh
+    plate = occ.addRectangle(-WIDTH / 2, -WIDTH / 2, 0.0, LENGTH + WIDTH, WIDTH, roundedRadius=0.02)
+    holes = [occ.addDisk(x, 0.0, 0.0, RADIUS, RADIUS) for x in (0.0, LENGTH)]
+    occ.cut([(2, plate)], [(2, hole) for hole in holes])
+    occ.extrude([(2, plate)], 0.0, 0.0, HEIGHT, numElements=[2], recombine=True)
+    occ.synchronize()
+    bores: dict[str, list[int]] = {"left": [], "right": []}
+    for _, surface in gmsh.model.getEntities(2):
+        low, high = np.reshape(gmsh.model.getBoundingBox(2, surface), (2, 3))
+        if np.allclose((high - low)[:2], 2.0 * RADIUS, rtol=1e-2):
+            bores["left" if low[0] < LENGTH / 2 else "right"].append(surface)
+    groups = {name: (2, gmsh.model.addPhysicalGroup(2, of)) for name, of in bores.items()}
+    solid = (3, gmsh.model.addPhysicalGroup(3, [1]))
+    for name, group in {**groups, "material": solid}.items():
+        gmsh.model.setPhysicalName(*group, name)
+    for option, value in {
+        "MeshSizeMax": size,
+        "RecombineAll": 1,
+        "SubdivisionAlgorithm": 1,
+    }.items():
+        gmsh.option.setNumber(f"Mesh.{option}", value)
+    mesh.generate(3)
+    mesh.renumberNodes()
+    gmsh.write(str(folder / "link.msh"))
+    tags, places, _ = mesh.getNodes()
+    nodes = zip(tags, places.reshape(-1, 3), strict=True)
+    lines = ["*NODE", *(f"{tag}, {x:.12e}, {y:.12e}, {z:.12e}" for tag, (x, y, z) in nodes)]
+    cells = enumerate(mesh.getElements(3)[2][0].reshape(-1, 8), 1)
+    lines += ["*ELEMENT, TYPE=C3D8, ELSET=ALL", *(", ".join(map(str, (k, *c))) for k, c in cells)]
+    for name, group in groups.items():
+        on = mesh.getNodesForPhysicalGroup(*group)[0]
+        lines += [f"*NSET, NSET={name}", *(f"{tag}," for tag in on)]
+    lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", f"{STEEL.young}, {STEEL.poisson}"]
+    lines += ["*DENSITY", f"{STEEL.density}", "*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL"]
+    lines += ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "1", "*END STEP", ""]
+    (folder / "link.inp").write_text("\n".join(lines))
+    gmsh.finalize()
+
+
+def assemble(folder: Path) -> None:
+    """Let CalculiX write ``link.sti``, ``link.mas`` and ``link.dof``."""
+    try:
+        alone = {**os.environ, "OMP_NUM_THREADS": "1"}
+        subprocess.run(["ccx", "link"], cwd=folder, env=alone, check=True, capture_output=True)
+    except FileNotFoundError:
+        raise SystemExit("CalculiX is not installed: apt-get install calculix-ccx") from None
+
+
+# %% The program
+def main(arguments: list[str] | None = None) -> None:
+    """Bring the part in, let it swing, and compare."""
+    options = parse(arguments, "part_from_calculix", size=SIZE)
+    comm, output = MPI.COMM_WORLD, options.output
+    if comm.rank == 0:
+        output.mkdir(parents=True, exist_ok=True)
+        write_part(output, options.size)
+        assemble(output)
+    comm.Barrier()
+    domain = ffr.Domain.from_gmsh(comm, output / "link.msh")
+    chord: dict[str, Any] = {"frame": ffr.ChordFrame("left", "right"), "modes": 6}
+    bodies = {
+        "mesh": ffr.FlexibleBody(domain, STEEL, **chord).reduce(np.ones(domain.n_cells)).integrals,
+        "CalculiX": ffr.reduction.reduce_matrices(
+            read_calculix(output / "link.inp"), interfaces=["left", "right"], **chord
+        ),
+    }
+    swing = ffr.Mechanism(
+        {"link": ffr.Placement((0.0, 0.0, 0.0))},
+        [ffr.Revolute(("link", "left"), ffr.Ground((0.0, 0.0, 0.0)), name="pin")],
+        gravity=(0.0, -9.81, 0.0),
+        damping={"link": ffr.RayleighDamping(beta=1e-4)},
+    )
+    times = ffr.GeneralizedAlpha(DURATION, STEPS)
+    problem = ffr.MechanicalProblem(swing, times, ffr.IntegralCompliance())
+    found = {name: problem.value({"link": body}) for name, body in bodies.items()}
+    psi = {name: each.psi for name, each in found.items()}
+    squares = [np.diag(body.K)[-6:] for body in bodies.values()]  # of circular frequencies
+    apart = np.max(np.abs(np.sqrt(squares[1] / squares[0]) - 1.0))
+    share = abs(psi["CalculiX"] / psi["mesh"] - 1.0)
+    say(f"fixed-interface frequencies differ by {apart:.1e}, psi by {share:.1e}")
+    motions = {name: each.trajectory for name, each in found.items()}
+    heights = {name: (m.t, m.marker_path("link", "right")[:, 1]) for name, m in motions.items()}
+    plotting.plot_curves({"height [m]": heights}, output / "tip.png", xlabel="time [s]")
+
+    # %% The same matrices, the same body
+    assert apart < 1e-8 and share < 1e-6, f"the bodies differ: {apart:.1e}, {share:.1e}"
+
+
+if __name__ == "__main__":
+    run(main)

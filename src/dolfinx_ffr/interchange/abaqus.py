@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+"""Matrices of Abaqus and CalculiX, and the nodes, elements and sets of their input files.
+
+Abaqus writes them by ``*MATRIX GENERATE, STIFFNESS, MASS`` and ``*MATRIX OUTPUT``, as rows, columns
+and values (``FORMAT=COORDINATE``; nodes in ascending order, three displacements each) or with the
+labels of nodes and directions. CalculiX writes ``.sti``, ``.mas`` and ``.dof`` by ``*FREQUENCY,
+SOLVER=MATRIXSTORAGE``: rows, columns and values of the upper triangles, and the node and direction
+of each row. In both the model has solid elements and no boundary conditions.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import validation
+from .assembled import (
+    Array,
+    AssembledMatrices,
+    from_entries,
+    read_table,
+    solid_corners,
+    surface,
+    whole_numbers,
+)
+
+#: Files that include each other are followed to this depth
+_DEEPEST = 20
+
+
+class InputFile:
+    """Nodes, solid elements and node sets of an input file at a ``path``.
+
+    Raises:
+        ValueError: If a line of these is not understood.
+        OSError: If the file, or one that it includes, cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._nodes: dict[int, list[float]] = {}
+        self._elements: dict[int, list[list[int]]] = {}
+        self._sets: dict[str, list[int]] = {}  # by the name in capitals
+        self._names: dict[str, str] = {}  # as they are written at first
+        self._read(path, 0)
+        if not self._nodes:
+            raise ValueError(f"{path}: it has no *NODE")
+        #: In ascending order
+        self.labels = np.array(sorted(self._nodes), dtype=np.int64)
+        #: (nodes, 3) [m]
+        self.nodes = np.array([self._nodes[label] for label in self.labels])
+
+    def _read(self, path: Path, depth: int) -> None:
+        if depth > _DEEPEST:
+            raise ValueError(f"{path}: files include each other without end")
+        keyword, options, rest = "", dict[str, str](), ""
+        try:
+            lines = path.read_text().splitlines()
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: it is damaged, or no text: {error}") from None
+        for number, line in enumerate(lines, 1):
+            if line.startswith("**") or not line.strip():
+                continue
+            try:
+                if line.startswith("*"):
+                    if rest:
+                        raise ValueError("the line before it ends with a comma")
+                    keyword, *given = (part.strip() for part in line.split(","))
+                    keyword = keyword.upper()
+                    pairs = (part.partition("=") for part in given)
+                    options = {key.strip().upper(): value.strip() for key, _, value in pairs}
+                    if keyword == "*INCLUDE":
+                        self._read(path.parent / options["INPUT"], depth + 1)
+                    continue
+                text = rest + line.strip()
+                rest = text if keyword == "*ELEMENT" and text.endswith(",") else ""
+                if not rest:
+                    self._data(keyword, options, [x.strip() for x in text.split(",") if x.strip()])
+            except (IndexError, KeyError, OverflowError, ValueError) as error:
+                raise ValueError(f"{path}, line {number}: {line[:60]!r}: {error}") from None
+        if rest:
+            raise ValueError(f"{path}: it ends within an element: it was cut short")
+
+    def _data(self, keyword: str, options: dict[str, str], fields: list[str]) -> None:
+        if keyword == "*NODE":
+            label, place = int(fields[0]), [float(x) for x in fields[1:]]
+            if len(place) != 3 or label in self._nodes or not np.all(np.isfinite(place)):
+                raise ValueError("a node needs a label of its own and three finite coordinates")
+            self._nodes[label] = place
+            if "NSET" in options:
+                self._members(options["NSET"]).append(label)
+        elif keyword == "*ELEMENT":
+            _, *nodes = (int(x) for x in fields)
+            if options["TYPE"].upper().startswith("C3D"):
+                if not solid_corners(len(nodes)):
+                    raise ValueError(f"a solid element with {len(nodes)} nodes is not known")
+                self._elements.setdefault(len(nodes), []).append(nodes)
+        elif keyword == "*NSET":
+            members = self._members(options["NSET"])
+            if "GENERATE" in options:
+                first, last, *step = (int(x) for x in fields)
+                members.extend(range(first, last + 1, *step) if last - first < 10**8 else [])
+                return
+            for x in fields:
+                members.extend([int(x)] if x.lstrip("-").isdigit() else self._sets[x.upper()])
+
+    def _members(self, name: str) -> list[int]:
+        self._names.setdefault(name.upper(), name)
+        return self._sets.setdefault(name.upper(), [])
+
+    def rows(self, what: str, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The rows of nodes with some labels; ``what`` has them, for messages."""
+        at = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
+        if np.any(wrong := self.labels[at] != labels):
+            missing = np.unique(labels[wrong])[:5].tolist()
+            raise ValueError(f"{self.path}: it has no nodes {missing}, which {what} names")
+        return np.asarray(at)
+
+    def matrices(
+        self, stiffness: NDArray, mass: NDArray, sources: tuple[Path, Path]
+    ) -> AssembledMatrices:
+        """A body of rows, columns and values of two matrices, of all displacements in order."""
+        n = 3 * len(self.labels)
+        whole = []
+        for table, source in zip((stiffness, mass), sources, strict=True):
+            index = whole_numbers(source, table[:, :2])
+            whole.append(from_entries(str(source), index[:, 0], index[:, 1], table[:, 2], n))
+        sets = {
+            self._names[name]: self.rows(f"set {name}", np.array(labels, dtype=np.int64))
+            for name, labels in self._sets.items()
+            if len(set(labels)) > 2
+        }
+        elements = [
+            self.rows("an element", np.array(block, dtype=np.int64).ravel()).reshape(-1, size)
+            for size, block in self._elements.items()
+        ]
+        try:
+            return AssembledMatrices(whole[0], whole[1], self.nodes, sets, surface(elements))
+        except ValueError as error:
+            raise ValueError(f"{sources[0]} and {sources[1].name}: {error}") from error
+
+
+def read_calculix(path: str | Path, model: str | Path | None = None) -> AssembledMatrices:
+    """The matrices that CalculiX has written beside its input file.
+
+    Args:
+        path: The input file, ``NAME.inp``, beside which ``NAME.sti``, ``.mas`` and ``.dof`` are.
+        model: The input file with the nodes, if that is another one, as if one was included.
+
+    Raises:
+        ValueError: If a file is damaged or cut short, or the matrices are not those of a body that
+            nothing holds (`AssembledMatrices`); the message names the file.
+        OSError: If a file cannot be read.
+    """
+    path = validation.path("read_calculix: path", path)
+    source = path if model is None else validation.path("read_calculix: model", model)
+    read = InputFile(source)
+    place = path.with_suffix(".dof")
+    try:
+        parts = [line.split(".") for line in place.read_text().split()]
+        dofs = np.array([(int(node), int(axis)) for node, axis in parts], dtype=np.int64)
+    except (OverflowError, UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"{place}: each line must be NODE.DIRECTION: {error}") from None
+    dofs = dofs.reshape(-1, 2)
+    if len(dofs) and not (dofs[:, 1].min() > 0 and dofs[:, 1].max() < 4):
+        raise ValueError(f"{place}: directions must be 1, 2 or 3: only solid elements are possible")
+    order = 3 * read.rows(place.name, dofs[:, 0]) + dofs[:, 1] - 1
+    n = 3 * len(read.labels)
+    if missing := np.setdiff1d(np.arange(n), order).tolist():
+        told = [f"{read.labels[k // 3]}.{k % 3 + 1}" for k in missing[:5]]
+        raise ValueError(
+            f"{place}: {len(missing)} of {n} displacements are missing, as {told}: leave out "
+            "boundary conditions and nodes that belong to no element"
+        )
+    if len(order) != n:
+        raise ValueError(f"{place}: {len(order) - n} displacements stand twice")
+    tables, sources = [], (path.with_suffix(".sti"), path.with_suffix(".mas"))
+    for each in sources:
+        table = read_table(each, 3)
+        index = whole_numbers(each, table[:, :2])
+        if index.min() < 1 or index.max() > n:
+            raise ValueError(f"{each}: an entry lies outside of the {n} rows of {place.name}")
+        tables.append(np.column_stack([order[index - 1], table[:, 2]]))
+        # both triangles, as the new order mixes them
+        off = index[:, 0] != index[:, 1]
+        tables[-1] = np.vstack([tables[-1], tables[-1][off][:, [1, 0, 2]]])
+    return read.matrices(tables[0], tables[1], sources)
+
+
+def read_abaqus(stiffness: str | Path, mass: str | Path, model: str | Path) -> AssembledMatrices:
+    """The matrices that Abaqus has written.
+
+    Args:
+        stiffness: The file of the stiffness, ``_STIF1.mtx``.
+        mass: The file of the mass, ``_MASS1.mtx``.
+        model: The input file with nodes, solid elements and node sets, in flat form.
+
+    Raises:
+        ValueError: If a file is damaged or cut short, or the matrices are not those of a body that
+            nothing holds (`AssembledMatrices`); the message names the file.
+        OSError: If a file cannot be read.
+    """
+    read = InputFile(validation.path("read_abaqus: model", model))
+    sources = (
+        validation.path("read_abaqus: stiffness", stiffness),
+        validation.path("read_abaqus: mass", mass),
+    )
+    tables: list[Array] = []
+    for source in sources:
+        table = read_table(source, (3, 5))
+        if table.shape[1] == 5:  # node, direction, node, direction, value
+            index = whole_numbers(source, table[:, :4])
+            if index[:, 1::2].min() < 1 or index[:, 1::2].max() > 3:
+                raise ValueError(f"{source}: directions must be 1, 2 or 3, as of solid elements")
+            at = read.rows(source.name, index[:, ::2].ravel()).reshape(-1, 2)
+            table = np.column_stack([3 * at + index[:, 1::2], table[:, 4]])
+        tables.append(table - np.array([1.0, 1.0, 0.0]))
+    return read.matrices(tables[0], tables[1], sources)

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: MIT
+"""Stiffness and mass of a body as another finite-element program has assembled them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import connected_components
+
+from .. import validation
+
+Array = NDArray[np.float64]
+#: Largest force or mass by which matrices may miss a property, relative to their entries: files
+#: have seven digits and more
+_SAME = 1e-6
+_MOTIONS = (
+    *("translation along x", "translation along y", "translation along z"),
+    *("rotation about x", "rotation about y", "rotation about z"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class AssembledMatrices:
+    """Matrices of an elastic body in space that nothing holds, with its nodes.
+
+    The nodes are those of solid elements: three displacements each, and a mass that is the same
+    along all axes and does not couple them. `reduction.reduce_matrices` makes a body of it.
+
+    Raises:
+        TypeError: If an argument is of a wrong kind.
+        ValueError: If sizes do not fit, a matrix is not symmetric, the mass couples axes or is not
+            positive, rigid motions strain the body, it is in pieces, or a node set is not there.
+    """
+
+    stiffness: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes), node by node [N/m]
+    mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
+    nodes: Array  #: Positions (nodes, 3) [m]
+    #: Nodes by name of the set, as rows of ``nodes``
+    node_sets: Mapping[str, NDArray[np.int64]]
+    #: Triangles (k, 3) of nodes at the corners of elements, which cover the surface; by them the
+    #: centers of node sets are found as on a mesh. Without them a center is the mean of the nodes
+    faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        """Check all, and turn lists and other numbers into arrays."""
+        nodes = validation.real_array("matrices: nodes", self.nodes, (None, 3))
+        n = len(nodes)
+        made: dict[str, Any] = {"nodes": nodes}
+        for key in ("stiffness", "mass"):
+            made[key] = _matrix(f"matrices: {key}", getattr(self, key), 3 * n)
+        sets = validation.by_name("matrices: node_sets", self.node_sets, "nodes")
+        made["node_sets"] = {name: _nodes(f"node set {name!r}", of, n) for name, of in sets.items()}
+        made["faces"] = np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)
+        for key, value in made.items():
+            object.__setattr__(self, key, value)
+        _check_mass(self.mass)
+        _check_rigid(self.stiffness, nodes)
+        pieces, _ = connected_components(abs(self.stiffness) + abs(self.mass), directed=False)
+        if pieces > 1:
+            raise ValueError(
+                f"matrices: the body is in {pieces} pieces that nothing joins: nodes of no "
+                "element, or parts that are only in contact"
+            )
+
+    @property
+    def total_mass(self) -> float:
+        """Mass [kg]."""
+        return float(self.mass[0::3, 0::3].sum())
+
+
+def _matrix(what: str, given: Any, size: int) -> scipy.sparse.csr_matrix:
+    """A symmetric matrix of finite numbers."""
+    if not scipy.sparse.issparse(given):
+        given = validation.real_array(what, given, (size, size))
+    matrix = scipy.sparse.csr_matrix(given, dtype=np.float64)
+    matrix.sum_duplicates()
+    if matrix.shape != (size, size):
+        raise ValueError(
+            f"{what} must have three rows for each of {size // 3} nodes, but its shape is "
+            f"{matrix.shape}"
+        )
+    if not np.all(np.isfinite(matrix.data)):
+        raise ValueError(f"{what} has entries that are not finite")
+    apart = abs(matrix - matrix.T)
+    at = int(np.argmax(apart.data)) if apart.nnz else 0
+    if apart.nnz and apart.data[at] > _SAME * np.max(np.abs(matrix.data)):
+        row = int(np.searchsorted(apart.indptr, at, side="right") - 1)
+        raise ValueError(
+            f"{what} must be symmetric, but rows {row} and {apart.indices[at]} differ by "
+            f"{apart.data[at]:.2g}: is a triangle of it incomplete?"
+        )
+    return 0.5 * (matrix + matrix.T)
+
+
+def _nodes(what: str, given: ArrayLike, n: int) -> NDArray[np.int64]:
+    """Different rows of the nodes."""
+    found = np.unique(np.asarray(given, dtype=np.int64))
+    if len(found) < 3 or found[0] < 0 or found[-1] >= n:
+        raise ValueError(
+            f"{what} must name at least three of the {n} nodes, to hold a body against rotation, "
+            f"but it has {len(found)}" + (f" up to {found[-1]}" if len(found) else "")
+        )
+    return found
+
+
+def _check_mass(mass: scipy.sparse.csr_matrix) -> None:
+    """Refuse a mass that couples the axes, differs from axis to axis, or is not positive."""
+    of = [mass[k::3, k::3] for k in range(3)]
+    coupled = max(abs(mass[k::3, j::3]).max() for k in range(3) for j in range(3) if j != k)
+    apart = max(abs(of[0] - other).max() for other in of[1:])
+    size, smallest = abs(mass).max(), mass.diagonal().min()
+    if max(coupled, apart) > _SAME * size:
+        raise ValueError(
+            "matrices: the mass couples the axes or differs between them: only solid elements with "
+            "three displacements at each node are possible, no shells, beams or added masses"
+        )
+    if not (smallest > 0.0 and of[0].sum() > 0.0):
+        row = int(np.argmin(mass.diagonal()))
+        raise ValueError(
+            f"matrices: the mass of node {row // 3} is not positive ({smallest:.2g} kg)"
+        )
+
+
+def _check_rigid(stiffness: scipy.sparse.csr_matrix, nodes: Array) -> None:
+    """Refuse a stiffness that resists rigid motions, and name them."""
+    offset = nodes - nodes.mean(axis=0)
+    fields = np.zeros((len(nodes), 3, 6))
+    fields[:, :, :3] = np.eye(3)
+    for k, axis in enumerate(np.eye(3)):
+        fields[:, :, 3 + k] = np.cross(axis, offset) / max(np.max(np.abs(offset)), 1e-300)
+    block = fields.reshape(-1, 6)
+    forces = np.max(np.abs(stiffness @ block), axis=0)
+    bound = _SAME * max(abs(stiffness).max(), 0.0)
+    held = [name for name, force in zip(_MOTIONS, forces, strict=True) if not force <= bound]
+    if held:
+        raise ValueError(
+            "matrices: a body that nothing holds has six motions without strain, but the stiffness "
+            f"resists {', '.join(held)}: leave out constraints and springs to the ground, and "
+            "check the units and the order of the nodes"
+        )
+    if not stiffness.diagonal().min() > 0.0:
+        row = int(np.argmin(stiffness.diagonal()))
+        raise ValueError(f"matrices: node {row // 3} has no stiffness along axis {'xyz'[row % 3]}")
+
+
+def from_entries(
+    what: str, rows: NDArray[np.int64], columns: NDArray[np.int64], values: Array, n: int
+) -> scipy.sparse.csr_matrix:
+    """A symmetric matrix (n, n) from entries of one triangle or of both, counted from zero."""
+    if len(rows) and (min(rows.min(), columns.min()) < 0 or max(rows.max(), columns.max()) >= n):
+        raise ValueError(f"{what}: an entry lies outside of its {n} rows")
+    given = scipy.sparse.csr_matrix((values, (rows, columns)), shape=(n, n))
+    if given.nnz != len(values):
+        raise ValueError(f"{what}: {len(values) - given.nnz} entries stand twice")
+    if np.any(rows > columns) and np.any(rows < columns):
+        return given
+    return given + given.T - scipy.sparse.diags(given.diagonal())
+
+
+def read_table(path: Path, columns: int | tuple[int, ...]) -> Array:
+    """The numbers of a text file with some columns, (lines, columns)."""
+    allowed = (columns,) if isinstance(columns, int) else columns
+    try:
+        with open(path) as file:  # a cut line has too few columns
+            table = np.loadtxt(
+                (line.replace(",", " ").replace("D", "E") for line in file if line[:1] != "*"),
+                ndmin=2,
+            )
+    except (UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"{path}: it is damaged, or not a table of numbers: {error}") from None
+    if not len(table) or table.shape[1] not in allowed:
+        raise ValueError(f"{path}: {allowed} columns are expected, and there are {table.shape[1]}")
+    if not np.all(np.isfinite(table)):
+        raise ValueError(f"{path}: it has entries that are not finite")
+    return np.asarray(table)
+
+
+def whole_numbers(path: Path, table: Array) -> NDArray[np.int64]:
+    """Columns of a table as whole numbers."""
+    if not np.all((table == np.round(table)) & (table >= 0) & (table < 2**53)):
+        raise ValueError(f"{path}: numbers of rows, nodes or directions must be whole")
+    return table.astype(np.int64)
+
+
+#: Corners of the faces of elements by their number of corners: tetrahedra, wedges, hexahedra
+_FACES: dict[int, Sequence[Sequence[int]]] = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    6: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+#: Corners of solid elements by their number of nodes
+_CORNERS = {4: 4, 10: 4, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
+
+
+def surface(elements: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Triangles (k, 3) that cover the faces of blocks of elements (m, nodes) which only one has."""
+    triangles, keys = [], []
+    for block in elements:
+        for face in _FACES[_CORNERS[block.shape[1]]]:
+            corners = block[:, list(face)]
+            key = np.full((len(block), 4), -1, dtype=np.int64)
+            key[:, : len(face)] = np.sort(corners, axis=1)
+            for k in range(1, len(face) - 1):
+                triangles.append(corners[:, [0, k, k + 1]])
+                keys.append(key)
+    if not triangles:
+        return np.zeros((0, 3), dtype=np.int64)
+    every, key = np.vstack(triangles), np.vstack(keys)
+    _, back, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    # a face of four corners stands there with its two triangles
+    alone = count[back.ravel()] == np.where(key[:, 3] < 0, 1, 2)
+    return every[alone]
+
+
+def solid_corners(nodes: int) -> bool:
+    """Whether an element with so many nodes is a solid one."""
+    return nodes in _CORNERS
