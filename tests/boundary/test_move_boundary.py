@@ -65,6 +65,25 @@ def test_what_stays_and_what_moves() -> None:
         assert np.max(x[:, 0]) < 0.38 - 0.99 * MEMBER
 
 
+@pytest.mark.parametrize("outline", [True, False])
+def test_no_notch_where_a_side_meets_a_solid_end(outline: bool) -> None:
+    """A strip of half the height between solid ends: each side runs on to the outline's corners."""
+    problem, _ = scene(alone=True)
+    body = problem.flexible["rod"].domain
+    strip = ffr.Part(body, lambda x: 0.01 - np.abs(x[:, 1]), 0.01)
+    made = Boundary.of(strip, MEMBER, outline=outline)
+    assert len(made.free) == 2
+    for curve in made.free.values():
+        assert np.abs(curve.control[[0, -1], 1]) == pytest.approx(0.02)
+        assert curve.smallest_radius > 2.0 * made.radius
+    ring = np.asarray(made.material.exterior.coords)[:-1]
+    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
+    turn = np.arctan2(np.cross(before, after), np.einsum("ij,ij->i", before, after))
+    turn *= np.sign(np.sum(turn))
+    assert np.min(turn) > -0.2
+    assert made.part.domain(0.01).area == pytest.approx(made.material.area, rel=1e-3)
+
+
 def shifted(boundary: Boundary, offsets: np.ndarray) -> Boundary:
     """With its controls moved along their normals, wherever that is."""
     free = {}

@@ -40,7 +40,7 @@ _SPECK = 5.0
 #: Half the width of what goes between holes that are joined, and of bays that are filled then, in
 #: minimum members
 _BETWEEN, _OPENED = 0.9, 0.5
-#: Distance of the controls of holes from what must stay solid, in minimum members
+#: Distance of the controls from what must stay solid, in minimum members
 _OFF_SOLID = 1.0
 #: Smallest radius by default, in minimum gaps: that of the narrowest round hole
 _RADIUS = 0.5
@@ -70,7 +70,7 @@ class Boundary:
     #: Of each control of each curve the number of its master: those of one number move alike
     masters: dict[int, Numbers]
     isometries: tuple[Isometry, ...]  #: That leave the boundary, the identity first
-    room: shapely.Geometry  #: Where the controls of outlines may be
+    room: shapely.Geometry  #: The body
     member: float  #: Minimum member [m]
     gap: float  #: Minimum gap [m]
     radius: float  #: Smallest radius of curvature [m]
@@ -234,7 +234,7 @@ class Boundary:
         for key, curve in self.free.items():
             part = slice(self.first[key], self.first[key] + len(curve.control))
             control = curve.control + offsets[part, None] * self.normals[part]
-            kept = _kept(control, self._room_of(curve))
+            kept = _kept(control, self._inner)
             free[key] = curve.moved(np.where(curve.held[:, None], curve.control, kept))
         return replace(self, free=free)
 
@@ -245,7 +245,7 @@ class Boundary:
         """
         found = []
         for key, curve in self.free.items():
-            first, room = self.first[key], self._room_of(curve)
+            first, room = self.first[key], self._inner
             way = reach * self.normals[first : first + len(curve.control)]
             lines = [
                 shapely.linestrings(np.stack([curve.control, curve.control + side * way], axis=1))
@@ -254,12 +254,9 @@ class Boundary:
             found.append(shapely.length(shapely.intersection(lines, room)))
         return np.hstack(found)
 
-    def _room_of(self, curve: FreeCurve) -> shapely.Geometry:
-        return self._inner if curve.closed else self.room
-
     @cached_property
     def _inner(self) -> shapely.Geometry:
-        """Where the controls of holes may be: off what must stay solid."""
+        """Where controls may be that are no ends: off what must stay solid."""
         solid = shapely.MultiPolygon(
             [self._polygon(loops) for group, loops in self.faces if group == "solid"]
         )

@@ -43,8 +43,10 @@ def sides_of(
     """The runs that may move, by number, and all faces by their sides.
 
     Interfaces, solid regions and what lies between them stay. A void beside a solid region becomes
-    a hole of its own. ``edge`` is the outline of the whole body, found to a distance ``near`` [m]:
-    what lies on it moves only where the ``outline`` is free.
+    a hole of its own, and a run that meets the side of a solid region goes on along it to where it
+    ends: so there is no notch without a radius, where stress would have no limit. ``edge`` is the
+    outline of the whole body, found to a distance ``near`` [m]: what lies on it moves only where
+    the ``outline`` is free.
     """
     groups: list[set[str]] = [set() for _ in given.curves]
     for face in given.faces:
@@ -92,12 +94,16 @@ def sides_of(
             stay = tuple(tuple(Side(False, i, way) for i, way in loop) for loop in face.loops)
             faces.append((face.group, stay))
     for first in list(moving):
-        if ring := _ring(first, moving, solid, ends):
+        if chain := _chain(first, moving, solid, ends):
+            staying += [ends.back(run) for run in chain if run is not moving[first]]
+            del moving[first]
+            moving[ends.first(chain[0])] = [side for run in chain for side in run]
+        elif ring := _ring(first, moving, solid, ends):
             points = np.vstack([ends.points(run) for run in ring])
             loops.append(((added(points),), points))
             for run in ring[::2]:
                 del moving[ends.first(run)]
-            staying += [[(i, not way) for i, way in run[::-1]] for run in ring[1::2]]
+            staying += map(ends.back, ring[1::2])
     whole = {ends.first(run): run for run in [*staying, *moving.values()]}
     while whole:
         around: list[Side] = []
@@ -131,12 +137,26 @@ def _ring(
     return []
 
 
+def _chain(
+    first: int, moving: dict[int, Curves], solid: dict[int, Curves], ends: _Ends
+) -> list[Curves]:
+    """A run with those along solid regions before and after it that are beside no other run."""
+    starts, stops = (set(map(end, moving.values())) for end in (ends.first, ends.last))
+    before = next((run for run in solid.values() if ends.last(run) == first), None)
+    after = solid.get(ends.last(moving[first]))
+    chain = [before] if before and ends.first(before) not in stops else []
+    chain.append(moving[first])
+    chain += [after] if after and ends.last(after) not in starts else []
+    return chain if len(chain) > 1 else []
+
+
 def _faces(
     loops: Sequence[tuple[tuple[Side, ...], Array]],
 ) -> Iterator[tuple[str, tuple[tuple[Side, ...], ...]]]:
     """Loops around designed regions, counterclockwise, each with the holes in it, clockwise."""
-    shapes = [shapely.Polygon(points) for _, points in loops]
-    outer = [k for k, (_, points) in enumerate(loops) if shapely.LinearRing(points).is_ccw]
+    # runs that go on along a solid region go back there
+    shapes = [shapely.Polygon(points).buffer(0.0) for _, points in loops]
+    outer = [k for k, (_, points) in enumerate(loops) if _signed_area(points) > 0.0]
     within: dict[int, list[int]] = {k: [] for k in sorted(outer, key=lambda k: shapes[k].area)}
     for k, (_, points) in enumerate(loops):
         if k not in within:
@@ -144,6 +164,12 @@ def _faces(
             within[around].append(k)
     for k in outer:
         yield "design", tuple(loops[j][0] for j in (k, *within[k]))
+
+
+def _signed_area(points: Array) -> float:
+    """Of a polygon (n, 2), positive where it is counterclockwise [m^2]."""
+    x, y = points.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 class _Ends:
@@ -164,6 +190,9 @@ class _Ends:
         i, forward = run[-1]
         curve = self.drawing.curves[i]
         return curve.end if forward else curve.start
+
+    def back(self, run: Curves) -> Curves:
+        return [(i, not forward) for i, forward in run[::-1]]
 
     def points(self, run: Sequence[tuple[int, bool]]) -> Array:
         """Vertices of a fine polygon along a run, its last one left out, shape (n, 2) [m]."""
