@@ -192,6 +192,7 @@ class LevelSet(Design):
             self._tree = cKDTree(self.knots)
         self.size = len(self.knots)
         self._matrix = self._means(points)
+        self._origin = self  #: Copies of other attributes have the same knots
         self.sharpness = SHARP  #: Steepness beta of the projection
         self.threshold = 0.5  #: f at which it steps from void to solid
         self.weight = WEIGHT * LATE  #: Of the penalty of sizes below the minimum ones
@@ -364,7 +365,7 @@ class LevelSet(Design):
         if weight == 0.0:
             return 0.0, np.zeros(self.size)
         u = self._check(variables)
-        mean, *slopes = self._at_centroids
+        mean, *slopes = self._origin._at_centroids
         f, *gradient = (np.asarray(matrix @ u) for matrix in (mean, *slopes))
         share = self.domain.cell_volumes / self.domain.area * self.domain.design_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))

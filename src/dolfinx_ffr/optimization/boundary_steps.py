@@ -21,7 +21,7 @@ from .. import validation
 from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
-from ..objective import PeakStress
+from ..objective import Objective, PeakStress
 from ..part import PartWarning
 from ..problem import Evaluation, Problem
 from .enough_modes import (
@@ -47,6 +47,8 @@ _FIRST, _LONGEST, _LONGER = 0.5, 0.65, 1.2
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
 _TIGHTENED, _TIGHTEST = 0.4, 0.08
+#: By how much stress is kept below its bounds: it differs as much from mesh to mesh
+_SPARE = 0.01
 #: Size of triangles in notches, in radii, where the stress counts
 _TURN = 0.4
 #: Weights of the largest violations in the merit, which decides whether a step is taken; that of
@@ -72,11 +74,17 @@ class Trial:
     sizes: dict[str, Rows]  #: Of members and gaps
     radii: dict[str, Rows]
     excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
+    stress: frozenset[str]  #: Those of the stress, which is kept a little below its bounds
+
+    @property
+    def kept(self) -> dict[str, float]:
+        """What the steps keep below zero, by the names of the constraints."""
+        return {n: v + (_SPARE if n in self.stress else 0.0) for n, v in self.excesses.items()}
 
     @property
     def excess(self) -> float:
-        """Largest violation of a bound, at least zero."""
-        return max(0.0, *self.excesses.values()) if self.excesses else 0.0
+        """Largest violation of what the steps keep, at least zero."""
+        return max(0.0, *self.kept.values()) if self.excesses else 0.0
 
     def merit(self, of_bounds: float) -> float:
         """Logarithm of psi and the violations with their weights."""
@@ -119,7 +127,7 @@ class Trial:
             "volume": area / sum(b.body.area for b in self.boundaries.values()),
             "narrowest": min(rows.smallest for rows in self.sizes.values()),
             "tightest": min(rows.smallest for rows in self.radii.values()),
-            "excess": self.excess,
+            "excess": max(0.0, *self.excesses.values()) if self.excesses else 0.0,
             "step": step,
             "cells": sum(bodies[name].domain.n_cells_global for name in self.boundaries),
             "modes": sum(bodies[name].modes for name in self.boundaries),
@@ -189,7 +197,8 @@ class _Descent:
             name: self.kind.sizes(boundary, self.dear) for name, boundary in boundaries.items()
         }
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
-        return Trial(boundaries, problem, found, sizes, radii, excesses)
+        stress = _of_stress(problem)
+        return Trial(boundaries, problem, found, sizes, radii, excesses, stress)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
@@ -214,7 +223,11 @@ class _Descent:
             return np.asarray(block_diag(*own))
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
-        excesses = [float(bound.value) + margin for bound in evaluation.constraints.values()]
+        spare = dict.fromkeys(_of_stress(problem), _SPARE)
+        excesses = [
+            float(bound.value) + spare.get(name, 0.0) + margin
+            for name, bound in evaluation.constraints.items()
+        ]
         excesses += [trial.excesses[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]
@@ -338,6 +351,15 @@ class _Step:
     of_bounds: float  #: Sum of the multipliers of all bounds, in units of log psi
 
 
+def _of_stress(problem: Problem) -> frozenset[str]:
+    """The names of constraints that bound a largest stress."""
+    return frozenset(c.label for c in problem.constraints if _is_stress(c.objective))
+
+
+def _is_stress(objective: Objective) -> bool:
+    return any(isinstance(term, PeakStress) for _, term in objective._summands())
+
+
 def _kind(problem: Problem) -> Kind[Any]:
     """What the boundaries of its designed bodies are."""
     first = next(iter(problem.flexible.values()))
@@ -432,8 +454,7 @@ def moved(
     others = {n: validation.numbers(f"boundary: {n}", x) for n, x in (variables or {}).items()}
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
-    terms = [term for each in objectives for _, term in each._summands()]
-    turn = _TURN if any(isinstance(term, PeakStress) for term in terms) else math.inf
+    turn = _TURN if any(map(_is_stress, objectives)) else math.inf
     descent = _Descent(problem, bounds, sizes, others, turn)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress, checkpoint)
