@@ -141,6 +141,8 @@ def _chain(
     first: int, moving: dict[int, Curves], solid: dict[int, Curves], ends: _Ends
 ) -> list[Curves]:
     """A run with those along solid regions before and after it that are beside no other run."""
+    if first not in moving:
+        return []
     starts, stops = (set(map(end, moving.values())) for end in (ends.first, ends.last))
     before = next((run for run in solid.values() if ends.last(run) == first), None)
     after = solid.get(ends.last(moving[first]))

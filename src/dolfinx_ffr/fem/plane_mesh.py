@@ -186,7 +186,7 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     length = np.linalg.norm(side, axis=1)
     t, side, length = t[np.r_[True, length > 0.0]], side[length > 0.0], length[length > 0.0]
     x = curve.at(t)
-    wanted = size
+    wanted = np.full(len(side), size)
     if local is not None:
         wanted = np.clip(local.at(0.5 * (x[1:] + x[:-1])), finest, size)
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
