@@ -155,6 +155,7 @@ def test_drawings(comm: MPI.Comm, shared_tmp_path: Path, bomb: Callable[[Path], 
     assert time.perf_counter() - start < 10.0
 
 
+@pytest.mark.slow
 def test_many_holes(comm: MPI.Comm) -> None:
     """Thousands of holes are nested in a second, not by comparing each with each."""
     from dolfinx_ffr.fem.outline import closed_outline, read_outline

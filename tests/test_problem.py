@@ -128,6 +128,7 @@ def test_frames_agree_to_first_order(comm: MPI.Intracomm) -> None:
     assert differences[-1] < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("order", "sizes"), [(1, (4, 8, 16, 32)), (2, (2, 4, 8, 16))])
 def test_mesh_refinement_of_psi(comm: MPI.Intracomm, order: int, sizes: tuple[int, ...]) -> None:
     """Psi of the full rod converges at least with order two, the limit set by the corners."""

@@ -34,6 +34,7 @@ def wavy(problem: ffr.Problem) -> np.ndarray:
     return 0.7 + 0.2 * np.sin(60.0 * c[:, 0] + 40.0 * c[:, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("combine", COMBINATIONS, ids=repr)
 def test_gradient_of_each_combination(comm: MPI.Intracomm, combine: ffr.Combination) -> None:
     """To 1e-6 of central differences, constraints too; by load case, where asked for."""
@@ -299,6 +300,7 @@ def test_parts_of_several_load_cases_are_asked_for_by_name(comm: MPI.Intracomm) 
     assert [c.label for c in problem.constraints] == list(evaluation.constraints)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_modes_errors_and_tolerances_of_several_load_cases(comm: MPI.Intracomm) -> None:
     """What is offered for one load case works for several, and says the same of one as of two."""

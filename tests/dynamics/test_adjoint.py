@@ -122,12 +122,13 @@ def test_taylor_order_over_decades(case: tuple[Case, Bodies]) -> None:
 ALONE = ("four-bar", "loader", "hanging loader", "deformed robot")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "fields"),
     [
         *(((n, False), f) for n in MAKE for f in ["mSGNKWP", *"mSGNKW"][: 7 if n in ALONE else 1]),
-        *(pytest.param((n, True), "mSGNKWPT", marks=pytest.mark.slow) for n in SCENES),
-        *(pytest.param(("four-bar", True), f, marks=pytest.mark.slow) for f in "mSGNKWR"),
+        *(((n, True), "mSGNKWPT") for n in SCENES),
+        *((("four-bar", True), f) for f in "mSGNKWR"),
         # the placements of these close the joints
         *(((n, False), "R") for n in ("slider-crank", "four-bar")),
     ],
@@ -170,6 +171,7 @@ def test_geometric_stiffness(case: tuple[Case, Bodies]) -> None:
     assert slope == pytest.approx(difference(psi, 5e-3), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_every_part_of_the_trajectory(case: tuple[Case, Bodies]) -> None:
     """Random weighted sums of all coordinates, velocities, accelerations and multipliers."""
     made, _ = case
@@ -201,6 +203,7 @@ def test_spectral_radius(radius: float) -> None:
     check_slope(made.along(direction), dot(made.gradient, direction), 4e-3, count=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name in MAKE if name not in ("slider-crank", "four-bar")]
 )

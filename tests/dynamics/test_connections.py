@@ -253,6 +253,7 @@ def test_a_scene_in_the_plane_moves_alike_in_space(name: str) -> None:
         np.testing.assert_allclose(*sizes, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*DRIVEN, *(name for name, where, _ in FORCES if 2 in where)])
 def test_work_is_the_growth_of_energy(name: str) -> None:
     """Work and impulses of forces, and the work of drives, by differences of marker paths."""
@@ -283,8 +284,10 @@ def test_work_is_the_growth_of_energy(name: str) -> None:
 @every
 @pytest.mark.parametrize(
     "integrator",
-    [ffr.RadauIIA(0.2, steps=8), ffr.GeneralizedAlpha(0.2, 24)],
-    ids=["radau", "alpha"],
+    [
+        pytest.param(ffr.RadauIIA(0.2, steps=8), marks=pytest.mark.slow, id="radau"),
+        pytest.param(ffr.GeneralizedAlpha(0.2, 24), id="alpha"),
+    ],
 )
 def test_taylor_order(
     name: str, dimension: int, rows: int, make: Make, integrator: Integrator

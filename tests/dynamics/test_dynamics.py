@@ -163,6 +163,7 @@ def check_published(path: Callable[[int], Array], exact: Array, steps: Array) ->
     assert np.max(np.abs(values[-1] - exact)) < 1e-6
 
 
+@pytest.mark.slow
 def test_parallelograms_through_their_singular_positions() -> None:
     reference = {
         1.0: (-0.1950203019, -0.9807992057),
@@ -177,6 +178,7 @@ def test_parallelograms_through_their_singular_positions() -> None:
     check_published(path, np.array(list(reference.values())), np.array([2000, 4000, 8000]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "limit"),
     [

@@ -103,6 +103,7 @@ def test_steps_that_were_taken_can_be_taken_again() -> None:
     assert again.error == pytest.approx(first.error, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_bounds_of_the_steps() -> None:
     scene = slider_crank(end_time=0.1)
     trajectory = run(scene, tolerance=1e-2, first_step=1e-5, largest_step=2e-4)
@@ -146,6 +147,7 @@ def test_order_across_jumps() -> None:
     assert {0.0503, 0.1} < set(run(scene, steps=[0.0, 0.02, 0.3, 0.5]).step_ends)
 
 
+@pytest.mark.slow
 def test_steps_end_at_jumps() -> None:
     """Those that nobody named are found, and the motion is as accurate as where they are named."""
     scene, unaware = jerky(), jerky(known=False)

@@ -52,6 +52,7 @@ def pendulum(mass: float) -> ffr.Mechanism:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tangent", [True, False], ids=["tangent", "chord"])
 @pytest.mark.parametrize(("young", "mass"), [(1e9, 0.2), (2e7, 0.0)], ids=["mass", "inertia"])
 def test_energy_of_a_falling_bar(young: float, mass: float, tangent: bool) -> None:

@@ -646,6 +646,7 @@ def answer(call: Callable[[], Any], name: str) -> str:
     return f"taken: {found!r:.60}"
 
 
+@pytest.mark.slow
 def test_arguments_are_refused_in_words(tmp_path: Path) -> None:
     scene, faults, count = Scene(tmp_path), [], 0
     for call, works, refused in scene.calls():

@@ -95,6 +95,7 @@ def test_paths_that_are_not_utf8(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_program_says_in_one_line_what_is_wrong(tmp_path: Path) -> None:
     """With an umlaut of another encoding among its arguments, in the locale C."""
     arguments = ["--elements", "0", "3", "--output", os.fsdecode(bytes(tmp_path) + b"/gr\xf6\xdfe")]
@@ -149,6 +150,7 @@ assert numba.config.CACHE_DIR == before
 """
 
 
+@pytest.mark.slow
 def test_without_a_home_compiled_functions_are_kept_among_the_temporary_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,6 +300,7 @@ def test_a_missing_package_of_another_is_not_laid_to_numpy() -> None:
         raise ModuleNotFoundError("llvmlite", name="llvmlite")
 
 
+@pytest.mark.slow
 def test_without_fenics_one_is_told_where_it_comes_from() -> None:
     program = "import sys; sys.modules['mpi4py'] = None; import dolfinx_ffr; dolfinx_ffr.Domain"
     done = processes.run("-c", program)

@@ -251,6 +251,7 @@ def sag(bodies: Bodies) -> float:
     return float(load @ np.linalg.solve(body.K, load))
 
 
+@pytest.mark.slow
 def test_sudden_weight() -> None:
     """A weight that is felt from the start has one and a half times the compliance of the sag.
 
@@ -281,6 +282,7 @@ def test_weight_from_equilibrium_is_silent() -> None:
             assert problem.value(bodies).psi == pytest.approx(2.0 * sag(bodies), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_blow_between_the_steps() -> None:
     """It is seen by adaptive steps, and where steps were given they are told not to see it."""
     force = ffr.Force(("rod", "right"), 0.0, lambda t: 100.0 * pulse(t, 0.07, 1e-3))
@@ -308,6 +310,7 @@ def test_steps_between_two_jumps_grow_with_their_number() -> None:
     assert counts == [1, 2, 4, 8]
 
 
+@pytest.mark.slow
 def test_noise_is_no_reason_to_search_for_ever() -> None:
     """A load that changes from sample to sample is said to, not followed."""
     noise = ffr.Force(("rod", "right"), 0.0, lambda t: np.sin(1e9 * np.asarray(t) ** 2))

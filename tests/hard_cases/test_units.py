@@ -85,6 +85,7 @@ def differences(
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*excites vibrations:dolfinx_ffr.TimeStepWarning")
 @pytest.mark.parametrize("method", [ffr.GeneralizedAlpha, ffr.RadauIIA])
 @pytest.mark.parametrize("case", list(CASES))
