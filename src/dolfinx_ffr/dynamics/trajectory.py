@@ -97,7 +97,7 @@ class Integrator(ABC):
 
     @abstractmethod
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
-        """Transpose of :meth:`integrate`, from the derivatives with respect to a trajectory."""
+        """Transpose of :meth:`integrate`, from the derivatives ``bar`` by a trajectory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -398,7 +398,7 @@ class Domain:
         return np.asarray(values[self._order[1]])
 
     def on_rank_0(self, values: NDArray[Any]) -> NDArray[Any]:
-        """As `everywhere`, but on rank 0 alone, shape (cells, ...); none elsewhere."""
+        """The ``values`` of the cells as of `everywhere`, but on rank 0 alone; none elsewhere."""
         with on_every_rank(self.comm, "gathering values"):
             if len(values) != self.n_cells:
                 raise ValueError(
@@ -409,7 +409,7 @@ class Domain:
         return values[:0] if sent is None else np.concatenate(sent)[order]
 
     def on_cells(self, block: Array) -> Array:
-        """Fields (dofs of this rank, columns) on its cells, (cells, nodes, dimension, columns)."""
+        """A ``block`` (dofs of this rank, columns) by cells: (cells, nodes, dimension, columns)."""
         nodes, field = _compat.dofmap_array(self.space)[: self.n_cells], fem.Function(self.space)
         found = np.empty((*nodes.shape, self.dimension, block.shape[1]))
         for i, column in enumerate(block.T):
