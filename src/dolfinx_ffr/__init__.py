@@ -72,7 +72,7 @@ _BY_FOLDER = _lists(
         "fem": "ElasticMaterial Elasticity Interface",
         "interchange": (
             "AssembledMatrices Format InterchangeWarning read_abaqus read_body read_calculix "
-            "read_terms sid_terms write_body"
+            "read_nastran read_terms sid_terms write_body"
         ),
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
         "mechanism": "Parameter ParametricMechanism",

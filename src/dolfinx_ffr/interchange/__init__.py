@@ -22,6 +22,7 @@ from .format import InterchangeWarning as InterchangeWarning
 from .moments import axial as axial
 from .moments import cross_matrix as cross_matrix
 from .moments import theta as theta
+from .nastran import read_nastran as read_nastran
 from .numpy_file import MARKERS as MARKERS
 from .numpy_file import STIFFENING as STIFFENING
 from .sid import read_terms as read_terms

@@ -12,10 +12,22 @@ import numpy as np
 from .. import validation
 from .exudyn import Exudyn
 from .format import FEATURES, Arrays, Format, InterchangeWarning
+from .mbdyn import MBDyn
+from .mbsim import MBSim
+from .nastran import Nastran
 from .numpy_file import NumpyFile
 from .sid import StandardInputData
+from .simscape import Simscape
 
-_KINDS: tuple[Format, ...] = (NumpyFile(), StandardInputData(), Exudyn())
+_KINDS: tuple[Format, ...] = (
+    NumpyFile(),
+    StandardInputData(),
+    Exudyn(),
+    MBDyn(),
+    MBSim(),
+    Nastran(),
+    Simscape(),
+)
 #: By the name of the format
 FORMATS = {kind.name: kind for kind in _KINDS}
 

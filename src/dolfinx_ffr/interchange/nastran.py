@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""Matrices of Nastran by pyNastran: a body as DMIG out, assembled matrices as DMIG or OP4 in.
+
+Out, a GRID stands for each interface and an SPOINT for each mode, and the symmetric matrices KAAX
+and MAAX for their stiffness and mass, to the nine digits of a field of 16 characters; Nastran takes
+them by ``K2GG = KAAX`` and ``M2GG = MAAX``.
+In, Nastran writes them by ``PARAM,EXTOUT,DMIGPCH``, or as matrices of an OP4 file whose rows are
+the three displacements of the nodes in ascending order.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+
+from .. import validation
+from ..files import replace_file
+from .assembled import AssembledMatrices, from_entries
+from .format import Arrays
+from .superelement import superelement
+
+#: Of symmetric matrices and of double precision, in pyNastran's words
+_SYMMETRIC, _DOUBLE = 6, 2
+
+
+def _pynastran(what: str) -> tuple[Any, Any]:
+    """The modules of bulk data and of matrices, which warn of themselves beside new libraries."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import pyNastran.bdf.bdf as bdf
+            import pyNastran.op4.op4 as op4
+    except ImportError:
+        raise ImportError(
+            f"{what} needs pyNastran, which is not installed: pip install pyNastran (for NumPy 1)"
+        ) from None
+    return bdf, op4
+
+
+class Nastran:
+    """Bulk data with DMIG."""
+
+    name = "nastran"
+    endings: tuple[str, ...] = (".bdf", ".pch")
+    holds: tuple[str, ...] = ("rotations of markers",)
+    readable = False
+
+    def write(self, path: Path, arrays: Arrays) -> None:
+        bdf, _ = _pynastran("a body file of Nastran")
+        made = superelement(arrays)
+        n, size = len(made.names), len(made.mass)
+        model = bdf.BDF(debug=None)
+        for k, place in enumerate(made.positions, 1):
+            model.add_grid(k, place, comment=f"interface {made.names[k - 1]}")
+        points = list(range(n + 1, n + 1 + size - 6 * n))
+        if points:
+            model.add_spoint(points)
+        labels = [(k, axis) for k in range(1, n + 1) for axis in range(1, 7)]
+        labels += [(k, 0) for k in points]
+        for name, matrix in (("KAAX", made.stiffness), ("MAAX", made.mass)):
+            rows, columns = np.nonzero(np.tril(matrix))
+            model.add_dmig(
+                name,
+                _SYMMETRIC,
+                _DOUBLE,
+                0,
+                0,
+                size,
+                [labels[j] for j in columns],
+                [labels[i] for i in rows],
+                matrix[rows, columns].tolist(),
+            )
+        text = io.StringIO()
+        model.write_bdf(text, size=16, is_double=True, enddata=True, close=False)
+        replace_file(path, text.getvalue().encode())
+
+    def read(self, path: Path) -> dict[str, Any]:
+        """Not of a body, see `read_nastran`."""
+        raise ValueError("matrices are read by read_nastran")
+
+
+def read_nastran(
+    model: str | Path,
+    *,
+    node_sets: Mapping[str, ArrayLike],
+    op4: str | Path | None = None,
+    stiffness: str = "KAAX",
+    mass: str = "MAAX",
+) -> AssembledMatrices:
+    """The matrices that Nastran has written, by pyNastran.
+
+    Args:
+        model: Bulk data with the GRIDs, in basic coordinates, and without ``op4`` with the DMIGs.
+        node_sets: Labels of GRIDs by name of the set.
+        op4: A file of matrices, OUTPUT4.
+        stiffness: Name of the stiffness.
+        mass: Name of the mass.
+
+    Raises:
+        ImportError: If pyNastran is not installed.
+        ValueError: If a file is damaged, or the matrices are not those of a body that nothing
+            holds (`AssembledMatrices`); the message names the file.
+        OSError: If a file cannot be read.
+    """
+    bdf, module = _pynastran("read_nastran")
+    path = validation.path("read_nastran: model", model)
+    source = path if op4 is None else validation.path("read_nastran: op4", op4)
+    for each in (path, source):
+        each.read_bytes()  # an error of its own where there is no such file
+    try:
+        read = bdf.read_bdf(str(path), punch=True, xref=False, debug=None)
+        labels = np.array(sorted(read.nodes), dtype=np.int64)
+        places = np.array([read.nodes[label].xyz for label in labels]).reshape(-1, 3)
+        n = 3 * len(labels)
+        if any(read.nodes[label].Cp() for label in labels):
+            raise ValueError("GRIDs must be given in basic coordinates")
+        found = {}
+        matrices = module.read_op4(str(op4), debug=False) if op4 is not None else {}
+        for key, name in (("stiffness", stiffness), ("mass", mass)):
+            if op4 is not None:
+                given = (
+                    matrices[name][1] if isinstance(matrices[name], tuple) else matrices[name].data
+                )
+                found[key] = scipy.sparse.csr_matrix(given)
+            else:
+                found[key] = _of_dmig(read.dmig[name], labels, n)
+        sets = {
+            name: np.searchsorted(labels, _known(name, of, labels))
+            for name, of in validation.by_name("node_sets", node_sets, "labels").items()
+        }
+        return AssembledMatrices(found["stiffness"], found["mass"], places, sets)
+    except Exception as error:  # pyNastran raises anything on damaged files
+        raise ValueError(f"{source} with {path.name}: {type(error).__name__}: {error}") from error
+
+
+def _of_dmig(dmig: Any, labels: NDArray[np.int64], n: int) -> scipy.sparse.csr_matrix:
+    """A matrix in the order of the nodes."""
+    index = []
+    for pairs in (dmig.GCi, dmig.GCj):
+        node, axis = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        if len(axis) and not (axis.min() >= 1 and axis.max() <= 3):
+            raise ValueError(f"{dmig.name}: components must be 1, 2 or 3, as of solid elements")
+        index.append(3 * np.searchsorted(labels, _known(dmig.name, node, labels)) + axis - 1)
+    rows, columns = index
+    return from_entries(dmig.name, rows, columns, np.array(dmig.Real, dtype=np.float64), n)
+
+
+def _known(what: str, given: ArrayLike, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    found = np.asarray(given, dtype=np.int64).ravel()
+    if missing := np.setdiff1d(found, labels)[:5].tolist():
+        raise ValueError(f"{what} names the nodes {missing}, which are not there")
+    return found

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""The .mat file with the arguments of Simscape's block Reduced Order Flexible Solid.
+
+``origins`` (n, 3) are those of the interface frames, whose axes are those of the body, ``K`` and
+``M`` the matrices of the degrees of freedom Tx, Ty, Tz, Rx, Ry, Rz of each, then of the modes;
+``names`` are those of the interfaces, and ``C`` is damping, if the body has any.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+
+from ..files import replace_file
+from .format import Arrays
+from .superelement import superelement
+
+
+class Simscape:
+    """Files .mat."""
+
+    name = "simscape"
+    endings: tuple[str, ...] = (".mat",)
+    holds: tuple[str, ...] = ("rotations of markers",)
+    readable = False
+
+    def write(self, path: Path, arrays: Arrays) -> None:
+        made, content = superelement(arrays), io.BytesIO()
+        told = {"origins": made.positions, "K": made.stiffness, "M": made.mass}
+        names = np.array(made.names, dtype=object)
+        scipy.io.savemat(content, {**told, "names": names}, do_compression=True)
+        replace_file(path, content.getvalue())
+
+    def read(self, path: Path) -> dict[str, Any]:
+        """The variables of a file, which are not those of a body."""
+        return {k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")}
