@@ -78,11 +78,11 @@ def test_of_a_design(comm: MPI.Comm, dimension: int) -> None:
 
 
 def test_files_of_a_solid(comm: MPI.Comm, shared_tmp_path: Path) -> None:
-    """Into a folder, and in millimetres; the solid itself stays in metres."""
+    """In millimetres, as slicers take them, or in metres; the solid itself stays in metres."""
     solid = whole(comm, 3)
     assert solid.write(shared_tmp_path / "made") == [shared_tmp_path / "made" / "solid.stl"]
-    (path,) = solid.write(shared_tmp_path / "block.ply", unit="mm")
-    for file, scale in ((shared_tmp_path / "made" / "solid.stl", 1.0), (path, 1e3)):
+    (path,) = solid.write(shared_tmp_path / "block.ply", unit="m")
+    for file, scale in ((shared_tmp_path / "made" / "solid.stl", 1e3), (path, 1.0)):
         low, high = np.reshape(pyvista.read(file).bounds, (3, 2)).T
         np.testing.assert_allclose(high - low, scale * np.array([0.8, 0.2, 0.1]), rtol=1e-6)
     assert np.ptp(solid.points, axis=0)[0] == pytest.approx(0.8, rel=1e-12)

@@ -123,6 +123,22 @@ def test_step(part: ffr.Part, tmp_path: Path) -> None:
     assert distance(part, 1e-3 * np.vstack([points, *inside])[:, :2]) < EXACT
 
 
+def test_masses_in_cad_of_long_splines(tmp_path: Path) -> None:
+    """OpenCASCADE would take too few points along them, and find 8 % less than there is."""
+    body = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(100, 10))
+
+    def wavy(x: np.ndarray) -> np.ndarray:
+        return 0.016 + 1.5e-3 * np.sin(300 * x[:, 0]) - np.abs(x[:, 1])
+
+    part = ffr.Part(body, wavy, 0.002, material=STEEL)
+    (path,) = part.write(tmp_path / "rod.step")
+    with gmsh_model() as gmsh:
+        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.synchronize()
+        volume = gmsh.model.occ.getMass(3, gmsh.model.getEntities(3)[0][1])
+    assert 1e-9 * volume == pytest.approx(part.area * 0.012, rel=1e-5)
+
+
 def test_stl(part: ffr.Part, tmp_path: Path) -> None:
     """A closed surface around the polygon of the part."""
     (path,) = part.write(tmp_path / "rod.stl")

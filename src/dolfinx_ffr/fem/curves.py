@@ -208,15 +208,23 @@ class Spline(Curve):
             return [self]
         # a closed one in halves, cut at a knot near the middle where there is one
         inner = self.breaks()
-        middle = 0.5 if len(inner) < 3 else float(inner[len(inner) // 2])
+        return self._cut([0.5 if len(inner) < 3 else float(inner[len(inner) // 2])])
+
+    def short(self, spans: int) -> list[Spline]:
+        """The same curve as splines of at most so many polynomials."""
+        return self._cut(self.breaks()[spans:-1:spans].tolist())
+
+    def _cut(self, where: Sequence[float]) -> list[Spline]:
+        """The same curve in parts that end at these parameters."""
         found = []
-        for a, b in ((0.0, middle), (middle, 1.0)):
+        for a, b in pairwise([0.0, *where, 1.0]):
             inside = self.knots[(self.knots > a) & (self.knots < b)]
             ones = np.ones(self.degree + 1)
             knots = np.concatenate([0.0 * ones, (inside - a) / (b - a), ones])
             found.append(Spline.of(self.at, knots, self.degree, (a, b)))
-        found[0].control[0], found[1].control[-1] = self.start, self.end
-        found[1].control[0] = found[0].end
+        found[0].control[0], found[-1].control[-1] = self.start, self.end
+        for one, other in pairwise(found):
+            other.control[0] = one.end
         return found
 
     @staticmethod

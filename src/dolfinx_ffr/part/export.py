@@ -40,6 +40,9 @@ _SVG = """<?xml version='1.0' encoding='utf-8'?>
 <path id="{part}" d="{outline}" fill="#c9d1d9" fill-rule="evenodd" stroke="#22272e" \
 stroke-width="{line}" />\
 <g id="interfaces" fill="none" stroke="#0b62a4" stroke-width="{line}">{interfaces}</g></svg>"""
+#: Polynomials of a spline in STEP files at most: along longer ones CAD programs take too few points
+#: for masses
+_SPANS = 12
 #: What names of layers may not have
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
 
@@ -217,7 +220,11 @@ def _whole(part: Sheet) -> Drawing:
     for rings in part.pieces:
         loops = []
         for ring in rings:
-            joined = [curve for curve, _ in _joined([(curve, "") for curve, _ in ring])]
+            joined = [
+                part
+                for curve, _ in _joined([(curve, "") for curve, _ in ring])
+                for part in (curve.short(_SPANS) if isinstance(curve, Spline) else [curve])
+            ]
             loops.append([(len(curves) + i, True) for i in range(len(joined))])
             curves += joined
             nodes += [(node(curve.start), node(curve.end)) for curve in joined]

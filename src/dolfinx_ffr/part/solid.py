@@ -207,7 +207,7 @@ class Solid(Enclosed):
 
         return pyvista.PolyData.from_regular_faces(self.points, self.triangles)
 
-    def _write(self, path: str | Path, *, unit: str = "m") -> list[Path]:
+    def _write(self, path: str | Path, *, unit: str = "mm") -> list[Path]:
         given = validation.path("solid: file", path)
         validation.choice("solid: unit", unit, UNITS)
         folder = on_rank_0(self.body.comm, given.is_dir) or not given.suffix

@@ -153,8 +153,8 @@ class Enclosed(ABC):
         Args:
             path: A file: of a part .svg, .dxf, .step or .stl, of a solid .stl, .ply, .vtp or .obj.
                 Or a folder, for "part.svg" and all others of a part, for "solid.stl" of a solid.
-            options: ``unit`` of lengths, "mm" or "m"; by default "mm" of a part, "m" of a solid.
-                Files .step are in millimetres and say so.
+            options: ``unit`` of lengths, "mm" (the default) or "m". Files .step are in
+                millimetres and say so.
 
         Returns:
             The files, on every rank.
