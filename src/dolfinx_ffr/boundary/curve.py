@@ -165,9 +165,15 @@ class FreeCurve:
             bend[0, :] = bend[n - 1, :] = 0.0
         smooth = csr_matrix(bend)
         matrix = (shares.T @ shares + SMOOTHING * _DENSE * (smooth.T @ smooth)).tocsc()
-        right = shares.T @ x
         if closed:
-            return curve.moved(np.asarray(spsolve(matrix, right)))
+            # smoothing shrinks what has few controls; a circle tells by how much
+            angle = 2.0 * np.pi * t
+            circle = np.column_stack([np.cos(angle), np.sin(angle)])
+            control = np.asarray(spsolve(matrix, shares.T @ np.hstack([x, circle])))
+            radius = float(np.mean(np.linalg.norm(shares @ control[:, 2:], axis=1)))
+            middle = np.mean(control[:, :2], axis=0)
+            return curve.moved(middle + (control[:, :2] - middle) / radius)
+        right = shares.T @ x
         control = np.zeros((n, 2))
         control[[0, -1]] = points[[0, -1]]
         right = (right - matrix @ control)[1:-1]

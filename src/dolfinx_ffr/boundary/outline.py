@@ -40,8 +40,9 @@ _SPECK = 5.0
 #: Half the width of what goes between holes that are joined, and of bays that are filled then, in
 #: minimum members
 _BETWEEN, _OPENED = 0.9, 0.5
-#: Distance of the controls from what must stay solid, in minimum members
-_OFF_SOLID = 1.0
+#: Distance of the controls from what must stay solid, in minimum members: what they leave there is
+#: no member, as it is one piece with the solid
+_OFF_SOLID = 0.25
 #: Smallest radius by default, in minimum gaps: that of the narrowest round hole
 _RADIUS = 0.5
 #: How far around a spur its curve is drawn anew, in minimum members, and points of a curve at least

@@ -480,7 +480,8 @@ class LevelSet(Design):
             "knots": self.knots,
             "radius": self.radius,
             "sizes": [self.minimum_member, self.minimum_gap],
-            "mirrors": repr(self.mirrors),
+            # numbers, some of which are zero but for their last bits
+            "mirrors": np.array([[*m.point, *m.normal] for m in self.mirrors]),
             "cells": self.domain.n_cells_global,
         }
 
