@@ -8,6 +8,7 @@ import signal
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -314,12 +315,16 @@ class _Descent:
         found_there = self.evaluated(trial.boundaries, problem, found)
         return replace(self, problem=problem), found_there, errors
 
+    def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
+        """Boundaries on meshes that resolve notches or walls; collective."""
+        fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
+        return replace(self, turn=_TURN).tried(fine)
+
     def finer(self, trial: Trial) -> Trial:
-        """The same on meshes that resolve notches or walls, if these can be made; collective."""
+        """The same on such meshes, if these can be made; collective."""
         own = trial.boundaries
         try:
-            fine = {n: self.kind.finer(b) for n, b in own.items()}
-            found = replace(self, turn=_TURN).tried(fine)
+            found = self.resolved(own)
             return replace(found, boundaries=own, sizes=trial.sizes, radii=trial.radii)
         except (ValueError, SimulationError):
             return trial
@@ -546,13 +551,16 @@ def _descended(
                 checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
         best = descent.finer(best)
         told.append(best.told(0.0, 0, 0))
+        if checkpoint:
+            checkpoint.tell(told)
         for name, film in shown.items():
             film.append(best.boundaries[name].material)
     _warn_of_missed(best, descent.kind)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
     over = {name: value for name, value in best.excesses.items() if value > _HELD}
-    return BoundaryResult(*of_best, history, reason, known, shown, over)
+    begun = partial(descent.resolved, boundaries)
+    return BoundaryResult(*of_best, history, reason, known, shown, over, begun)
 
 
 def _warn_of_missed(trial: Trial, kind: Kind[Any]) -> None:

@@ -320,6 +320,8 @@ class DesignLoop:
         """
         if iteration == 0:
             self._began = perf_counter()
+            if (path := self._checkpoint) is not None:  # steps of an earlier design
+                on_rank_0(self.comm, lambda: path.with_name("boundary.csv").unlink(missing_ok=True))
         if not self._columns:
             self._columns = self._all_columns(evaluation)
         seconds = self.comm.bcast(perf_counter() - self._began if iteration else 0.0, root=0)

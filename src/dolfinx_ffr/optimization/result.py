@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,8 @@ from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
 from ..part import Part, Solid, Verification, verify
-from ..plotting import animate_boundary, plot_part
+from ..plotting import animate_boundary, plot_part, plot_stress
+from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from .gradient import Array
 from .running import alone_in
@@ -68,6 +69,8 @@ class BoundaryResult:
     materials: dict[str, list[BaseGeometry]]
     #: As those of `Result`, of the parts
     violations: dict[str, float]
+    #: Evaluates the boundaries that it began with, on such meshes; has problem and evaluation
+    begun: Callable[[], Any] = field(repr=False)
 
     @property
     def psi(self) -> float:
@@ -242,8 +245,9 @@ class Result:
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
-                ``solid.stl`` and ``solid.png``, and ``boundary.gif`` where the boundary was moved;
-                of several bodies for folders with their names.
+                ``solid.stl`` and ``solid.png``, and where the boundary was moved ``boundary.gif``,
+                ``stress_before.png`` and ``stress.png``; of several bodies for folders with their
+                names.
             options: Those of `verify`.
 
         Returns:
@@ -274,7 +278,7 @@ class Result:
                 found = self.verify(**options)
             except (ValueError, SimulationError) as error:
                 warn(f"no part comes of this design: {error}", 2)
-            several = len(self._designs_of_parts) > 1
+            several, moved = len(self._designs_of_parts) > 1, dict[str, Path]()
             for name, own in file_names(self._designs_of_parts).items():
                 part, title = self._parts.get(name), name
                 if self.moved is not None and name in self.moved.boundaries:
@@ -289,9 +293,27 @@ class Result:
                 part.write(at)
                 plot_part(part, at / f"{part.kind}.png", title=title)
                 if self.moved is not None and name in self.moved.materials:
+                    moved[name] = at
                     steps = self.moved.materials[name], self.moved.history["psi"]
                     animate_boundary(part.body, *steps, at / "boundary.gif")
+            self._draw_stress(moved)
         return found
+
+    def _draw_stress(self, folders: Mapping[str, Path]) -> None:
+        """Draw the stress of parts before and after the steps of their boundaries; collective."""
+        if self.moved is None or not folders:
+            return
+        try:
+            for told, when, file in (
+                (self.moved.begun(), "before", "stress_before.png"),
+                (self.moved, "after", "stress.png"),
+            ):
+                for name, folder in folders.items():
+                    body, title = told.problem.flexible[name], f"{name} {when} boundary steps"
+                    worst = worst_stress(body, told.evaluation, name)
+                    plot_stress(body.domain, worst, folder / file, title=title)
+        except (ValueError, SimulationError) as error:
+            warn(f"finish: the stress is not drawn ({error})", 3)
 
     @property
     def _designs_of_parts(self) -> dict[str, Variables]:

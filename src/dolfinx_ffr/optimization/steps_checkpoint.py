@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ..boundary import Boundary, Surface
-from ..io import CheckpointError, load_checkpoint, save_checkpoint
+from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
 from ..parallel import on_rank_0, same
 
 Boundaries = dict[str, Boundary | Surface]
@@ -128,6 +128,13 @@ class StepsCheckpoint:
         if self._path is not None:
             own = {_OURS + name: value for name, value in kept.arrays().items()}
             save_checkpoint(self._comm, self._path, self._other | own)
+            self.tell(kept.told)
+
+    def tell(self, told: list[dict[str, float]]) -> None:
+        """Write a row for each step, ``boundary.csv`` beside the checkpoint."""
+        if self._path is not None:
+            file = self._path.with_name("boundary.csv")
+            write_history(self._comm, file, list(told[0]), told)
 
     def check(self, kept: Kept, psi: float) -> None:
         """Refuse a state whose boundaries have another ``psi`` here."""

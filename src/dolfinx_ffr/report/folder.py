@@ -29,6 +29,7 @@ PICTURES = {
     "motion.gif": ("The mechanism in motion.", "animate_motion"),
     "crank_motion.png": ("The prescribed motion over time.", "plot_crank_motion"),
     "stress.png": ("Largest von Mises stress over the motion.", "plot_stress"),
+    "stress_before.png": ("The same before the boundary of the part was moved.", "plot_stress"),
     "modes.png": ("Shape functions of the body.", "plot_modes"),
 }
 #: Pictures that every run can have; others are not missed
@@ -58,6 +59,7 @@ class Folder:
     record: dict[str, Any]  #: Content of summary.json
     history: dict[str, Array]  #: Columns of history.csv
     missing: list[str] = field(default_factory=list)  #: Missing files and entries, in words
+    boundary: dict[str, Array] = field(default_factory=dict)  #: Columns of boundary.csv
     _bytes: int = 0
 
     @staticmethod
@@ -82,10 +84,9 @@ class Folder:
                 "writes it by ffr.write_summary with ffr.run_record(result, ...)"
             )
         if history.is_file():
-            try:
-                folder.history = read_history(history)
-            except (KeyError, TypeError, ValueError) as error:
-                raise ValueError(f"report: {history} is damaged: {error}") from error
+            folder.history = _columns(history)
+        if (steps := path / "boundary.csv").is_file():
+            folder.boundary = _columns(steps)
         if not folder.history or not len(next(iter(folder.history.values()))):
             folder.history = {}
             folder.missing.append("history.csv: how the design came about (optimize(output=...))")
@@ -137,6 +138,14 @@ class Folder:
         if alone:
             names = ["part.svg", "part/part.svg", *names]
         return next((self.path / name for name in names if (self.path / name).is_file()), None)
+
+
+def _columns(file: Path) -> dict[str, Array]:
+    """The columns of a history; a ValueError if the file is damaged."""
+    try:
+        return read_history(file)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"report: {file} is damaged: {error}") from error
 
 
 def data_uri(content: bytes, mime: str) -> str:

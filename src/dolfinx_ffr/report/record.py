@@ -101,8 +101,9 @@ def run_record(
 ) -> dict[str, Any]:
     """The entries of summary.json for the report of a run, for `write_summary`; collective.
 
-    It estimates the errors of the model and recovers the stress of the design, which takes a few
-    simulations; where the estimate fails, a warning is recorded.
+    It is about the parts, where boundaries were moved, else about the densities. It estimates the
+    errors of the model and recovers the stress, which takes a few simulations; where the estimate
+    fails, a warning is recorded.
 
     Args:
         result: What `optimize` returned.
@@ -137,7 +138,8 @@ def run_record(
     if verification is not None:
         needed = "what verify() returned"
         validation.instance("run_record: verification", verification, Verification, needed)
-    problem, evaluation = result.problem, result.evaluation
+    told = result.moved or result
+    problem, evaluation = told.problem, told.evaluation
     said = [dict(entry) for entry in warnings]
     found = {
         "title": title,
@@ -263,11 +265,13 @@ def _numbers_of(material: Any) -> dict[str, Any]:
 def _constraints(result: Result, bounds: Mapping[str, float]) -> dict[str, Any]:
     """The bounds of volumes, and the constraints of all load cases by their labels."""
     keys = ("value", "bound", "unit", "kind", "violation")
-    problem, evaluation, found = result.problem, result.evaluation, {}
+    told = result.moved or result
+    problem, evaluation, found = told.problem, told.evaluation, {}
+    shares = (result.moved or evaluation).volume
     for body, bound in bounds.items():
         name = f"volume of {body}"
         over = result.violations.get(name, 0.0)
-        found[name] = evaluation.volume[body], float(bound), "", "at most", over
+        found[name] = shares[body], float(bound), "", "at most", over
     mechanisms = [case.mechanism for case in problem.load_cases.values() for _ in case.constraints]
     for constraint, mechanism in zip(problem.constraints, mechanisms, strict=True):
         own = evaluation.constraints[constraint.label]

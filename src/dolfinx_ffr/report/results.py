@@ -29,7 +29,7 @@ def status(run: Run) -> list[str]:
     each = (f"{n} by {percent(over)} % ({_told_of_part(run, n)})" for n, over in beyond.items())
     by_part = ", ".join(each)
     if record.get("feasible") is True:
-        but = f" for the densities, but the part exceeds {by_part}" if by_part else ""
+        but = f" as reported, but the part exceeds {by_part}" if by_part else ""
         said.append(f"All constraints hold{but}.")
     elif record.get("feasible") is False:
         broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
@@ -61,7 +61,13 @@ def cards(run: Run) -> list[dict[str, str]]:
     if real(part):
         card("ψ of the part", run.psi.text(part), unit, f"reported {run.psi.text(psi)} {unit}")
     elif real(psi):
-        card("ψ of the densities", run.psi.text(psi), unit, "not verified as a part")
+        what = "part" if run.moved else "densities"
+        card(
+            f"ψ of the {what}",
+            run.psi.text(psi),
+            unit,
+            f"not verified{'' if run.moved else ' as a part'}",
+        )
     best = part if real(part) else psi
     if run.references and real(best):
         name, reference = next(iter(run.references.items()))
@@ -91,7 +97,8 @@ def accuracy(run: Run) -> dict[str, Any]:
     psi, gray, unit = run.record.get("psi"), run.record.get("gray"), run.psi.name
     values: list[Row] = []
     if real(psi):
-        values.append(("Reported, of the densities", run.psi.text(psi, 5), unit, "0"))
+        of = "part, on the mesh of its last step" if run.moved else "densities"
+        values.append((f"Reported, of the {of}", run.psi.text(psi, 5), unit, "0"))
     kinds = {body.get("elements", "triangles") for body in found.get("bodies", {}).values()}
     elements = kinds.pop() if len(kinds) == 1 else "cells"
     for mesh in found["meshes"] if found else []:
@@ -109,7 +116,8 @@ def accuracy(run: Run) -> dict[str, Any]:
     modes = scene.get("modes_error", run.record.get("mode_error"))
     if found:
         how = "the part, simulated anew"
-        error("Part instead of densities", found["difference"], how, sign=True)
+        what = "Part on finer meshes" if run.moved else "Part instead of densities"
+        error(what, found["difference"], how, sign=True)
         still = "stands still" if found.get("converged") else "still changes"
         limit = f"{still} within {percent(found.get('tolerance'))} %"
         error("Mesh of the part", found.get("change"), f"{elements} made smaller: {limit}")

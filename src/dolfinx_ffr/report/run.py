@@ -55,6 +55,8 @@ class Run:
         self.psi_unit = str(objective.get("unit") or "")
         self.objective = words(str(objective.get("name") or "objective"))
         self.verification = self.mapping("verification")
+        #: Whether the boundary of the part was moved: what is reported then is the part
+        self.moved = bool(self.record.get("boundary"))
         self.references = {k: v for k, v in self.mapping("references").items() if real(v)}
         self.bounds = {
             name: given["bound"]

@@ -44,6 +44,20 @@ _COLUMNS = {
     "step": ("Step", ""),
     "accepted": ("Kept", "yes"),
 }
+#: The same of the steps of boundaries
+_STEPS = {
+    "iteration": ("Step", ""),
+    "psi": ("ψ", "psi"),
+    "volume": ("Volume", "%"),
+    "narrowest": ("Narrowest member or gap", "m"),
+    "tightest": ("Smallest radius", "m"),
+    "excess": ("Over a bound", "%"),
+    "step": ("Longest motion", "m"),
+    "cells": ("Cells", ""),
+    "modes": ("Modes", ""),
+    "rejected": ("Taken back before", ""),
+    "removed": ("Struts and holes removed", ""),
+}
 
 
 def sections(folder: Folder, title: str = "") -> dict[str, Any]:
@@ -59,6 +73,7 @@ def sections(folder: Folder, title: str = "") -> dict[str, Any]:
         "ranks": record.get("ranks"),
         "objective": run.objective,
         "feasible": record.get("feasible"),
+        "moved": run.moved,
         **{name: run.built(what, build, nothing) for name, what, build, nothing in _BUILT},
         "outline": model.outline(run),
         "command": record.get("command") or "",
@@ -101,6 +116,31 @@ def _history(run: Run) -> dict[str, Any]:
     columns = run.folder.history
     if not columns:
         return {}
+    panels = _panels(run, columns)
+    if not panels:
+        run.missing("history.csv: it has none of the columns that are drawn")
+    return {
+        "panels": panels,
+        "note": _last_psi(run, columns),
+        "table": _table(run, columns, _COLUMNS, "Iterations"),
+        "iterations": len(next(iter(columns.values()))) - 1,
+    }
+
+
+def _boundary(run: Run) -> dict[str, Any]:
+    """Steps of the boundary; the last row is the result, on meshes that resolve its notches."""
+    columns = run.folder.boundary
+    if not columns:
+        return {}
+    count = len(columns["psi"])
+    columns = {"iteration": np.arange(float(count)), **columns}
+    steps = int(run.mapping("boundary").get("steps", count - 1))
+    table = _table(run, columns, _STEPS, "Steps of the boundary")
+    return {"panels": _panels(run, columns), "table": table, "steps": steps}
+
+
+def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Curves over the iterations, as pictures with a text each."""
     iteration = columns.get("iteration", np.arange(float(len(next(iter(columns.values()))))))
     panels = []
     bound = next(iter(run.bounds.values())) if len(run.bounds) == 1 else None
@@ -119,12 +159,17 @@ def _history(run: Run) -> dict[str, Any]:
             file = Path(place) / f"{name}.svg"
             plot_history(shown, file, psi_unit=run.psi_unit, volume_bound=bound, comm=MPI.COMM_SELF)
             panels.append({"text": text, "source": data_uri(file.read_bytes(), "image/svg+xml")})
-    if not panels:
-        run.missing("history.csv: it has none of the columns that are drawn")
-    chosen = {n: v for n, v in columns.items() if n in _COLUMNS and np.isfinite(v).any()}
+    return panels
+
+
+def _table(
+    run: Run, columns: Mapping[str, Any], known: Mapping[str, tuple[str, str]], caption: str
+) -> Table | None:
+    """The ``known`` ones of some columns, with their headings and units."""
+    chosen = {n: columns[n] for n in known if n in columns and np.isfinite(columns[n]).any()}
     head, texts = [], []
     for name, values in chosen.items():
-        heading, unit = _COLUMNS[name]
+        heading, unit = known[name]
         if unit == "%":
             texts.append([percent(float(v), 3) for v in values])
             heading += " [%]"
@@ -139,12 +184,7 @@ def _history(run: Run) -> dict[str, Any]:
         head.append(heading)
     rows = list(zip(*texts, strict=True))
     numeric = [i for i, name in enumerate(chosen) if name not in {"iteration", "accepted"}]
-    return {
-        "panels": panels,
-        "note": _last_psi(run, columns),
-        "table": Table.of("Iterations", head, rows, numeric),
-        "iterations": len(iteration) - 1,
-    }
+    return Table.of(caption, head, rows, numeric)
 
 
 def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
@@ -152,10 +192,12 @@ def _last_psi(run: Run, columns: Mapping[str, Any]) -> str:
     psi, last = run.record.get("psi"), columns.get("psi")
     if last is None or not real(psi) or abs(float(last[-1]) / psi - 1.0) < 1e-6:
         return ""
+    why = "the finished design is evaluated once more, with the law for cut elements"
+    if run.moved:
+        why = "steps of its boundary have followed, and what is reported is the part"
     return (
         f"The last ψ of the history is {run.psi.text(float(last[-1]))} {run.psi.name}, the "
-        f"reported one {run.psi.text(psi)} {run.psi.name}: the finished design is evaluated once "
-        "more, with the law for elements that its boundary cuts."
+        f"reported one {run.psi.text(psi)} {run.psi.name}: {why}."
     )
 
 
@@ -214,6 +256,7 @@ _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
     ("parts", "parts", model.parts, []),
     ("scene", "scene", model.scene, {}),
     ("history", "history", _history, {}),
+    ("boundary", "steps of the boundary", _boundary, {}),
     ("warnings", "warnings", _warnings, None),
     ("versions", "versions", _versions, None),
     ("further", "further numbers", _further, None),
