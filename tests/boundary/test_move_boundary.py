@@ -363,7 +363,7 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
     domain = problem.flexible["rod"].domain
     levelset = ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain))
     run = {"volume": 0.6, "iterations": 12, "progress": False, "mode_tolerance": None}
-    result = ffr.optimize(problem, levelset, boundary=2, **run)
+    result = ffr.optimize(problem, levelset, boundary=2, output=shared_tmp_path, **run)
     moved = result.moved
     assert moved is not None and result.psi == moved.psi != result.evaluation.psi
     part = result.part("rod")
@@ -374,6 +374,12 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
     assert found.psi < 0.99 * moved.history["psi"][0]
     summary = result.summary()["boundary"]
     assert summary["steps"] == len(moved.history["psi"]) - 2 and summary["psi"] == moved.psi
+    told = ffr.run_record(result, title="A part")
+    assert told["constraints"]["volume of rod"]["value"] == moved.volume["rod"]
+    steps = ffr.read_history(shared_tmp_path / "boundary.csv")
+    np.testing.assert_array_equal(steps["psi"], moved.history["psi"])
+    for picture in ("stress_before.png", "stress.png"):
+        assert (shared_tmp_path / picture).exists()
     with Image.open(shared_tmp_path / "boundary.gif") as pictures:
         assert pictures.n_frames >= len(moved.history["psi"])
     with pytest.raises(TypeError, match="optimize: boundary must be a number"):

@@ -19,6 +19,7 @@ from shared.runs import record, write_run
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.__main__ import main
+from dolfinx_ffr.io import write_history
 from dolfinx_ffr.program import run
 from dolfinx_ffr.report.folder import LIMIT
 from dolfinx_ffr.report.record import KEYS
@@ -87,6 +88,22 @@ def test_page_is_printed(page: Path, tmp_path: Path) -> None:
     sheets, console = printed(page, tmp_path)
     assert 2 <= sheets <= 6
     assert console == []
+
+
+def test_steps_of_the_boundary(tmp_path: Path) -> None:
+    """Their history is shown, and what is reported is said to be the part."""
+    folder = write_run(tmp_path, record() | {"boundary": {"steps": 2}})
+    columns = {"psi": 3e-5, "volume": 0.5, "narrowest": 1.3e-3, "excess": 0.0, "removed": 1.0}
+    write_history(MPI.COMM_SELF, folder / "boundary.csv", list(columns), 4 * [columns])
+    text = words(page_of(folder))
+    for said in (
+        "2 steps have moved the boundary of the part",
+        "Narrowest member or gap [mm]",
+        "Reported, of the part, on the mesh of its last step",
+        "steps of its boundary have followed, and what is reported is the part",
+    ):
+        assert said in text, said
+    assert "of the densities" not in text
 
 
 @pytest.mark.parametrize(

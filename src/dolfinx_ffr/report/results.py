@@ -29,7 +29,8 @@ def status(run: Run) -> list[str]:
     each = (f"{n} by {percent(over)} % ({_told_of_part(run, n)})" for n, over in beyond.items())
     by_part = ", ".join(each)
     if record.get("feasible") is True:
-        but = f" as reported, but the part exceeds {by_part}" if by_part else ""
+        of = " as reported" if run.moved else " for the densities"
+        but = f"{of}, but the part exceeds {by_part}" if by_part else ""
         said.append(f"All constraints hold{but}.")
     elif record.get("feasible") is False:
         broken = ", ".join(f"{n} by {percent(v)} %" for n, v in run.mapping("violations").items())
