@@ -41,9 +41,11 @@ def designs(problem: ffr.Problem) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 @pytest.mark.parametrize("kind", ["random", "solid", "level set"])
-@pytest.mark.parametrize(("cell", "order"), [(QUADS, 1), (QUADS, 2), ("triangle", 2)])
+@pytest.mark.parametrize(
+    ("cell", "order"),
+    [(QUADS, 1), (QUADS, 2), pytest.param("triangle", 2, marks=pytest.mark.mpi)],
+)
 def test_gradient_of_the_whole_chain(comm: MPI.Intracomm, cell: str, order: int, kind: str) -> None:
     """Taylor order 2 and agreement with central differences, with elements at the floor too."""
     elements = (20, 4) if order == 2 else (40, 8)

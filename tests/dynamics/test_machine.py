@@ -15,8 +15,9 @@ from shared.scenes import loader
 import dolfinx_ffr as ffr
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("stiffening", [(), ("omega2", "acceleration")])
+@pytest.mark.parametrize(
+    "stiffening", [(), pytest.param(("omega2", "acceleration"), marks=pytest.mark.mpi)]
+)
 def test_gradient(comm: MPI.Intracomm, stiffening: tuple[str, ...]) -> None:
     """Of the loader from its equilibrium, its boom on a mesh, with a marker beside its axis."""
     scene = loader(0.1, 100)

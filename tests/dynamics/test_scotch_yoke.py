@@ -61,12 +61,11 @@ def test_rigid_yoke_follows_the_cosine() -> None:
     assert errors[0] / errors[1] > 3.5
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize(
     "objective",
     [
         ffr.IntegralCompliance(),
-        ffr.JointForce("slot", power=4.0),
+        pytest.param(ffr.JointForce("slot", power=4.0), marks=pytest.mark.mpi),
         ffr.PathTracking("rod", "right", (lambda t: PIN.x.value(t) + LENGTH, 0.0)),
     ],
     ids=["compliance", "force", "path"],

@@ -61,7 +61,6 @@ def beam_frequency(length: float, height: float, material: ffr.PlaneStress) -> f
     return (BETA / length) ** 2 * math.sqrt(stiffness / material.density) / (2.0 * math.pi)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("aspect", [30.0, 100.0, 1000.0])
 def test_slender_rods(comm: MPI.Intracomm, aspect: float) -> None:
     """Elements as long as 25 times their height do not lock; round-off is told where it shows."""
@@ -79,7 +78,6 @@ def test_slender_rods(comm: MPI.Intracomm, aspect: float) -> None:
             assert 1e-6 < round_off(body, x) < 1e-2
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("poisson", [0.49, 0.4999, 0.499999])
 def test_nearly_incompressible_plane_strain(comm: MPI.Intracomm, poisson: float) -> None:
     """Biquadratic elements bend as they should, however little the volume may change."""
@@ -97,7 +95,6 @@ def test_nearly_incompressible_plane_strain(comm: MPI.Intracomm, poisson: float)
             assert 1e-6 < round_off(body, x) < 1e-3
 
 
-@pytest.mark.mpi
 def test_badly_shaped_triangles(comm: MPI.Intracomm) -> None:
     """Needles with angles of half a degree: frequencies from above, and within a few percent."""
     # elements 0.125 x 0.0042, cut along their diagonal

@@ -40,8 +40,7 @@ def check(
     return problem, x, problem.value(x).psi
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("floor", [1e-6, 1e-9])
+@pytest.mark.parametrize("floor", [1e-6, pytest.param(1e-9, marks=pytest.mark.mpi)])
 def test_half_the_body_is_void(comm: MPI.Intracomm, floor: float) -> None:
     """A strip in a void of next to no stiffness: psi of the strip alone, and an exact gradient."""
     law = ffr.SIMP(floor=floor)
@@ -72,14 +71,12 @@ def test_many_modes_beside_void(comm: MPI.Intracomm) -> None:
     assert problem.value(strip).psi == pytest.approx(few, rel=1e-3)
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("floor", [1e-6, 1e-9])
 def test_checkerboard(comm: MPI.Intracomm, floor: float) -> None:
     """Bilinear elements take it for stiffer than it is; value and gradient are sound."""
     check(comm, lambda i, j: (i + j) % 2 == 0, interpolation=ffr.SIMP(floor=floor))
 
 
-@pytest.mark.mpi
 def test_necks_of_one_element(comm: MPI.Intracomm) -> None:
     """Blocks hang together by single elements."""
     problem, necks, psi = check(comm, lambda i, j: (i % 8 != 4) | (j == 3))
@@ -144,8 +141,7 @@ def test_cluster_at_the_edge_of_the_basis(comm: MPI.Intracomm, difference: float
     assert found == pytest.approx((ends[1] - ends[0]) / (2.0 * step), rel=1e-3)
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.mpi), 1e-12, 1e-9, 1e-6, 1e-3])
 def test_nearly_equal_frequencies(comm: MPI.Intracomm, gap: float) -> None:
     """The gradient is exact however close two frequencies are."""
     body, upper = fork(comm, 2)

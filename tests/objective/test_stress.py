@@ -20,8 +20,6 @@ from shared.scenes import slider_crank_mechanism
 import dolfinx_ffr as ffr
 from dolfinx_ffr.objective import stress, von_mises_root
 
-pytestmark = pytest.mark.mpi
-
 FIXED = ffr.GeneralizedAlpha(0.2, 80)
 ADAPTIVE = ffr.RadauIIA(0.2, steps=16)
 
@@ -79,6 +77,7 @@ def test_a_bar_that_is_pulled(comm: MPI.Intracomm, order: int, integrator: ffr.I
         assert objective.largest(problem.response(evaluation)) == pytest.approx(exact, rel=1e-6)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("correction", [True, False], ids=["corrected", "plain"])
 @pytest.mark.parametrize("integrator", [FIXED, ADAPTIVE], ids=["generalised alpha", "Radau IIA"])
 def test_the_mean_of_the_stress_that_is_reported(
@@ -113,6 +112,7 @@ def test_the_mean_of_the_stress_that_is_reported(
     assert 0.2 * largest < evaluation.psi < largest
 
 
+@pytest.mark.mpi
 def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
     """What is beside an interface does not count, and the largest of the ranges is that of all."""
     whole = ffr.PeakStress("rod")
@@ -144,6 +144,7 @@ def test_stress_clear_of_interfaces_and_in_ranges(comm: MPI.Intracomm) -> None:
     check_gradient(middle, {"rod": x}, {"rod": direction}, step=2e-3, rel=1e-5)
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("power", [8.0, 64.0])
 def test_blocks_ranks_units_and_large_powers(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, power: float
@@ -171,19 +172,20 @@ def test_blocks_ranks_units_and_large_powers(
     [
         ("quadrilateral", 1, ffr.PlaneStress, FIXED, ffr.PeakStress("rod")),
         ("quadrilateral", 1, ffr.PlaneStrain, ADAPTIVE, ffr.PeakStress("rod", 9.0, 0.0, False)),
-        ("quadrilateral", 2, ffr.PlaneStress, ADAPTIVE, ffr.PeakStress("rod", scale=1.7)),
+        pytest.param(
+            *("quadrilateral", 2, ffr.PlaneStress, ADAPTIVE, ffr.PeakStress("rod", scale=1.7)),
+            marks=pytest.mark.mpi,
+        ),
         ("quadrilateral", 2, ffr.PlaneStrain, FIXED, ffr.PeakStress("rod", 12.0, 0.3)),
         ("triangle", 1, ffr.PlaneStress, FIXED, ffr.PeakStress("rod", 8.0, 1.0)),
         ("triangle", 2, ffr.PlaneStrain, ADAPTIVE, ffr.PeakStress("rod", correction=False)),
         ("triangle", 3, ffr.PlaneStress, FIXED, ffr.PeakStress("rod", correction=False)),
-        (
-            "triangle",
-            1,
-            ffr.PlaneStrain,
-            FIXED,
+        pytest.param(
+            *("triangle", 1, ffr.PlaneStrain, FIXED),
             2.0 * ffr.PeakStress("rod")
             + 1e8 * ffr.IntegralCompliance()
             + 3.0 * ffr.PeakStress("rod", correction=False),
+            marks=pytest.mark.mpi,
         ),
     ],
 )
@@ -238,6 +240,7 @@ def test_exact_gradient_at_equal_eigenvalues(correction: bool) -> None:
     check_gradient(problem, {"fan": x}, {"fan": direction}, step=1e-3)
 
 
+@pytest.mark.mpi
 def test_void_has_no_stress_and_no_derivative(comm: MPI.Intracomm) -> None:
     """Densities of zero, as in a void region, leave everything finite."""
     problem = slider_crank(comm, ffr.PeakStress("rod"))
@@ -247,6 +250,7 @@ def test_void_has_no_stress_and_no_derivative(comm: MPI.Intracomm) -> None:
     assert gradient is not None and np.all(np.isfinite(gradient["rod"]))
 
 
+@pytest.mark.mpi
 def test_calibrated_at_a_design(comm: MPI.Intracomm) -> None:
     """Objective, sum and constraint equal the largest stress there, and near to it elsewhere."""
     peak = ffr.PeakStress("rod")
@@ -329,6 +333,7 @@ def arm(comm: MPI.Intracomm, modes: int) -> ffr.Problem:
     return ffr.Problem({"arm": body}, mechanism, steps, ffr.PeakStress("arm", 4.0))
 
 
+@pytest.mark.mpi
 def test_stress_follows_the_modes_left_out(comm: MPI.Intracomm) -> None:
     """With two modes the corrected stress is near that of many, and its gradient is exact."""
     problem, many = arm(comm, 2), arm(comm, 30)
