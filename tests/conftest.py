@@ -4,7 +4,7 @@
 Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
-  case of each, and of whole programs and loops only those about ranks;
+  case of each, and outside of the folders where ranks share fields only those about ranks;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -41,9 +41,9 @@ HANGING = 600.0
 #: How long a rank on which a test has failed waits for the others [s].
 GRACE = 60.0
 
-#: Folders of tests of what is made of parts that other folders test: whole design loops, programs,
-#: pictures. With more than two ranks, those that say so in their names run there.
-COMPOSED = ("demos", "hard_cases", "optimization", "paper", "plotting", "postprocessing")
+#: Folders of tests of fields and matrices that the ranks share. With more than two ranks, of what
+#: is made of these (motions, parts, whole loops) those run that say so in their names.
+SHARED = ("design", "fem", "paper", "reduction")
 RANKS = re.compile(r"_ranks?(_|\b)")
 
 #: Communicator of the agreement, so that it never meets a collective call of the test itself.
@@ -82,7 +82,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         first: dict[str, pytest.Item] = {}
         for item in chosen:
             name = item.nodeid.partition("[")[0]
-            if item.path.parent.name not in COMPOSED or RANKS.search(name):
+            if item.path.parent.name in SHARED or RANKS.search(name):
                 first.setdefault(name, item)
         chosen = list(first.values())
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
