@@ -133,7 +133,6 @@ class MechanicalProblem:
         >>> evaluation.psi, evaluation.integrals_gradient["rod"].K
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If two constraints have the same name.
     """
 

@@ -181,7 +181,6 @@ class VolumeIntegrals:
             markers: Position in the body's frame, shape (2,) or (3,) [m], or marker, by name.
 
         Raises:
-            TypeError: If an argument is of a wrong kind.
             ValueError: If mass or inertia is missing or not positive, if a position is not finite,
                 or if a principal moment of inertia exceeds the sum of the two others.
         """

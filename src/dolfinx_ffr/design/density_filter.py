@@ -58,7 +58,6 @@ class DensityFilter:
         radius: R [m]; two to three elements are usual, zero filters nothing.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: On every rank, if the radius is negative, NaN or infinite, or so long that the
             weights take more than the memory.
 

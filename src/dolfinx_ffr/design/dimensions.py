@@ -61,7 +61,6 @@ class DimensionDesign(Variables):
         interfaces: With ``gmsh.model`` the names of the physical groups that are interfaces.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If a bound is not finite or not below the other, or a start is outside.
     """
 

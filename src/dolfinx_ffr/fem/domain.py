@@ -56,7 +56,6 @@ class Domain:
             middle of the axis of such a cylinder, or else the centroid of its facets.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if an interface is missing, empty, a single point, shares nodes
             with another or lies on void, if a facet or cell does not exist, if a cell is to stay
             both solid and void or none is left to design, if a piece of the mesh or of its cells
@@ -157,10 +156,6 @@ class Domain:
             solid_columns: Element columns at each end that are not designed.
             solid: Further cells that stay solid, a predicate as for `Domain`.
             void: Cells that stay void, a predicate.
-
-        Raises:
-            TypeError: If an argument is of a wrong kind.
-            ValueError: If a number is out of range.
         """
         rod = rod_mesh("rectangle", comm, (length, height), elements, cell, solid_columns, solid)
         return cls(*rod, void=void, order=order)

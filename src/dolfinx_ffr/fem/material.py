@@ -131,20 +131,12 @@ class _LinearElastic:
 
 @dataclass(frozen=True)
 class Isotropic(_LinearElastic):
-    """Isotropic linear elasticity of a body in space.
-
-    Raises:
-        ValueError: If a number is not finite or out of its range.
-    """
+    """Isotropic linear elasticity of a body in space."""
 
 
 @dataclass(frozen=True)
 class PlaneStrain(_LinearElastic):
-    """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts).
-
-    Raises:
-        ValueError: If a number is not finite or out of its range.
-    """
+    """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts)."""
 
     dimension: ClassVar[int] = 2
     thickness: float = 1.0  # type: ignore[misc]  #: Extent perpendicular to the plane [m]
@@ -157,11 +149,7 @@ class PlaneStrain(_LinearElastic):
 
 @dataclass(frozen=True)
 class PlaneStress(_LinearElastic):
-    """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts).
-
-    Raises:
-        ValueError: If a number is not finite or out of its range.
-    """
+    """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts)."""
 
     dimension: ClassVar[int] = 2
     thickness: float = 1.0  # type: ignore[misc]  #: Extent perpendicular to the plane [m]

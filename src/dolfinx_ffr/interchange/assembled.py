@@ -33,7 +33,6 @@ class AssembledMatrices:
     along all axes and does not couple them. `reduction.reduce_matrices` makes a body of it.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If sizes do not fit, a matrix is not symmetric, the mass couples axes or is not
             positive, rigid motions strain the body, it is in pieces, or a node set is not there.
     """

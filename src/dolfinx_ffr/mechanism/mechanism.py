@@ -55,7 +55,6 @@ class Mechanism:
     """A mechanism, in the plane or in space, as its bodies are.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If a number is out of range, a joint lacks a body, or a name stands twice.
     """
 

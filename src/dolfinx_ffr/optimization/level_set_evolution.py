@@ -51,9 +51,6 @@ class LevelSetEvolution(Optimizer):
             iterations.
         stage_iterations: Iterations of a stage at most; by default those of the run are shared out
             evenly. A number makes the path of a design independent of the number of iterations.
-
-    Raises:
-        ValueError: If a number is out of range.
     """
 
     sharpness: Sequence[float] = (11.0, 19.0, 32.0, 56.0)

@@ -82,9 +82,6 @@ class MMA(Optimizer):
         length: Iterations over which the design becomes crisp; by default those of the run that
             begins. A number makes the path of a design independent of the number of iterations; a
             run that is resumed keeps the length it began with.
-
-    Raises:
-        ValueError: If a number is out of range.
     """
 
     move: float = 0.1

@@ -101,7 +101,6 @@ def optimize(
             which no cell stays solid.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: On every rank, if the arguments do not fit each other.
         SimulationError: On every rank, if not even the motion of the start can be computed.
         CheckpointError: On every rank, if the checkpoint is damaged or of another problem.

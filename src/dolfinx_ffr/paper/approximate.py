@@ -49,9 +49,6 @@ class ApproximateGradient:
     """Exact derivatives at selected elements, radial basis functions between them.
 
     Use it to see what the approximation costs and gains; `ExactAdjoint` is exact and faster.
-
-    Raises:
-        ValueError: If a number is out of range.
     """
 
     exact: ClassVar[bool] = False
@@ -201,7 +198,6 @@ def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) 
     no element counts or the exact gradient is zero.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if an array has another shape, or holds NaN or infinity.
     """
     validation.instance("gradient errors: domain", domain, Domain, "a Domain")

@@ -109,7 +109,6 @@ class Part(Enclosed):
         tolerance: Largest distance of a curve from points of the zero line, in spacings.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if a number is out of range, the field is not finite or zero over
             more than lines, no material touches an interface, or interfaces are not connected by
             material.

@@ -86,7 +86,6 @@ class Solid(Enclosed):
             by default 24 tetrahedra for each hexahedron of the body, or as many as it has.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
             more than faces, no material touches an interface, or the size is too small.
 

@@ -108,7 +108,6 @@ def reduce_matrices(
         comm: Ranks that share the result, by default all; they call with the same arguments.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: On every rank, if a node set is not there or lies on a line, two share nodes,
             frame or modes do not fit, or the mass differs.
         RuntimeError: On every rank, if a solver fails.

@@ -116,7 +116,6 @@ class FlexibleBody:
             certify by a count that no mode is missing.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: On every rank, if frame, modes or markers do not fit the domain, or a number is
             out of range.
     """

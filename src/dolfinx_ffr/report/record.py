@@ -119,7 +119,6 @@ def run_record(
         Numbers, texts, lists and mappings that JSON can hold, the same on every rank.
 
     Raises:
-        TypeError: If an argument is of a wrong kind.
         ValueError: If ``parts`` or ``volume`` name a body that has no density.
     """
     validation.instance("run_record: result", result, Result, "what optimize() returned")
