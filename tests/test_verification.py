@@ -9,7 +9,6 @@ import pytest
 from dolfinx_ffr.verification import (
     TaylorResult,
     assert_taylor_order,
-    central_difference,
     convergence_order,
     taylor_test,
 )
@@ -54,11 +53,7 @@ def test_remainders_in_the_noise_are_not_taken_for_an_answer() -> None:
         assert_taylor_order(taylor(steps=(1e-8, 1e-9, 1e-10)))
 
 
-def test_central_difference_and_convergence_order() -> None:
-    exact = float(np.sum(gradient(X) * D))
-    assert central_difference(function, X, D, 1e-3) == pytest.approx(exact, rel=1e-10)
-    errors = [abs(central_difference(function, X, D, h, order=2) - exact) for h in (0.1, 0.05)]
-    assert convergence_order([0.1, 0.05], errors) == pytest.approx(2.0, abs=0.05)
+def test_convergence_order() -> None:
     h = np.array([0.4, 0.2, 0.1])
     assert convergence_order(h, 7.0 * h**3) == pytest.approx(3.0, abs=1e-12)
 
@@ -69,7 +64,6 @@ def test_central_difference_and_convergence_order() -> None:
         (lambda: taylor_test(function, lambda d: 0.0, X, D[0]), "direction has shape"),
         (lambda: taylor(steps=(1e-3, 1e-2)), "the largest first"),
         (lambda: taylor_test(lambda x: np.nan, lambda d: 0.0, X, D), "NaN or infinite"),
-        (lambda: central_difference(function, X, D, 1e-3, order=3), "order 2 or 4, not 3"),
         (lambda: convergence_order([1.0], [1.0]), "at least two"),
         (lambda: convergence_order([1.0, 0.5], [1.0, 0.0]), "must be positive"),
     ],

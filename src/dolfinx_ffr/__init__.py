@@ -87,7 +87,7 @@ _BY_FOLDER = _lists(
             "elementwise_gradient gradient_errors integral_derivatives mode_derivatives"
         ),
         "postprocessing": (
-            "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes modes_below"
+            "BodyReport LocalModes ModeSelection ModelReport StressEnvelope StressModes"
         ),
         "problem": "LoadCaseEvaluation",
         "reduction": "CraigBampton ReducedBody reduce_matrices",

@@ -137,30 +137,6 @@ def assert_taylor_order(result: TaylorResult, minimum: float = 1.9, points: int 
         raise AssertionError(f"Taylor order {worst:.3f} is below {minimum}\n{result}")
 
 
-def central_difference(
-    function: Callable[[Array], float],
-    x: ArrayLike,
-    direction: ArrayLike,
-    step: float,
-    *,
-    order: int = 4,
-) -> float:
-    """Derivative of ``function`` at ``x`` along ``direction`` by central differences.
-
-    The ``step`` is along the direction, of the shape of ``x``; the ``order`` is 2 or 4, or a
-    ValueError is raised.
-    """
-    if order not in (2, 4):
-        raise ValueError(f"central differences of order 2 or 4, not {order}")
-    point = np.asarray(x, dtype=np.float64)
-    d = np.asarray(direction, dtype=np.float64)
-
-    def slope(s: float) -> float:
-        return (float(function(point + s * d)) - float(function(point - s * d))) / (2.0 * s)
-
-    return slope(step) if order == 2 else (4.0 * slope(step / 2.0) - slope(step)) / 3.0
-
-
 def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
     """Order p of ``errors``, C times ``h`` to the power p, by least squares of the logarithms.
 

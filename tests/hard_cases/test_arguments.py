@@ -521,7 +521,6 @@ class Scene:
         yield row(ffr.von_mises, "body reduced", still, q=q)
         name = (*TEXT[:2], "arm")
         yield row(ffr.worst_stress, "body evaluation", {"name": "rod"}, name=name)
-        yield row(ffr.postprocessing.modes_below, "body frequency", {"frequency": 1.0})
         for call in (ffr.model_report, ffr.mode_error, ffr.local_modes):
             yield row(call, "problem evaluation")
         yield row(ffr.propose_modes, "problem evaluation tolerance", {"tolerance": 1.0})

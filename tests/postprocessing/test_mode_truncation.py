@@ -130,15 +130,3 @@ def test_modes_for_an_accuracy(comm: MPI.Intracomm) -> None:
         ffr.select_modes(problem.with_modes({"rod": 3}), tolerance=1e-6)
     with pytest.raises(ValueError, match="no flexible body 'crank'"):
         problem.with_modes({"crank": 3})
-
-
-@pytest.mark.mpi
-def test_modes_below_a_frequency(comm: MPI.Intracomm) -> None:
-    problem = reference_problem(comm, (40, 4), modes=6, steps=100)
-    body = problem.flexible["rod"]
-    frequencies = body.reduce(np.ones(body.domain.n_cells)).basis.frequencies
-    assert ffr.postprocessing.modes_below(body, 1.001 * frequencies[3]) == 4
-    assert ffr.postprocessing.modes_below(body, 0.999 * frequencies[0]) == 0
-    # not only as many as the body has
-    more = body.with_modes(12).reduce(np.ones(body.domain.n_cells)).basis.frequencies
-    assert ffr.postprocessing.modes_below(body, 1.001 * more[11]) == 12

@@ -9,7 +9,6 @@ from .local_modes import LocalModesWarning as LocalModesWarning
 from .local_modes import local_modes as local_modes
 from .mode_truncation import ModeSelection as ModeSelection
 from .mode_truncation import mode_error as mode_error
-from .mode_truncation import modes_below as modes_below
 from .mode_truncation import propose_modes as propose_modes
 from .mode_truncation import select_modes as select_modes
 from .model_report import BodyReport as BodyReport

@@ -21,7 +21,7 @@ from .. import validation
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, TimeStepWarning
 from ..problem import Evaluation, Problem
-from ..reduction import CLUSTER, BodyStress, FlexibleBody, ReducedBody, with_residual_modes
+from ..reduction import CLUSTER, BodyStress, ReducedBody, with_residual_modes
 from .local_modes import Array, trajectories_of, warn_of_local_modes
 
 #: Bodies by name, flexible ones with their shape functions.
@@ -172,26 +172,6 @@ def select_modes(
     leading = {name: _with_modes(evaluation, whole, name, n) for name, n in chosen.items()}
     psi = psi_with(problem, evaluation, {**whole, **leading})
     return ModeSelection(chosen, errors, relative_change(psi, exact))
-
-
-def modes_below(body: FlexibleBody, frequency: float, x: ArrayLike | None = None) -> int:
-    """How many fixed-interface normal modes lie below a frequency.
-
-    They are counted, not computed, up to a ``frequency`` [Hz], copies of repeated ones included;
-    the ``body`` may have any number of modes. ``x`` is the density of the cells of this rank, by
-    default of the full body; a ValueError on every rank if it does not fit, a RuntimeError if the
-    stiffness is singular.
-    """
-    validation.instance("modes_below: body", body, FlexibleBody, "a FlexibleBody")
-    validation.number("modes_below: frequency", frequency, least=0.0, unit="Hz")
-    domain = body.domain
-    density = domain.check_density(np.ones(domain.n_cells) if x is None else x)
-    matrices = body.elasticity.assemble(density)
-    factored = body.reduction.factor(matrices)
-    try:
-        return factored.count_below((2.0 * math.pi * frequency) ** 2)
-    finally:
-        factored.destroy()
 
 
 def with_all_residual_modes(problem: Problem, evaluation: Evaluation, *, terms: int = 2) -> Bodies:
