@@ -240,6 +240,25 @@ def test_a_strut_that_ends_free_goes() -> None:
 
 
 @pytest.mark.slow
+def test_struts_that_cost_more_than_they_carry_go() -> None:
+    """Of a row of struts of 4 mm, too many for the rod; others stay, and psi is less for it."""
+    problem, boundary = scene(alone=True)
+    body, centers = boundary.body, np.linspace(0.028, 0.372, 17)
+
+    def row(x: np.ndarray) -> np.ndarray:
+        sides = ((x[:, :1] - centers) / 0.0085) ** 4 + (x[:, 1:2] / 0.0135) ** 4
+        return 0.008 * (np.min(sides, axis=1) ** 0.25 - 1.0)
+
+    lines = ffr.mirror_lines(body)
+    start = Boundary.of(ffr.Part(body, row, 0.01), 4e-3, spacing=5e-3, mirrors=lines)
+    assert len(start.holes) == len(centers)
+    result = move_boundary(problem, start, volume=0.8, iterations=6, progress=False)
+    psis, removed = result.history["psi"], result.history["removed"]
+    assert removed[5] == 2 and len(result.boundary.holes) == len(centers) - sum(removed)
+    assert psis[5] < psis[4] and result.psi < 0.9 * psis[0]
+
+
+@pytest.mark.slow
 def test_a_stress_limit_is_one_of_the_part() -> None:
     """Least volume: the limit is held by the largest stress of each part itself."""
     problem, boundary = scene(alone=True)

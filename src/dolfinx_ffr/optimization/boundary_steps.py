@@ -115,9 +115,13 @@ class Trial:
 
     def rank(self, of_bounds: float) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
+        return max(self.excess, self.missed) > _HELD, self.merit(of_bounds)
+
+    @property
+    def missed(self) -> float:
+        """The largest share by which a member, gap or radius is below its minimum."""
         rows = (*self.sizes.values(), *self.radii.values())
-        missed = self.excess > _HELD or any(part.missed > _HELD for part in rows)
-        return missed, self.merit(of_bounds)
+        return max((part.missed for part in rows), default=0.0)
 
     def told(self, step: float, rejected: int, removed: int) -> dict[str, float]:
         """One row of the history."""
@@ -329,15 +333,22 @@ class _Descent:
         except (ValueError, SimulationError):
             return trial
 
-    def simpler(self, trial: Trial, costs: dict[str, Costs], weight: float) -> tuple[Trial, int]:
-        """Without struts and holes that do not pay, and how many of them went; collective."""
-        removed = 0
+    def simpler(
+        self, trial: Trial, costs: dict[str, Costs], weight: float, last: bool
+    ) -> tuple[Trial, int]:
+        """Without struts and holes that do not pay, and how many of them went; collective.
+
+        After the ``last`` step no size may be missed by it, as none mends that any more.
+        """
+        removed, most = 0, max(trial.missed, _HELD) if last else math.inf
         for name, boundary in trial.boundaries.items():
             best, fewer = None, 0
             for changed, count in self.kind.simpler(boundary, costs[name]):
                 try:
                     other = self.tried({**trial.boundaries, name: changed})
                 except (ValueError, SimulationError):
+                    continue
+                if other.missed > most:
                     continue
                 if best is None or other.carries(weight) < best.carries(weight):
                     best, fewer = other, count
@@ -530,7 +541,7 @@ def _descended(
                 margin = min(margin + late, _TIGHTEST)
             trial, removed = found, 0
             if number % EVERY == 0 or number == steps:
-                trial, removed = descent.simpler(trial, step.costs, weight)
+                trial, removed = descent.simpler(trial, step.costs, weight, number == steps)
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
