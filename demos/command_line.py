@@ -57,10 +57,10 @@ def parse(arguments: list[str] | None, name: str, **defaults: Any) -> argparse.N
     return options
 
 
-def say(*words: object) -> None:
+def say(*words: object, sep: str = " ") -> None:
     """Print on rank 0."""
     if MPI.COMM_WORLD.rank == 0:
-        print(*words)
+        print(*words, sep=sep)
 
 
 def bars(

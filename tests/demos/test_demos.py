@@ -192,6 +192,8 @@ SCENES = {
         ["--elements", "30", "4", "--steps", "120", "--iterations", "4"],
         ["trade_off.png", "upper_arm.png", "upper_arm.xdmf", "forearm.png", "motion.gif"],
     ),
+    "balanced_arm": (["--steps", "200"], ["moment.png", "scene.png", "motion.gif", "report.html"]),
+    "path_of_a_four_bar": (["--steps", "100", "--iterations", "40"], ["path.png", "motion.gif"]),
     "density_design": (
         ["--elements", "40", "8", "--iterations", "4"],
         ["design.png", "history.csv", "motion.gif"],

@@ -149,6 +149,21 @@ def constraints(run: Run) -> Table | None:
     return Table.of("Constraints", head, rows, [1, 2])
 
 
+def parameters(run: Run) -> Table | None:
+    """Parameters of the mechanism: start, value, bounds, and whether they stand at one."""
+    ends: dict[str, Any] = {}
+    for at in run.mapping("at_bounds").values():
+        ends |= at
+    rows = []
+    for name, given in run.mapping("parameters").items():
+        scale = Scale(given["unit"], given["value"])
+        numbers = (scale.text(given[key]) for key in ("start", "value", "lower", "upper"))
+        at_bound = f"{ends[name]} bound" if name in ends else NOTHING
+        rows.append((name, *numbers, scale.name or NOTHING, at_bound))
+    head = ["Parameter", "Start", "Value", "Lower bound", "Upper bound", "Unit", "Stands at"]
+    return Table.of("Parameters of the mechanism", head, rows, [1, 2, 3, 4])
+
+
 def _of_part(run: Run, name: str) -> float | None:
     """The part's value of a constraint; values of volume bounds stand with the bodies."""
     volumes = run.verification.get("bodies", {})

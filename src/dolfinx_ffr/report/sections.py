@@ -249,6 +249,7 @@ _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
     ("cards", "numbers at the top", results.cards, []),
     ("accuracy", "errors of psi", results.accuracy, {}),
     ("constraints", "constraints", results.constraints, None),
+    ("parameters", "parameters", results.parameters, None),
     ("load_cases", "load_cases", results.load_cases, None),
     ("comparison", "other designs", results.comparison, None),
     ("bodies", "figures of the part beside those of the design", results.reported_and_part, []),
