@@ -87,6 +87,18 @@ def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monk
             assert 0.0 < names[name].psi < float("inf")
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_two_lines_more() -> None:
+    """The program of the page on machine and part, after the short one."""
+    heading = "Two lines more"
+    program = dict(programs(TOP / "docs" / "machine_and_part.md"))[heading]
+    before = shorter(dict(programs(PAGE))["Slider-crank"]) + "levelset = ffr.LevelSet(rod)\n"
+    steps = program.replace("ffr.TimeInterval(2.0)", "ffr.GeneralizedAlpha(2.0, 120)")
+    names = run(before + shorter(steps).replace("volume=0.5", "boundary=0, volume=0.5"), heading)
+    found = names["result"]
+    assert found.parameters.keys() == {"radius", "load"} and 0.0 < found.psi < float("inf")
+
+
 def test_integrals_from_another_program() -> None:
     """They give the energy of each motion of rigid body and basis that the full matrices do."""
     heading = "From another finite-element program"
