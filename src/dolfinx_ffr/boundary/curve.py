@@ -50,8 +50,8 @@ class FreeCurve:
             found[[0, -1]] = True
         return found
 
-    def rows(self, s: Array, derivative: int = 0) -> csr_matrix:
-        """Shares of the controls in points at parameters, or in a derivative, (points, n)."""
+    def _shares(self, s: Array, derivative: int) -> tuple[Array, NDArray[np.int64]]:
+        """Shares of the controls that count at parameters, and their numbers, (points, 4) each."""
         n, m = len(self.control), self.spans
         k = np.clip(np.floor(s).astype(np.int64), 0, m - 1)
         t = np.asarray(s) - k
@@ -63,23 +63,29 @@ class FreeCurve:
         else:
             parts = [6 * u, 18 * t - 12, 6 - 18 * t, 6 * t]
         around = np.arange(n + 3) % n if self.closed else np.clip(np.arange(n + 4) - 2, 0, n - 1)
-        columns = around[k[:, None] + np.arange(4)].ravel()
-        first = np.arange(0, 4 * len(k) + 1, 4)
-        return csr_matrix((np.stack(parts, axis=1).ravel() / 6.0, columns, first), (len(k), n))
+        return np.stack(parts, axis=1) / 6.0, around[k[:, None] + np.arange(4)]
 
-    def at(self, s: Array) -> Array:
-        """Points at parameters from 0 to `spans`, shape (points, 2) [m]."""
-        return np.asarray(self.rows(s) @ self.control)
+    def rows(self, s: Array, derivative: int = 0) -> csr_matrix:
+        """Shares of the controls in points at parameters, or in a derivative, (points, n)."""
+        shares, columns = self._shares(s, derivative)
+        first = np.arange(0, 4 * len(shares) + 1, 4)
+        size = len(shares), len(self.control)
+        return csr_matrix((shares.ravel(), columns.ravel(), first), size)
+
+    def at(self, s: Array, derivative: int = 0) -> Array:
+        """Points at parameters from 0 to `spans`, or a derivative, shape (points, 2) [m]."""
+        shares, columns = self._shares(s, derivative)
+        return np.einsum("pk,pkd->pd", shares, self.control[columns])
 
     def normals(self, s: Array) -> Array:
         """Unit normals out of the material, shape (points, 2)."""
-        slope = self.rows(s, 1) @ self.control
+        slope = self.at(s, 1)
         normal = np.column_stack([slope[:, 1], -slope[:, 0]])
         return normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
 
     def turn(self, s: Array) -> tuple[Array, Array, Array, Array]:
         """Curvature at parameters (points,) [1/m], first and second derivatives, and speed."""
-        a, b = (self.rows(s, order) @ self.control for order in (1, 2))
+        a, b = (self.at(s, order) for order in (1, 2))
         size = np.linalg.norm(a, axis=1)
         # at the ends of an open curve, where it is straight, the slope vanishes
         size[size < 1e-6 * np.max(size)] = np.inf
@@ -111,7 +117,7 @@ class FreeCurve:
         """Parameters of the nearest points, from parameters ``near`` them, by Newton's method."""
         s = near
         for _ in range(5):
-            t = self.rows(s, 1) @ self.control
+            t = self.at(s, 1)
             off = np.einsum("ij,ij->i", points - self.at(s), t)
             s = s + off / np.maximum(np.einsum("ij,ij->i", t, t), 1e-300)
             s = s % self.spans if self.closed else np.clip(s, 0.0, self.spans)

@@ -93,7 +93,7 @@ def _followers(
 ) -> tuple[csr_matrix, NDArray[np.bool_]]:
     """Shares of the controls in nodes, (nodes, controls); which nodes are on free curves."""
     on = np.zeros(len(x), dtype=bool)
-    shares = csr_matrix((len(x), boundary.n_controls))
+    rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
     near = 0.25 * boundary.member
     for key, curve in boundary.free.items():
         s = curve.sampled(near)
@@ -101,13 +101,13 @@ def _followers(
         some = distance < near
         nodes = candidates[some]
         at = curve.nearest(x[nodes], s[which[some]])
-        rows = curve.rows(at)
-        fit = np.linalg.norm(rows @ curve.control - x[nodes], axis=1) < _ON * boundary.member
+        fit = np.linalg.norm(curve.at(at) - x[nodes], axis=1) < _ON * boundary.member
         fit &= ~on[nodes]
         on[nodes[fit]] = True
-        chosen = np.flatnonzero(fit)
-        place = csr_matrix(
-            (np.ones(len(chosen)), (nodes[chosen], chosen)), shape=(len(x), len(nodes))
-        )
-        shares = shares + place @ boundary.wide(rows, key)
-    return csr_matrix(shares), on
+        own = curve.rows(at[fit]).tocoo()
+        rows.append(nodes[fit][own.row])
+        columns.append(boundary.first[key] + own.col)
+        values.append(own.data)
+    where = np.concatenate(rows), np.concatenate(columns)
+    shares = csr_matrix((np.concatenate(values), where), (len(x), boundary.n_controls))
+    return shares, on

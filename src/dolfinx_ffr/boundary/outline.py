@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import block_diag, coo_matrix, csc_matrix, csr_matrix, eye, lil_matrix, vstack
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -207,18 +207,17 @@ class Boundary:
 
     def metric(self, radius: float) -> csc_matrix:
         """1 + radius^2 times second differences along each curve, (controls, controls)."""
-        blocks = []
-        for curve in self.free.values():
-            n = len(curve.control)
-            step = self.spacing * (1.0 if curve.closed else 2.0)
-            second = lil_matrix((n, n))
-            second.setdiag(2.0)
-            second.setdiag(-1.0, 1)
-            second.setdiag(-1.0, -1)
-            if curve.closed:
-                second[0, n - 1] = second[n - 1, 0] = -1.0
-            blocks.append(eye(n) + (radius / step) ** 2 * second)
-        return csc_matrix(block_diag(blocks))
+        whole = np.arange(self.n_controls)
+        rows, columns, values = [whole], [whole], [np.ones(len(whole))]
+        for key, curve in self.free.items():
+            own = self.first[key] + np.arange(len(curve.control))
+            weight = (radius / (self.spacing * (1.0 if curve.closed else 2.0))) ** 2
+            before, after = (own, np.roll(own, -1)) if curve.closed else (own[:-1], own[1:])
+            rows += [own, before, after]
+            columns += [own, after, before]
+            values += [np.full(len(own), 2.0 * weight), *2 * [np.full(len(before), -weight)]]
+        where = np.concatenate(rows), np.concatenate(columns)
+        return csc_matrix((np.concatenate(values), where), 2 * (self.n_controls,))
 
     def wide(self, rows: csr_matrix, key: int) -> csr_matrix:
         """``rows`` on the controls of the curve ``key`` as rows on those of all."""

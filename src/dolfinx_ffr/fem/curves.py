@@ -263,8 +263,10 @@ class Spline(Curve):
             middle = bend(0.5 * (ends[1:] + ends[:-1]))
             largest = np.maximum(largest, np.linalg.norm(middle, axis=1))
         counts = np.ceil(np.diff(ends) * np.sqrt(largest / (8.0 * tolerance))).astype(int)
-        spans = zip(ends, ends[1:], np.maximum(counts, 1), strict=False)
-        return np.concatenate([*(np.linspace(*span, endpoint=False) for span in spans), ends[-1:]])
+        counts = np.maximum(counts, 1)
+        within = np.arange(np.sum(counts)) - np.repeat(np.cumsum(counts) - counts, counts)
+        steps = np.repeat(np.diff(ends) / counts, counts)
+        return np.append(within * steps + np.repeat(ends[:-1], counts), ends[-1])
 
 
 @dataclass(frozen=True, eq=False)
