@@ -62,7 +62,6 @@ def waves(found: Surface) -> np.ndarray:
     return np.sin(1.0 + 0.7 * np.arange(found.n_controls) ** 1.1)
 
 
-@pytest.mark.mpi
 def test_the_field_has_the_surface_of_the_solid(comm: MPI.Comm) -> None:
     """It is a distance, whatever field was given, and the solid's points are its zeros."""
     found = surface(beam(comm))
@@ -154,7 +153,9 @@ def test_walls(place: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.mpi
-def test_steps_lower_psi_and_tell_what_the_solid_is(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
+    comm: MPI.Comm, shared_tmp_path: Path
+) -> None:
     """On any number of ranks alike; the file is closed."""
     results = []
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:

@@ -71,7 +71,6 @@ def rod(
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 @pytest.mark.parametrize("upper", [None, 0.3])
 def test_a_quadratic_function_under_bounds(comm: MPI.Intracomm, upper: float | None) -> None:
     """The densities are the wanted ones less one number, the multiplier of the bound.
@@ -97,7 +96,6 @@ def test_a_quadratic_function_under_bounds(comm: MPI.Intracomm, upper: float | N
         assert result.evaluation.constraints["left half"].value == pytest.approx(0.0, abs=1e-5)
 
 
-@pytest.mark.mpi
 def test_bounds_are_those_of_the_level_set_that_is_made(comm: MPI.Intracomm) -> None:
     """Near the end a level set is analysed a little within its boundary; its bounds are not."""
     problem = BoundedCopy(comm, lambda c: hills(c) + 0.25, upper=0.3)
@@ -140,7 +138,6 @@ def test_constraints_out_of_reach_are_named(comm: MPI.Intracomm, shared_tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 @pytest.mark.parametrize("kind", [ffr.DensityDesign, ffr.LevelSet])
 def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm, kind: Any) -> None:
     problem, design = rod(comm, kind)
@@ -174,7 +171,6 @@ def test_psi_falls_and_the_bound_holds(comm: MPI.Intracomm, kind: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 def test_constraints_of_the_problem(comm: MPI.Intracomm) -> None:
     """A bound on the first frequency, which the design without it violates."""
     frequency = {"objective": ffr.Frequency("rod")}
@@ -208,7 +204,7 @@ def test_bounds_of_the_rod_out_of_reach(constraint: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*violates 'stress'.*after 6:dolfinx_ffr.DesignWarning")
+@pytest.mark.filterwarnings("ignore:.*violates 'stress'.*after (6|12):dolfinx_ffr.DesignWarning")
 def test_stress_limit(tmp_path: Path) -> None:
     """The least material for a stress: the limit is active, and holds for the largest stress."""
     problem, design = rod(MPI.COMM_SELF, ffr.DensityDesign)
@@ -228,8 +224,8 @@ def test_stress_limit(tmp_path: Path) -> None:
     worst = ffr.worst_stress(body, result.evaluation, "rod", relaxation=0.5, void=0.0)
     assert result.evaluation.constraints["stress"].psi == pytest.approx(worst.largest, rel=1e-9)
     # the scale is that of the design at hand: the way is the same however often it is resumed
-    whole = run(problem, design, start, iterations=30, **{**options, "output": None})
-    np.testing.assert_allclose(whole.history["psi"], result.history["psi"], rtol=1e-5)
+    whole = run(problem, design, start, iterations=12, **{**options, "output": None})
+    np.testing.assert_allclose(whole.history["psi"], result.history["psi"][:13], rtol=1e-5)
 
 
 @pytest.mark.mpi
@@ -245,7 +241,6 @@ def test_any_number_of_ranks(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 def test_a_design_for_each_body(comm: MPI.Intracomm) -> None:
     """A level set and a density, each on its mesh with its share; one adjoint pass for both."""
     problem = four_bar(comm, ffr.IntegralCompliance(["coupler", "rocker"]))

@@ -57,7 +57,6 @@ STEPS = ffr.LevelSetEvolution()
 BOTH = pytest.mark.parametrize("optimizer", [STEPS, ffr.MMA()], ids=["steps", "MMA"])
 
 
-@pytest.mark.mpi
 def test_a_known_shape_is_found(comm: MPI.Intracomm) -> None:
     """Eight small holes merge into the one that is wanted; the volume bound is not in the way."""
     parts = copy(comm)
@@ -72,7 +71,6 @@ def test_a_known_shape_is_found(comm: MPI.Intracomm) -> None:
     assert np.all(result.history["multiplier"] == 0.0)
 
 
-@pytest.mark.mpi
 def test_the_volume_bound_is_kept(comm: MPI.Intracomm) -> None:
     """More material would be better, and the bound is used up."""
     result = run(copy(comm), iterations=20, optimizer=STEPS)
@@ -90,7 +88,6 @@ def test_ranks_agree(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 def test_psi_falls_in_every_stage(comm: MPI.Intracomm) -> None:
     parts = scene(comm)
     result = run(parts, iterations=12, optimizer=STEPS)
@@ -146,7 +143,6 @@ def test_a_start_in_pieces_gives_way_to_an_even_density(comm: MPI.Intracomm) -> 
     assert result.reason == "iterations"
 
 
-@pytest.mark.mpi
 def test_the_start_is_even_where_none_is_given(comm: MPI.Intracomm) -> None:
     for design in (ffr.LevelSet, ffr.DensityDesign):
         problem = Copy(comm, disc)
@@ -163,7 +159,6 @@ def test_gray_fraction_counts_areas() -> None:
     assert ffr.gray_fraction(domain, x) == pytest.approx(0.2)
 
 
-@pytest.mark.mpi
 @BOTH
 def test_one_level_set_serves_two_optimisations(comm: MPI.Intracomm, optimizer: Any) -> None:
     """One within an iteration of the other: both as if each had a level set of its own."""
@@ -186,7 +181,6 @@ def test_one_level_set_serves_two_optimisations(comm: MPI.Intracomm, optimizer: 
         assert np.array_equal(found.history["psi"], expected.history["psi"])
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("first", ["exact", "approximate"])
 def test_columns_of_approximations(comm: MPI.Intracomm, shared_tmp_path: Path, first: str) -> None:
     """A run may go on with the other kind of gradient; what was not known then is NaN."""
@@ -332,7 +326,6 @@ CUT = {
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 @pytest.mark.parametrize("case", CUT)
 def test_a_run_that_is_cut_up(comm: MPI.Intracomm, shared_tmp_path: Path, case: str) -> None:
     """Neither with a given length, nor with what the first call has planned."""

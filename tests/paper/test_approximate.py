@@ -173,7 +173,6 @@ def test_length_chosen_by_leaving_out(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.mpi
 def test_design_loop_with_each_gradient(comm: MPI.Comm) -> None:
     """Exact adjoint and element by element walk the same way; the history tells of errors."""
 

@@ -288,7 +288,8 @@ def test_surfaces_of_random_fields_are_manifold(comm: MPI.Comm, cell: str) -> No
     """Waves shorter than a few cells and signs at the corners alone: no edge has four faces."""
     counts = np.array([6, 3, 3])
     regions = {"solid": lambda x: x[2] < -0.08, "void": lambda x: np.hypot(x[0] - 0.5, x[1]) < 0.15}
-    for seed in range(24):
+    # each kind of field with and without regions; of several ranks a few show that they agree
+    for seed in range(12 if comm.size == 1 else 4):
         options = {"cell": cell, "solid_layers": 1, **(regions if seed % 4 == 3 else {})}
         domain = ffr.Domain.box(comm, 1.0, 0.5, 0.5, elements=(6, 3, 3), **options)
         rng = np.random.default_rng(seed)

@@ -93,7 +93,6 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
     assert len(set(comm.allgather(found.psi))) == 1
 
 
-@pytest.mark.mpi
 def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:
     """Psi of the worst case, and of each load case, beside what was reported."""
     problem = three_load_cases(comm, ffr.WorstCase({"slow": 1.5, "fast": 1.0, "lever": 0.0}))
@@ -129,7 +128,6 @@ def test_fitted_mesh_has_the_interfaces_and_regions_of_the_body(comm: MPI.Comm) 
     assert mesh.area == pytest.approx(part.area, rel=1e-5)
 
 
-@pytest.mark.mpi
 def test_volumes_of_a_part_are_shares_of_the_body(comm: MPI.Comm) -> None:
     """Of a region by predicate or by a mask over the cells, as bounds on the design are."""
     body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 8))
@@ -206,7 +204,6 @@ def test_result_of_a_design_as_a_part(
         assert (shared_tmp_path / f"{part.kind}.{suffix}").stat().st_size > 500, suffix
 
 
-@pytest.mark.mpi
 def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
     """The largest stress of the part itself is held against the limit, not a mean of it."""
     body = ffr.Domain.rectangle(comm, 0.4, 0.04, elements=(20, 8))
@@ -248,7 +245,6 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
         assert set(found.violations) == set(last.constraints)
 
 
-@pytest.mark.mpi
 def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
     """The bound of `optimize` is held against the part, too, when the result is verified."""
     problem = slider_crank(comm, (20, 4), modes=2, steps=200)
