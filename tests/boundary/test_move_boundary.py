@@ -99,6 +99,7 @@ def psi(problem: ffr.Problem, boundary: Boundary) -> tuple[ffr.Problem, ffr.Eval
     return moved, moved.value(np.ones(domain.n_cells))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_the_derivative_on_several_ranks_is_that_of_parts_meshed_anew() -> None:
     """Beside differences over new meshes; their own noise is some 1e-5 of psi."""
@@ -197,6 +198,7 @@ def test_nodes_follow_the_controls() -> None:
     assert np.max(np.abs((motion._follow @ control)[numbers] - x)[np.isin(numbers, on)]) < 1e-8
 
 
+@pytest.mark.slow
 def test_psi_falls_and_members_stay() -> None:
     problem, boundary = scene()
     result = move_boundary(problem, boundary, iterations=4, volume=0.79, progress=False)

@@ -62,6 +62,7 @@ def waves(found: Surface) -> np.ndarray:
     return np.sin(1.0 + 0.7 * np.arange(found.n_controls) ** 1.1)
 
 
+@pytest.mark.slow
 def test_the_field_has_the_surface_of_the_solid(comm: MPI.Comm) -> None:
     """It is a distance, whatever field was given, and the solid's points are its zeros."""
     found = surface(beam(comm))
@@ -90,6 +91,7 @@ def test_points_follow_the_field() -> None:
     assert missed[1] < 0.3 * missed[0]
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> None:
     problem = beam(comm)

@@ -96,6 +96,7 @@ def test_a_quadratic_function_under_bounds(comm: MPI.Intracomm, upper: float | N
         assert result.evaluation.constraints["left half"].value == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_bounds_are_those_of_the_level_set_that_is_made(comm: MPI.Intracomm) -> None:
     """Near the end a level set is analysed a little within its boundary; its bounds are not."""
     problem = BoundedCopy(comm, lambda c: hills(c) + 0.25, upper=0.3)
