@@ -88,8 +88,9 @@ def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_two_lines_more() -> None:
+def test_two_lines_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The program of the page on machine and part, after the short one."""
+    monkeypatch.chdir(tmp_path)
     heading = "Two lines more"
     program = dict(programs(TOP / "docs" / "machine_and_part.md"))[heading]
     before = shorter(dict(programs(PAGE))["Slider-crank"]) + "levelset = ffr.LevelSet(rod)\n"
