@@ -196,10 +196,7 @@ def rows_of_growth(results: Results, cpu: bool = False) -> list[Row]:
 
 
 def floored(rows: list[Row]) -> list[Row]:
-    """Rows that show a page of memory at least.
-
-    Small bodies may take no more than is there already, and zero has no logarithm.
-    """
+    """Rows with a page of memory at least: small bodies may show none, and zero no logarithm."""
     names = ("memory_value", "memory_gradient")
     return [{**row, **{name: max(row[name], PAGE) for name in names}} for row in rows]
 

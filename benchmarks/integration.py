@@ -63,7 +63,7 @@ def integration_jobs(*, quick: bool) -> list[Job]:
         if scene == "stiff" and not quick:  # the modes are many, and their periods short
             own |= {"tolerances": tolerances[:-2], "reference": 1e-10}
         if scene == "long":  # more turns than the others, and one each two seconds
-            own |= {"turns": 10 if quick else 30, "counts": [4 * count for count in counts[:-1]]}
+            own |= {"turns": 5 if quick else 30, "counts": [4 * count for count in counts[:-1]]}
             own |= {"tolerances": tolerances[: -1 if quick else -3]}
             own |= {"reference": 1e-6 if quick else 1e-9}
         jobs.append(Job("integration", "work_precision", 1.5 if quick else 35.0, own))

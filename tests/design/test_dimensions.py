@@ -197,6 +197,7 @@ def pendulum(domain: ffr.Domain) -> ffr.Problem:
     return ffr.Problem({"rod": body}, mechanism, steps, ffr.IntegralCompliance())
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_derivative_in_space(comm: MPI.Intracomm) -> None:
     """Of all ranks together; the meshes that move are of each alone."""
@@ -207,6 +208,7 @@ def test_derivative_in_space(comm: MPI.Intracomm) -> None:
     assert of_moved_meshes(pendulum, made, along) == pytest.approx(exact, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_sizing(comm: MPI.Intracomm) -> None:
     """Psi falls below a mass that is held; the ranks together do what one of them does alone."""

@@ -210,6 +210,7 @@ def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     np.testing.assert_allclose(radii, 0.1, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:reduction. modes")
 def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm) -> None:
     """A solid has the psi of hexahedra of order 2 that fit it, on any number of ranks."""

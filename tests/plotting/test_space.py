@@ -19,6 +19,7 @@ from dolfinx_ffr.plotting import animate_motion, plot_design, plot_modes, plot_s
 pytestmark = pytest.mark.mpi
 
 
+@pytest.mark.slow
 def test_pictures_of_a_body(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A design, its shape functions and its stress: no page is empty, and each shows colours."""
     domain = ffr.Domain.box(comm, 0.4, 0.05, 0.04, elements=(12, 3, 2))
@@ -41,6 +42,7 @@ def test_pictures_of_a_body(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         assert np.mean(np.ptp(image, axis=2) > 0.3) > 1e-3
 
 
+@pytest.mark.slow
 def test_pictures_of_a_motion(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A rod between a crank and a slider, skew to each other: something moves, and is in colour."""
     problem = spatial_problem(comm, (6, 1, 1), modes=2, steps=240)

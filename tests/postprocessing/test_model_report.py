@@ -38,6 +38,7 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize("steps", [40, None])
 def test_error_of_radau_steps(comm: MPI.Intracomm, steps: int | None) -> None:
