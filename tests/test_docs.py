@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -49,22 +50,27 @@ def shorter(program: str) -> str:
     return program
 
 
-def run(program: str, name: str) -> dict[str, Any]:
-    """The names that a program of the documentation, which is ours, defines."""
-    names: dict[str, Any] = {}
+def run(program: str, name: str, before: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The names that a program of the documentation, which is ours, defines, and those before."""
+    names = dict(before or {})
     exec(compile(program, name, "exec"), names)
     return names
 
 
-def beginning(program: str) -> str:
-    """What must stand before some lines that are no program: a scene of the page."""
+@cache
+def scene(name: str) -> dict[str, Any]:
+    """What a scene of the page defines, for lines that are no program and go on from it."""
+    return run(shorter(dict(programs(PAGE))[name]), name)
+
+
+def beginning(program: str) -> dict[str, Any]:
+    """What must stand before some lines: nothing before a program, else a scene of the page."""
     if "import dolfinx_ffr" in program:
-        return ""
-    scenes = dict(programs(PAGE))
+        return {}
     if "coupler" in program:
-        links = "coupler, rocker = meshes['coupler'], meshes['rocker']\n"
-        return shorter(scenes["Four-bar linkage"]) + links
-    return shorter(scenes["Slider-crank"])
+        names = scene("Four-bar linkage")
+        return {**names, **{link: names["meshes"][link] for link in ("coupler", "rocker")}}
+    return dict(scene("Slider-crank"))
 
 
 @pytest.mark.slow
@@ -81,7 +87,7 @@ def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monk
     before = beginning(program)
     if before:
         program = program.replace("volume=", "iterations=2, volume=")
-    names = run(before + shorter(program), f"{PAGE.name}, {heading}")
+    names = run(shorter(program), f"{PAGE.name}, {heading}", before)
     for name in ("result", "evaluation"):
         if name in names:
             assert 0.0 < names[name].psi < float("inf")
@@ -161,10 +167,10 @@ def test_parts(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monke
 def test_programs_of_several_load_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run one after the other, and what they ask for is there."""
     monkeypatch.chdir(tmp_path)
-    scene = shorter(dict(programs(PAGE))["Slider-crank"])
-    lines = "x = 0.7 * np.ones(rod.n_cells)\n"
+    before = scene("Slider-crank")
+    x = 0.7 * np.ones(before["rod"].n_cells)
     text = "\n".join(program for _, program in programs(MOTIONS))
-    names = run(scene + lines + shorter(text), MOTIONS.name)
+    names = run(shorter(text), MOTIONS.name, {**before, "x": x})
     evaluation = names["apart"]
     assert isinstance(evaluation, ffr.Evaluation)
     assert list(evaluation.load_cases) == ["slow", "fast"]
