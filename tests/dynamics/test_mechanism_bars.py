@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import ellipk
 from shared.spatial_bodies import cloud, stiffened_cloud
 
 import dolfinx_ffr as ffr
@@ -328,3 +329,74 @@ def test_parameters_of_no_influence_are_named() -> None:
     mechanism = ffr.Parameters(**given).mechanism(build)
     model = ffr.simulate(mechanism, bodies(), ffr.GeneralizedAlpha(0.1, 2)).model
     assert influence(model) == ["idle"]
+
+
+def coordinate(build: Callable[..., Any], place: tuple[int, int], steps: Any, **given: Any) -> Any:
+    """A coordinate at an instant, its velocity, and its slopes by the parameters."""
+    run = ffr.simulate(ffr.Parameters(**given).mechanism(build), {}, steps)
+    bar = TrajectoryBar.zeros(run)
+    bar.y[place] = 1.0
+    return run.y[place], run.v[place], parameter_slopes(run, [adjoint(run, bar).mechanism])[0]
+
+
+def point(mass: float, place: Any, **other: Any) -> Any:
+    """A body whose mass is at its only marker, and a mechanism with it."""
+    markers, inertia = {"at": (0.0, 0.0), **other.pop("to", {})}, other.pop("inertia", 1e-12)
+    body = ffr.VolumeIntegrals.rigid(mass, (0.0, 0.0), inertia, markers)
+    return ffr.Mechanism({"mass": place}, **other), {"mass": body}
+
+
+def test_period_of_a_pendulum_by_length_and_mass() -> None:
+    """A quarter of it, T/4, at an amplitude of one: dT/dl = T / 2 l, and nothing by the mass."""
+    length, gravity = 0.7, 9.81
+    period = 4.0 * np.sqrt(length / gravity) * ellipk(np.sin(0.5) ** 2)
+
+    def swinging(length: float, mass: float) -> Any:
+        # the angle from the vertical is that of the frame
+        start = ffr.Placement((length * np.sin(1.0), -length * np.cos(1.0)), 1.0)
+        joint = ffr.Revolute(("mass", "pin"), ffr.Ground())
+        pin = {"pin": (0.0, length)}
+        return point(mass, start, to=pin, joints=[joint], gravity=(0.0, -gravity))
+
+    given = {"length": (length, 0.5, 0.9), "mass": (2.0, 1.0, 3.0)}
+    quarter = ffr.RadauIIA(0.25 * period, steps=60)
+    angle, speed, slopes = coordinate(swinging, (-1, 2), quarter, **given)
+    assert abs(angle) < 1e-9
+    assert -4.0 * slopes[0] / speed == pytest.approx(0.5 * period / length, rel=1e-8)
+    assert abs(slopes[1]) < 1e-9
+
+
+def test_spring_and_mass_by_stiffness_damping_and_mass() -> None:
+    """Its free vibration, whose derivatives are taken by complex steps."""
+    values, end = np.array([40.0, 1.5, 0.8]), 0.6
+
+    def swinging(k: float, d: float, m: float) -> Any:
+        spring = ffr.SpringDamper(("mass", "at"), ffr.Ground(), k, d, length=0.0)
+        guide = ffr.Translational(("mass", "at"), ffr.Ground())
+        return point(m, ffr.Placement((0.2, 0.0)), joints=[guide], forces=[spring])
+
+    def closed(k: complex, d: complex, m: complex) -> complex:
+        decay = 0.5 * d / m
+        omega = np.sqrt(k / m - decay**2)
+        return (
+            0.2 * np.exp(-decay * end) * (np.cos(omega * end) + decay / omega * np.sin(omega * end))
+        )
+
+    given = {n: (v, 0.5 * v, 2.0 * v) for n, v in zip("kdm", values, strict=True)}
+    at, _, slopes = coordinate(swinging, (-1, 0), ffr.RadauIIA(end, steps=60), **given)
+    assert at == pytest.approx(closed(*values).real, rel=1e-9)
+    for slope, step in zip(slopes, 1e-30j * np.eye(3), strict=True):
+        assert slope == pytest.approx(closed(*(values + step)).imag / 1e-30, rel=1e-8)
+
+
+def test_static_sag_by_stiffness() -> None:
+    def hanging(k: float) -> Any:
+        spring = ffr.SpringDamper(("mass", "at"), ffr.Ground(), k, length=0.0)
+        guide = ffr.Translational(("mass", "at"), ffr.Ground(), (0.0, 1.0))
+        options: dict[str, Any] = {"joints": [guide], "forces": [spring], "inertia": 0.1}
+        options |= {"gravity": (0.0, -9.81), "start": ffr.StaticEquilibrium()}
+        return point(0.8, ffr.Placement(), **options)
+
+    at, _, slopes = coordinate(hanging, (0, 1), ffr.GeneralizedAlpha(0.1, 5), k=(40.0, 20.0, 80.0))
+    assert at == pytest.approx(-0.8 * 9.81 / 40.0, rel=1e-10)
+    assert slopes[0] == pytest.approx(0.8 * 9.81 / 40.0**2, rel=1e-8)

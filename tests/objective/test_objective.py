@@ -18,7 +18,7 @@ from shared.spatial_bodies import cloud
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Trajectory, simulate
-from dolfinx_ffr.objective import DrivePower, DriveWork
+from dolfinx_ffr.objective import DrivePower, DriveWork, ResidualVibration
 from dolfinx_ffr.verification import convergence_order
 
 
@@ -45,6 +45,7 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "acceleration": ("four-bar", ffr.MarkerAcceleration("coupler", "middle")),
     "acceleration of a rigid body": ("robot", ffr.MarkerAcceleration("rider", "pin")),
     "acceleration at the end": ("robot", ffr.MarkerAcceleration("arm", "right", (0.2, 0.3))),
+    "swing after a stop": ("robot", ResidualVibration("arm", "right", (0.2, 0.3), 0.01)),
     "force of a pin": ("four-bar", ffr.JointForce("coupler pin")),
     "peak force of a pin": ("four-bar", ffr.JointForce("rocker bearing", power=12.0)),
     "driving moment": ("four-bar", ffr.JointForce("motor", window=(0.1, 0.3))),
@@ -213,6 +214,12 @@ def test_uniform_rotation_and_weight_at_rest() -> None:
     assert tip.evaluate(response) == pytest.approx(24.5**2 * 0.5, rel=1e-10)
     speed = ffr.MarkerVelocity("bar", "tip").evaluate(response)
     assert speed == pytest.approx(3.5**2 * 0.5, rel=1e-10)
+    # A whole turn about the mean, by place and by velocity over omega alike.
+    whole = spinning(omega=4.0 * np.pi)[1]
+    swing = ResidualVibration("bar", "tip", tau=0.25 / np.pi)
+    assert swing.evaluate(whole) == pytest.approx(2.0 * 0.25, rel=1e-9)
+    with pytest.raises(ValueError, match="residual vibration: the place"):
+        ResidualVibration("bar", "tip", place=(0.0, 0.0, 0.0)).evaluate(whole)
     # The bearing holds 2 kg at 0.25 m on their circle.
     for power in (1.5, 2.0, 40.0):
         force = ffr.JointForce("bearing", power=power).evaluate(response)

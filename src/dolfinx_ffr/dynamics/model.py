@@ -217,9 +217,9 @@ def assemble_model(
     The derivatives of all motions are compared with differences unless they have been `checked`.
     The instant near the start comes an offset [s] after it, by default a share of the first step.
     """
+    bodies = {**bodies, **mechanism.own_bodies}
     if not bodies:
         raise ValueError("a mechanism needs at least one body")
-    bodies = {**bodies, **mechanism.own_bodies}
     check_names(
         mechanism,
         {name: integrals.modes for name, integrals in bodies.items()},
