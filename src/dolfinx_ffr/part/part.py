@@ -63,7 +63,7 @@ _FIRST = 2.0
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
 #: Size of triangles in a notch, in units of its radius
-_TURN = 0.4
+_TURN = 0.25
 #: Sizes that are tried where gmsh fails, in units of what was asked for
 _SMALLER = (1.0, 0.5, 0.25)
 #: Smallest size of triangles, in units of what was asked for
@@ -271,7 +271,7 @@ class Part(Enclosed):
 
         The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
         units of its width: thin members get smaller ones, by default about two across; ``turn`` is
-        that in a notch, in units of its radius, by default 0.4, which tells its stress; infinite
+        that in a notch, in units of its radius, by default 0.25, which tells its stress; infinite
         for none. From an ``order`` of 2 on cells at curves are curved. A ValueError on every rank
         if gmsh cannot mesh the part, or a number is out of range.
         """
