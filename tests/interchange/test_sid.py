@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from shared.spatial_bodies import stiffened_cloud
+from shared.spatial_bodies import cloud, stiffened_cloud
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics.kinematics import evaluate_equations
@@ -98,3 +98,46 @@ def test_equations_of_motion_from_the_file_alone(tmp_path: Path, state: int) -> 
     )
     np.testing.assert_allclose(where[:, 0], marker.position + marker.displacement @ q, rtol=1e-12)
     np.testing.assert_allclose(marker.position + phi @ q, marker.position + marker.shift(q))
+
+
+def test_derivatives_of_the_terms_by_a_design(tmp_path: Path) -> None:
+    """Those by the step along a direction are the differences of the entries of files."""
+    body, other = (stiffened_cloud(2, seed) for seed in (0, 1))
+    mixed = {"a": other, "b": other + body.scaled(-1.0)}
+    ffr.body.save_derivatives(tmp_path / "slopes.npz", mixed)
+    slopes = np.load(tmp_path / "slopes.npz")
+    assert slopes["variables"].tolist() == ["a", "b"]
+    read = []
+    for name, each in (("one", body), ("other", other)):
+        each.save(tmp_path / f"{name}.SID_FEM")
+        read.append(ffr.interchange.read_terms(tmp_path / f"{name}.SID_FEM"))
+    one, two = read
+    for name in one:
+        for order in range(2):
+            parts = [terms[name][order] for terms in (one, two)]
+            if any(part is not None for part in parts):
+                found = slopes[f"{name}.m{order}"]
+                np.testing.assert_allclose(found[0], parts[1], atol=1e-12)
+                np.testing.assert_allclose(found[1], parts[1] - parts[0], atol=1e-11)
+    moved = other.markers["tip"].displacement - body.markers["tip"].displacement
+    np.testing.assert_allclose(slopes["node2.phi.m0"][1], moved, rtol=1e-12)
+    with pytest.raises(ValueError, match="of a body in space"):
+        ffr.body.save_derivatives(tmp_path / "slopes.npz", {})
+
+
+def test_files_that_contradict_themselves(tmp_path: Path) -> None:
+    """One is read with a warning where Gr differs, and refused where no mass moves so."""
+    path = tmp_path / "body.SID_FEM"
+    cloud(2).save(path)
+    text = path.read_text().replace("dolfinx_ffr crc32", "others")
+    terms = text.split("           Gr\n")
+    path.write_text(
+        terms[0]
+        + "           Gr\n"
+        + re.sub(r"(m0\(   1,   1\) +=).*", r"\1 1.0D+00", terms[1], count=1)
+    )
+    with pytest.warns(ffr.interchange.InterchangeWarning, match="contradicts itself: Gr"):
+        ffr.VolumeIntegrals.load(path)
+    path.write_text(re.sub(r"(?s)(           J\n.*?m0\(   1,   1\) +=)[^\n]*", r"\1 1.0D-09", text))
+    with pytest.raises(ValueError, match=r"body\.SID_FEM: .*(inertia|no mass)"):
+        ffr.VolumeIntegrals.load(path)

@@ -7,6 +7,7 @@ from ..documentation import explain_fields
 from ..interchange import axial as axial
 from ..interchange import cross_matrix as cross_matrix
 from ..interchange import theta as theta
+from .derivatives_file import save_derivatives as save_derivatives
 from .marker import LOADS as LOADS
 from .marker import BodyMarker as BodyMarker
 from .parametric import ParametricBody as ParametricBody

@@ -304,7 +304,7 @@ class VolumeIntegrals:
         """
         path = validation.path("body file", path)
         self.validate(path.stem)
-        arrays = self._by_key
+        arrays = self.by_key
         if damping is not None:
             needed = "a RayleighDamping"
             damping = validation.instance("body file: damping", damping, RayleighDamping, needed)
@@ -312,7 +312,7 @@ class VolumeIntegrals:
         write_body(path, arrays, format)
 
     @property
-    def _by_key(self) -> dict[str, Any]:
+    def by_key(self) -> dict[str, Any]:
         """What a file holds of it, arrays by key."""
         points, n, r, d = self.markers.values(), len(self.markers), self.modes, self.dimension
         rotations = np.array([p.rotation for p in points])

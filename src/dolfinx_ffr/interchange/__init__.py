@@ -27,5 +27,6 @@ from .numpy_file import MARKERS as MARKERS
 from .numpy_file import STIFFENING as STIFFENING
 from .sid import read_terms as read_terms
 from .sid import sid_terms as sid_terms
+from .sid import write_derivatives as write_derivatives
 
 explain_fields(globals())

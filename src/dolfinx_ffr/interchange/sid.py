@@ -34,7 +34,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ from .format import (
     unsealed,
 )
 from .moments import axial, centrifugal, cross_matrix, of_parts, of_theta, theta
+from .numpy_file import write_all
 
 Array = NDArray[np.float64]
 #: Terms of order zero, and of order one with the index of q before that of the column
@@ -154,6 +155,27 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
         "Ke": (K, None),
         "De": (arrays.get("damping", np.zeros((r, r))), None),
     }
+
+
+def write_derivatives(path: Path, derivatives: Mapping[str, Arrays]) -> None:
+    """Write the derivatives of all terms, from those of the arrays by name of the variable.
+
+    The terms are linear in the arrays. Nodes are numbered: ``node1.phi.m0``.
+    """
+    stacked: dict[str, list[Array]] = {}
+    for arrays in derivatives.values():
+        terms, (_, at) = sid_terms(arrays), markers(arrays)
+        for k, own in enumerate(zip(*at.values(), strict=True), 1):
+            for name, term in _node_terms(*own).items():
+                if name != "AP":  # axes stay as they are
+                    terms[f"node{k}.{name}"] = term
+        for name, parts in terms.items():
+            for order, part in enumerate(parts):
+                if part is not None:
+                    stacked.setdefault(f"{name}.m{order}", []).append(part)
+        stacked.setdefault("mass", []).append(np.asarray(arrays["mass"]))
+    held = {key: np.array(parts) for key, parts in stacked.items()}
+    write_all(path, {"variables": np.array(list(derivatives), dtype=np.str_), **held})
 
 
 def _node_terms(x: Array, phi: Array, psi: Array, bent: Array, axes: Array) -> dict[str, Taylor]:

@@ -17,9 +17,11 @@ from tqdm import tqdm
 from .. import validation
 from ..design import Design
 from ..fem import Domain, ElasticMaterial
-from ..parallel import on_every_rank
+from ..mechanism import RayleighDamping
+from ..parallel import on_every_rank, on_rank_0
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
+from ..reduction import FlexibleBody, ReducedBody
 from .field import Field
 from .widths import Width
 
@@ -246,6 +248,42 @@ class Verification:
     parts: Mapping[str, Enclosed]  #: By name of the body
     #: Bounds of constraints and volumes in words, by name
     limits: Mapping[str, str] = field(default_factory=dict)
+    #: By name, each part on its finest mesh, and its reduction there
+    bodies: Mapping[str, tuple[FlexibleBody, ReducedBody]] = field(default_factory=dict, repr=False)
+
+    def export(
+        self,
+        path: str | Path,
+        name: str | None = None,
+        *,
+        format: str | None = None,
+        damping: RayleighDamping | None = None,
+    ) -> None:
+        """Write the reduction of a part on its finest mesh, which others move; collective.
+
+        It is what the objective was verified with. A part in the plane becomes a body in space
+        (`FlexibleBody.in_space`), but for this package's own files.
+
+        Args:
+            path: Where rank 0 writes, as `VolumeIntegrals.save`.
+            name: Of the body; by default the only one.
+            format: As `VolumeIntegrals.save`, as ``damping``.
+            damping: Of the elastic coordinates, where the format holds it.
+
+        Raises:
+            ValueError: On every rank, if the name is needed or not known, or the format cannot hold
+                the body.
+            OSError: On every rank, if the file cannot be written.
+        """
+        if name is None and len(self.bodies) == 1:
+            name = next(iter(self.bodies))
+        if name is None or name not in self.bodies:
+            raise ValueError(f"export: name = {name!r}, but the parts are {sorted(self.bodies)}")
+        body, reduced = self.bodies[name]
+        own = format == "npz" or (format is None and Path(path).suffix == ".npz")
+        integrals = reduced.integrals if own else body.in_space(reduced)
+        how: dict[str, Any] = {"format": format, "damping": damping}
+        on_rank_0(body.domain.comm, lambda: integrals.save(path, **how))
 
     @property
     def psi(self) -> float:
@@ -463,7 +501,8 @@ def verify(
         }
         own = again.calibrated(again.value(densities))
         fitted.append(_figures(max(sizes.values()), *own, parts, bounds))
-        found = Verification(reported, fitted, tolerance, wanted, parts, limits)
+        last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
+        found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
         if found.converged:
             break
     for text in _doubts(found):
