@@ -319,3 +319,12 @@ def test_pull_stiffens_the_blade(comm: MPI.Comm) -> None:
 def test_a_part_from_calculix(undrawn: Callable[..., Path]) -> None:
     """Frequencies to 1e-8 and psi to 1e-6 of the same mesh, which the demo asserts."""
     undrawn("part_from_calculix", "--size", "0.02")
+
+
+def test_a_rod_in_exudyn(undrawn: Callable[..., Path]) -> None:
+    """Its motion from the file is ours to 1e-6, which the demo asserts."""
+    pytest.importorskip("exudyn", reason="PyPI has no Exudyn for this Python")
+    out = undrawn("rod_in_exudyn", "--elements", "30", "4", "--iterations", "15")
+    part = ffr.VolumeIntegrals.load(out / "rod.SID_FEM")
+    again = ffr.VolumeIntegrals.load(out / "rod.npz", format="exudyn")
+    np.testing.assert_allclose(part.P, again.P, atol=1e-12)

@@ -78,11 +78,20 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
             "are those of small motions, from which no body that turns can be made; keep an .npz"
         )
     try:
-        return kind.read(path)
+        arrays = kind.read(path)
     except (IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         told = str(error)
         told = told if told.startswith("body file") else f"body file {path}: {told}"
         raise ValueError(told) from error
+
+    if kind.name != "npz":
+        # what is zero in a body, as moments across a flat one, and round-off after contractions
+        P = arrays["P"]
+        size = np.sqrt(np.abs(np.einsum("aakk->a", P)))
+        arrays["P"] = np.where(
+            np.abs(P) > 1e-13 * np.multiply.outer(size, size)[..., None, None], P, 0.0
+        )
+    return arrays
 
 
 def _kind(path: str | Path, format: str | None) -> tuple[Path, Format]:
