@@ -27,7 +27,6 @@ from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
 from . import validation
-from .documentation import explain_fields
 from .fem import Domain
 from .files import check_room, named_in_errors, replace_file, whole_file
 from .parallel import check_alike, on_every_rank, on_rank_0
@@ -220,6 +219,3 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
     finally:
         if domain.comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
-
-
-explain_fields(globals())
