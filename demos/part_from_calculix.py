@@ -2,7 +2,7 @@
 # %% [markdown]
 """# A part that CalculiX has assembled, in motion beside the same part with a mesh.
 
-What you will see: gmsh meshes a flat link with two bores, CalculiX (Debian's ``calculix-ccx``)
+What you will see: gmsh meshes a flat link with two bores, CalculiX (``calculix-ccx`` of Debian 12)
 writes its stiffness and mass, and the link swings on one bore. The body from these matrices, which
 has no mesh here, and the body from the mesh file have the same frequencies and the same motion.
 

@@ -45,14 +45,14 @@ fingerprint() {
     } | sha256sum | cut -d' ' -f1
 }
 
-# Of alternatives the first that apt knows, installed ones included.
+# Of alternatives the first that apt knows, installed ones included; the last one may be none.
 choose_packages() {
     local name alternative
     while read -r name; do
         for alternative in ${name//|/ }; do
             if [ "$alternative" = "$name" ] || apt-cache show "$alternative" >/dev/null 2>&1; then break; fi
         done
-        printf '%s\n' "$alternative"
+        [ "$alternative" = none ] || printf '%s\n' "$alternative"
     done < <(sed 's/#.*//' "${lists[@]}" | awk 'NF {print $1}')
 }
 

@@ -58,6 +58,7 @@ docs/glossary
 docs/scenes
 docs/several_load_cases
 docs/from_field_to_part
+docs/interchange
 docs/speed_and_accuracy
 docs/approximate_gradient
 docs/hard_cases

@@ -315,7 +315,7 @@ def test_pull_stiffens_the_blade(comm: MPI.Comm) -> None:
     check_gradient(problem, *way, taylor=0.04, roundoff=roundoff)
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="Debian's calculix-ccx is not installed")
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx, as on Debian 13")
 def test_a_part_from_calculix(undrawn: Callable[..., Path]) -> None:
     """Frequencies to 1e-8 and psi to 1e-6 of the same mesh, which the demo asserts."""
     undrawn("part_from_calculix", "--size", "0.02")
