@@ -142,6 +142,7 @@ def svg_points(path: Path) -> None:
     path.write_text(SVG.format(f'<polygon points="{points}"/>'))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize("bomb", [svg_bomb, svg_points, dxf_bomb])
 def test_drawings(comm: MPI.Comm, shared_tmp_path: Path, bomb: Callable[[Path], None]) -> None:

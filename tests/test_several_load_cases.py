@@ -70,6 +70,7 @@ def test_gradient_of_each_combination(comm: MPI.Intracomm, combine: ffr.Combinat
     assert rest < 1e-8 * size
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_each_load_case_alone(comm: MPI.Intracomm) -> None:
     problem = three_load_cases(comm, ffr.WeightedSum(WEIGHTS))
     x = wavy(problem)

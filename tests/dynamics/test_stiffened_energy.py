@@ -69,6 +69,7 @@ def test_energy_of_a_falling_bar(young: float, mass: float, tangent: bool) -> No
     assert convergence_order(1.0 / counts, errors) > 1.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [0.0, 0.05])
 @pytest.mark.parametrize("young", [8e7, 2e7])
 def test_frames_agree_to_the_square_of_the_deflection(mass: float, young: float) -> None:

@@ -140,6 +140,7 @@ def proof_mass(comm: MPI.Intracomm, units: Units) -> tuple[float, np.ndarray]:
     return found.psi / scale, found.gradient["beam"] / scale
 
 
+@pytest.mark.slow
 def test_cantilever_with_a_proof_mass(comm: MPI.Intracomm) -> None:
     """The whole chain, mesh and reduction included, in SI and in other units."""
     psi, gradient = proof_mass(comm, Units())

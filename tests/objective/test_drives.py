@@ -94,6 +94,7 @@ def test_a_body_at_rest_takes_no_power() -> None:
         assert objective.derivatives(response).trajectory is not None
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.LargeDeformationWarning")
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.SofteningWarning")
 @pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning")

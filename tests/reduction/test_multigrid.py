@@ -36,6 +36,7 @@ def holes(domain: ffr.Domain) -> np.ndarray:
     return np.where(inside, np.where(np.sin(60.0 * domain.centroids[:, 0]) > 0.0, 0.0, 0.4), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_same_as_by_factors(comm: MPI.Intracomm, dimension: int) -> None:
     """Frequencies with all copies, a compliance and its gradient, at one density and the next."""

@@ -220,17 +220,23 @@ PATH_IN_SPACE = ffr.PathTracking("rod", "spot", (0.2, 0.1, 0.05))
 ACCELERATION = ffr.MarkerAcceleration("rod", "spot")
 JOINT = (COMPLIANCE, ffr.JointForce("crank pin"), HALF)
 #: What is not the same on several ranks is cells, stress, and a marker that one of them has.
-mpi = pytest.mark.mpi
+mpi, slow = pytest.mark.mpi, pytest.mark.slow
 PLANE = [
     pytest.param("triangle", 1, JOINT, RADAU, {}, id="joint"),
     pytest.param(
         *("quadrilateral", 2, (COMPLIANCE, ffr.Frequency("rod"), ffr.Volume("rod")), ALPHA, {}),
         marks=mpi,
     ),
-    pytest.param("triangle", 3, (PATH, COMPLIANCE), ALPHA, {"markers": SPOT}, marks=mpi),
-    pytest.param(*("curved", 2, (COMPLIANCE, UNCORRECTED, ffr.Mass("rod")), RADAU, {}), marks=mpi),
-    ("quadrilateral", 1, (STRESS,), ALPHA, {}),
-    ("quadrilateral", 1, (ACCELERATION, COMPLIANCE), ALPHA, {"markers": SPOT, "stiffening": STIFF}),
+    pytest.param("triangle", 3, (PATH, COMPLIANCE), ALPHA, {"markers": SPOT}, marks=[mpi, slow]),
+    pytest.param(
+        *("curved", 2, (COMPLIANCE, UNCORRECTED, ffr.Mass("rod")), RADAU, {}), marks=[mpi, slow]
+    ),
+    pytest.param("quadrilateral", 1, (STRESS,), ALPHA, {}, marks=slow),
+    pytest.param(
+        *("quadrilateral", 1, (ACCELERATION, COMPLIANCE), ALPHA),
+        {"markers": SPOT, "stiffening": STIFF},
+        marks=slow,
+    ),
 ]
 
 

@@ -78,7 +78,10 @@ RANKS = {
 
 @pytest.mark.parametrize(
     ("kind", "where"),
-    [pytest.param(*case, marks=[pytest.mark.mpi] * (case in RANKS)) for case in CASES],
+    [
+        pytest.param(*case, marks=pytest.mark.mpi if case in RANKS else pytest.mark.slow)
+        for case in CASES
+    ],
 )
 def test_pullback_from_integrals_to_density(comm: MPI.Intracomm, kind: str, where: str) -> None:
     """Taylor order 2, and agreement with differences, of density -> integrals -> number."""

@@ -124,6 +124,7 @@ def test_the_same_on_several_ranks(comm: MPI.Intracomm, name: str, modes: int) -
     np.testing.assert_allclose(gram, np.eye(modes), atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-11])
 @pytest.mark.parametrize(
     ("name", "modes"),

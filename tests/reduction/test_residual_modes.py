@@ -142,6 +142,7 @@ def test_estimate_of_other_objectives(objective: ffr.Objective) -> None:
     check_estimates(problem, {"rod": x}, (0, 1, 4), psi_with_all_modes(problem, x))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffening", [False, True])
 def test_estimate_for_a_sudden_load(stiffening: bool) -> None:
     """A pendulum that is let go rings, and its left-out modes ring too."""
@@ -150,6 +151,7 @@ def test_estimate_for_a_sudden_load(stiffening: bool) -> None:
     check_estimates(problem, {"bar": x}, (0, 1, 4), psi_with_all_modes(problem, x))
 
 
+@pytest.mark.slow
 def test_estimate_for_two_bodies() -> None:
     """The errors of both links together; twenty modes each count as all."""
     domains = {
