@@ -17,6 +17,7 @@ Exudyn is on PyPI: `pip install exudyn`. Run `python demos/rod_in_exudyn.py --he
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,8 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, write it, and let both programs move it."""
     options = parse(arguments, "rod_in_exudyn", elements=(60, 6), iterations=30, boundary=0)
+    if find_spec("exudyn") is None:
+        raise SystemExit("Exudyn is not installed: pip install exudyn")
     comm, output = MPI.COMM_WORLD, options.output
     problem = slider_crank(comm, options.elements, DESIGNED)
     levelset = ffr.LevelSet(problem.flexible["rod"].domain)
