@@ -39,9 +39,8 @@ _OVER_TIME = ("gravity", "drive", "prescribed", "load_table")
 _STEP, _SHORTER, _TIMES, _BENT = 2e-4, 1 / 16, 5, 3e-3
 #: Changes below this share of the size of an array are round-off.
 _ROUND_OFF = 1e-12
-#: Second differences below this share of first ones, or below this share of the size of an array,
-#: are those of what is linear.
-_LINEAR, _NOISE = 1e-9, 4e-16
+#: Step where nothing is solved for
+_SHORT = 3e-6
 #: Change of the start by a step, in sizes of the start, beyond which it has jumped.
 _JUMP = 1e-2
 
@@ -197,47 +196,43 @@ class _Differences:
         return found
 
     def _around(self, k: int, below: float, above: float) -> list[tuple[float, _Stated]]:
-        """States beside the values of parameter k, and weights of their changes in derivatives."""
-        h, found = _STEP / _SHORTER * (below + above), list[tuple[float, _Stated]]()
-        for left in reversed(range(_TIMES)):
-            h *= _SHORTER
-            try:
-                straight, found = self._differences(k, h, below, above)
-            except _JumpedError:
-                if left:
-                    continue
-                raise
-            if straight:
-                break
-        return found
+        """States beside the values of parameter k, and weights of their changes in derivatives.
 
-    def _differences(
-        self, k: int, h: float, below: float, above: float
-    ) -> tuple[bool, list[tuple[float, _Stated]]]:
-        """Whether slopes hardly change over steps h, and states with their weights.
-
-        Two where all that changes is linear, as by a stiffness or a force, and else of fourth
-        order, between the bounds.
+        Two where the start stays, as tables and constants have no error but round-off. A start is
+        solved for, so that steps are longer there, and of fourth order. Steps are shortened until
+        slopes hardly change over them.
         """
-        central = 2.0 * h <= min(below, above)
+        central = 2.0 * _STEP * (below + above) <= min(below, above)
         side = 1 if central or above >= below else -1
+        base, found, steps = self.base.flat(), list[tuple[float, _Stated]](), [_SHORT]
+        steps += [_STEP * _SHORTER**n for n in range(_TIMES)]
 
-        def at(offsets: Sequence[int]) -> list[_Stated]:
+        def at(h: float, offsets: Sequence[int]) -> list[_Stated]:
             return [self.stated(_shift(k, side * s * h)) for s in offsets]
 
-        near, base = at((-1, 1) if central else (1, 2)), self.base.flat()
-        one, two = near[0].flat(), near[1].flat()
-        ends = (one, two, base) if central else (base, two, one)
-        if not _bends(*ends, _LINEAR, _NOISE):
-            weights, states = ([-1 / 2, 1 / 2] if central else [0.0, 1 / 2]), near
-            straight = True
-        else:
-            states = near + at((-2, 2) if central else (3, 4))
-            weights = [-2 / 3, 2 / 3, 1 / 12, -1 / 12] if central else [4.0, -3.0, 4 / 3, -1 / 4]
-            far = states[-1].flat()
-            ends = (states[-2].flat(), far, base) if central else (base, far, two)
-            straight = not _bends(*ends, _BENT, _ROUND_OFF)
-        return straight, [(side * w / h, state) for w, state in zip(weights, states, strict=True)]
+        for h in (step * (below + above) for step in steps):
+            try:
+                states, two = at(h, (-1, 1) if central else (1, 2)), central
+                if h > _SHORT * (below + above) or not central:
+                    states += at(h, (-2, 2) if central else (3, 4))
+                    two = False
+            except _JumpedError:
+                if h == steps[-1] * (below + above):
+                    raise
+                continue
+            if two and any(np.any(state.y) or np.any(state.v) for state in states):
+                continue
+            weights = [-1 / 2, 1 / 2, 0.0, 0.0] if two else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
+            if not central:
+                weights = [4.0, -3.0, 4 / 3, -1 / 4]
+            pairs = zip(weights, states, strict=False)
+            found = [(side * weight / h, state) for weight, state in pairs]
+            ends = states[-2].flat(), states[-1].flat()
+            if not _bends(
+                *(ends if central else (base, ends[1])), base if central else states[1].flat()
+            ):
+                break
+        return found
 
     def stated(self, shift: Array) -> _Stated:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
@@ -289,16 +284,13 @@ def _numbers(body: VolumeIntegrals) -> list[Array]:
     return [np.asarray(part, dtype=np.float64) for part in parts if part is not None]
 
 
-def _bends(
-    one: Sequence[Array], two: Sequence[Array], middle: Sequence[Array], share: float, noise: float
-) -> bool:
-    """Whether slopes change between two ends by more than a share, or a noise of their size."""
+def _bends(one: Sequence[Array], two: Sequence[Array], middle: Sequence[Array]) -> bool:
+    """Whether slopes change between two ends by more than a share and round-off."""
     for a, b, at in zip(one, two, middle, strict=True):
         change = float(np.max(np.abs(a - b), initial=0.0))
         size = float(np.max(np.abs(at), initial=0.0))
-        if float(np.max(np.abs(a + b - 2.0 * at), initial=0.0)) > share * change + noise * (
-            size + 1.0
-        ):
+        bend = float(np.max(np.abs(a + b - 2.0 * at), initial=0.0))
+        if bend > _BENT * change + _ROUND_OFF * (size + 1.0):
             return True
     return False
 

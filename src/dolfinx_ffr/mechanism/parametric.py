@@ -188,11 +188,11 @@ class Parameters:
                 these values; the message says them.
         """
         validation.function("parameters: what makes the mechanism", build, "the parameters")
-        taken = _taken(build, self.names)
-        said = ", ".join(f"{name} = {self.values[name]:.6g}" for name in taken)
+        taken, values = _taken(build, self.names), self.values
         try:
-            given = build(**{name: self.values[name] for name in taken})
+            given = build(**{name: values[name] for name in taken})
         except (ValueError, ArithmeticError) as error:
+            said = ", ".join(f"{name} = {values[name]:.6g}" for name in taken)
             raise ValueError(f"parameters: no mechanism with {said}: {error}") from error
         mechanism, bodies = given if isinstance(given, tuple) else (given, {})
         what = "parameters: what the function returns"
