@@ -214,7 +214,8 @@ def assemble_model(
 ) -> FlatModel:
     """Flat arrays of a mechanism in the plane or in space at times (steps + 1,) [s].
 
-    The derivatives of all motions are compared with differences unless they have been `checked`.
+    The derivatives of all motions are compared with differences, and given bodies validated, unless
+    they have been `checked`.
     The instant near the start comes an offset [s] after it, by default a share of the first step.
     """
     bodies = {**bodies, **mechanism.own_bodies}
@@ -225,7 +226,7 @@ def assemble_model(
         {name: integrals.modes for name, integrals in bodies.items()},
         {name: integrals.markers for name, integrals in bodies.items()},
     )
-    for name, integrals in bodies.items():
+    for name, integrals in (mechanism.own_bodies if checked else bodies).items():
         integrals.validate(name)
     effective = effective_bodies(mechanism, bodies)
     if offset is None:
