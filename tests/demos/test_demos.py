@@ -193,6 +193,10 @@ SCENES = {
         ["trade_off.png", "upper_arm.png", "upper_arm.xdmf", "forearm.png", "motion.gif"],
     ),
     "balanced_arm": (["--steps", "200"], ["moment.png", "scene.png", "motion.gif", "report.html"]),
+    "arm_and_motion": (
+        ["--size", "0.03", "--steps", "120", "--iterations", "4"],
+        ["swing.png", "scene.png", "motion.gif", "report.html"],
+    ),
     "path_of_a_four_bar": (["--steps", "100", "--iterations", "40"], ["path.png", "motion.gif"]),
     "density_design": (
         ["--elements", "30", "4", "--iterations", "3"],
