@@ -101,7 +101,7 @@ def test_derivatives_beside_densities(comm: MPI.Comm, integrator: Any) -> None:
         found = problem.value({"rod": densities, "machine": values})
         return np.array([found.psi, *(c.value for c in found.constraints.values())])
 
-    here, at = problem.gradient({"rod": x, "machine": CRANK.vector}), CRANK.vector
+    here, at = problem.gradient({"rod": x, "machine": CRANK.array}), CRANK.array
     assert here.gradient is not None
     np.testing.assert_array_equal(here.gradient["machine"], list(here.parameters.values()))
     for k, (name, low, high) in enumerate(CRANK.ranges):

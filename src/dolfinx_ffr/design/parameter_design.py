@@ -29,13 +29,13 @@ class ParameterDesign(Variables):
     def even(self, value: float | None = None) -> Array:
         """The values of the start, shape (size,); or all at a share ``value`` of their range."""
         if value is None:
-            return self.parameters.vector
+            return self.parameters.array
         return self.parameters.from_shares(super().even(value))[0]
 
     def begin(self, start: ArrayLike) -> Array:
         """The variables at values ``start`` of the parameters, shape (size,)."""
         values = finite_vector(start, self.size, "design", "values, one a parameter")
-        return self.parameters.shares(self.parameters.at(values).vector)
+        return self.parameters.shares(self.parameters.at(values).array)
 
     def point(self, variables: Array) -> Array:
         return self.parameters.from_shares(variables)[0]

@@ -91,7 +91,7 @@ class Parameters:
         return {name: entry.value for name, entry in self.entries.items()}
 
     @property
-    def vector(self) -> Array:
+    def array(self) -> Array:
         """Values, shape (size,)."""
         return np.array(list(self.values.values()))
 
@@ -108,7 +108,7 @@ class Parameters:
     @property
     def at_bounds(self) -> dict[str, str]:
         """Which parameters stand at a bound: "lower" or "upper"."""
-        share = self.shares(self.vector)
+        share = self.shares(self.array)
         ends = zip(self.names, share < _AT, share > 1.0 - _AT, strict=True)
         return {n: "lower" if low else "upper" for n, low, high in ends if low or high}
 
@@ -259,7 +259,7 @@ class ParametricMechanism(Mechanism):
         The last numbers of a ``shift`` may be left out. What is alike by chance is told from
         the rest as at the values themselves.
         """
-        values = self.parameters.vector
+        values = self.parameters.array
         values[: len(shift)] += shift
         found = self.at(values)
         if found is not self:
@@ -273,4 +273,4 @@ class ParametricMechanism(Mechanism):
             _APART * (0.5 + 0.5 * ((k + 1) * 0.6180339887 % 1.0)) * (high if high >= low else -low)
             for k, (_, low, high) in enumerate(self.parameters.ranges)
         ]
-        return self.at(self.parameters.vector + np.array(steps))
+        return self.at(self.parameters.array + np.array(steps))

@@ -121,7 +121,7 @@ class Sizing:
         problem, found = evaluation.problem, Evaluation(**_parts(evaluation))
         x = {**result.variables, **result.densities, **self.full(problem)}
         if found.at is not None and found.label:
-            x[found.label] = found.at.vector
+            x[found.label] = found.at.array
         errors: dict[str, float] = {}
         if tolerance is not None:
             first = {name: body.modes for name, body in problem.flexible.items()}
