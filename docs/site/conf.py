@@ -57,6 +57,7 @@ CONTENTS = """
 docs/glossary
 docs/scenes
 docs/several_load_cases
+docs/machine_and_part
 docs/from_field_to_part
 docs/interchange
 docs/speed_and_accuracy
