@@ -20,7 +20,7 @@ from shapely.affinity import affine_transform
 from slider_crank import STEEL, reference_problem
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import Boundary
+from dolfinx_ffr.boundary import Boundary, InThePlane
 from dolfinx_ffr.boundary.derivative import NodeMotion
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
@@ -239,6 +239,20 @@ def test_a_strut_that_ends_free_goes() -> None:
     assert result.history["removed"].tolist() == [0, 1, 0]
     assert result.boundary.spurs == [] and len(result.boundary.holes) == len(spurred.holes)
     assert result.psi < result.history["psi"][0]
+
+
+def test_small_holes_are_tried_without() -> None:
+    _, boundary = scene(alone=True)
+
+    def pocketed(x: np.ndarray) -> np.ndarray:
+        away = np.hypot(x[:, 0] - 0.5 * (CENTERS[3] + CENTERS[4]), x[:, 1])
+        return np.minimum(field(x), away - 4e-3)
+
+    given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
+    assert len(given.holes) == len(boundary.holes) + 1
+    ((without, count),) = InThePlane().simpler(given, {})
+    assert count == 1 and len(without.holes) == len(boundary.holes)
+    assert not list(InThePlane().simpler(boundary, {}))
 
 
 @pytest.mark.slow

@@ -122,9 +122,11 @@ class InThePlane(Kind[Boundary]):
         return min(_SIZE * boundary.member, math.sqrt(each))
 
     def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
-        """Without its specks, what ends free, and the struts whose minimum width costs most."""
-        if boundary.specks:
-            yield boundary.without(boundary.specks), len(boundary.specks)
+        """Without small holes, what ends free, and the struts whose minimum width costs most."""
+        specks, pockets = boundary.specks, boundary.pockets
+        for small in (specks, pockets if len(pockets) > len(specks) else []):
+            if small and len(small) < len(boundary.holes):
+                yield boundary.without(small), len(small)
         holes = set(boundary.holes)
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])

@@ -35,8 +35,9 @@ Numbers = NDArray[np.int64]
 
 #: Accuracy of polygons, in minimum members
 _FINE = 5e-3
-#: Area of the smallest hole, in squares of the minimum member
-_SPECK = 5.0
+#: Area of the smallest hole, and of the smallest that is not tried without, in squares of the
+#: minimum member
+_SPECK, _POCKET = 5.0, 20.0
 #: Half the width of what goes between holes that are joined, and of bays that are filled then, in
 #: minimum members
 _BETWEEN, _OPENED = 0.9, 0.5
@@ -469,7 +470,16 @@ class Boundary:
     @property
     def specks(self) -> list[int]:
         """The numbers of holes that are too small to be kept."""
-        return [key for key in self.holes if self.hole(key).area < _SPECK * self.member**2]
+        return self._below(_SPECK)
+
+    @property
+    def pockets(self) -> list[int]:
+        """The numbers of holes that are so small that they may not be worth their making."""
+        return self._below(_POCKET)
+
+    def _below(self, share: float) -> list[int]:
+        """The numbers of holes of less area than so many squares of the minimum member."""
+        return [key for key in self.holes if self.hole(key).area < share * self.member**2]
 
     def _without_specks(self) -> Boundary:
         """Without holes that are too small, which is warned of."""
