@@ -123,12 +123,12 @@ class InThePlane(Kind[Boundary]):
 
     def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
         """Without small holes, what ends free, and the struts whose minimum width costs most."""
-        specks, pockets = boundary.specks, boundary.pockets
-        for small in (specks, pockets if len(pockets) > len(specks) else []):
-            if small and len(small) < len(boundary.holes):
-                yield boundary.without(small), len(small)
-        holes = set(boundary.holes)
-        dear = [pair for pair, cost in costs.items() if cost > _PRICE and holes.issuperset(pair)]
+        small = [boundary.specks, *boundary.pockets[:_TRIED]]
+        for holes in small:
+            if holes and len(holes) < len(boundary.holes):
+                yield boundary.without(holes), len(holes)
+        every = set(boundary.holes)
+        dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
         tried = [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
         for without, what in [*tried, *((boundary.joined, pair) for pair in dear[:_TRIED])]:

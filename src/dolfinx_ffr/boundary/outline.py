@@ -473,9 +473,17 @@ class Boundary:
         return self._below(_SPECK)
 
     @property
-    def pockets(self) -> list[int]:
-        """The numbers of holes that are so small that they may not be worth their making."""
-        return self._below(_POCKET)
+    def pockets(self) -> list[list[int]]:
+        """Holes that may not be worth their making, each with its images, the smallest first."""
+        holes = {key: self.hole(key) for key in self._below(_POCKET)}
+        found: list[list[int]] = []
+        for key in sorted(holes, key=lambda key: holes[key].area):
+            middle = np.array(holes[key].centroid.coords)
+            images = shapely.MultiPoint(np.vstack([g(middle) for g in self.isometries]))
+            if not any(key in group for group in found):
+                near = (k for k, hole in holes.items() if hole.centroid.distance(images) < self.gap)
+                found.append(list(near))
+        return found
 
     def _below(self, share: float) -> list[int]:
         """The numbers of holes of less area than so many squares of the minimum member."""
