@@ -114,9 +114,12 @@ class Trial:
         }
         return replace(self, sizes=sizes)
 
-    def rank(self, of_bounds: float) -> tuple[bool, float]:
-        """Which is the best: one that keeps bounds and sizes, and of those the least merit."""
-        return max(self.excess, self.missed) > _HELD, self.merit(of_bounds)
+    def rank(self, of_bounds: float, worth: float = 0.0) -> tuple[bool, float]:
+        """Which is the best: one that keeps bounds and sizes, and of those the least merit.
+
+        The merit is less by what it is ``worth`` that something has gone.
+        """
+        return max(self.excess, self.missed) > _HELD, self.merit(of_bounds) - worth
 
     @property
     def missed(self) -> float:
@@ -550,7 +553,7 @@ def _descended(
                 if trial.cost_of_walls > 0.0:
                     descent = replace(descent, dear=2.0 * descent.dear)
                     trial, best = trial.dearer(2.0), best.dearer(2.0)
-            if trial.rank(weight) <= best.rank(weight):
+            if trial.rank(weight, _GONE if removed else 0.0) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())
             told.append(trial.told(longest, rejected, removed))
