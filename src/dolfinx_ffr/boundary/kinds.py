@@ -17,7 +17,6 @@ from .derivative import NodeMotion
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .surface import Surface, SurfaceMotion
-from .walls import wall_rows
 
 Array = NDArray[np.float64]
 B = TypeVar("B", Boundary, Surface)
@@ -44,10 +43,9 @@ class Pace:
     """When a step is taken back, and how long the next one is; lengths in minimum members."""
 
     rise: float  #: Of the merit beyond which a step is taken back; another mesh alone changes it
-    walls: float  #: The same as a share of what walls cost, which appear and vanish
     shorter: float  #: Factor of the reach after a step that is no better
     shortest: float  #: Step, below which another mesh changes more
-    again: float  #: Reach at least when modes or the cost of walls have changed
+    again: float  #: Reach at least when modes may have changed
 
 
 class Kind(ABC, Generic[B]):
@@ -66,8 +64,8 @@ class Kind(ABC, Generic[B]):
         """How the nodes of that mesh follow; collective."""
 
     @abstractmethod
-    def sizes(self, boundary: B, dear: float) -> Rows:
-        """Members and gaps; where walls may be thinner they cost ``dear`` times as much."""
+    def sizes(self, boundary: B) -> Rows:
+        """Members and gaps; collective."""
 
     def radii(self, boundary: B) -> Rows:
         """Radii of curvature."""
@@ -98,7 +96,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, walls=0.0, shorter=0.7, shortest=1e-3, again=0.0)
+    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0)
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         return boundary.part.domain(size, across=_ACROSS, turn=turn)
@@ -106,7 +104,7 @@ class InThePlane(Kind[Boundary]):
     def motion(self, boundary: Boundary, domain: Domain) -> NodeMotion:
         return NodeMotion(boundary, domain)
 
-    def sizes(self, boundary: Boundary, dear: float) -> Rows:
+    def sizes(self, boundary: Boundary) -> Rows:
         return size_rows(boundary)
 
     def radii(self, boundary: Boundary) -> Rows:
@@ -144,7 +142,7 @@ class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=5e-3, walls=0.05, shorter=0.9, shortest=0.02, again=0.3)
+    pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3)
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:
         return boundary.part.domain(boundary.size)
@@ -152,8 +150,8 @@ class InSpace(Kind[Surface]):
     def motion(self, boundary: Surface, domain: Domain) -> SurfaceMotion:
         return SurfaceMotion(boundary, domain)
 
-    def sizes(self, boundary: Surface, dear: float) -> Rows:
-        return wall_rows(boundary, dear)
+    def sizes(self, boundary: Surface) -> Rows:
+        return boundary.rows(boundary.walls)
 
     def size(self, boundary: Surface, given: float | None) -> float:
         return boundary.size

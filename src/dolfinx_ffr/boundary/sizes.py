@@ -32,8 +32,6 @@ class Rows(NamedTuple):
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
     #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
     members: NDArray[np.int64]
-    #: What each violation costs at most, as share of psi, (m,); None where nothing outweighs it
-    costs: Array | None = None
 
     @staticmethod
     def none(controls: int) -> Rows:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear, nnls
+from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
@@ -35,15 +35,13 @@ def best_step(
     slopes: Array,
     held: NDArray[np.bool_],
     reach: float,
-    most: Array | None = None,
 ) -> Step:
     """The step a that minimises 1/2 a.M a + mu g.a within values + slopes a <= 0.
 
     The weight mu is that for which the longest offset is ``reach`` [m]. By duality it is a problem
     of non-negative least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least
     Squares Problems, SIAM 1995, doi:10.1137/1.9781611971217). Shapes: metric (n, n), gradient and
-    held (n,), values (m,), slopes (m, n). With ``most`` (m,) a constraint is violated where its
-    multiplier, divided by mu, would be larger: that is the weight of its violation in a merit.
+    held (n,), values (m,), slopes (m, n).
     """
     free = np.flatnonzero(~held)
     factor = splu(metric[free][:, free].tocsc())
@@ -59,10 +57,7 @@ def best_step(
         if not len(values):
             return values
         right = np.linalg.solve(root, wanted + weight * (slopes[:, free] @ downhill))
-        if most is None:
-            return np.asarray(nnls(root.T, right, maxiter=100 * len(values))[0])
-        bounds = 0.0, np.maximum(weight * most, 1e-300)
-        return np.asarray(lsq_linear(root.T, right, bounds, method="bvls").x)
+        return np.asarray(nnls(root.T, right, maxiter=100 * len(values))[0])
 
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(_ROUNDS):

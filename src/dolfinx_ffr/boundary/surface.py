@@ -12,12 +12,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
-from scipy.sparse import csc_matrix, csr_matrix, eye, kron
+from scipy.sparse import csc_matrix, csr_matrix, diags, eye, kron
 from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
 
@@ -27,20 +27,31 @@ from ..fem import Domain, Tetrahedra, gathered_nodes
 from ..limits import PAIR, check_count
 from ..parallel import on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
+from .sizes import SEEN, SPARE, Rows
+from .step import best_step
+from .walls import Field, Sides, Walls
 
 Array = NDArray[np.float64]
 
 #: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
-_SPACING = 0.75
-#: Weight of the zero surface beside the distance in the fit, and its iterations
-_EXACT, _ITERATIONS = 4.0, 60
+_SPACING = 0.5
+#: Weight of the zero surface beside the distance in the fit, and its iterations: a larger one draws
+#: creases, and thin walls, that the grid cannot show
+_EXACT, _ITERATIONS = 1.0, 60
+#: Distance of the samples of the surface at which walls are measured, in minimum members
+_SAMPLES = 0.25
+#: Times that thin walls are made thicker, and share by which the thinnest may stay thinner
+_ROUNDS, _ALMOST = 10, 1e-3
+#: Thickness in minimum members below which a wall becomes one of balls, and theirs: the fit takes
+#: some of it away; others are moved by their slopes
+_THIN, _THICKER = 0.8, 1.06
+#: Most constraints of one body: the thinnest walls
+_MOST = 600
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it
 _TETRAHEDRA = 30_000
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
-#: Points of a triangle at which walls are measured beside its corners
-_PROBES = np.vstack([np.full((1, 3), 1.0 / 3.0), 1.0 / 6.0 + 0.5 * np.eye(3)])
 #: Share of a plane's normals beyond which it keeps a point from moving
 _KEPT = 0.05
 
@@ -59,6 +70,7 @@ class Surface:
 
     Args:
         origin: The solid that it was made of.
+        sides: Of its body, on rank 0.
         member: Width of the thinnest member [m].
         coefficients: Of the B-spline on the grid, shape (nx, ny, nz) [m], the same on every rank.
         low: First point of the grid, shape (3,) [m].
@@ -75,6 +87,7 @@ class Surface:
     def __init__(
         self,
         origin: Solid,
+        sides: Sides | None,
         member: float,
         coefficients: Array,
         low: Array,
@@ -83,7 +96,7 @@ class Surface:
         size: float,
     ) -> None:
         #: The solid that it was made of
-        self.origin = origin
+        self.origin, self._sides = origin, sides
         #: Width of the thinnest member [m]
         self.member = self.gap = member
         #: Of the B-spline on the grid, shape (nx, ny, nz) [m]
@@ -135,13 +148,10 @@ class Surface:
         if size is None:
             size = _size(body)
 
-        def fitted() -> Array:
-            return _fitted(
-                lambda x: solid.field(np.clip(x, low, high)), low - spacing, spacing, counts + 3
-            )
-
-        coefficients = on_rank_0(body.comm, fitted)
-        return Surface(solid, member, coefficients, low - spacing, spacing, mirrors, size)
+        sides = Sides.of(body, _SAMPLES * member)
+        none = np.zeros(tuple(counts + 3))
+        empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
+        return empty._of_field(lambda x: solid.field(np.clip(x, low, high)))
 
     # ------------------------------------------------------------------ field
 
@@ -182,12 +192,63 @@ class Surface:
 
     def moved(self, offsets: Array) -> Surface:
         """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective."""
-        changed = self.shifted(offsets)
+        return self._of_field(self.shifted(offsets).field)
+
+    def _of_field(self, field: Field) -> Surface:
+        """That of a field, its thin walls made as thick as asked; collective."""
+        member, shape = self.member, self.coefficients.shape
+
+        def near(field: Field) -> Surface:
+            return self._with(_fitted(field, self._low, self._spacing, shape))
 
         def fitted() -> Array:
-            return _fitted(changed.field, self._low, self._spacing, changed.coefficients.shape)
+            assert self._sides is not None
+            found, metric = near(field), None
+            for _ in range(_ROUNDS):
+                thin = self._sides.walls(found.field, found._slopes, SPARE * member)
+                least = np.min(thin.thickness, initial=np.inf)
+                if least > (1.0 - _ALMOST) * member:
+                    break
+                if least < _THIN * member:
+                    found = near(self._sides.thickened(found.field, thin, _THICKER * member))
+                    continue
+                if metric is None:
+                    metric = self.metric(member)
+                rows, still = found.rows(thin), np.zeros(self.n_controls)
+                step = best_step(metric, still, rows.values, rows.slopes, self.held, member)
+                found = found.shifted(step.offsets)
+            return found.coefficients
 
         return self._with(on_rank_0(self.body.comm, fitted))
+
+    @cached_property
+    def walls(self) -> Walls:
+        """Those up to 1.5 times the minimum; collective."""
+
+        def found() -> Walls:
+            assert self._sides is not None
+            return self._sides.walls(self.field, self._slopes, SEEN * SPARE * self.member)
+
+        return on_rank_0(self.body.comm, found)
+
+    def rows(self, walls: Walls) -> Rows:
+        """1 - d / d_min for the thinnest of walls, one in each cell of the grid of the motion.
+
+        The thickness d is the diameter of a ball that touches both sides. It grows as these move
+        outwards; where their normals are not opposite, the ball also moves along the wall.
+        """
+        # of each cell the thinnest wall, found from either side
+        cell = np.floor((walls.middles - self.body.bounding_box[0]) / self.knots + 1e-9)
+        first = np.unique(cell.astype(int), axis=0, return_index=True)[1]
+        first = np.sort(first)[:_MOST]
+        cosine = np.einsum("nd,nd->n", walls.inward[first], walls.across[first])
+        there = diags(1.0 * walls.moving[first]) @ self.outwards(walls.ends[first])
+        there = there - diags(cosine) @ self.outwards(walls.points[first])
+        least = SPARE * self.member
+        slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
+        values = 1.0 - walls.thickness[first] / least
+        none = np.full((len(first), 2), -1)
+        return Rows(values, slopes.toarray(), np.full(len(first), least), none)
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
@@ -199,7 +260,7 @@ class Surface:
         return self._with(self.coefficients + change)
 
     def _with(self, coefficients: Array, size: float | None = None) -> Surface:
-        own = self.origin, self.member, coefficients, self._low, self._spacing
+        own = self.origin, self._sides, self.member, coefficients, self._low, self._spacing
         return Surface(*own, self.mirrors, size or self.size)
 
     def state(self) -> dict[str, Array]:
@@ -261,20 +322,6 @@ class Surface:
         steep = np.linalg.norm(self._slopes(x), axis=1, keepdims=True)
         return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
 
-    def probes(self) -> tuple[Array, Array]:
-        """Points of the zero surface, some in each triangle, and normals inwards, (n, 3) each."""
-        moves = np.zeros(len(self.part.points), dtype=bool)
-        moves[self.moving.numbers] = True
-        corners = self.part.points[self.part.triangles[np.all(moves[self.part.triangles], axis=1)]]
-        x = np.einsum("pc,tcd->tpd", _PROBES, corners).reshape(-1, 3)
-        for _ in range(2):
-            slope = self._slopes(x)
-            square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
-            x = x - (self.field(x) / square)[:, None] * slope
-        x = np.vstack([self.part.points[self.moving.numbers], x])
-        slope = self._slopes(x)
-        return x, slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
-
 
 def _size(body: Domain) -> float:
     """The size of tetrahedra [m] that is fine enough for psi, as far as it is not too dear."""
@@ -322,7 +369,7 @@ def _refined(count: int) -> csr_matrix:
     return csr_matrix(table[:, np.any(table, axis=0)])
 
 
-def _fitted(field: Any, low: Array, spacing: Array, shape: Sequence[int]) -> Array:
+def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> Array:
     """Coefficients of the spline that has a field's zero surface and is near the distance."""
     import pyvista  # takes a while
 
@@ -334,16 +381,21 @@ def _fitted(field: Any, low: Array, spacing: Array, shape: Sequence[int]) -> Arr
     surface = grid.contour([0.0], scalars=values.ravel(order="F"))
     if not surface.n_cells:
         raise ValueError("surface: the field has no zero surface that could move")
-    nodes = dense[::2, ::2, ::2].reshape(-1, 3)
-    nearest = surface.find_closest_cell(nodes, return_closest_point=True)[1]
-    sign = np.where(values[::2, ::2, ::2] > 0.0, 1.0, -1.0).ravel()
-    distance = sign * np.linalg.norm(nodes - nearest, axis=1)
     # off the contour of linear pieces the first-order distance is exact on the field's zero surface
     points = np.asarray(surface.points, dtype=np.float64)
     step = 1e-4 * spacing
     slope = [(field(points + s) - field(points - s)) / (2.0 * s.sum()) for s in np.diag(step)]
-    steep = np.linalg.norm(slope, axis=0)
-    target = np.clip(field(points) / np.maximum(steep, 1e-300), -spacing.min(), spacing.min())
+    steep = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
+    target = np.clip(field(points) / steep, -spacing.min(), spacing.min())
+    normal = (slope / steep).T
+    nodes = dense[::2, ::2, ::2].reshape(-1, 3)
+    _, near = cKDTree(points).query(nodes)
+    way = nodes - (points - target[:, None] * normal)[near]
+    length, along = np.linalg.norm(way, axis=1), np.einsum("nd,nd->n", way, normal[near])
+    # from the plane at the nearest point, but for nodes beyond an edge of the surface
+    beside = np.sqrt(np.maximum(length**2 - along**2, 0.0)) < 0.5 * spacing.min()
+    distance = np.where(beside, np.abs(along), length)
+    distance *= np.where(values[::2, ::2, ::2] > 0.0, 1.0, -1.0).ravel()
     weight = np.concatenate([np.ones(len(nodes)), np.full(len(points), _EXACT)])
     rows = _basis(np.vstack([nodes, points]), low, spacing, shape).multiply(weight[:, None])
     right = weight * np.concatenate([distance, target])

@@ -1,94 +1,168 @@
 # SPDX-License-Identifier: MIT
-"""Walls of a solid no thinner than a minimum, as constraints on the motion of its surface."""
+"""Walls of a solid by the largest balls that touch its surface, and a field without thin ones.
+
+At a point of the surface the ball shrinks until nothing of the surface is in it (J. Ma, S. W. Bae,
+S. Choi, 3D medial axis point approximation using nearest neighbors and the normal field, The Visual
+Computer 28, 2012, doi:10.1007/s00371-011-0594-7). Where it touches both sides of a wall its
+diameter is the thickness. Samples are those of the field, not of a mesh that was cut by it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from .sizes import SEEN, SPARE, Rows
-from .surface import Surface
+from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
+from ..part import outer_faces, spread
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Field = Callable[[Array], Array]
 
-#: Product of the direction and the normal across the wall, beyond which it is one where it is
-#: thinnest, and no wedge: the thickness changes by the tangent of their angle along the surface
-_ACROSS = 0.985
-#: What a wall without thickness costs, as share of psi, over its cell's share of the body: some
-#: times what as much material is worth
-_COST = 25.0
-#: Most constraints of one body: the thinnest walls
-_MOST = 300
+#: Product of the normals of both sides, below which they are those of a wall, and no wedge
+_OPPOSITE = -np.cos(np.radians(20.0))
+#: Most times that balls shrink, and by which share at least
+_SHRINKS, _SHRUNK = 30, 1e-4
+#: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
+_SIDES = 4
 
 
-def wall_rows(surface: Surface, dear: float = 1.0) -> Rows:
-    """1 - d / d_min for the thinnest walls, one in each cell of the grid of the motion.
+class Walls(NamedTuple):
+    """Places where a solid is thin, the thinnest first, from points that move with the field."""
 
-    The thickness d is the way through the material along the normal of the field to a triangle that
-    lies across it. At its ends it grows as the surface moves outwards. Violations cost the more the
-    larger the factor ``dear`` is.
+    points: Array  #: (n, 3) [m]
+    inward: Array  #: Unit normals into the material there, (n, 3)
+    ends: Array  #: On the other side, (n, 3) [m]
+    across: Array  #: Unit normals into the material there, (n, 3)
+    moving: NDArray[np.bool_]  #: Whether the other side moves, too, (n,)
+    thickness: Array  #: (n,) [m]
+
+    @property
+    def middles(self) -> Array:
+        """Centres of the balls, (n, 3) [m]."""
+        return self.points + 0.5 * self.thickness[:, None] * self.inward
+
+
+class Sides:
+    """Samples of the sides of a body and of its regions, which do not move; on rank 0.
+
+    Args:
+        body: Its tetrahedra.
+        spacing: Of the samples, about [m].
     """
-    least = SPARE * surface.member
-    points, part = surface.moving, surface.part
-    start, inward = surface.probes()
-    ray, triangle, way, weights = _hits(start, inward, part.points[part.triangles], SEEN * least)
-    # outward normals across: of the field where the surface moves, else of the triangle
-    where = np.full(len(part.points), -1)
-    where[points.numbers] = np.arange(len(points.numbers))
-    corners = where[part.triangles[triangle]]
-    a, b, c = np.moveaxis(part.points[part.triangles[triangle]], 1, 0)
-    smooth = -np.einsum("rc,rcd->rd", weights, points.inward[corners])
-    normal = np.where(np.all(corners >= 0, axis=1)[:, None], smooth, np.cross(b - a, c - a))
-    cosine = np.einsum("rd,rd->r", normal, inward[ray]) / np.linalg.norm(normal, axis=1)
-    across = np.flatnonzero(cosine > _ACROSS)
-    order = across[np.argsort(way[across], kind="stable")]
-    # of each cell of the grid the thinnest wall, found from either side
-    middle = start[ray[order]] + 0.5 * way[order, None] * inward[ray[order]]
-    cell = np.floor((middle - surface.body.bounding_box[0]) / surface.knots + 1e-9).astype(int)
-    first = np.sort(np.unique(cell, axis=0, return_index=True)[1])
-    chosen = order[first[:_MOST]]
-    # outwards at the start, and at the corners of the triangle which move
-    corners = corners[chosen]
-    share = np.where(corners >= 0, weights[chosen] / cosine[chosen, None], 0.0)
-    count = len(chosen)
-    places = np.repeat(np.arange(count), 3), np.maximum(corners, 0).ravel()
-    end = csr_matrix((share.ravel(), places), shape=(count, len(points.numbers)))
-    apart = surface.outwards(start[ray[chosen]]) + end @ points.rows
-    none = np.full((count, 2), -1)
-    cost = np.full(count, dear * _COST * float(np.prod(surface.knots)) / surface.body.area)
-    slopes = -apart.toarray() / least
-    return Rows(1.0 - way[chosen] / least, slopes, np.full(count, least), none, cost)
+
+    def __init__(self, body: Tetrahedra, spacing: float) -> None:
+        import pyvista  # takes a while
+
+        self.spacing = spacing
+        self.low, self.high = body.points.min(axis=0), body.points.max(axis=0)
+        #: Of the body, with normals inwards, (n, 3) each
+        self.outline = _samples(body, body.regions != VOID, spacing)
+        #: Of its solid region, likewise
+        self.solid = _samples(body, body.regions == SOLID, spacing)
+        cells = body.cells[body.regions == DESIGNED]
+        table = np.column_stack([np.full(len(cells), 4), cells]).ravel()
+        kinds = np.full(len(cells), pyvista.CellType.TETRA)
+        self._designed = pyvista.UnstructuredGrid(table, kinds, body.points)
+
+    @staticmethod
+    def of(body: Domain, spacing: float) -> Sides | None:
+        """Those of a ``body``, None on other ranks than 0; collective."""
+        found = Tetrahedra.of(body)
+        return None if body.comm.rank else Sides(found, spacing)
+
+    def surface(self, field: Field, slopes: Field) -> tuple[Array, Array]:
+        """Samples of the zero surface of a field in the designed region, and normals inwards."""
+        import pyvista
+
+        counts = np.ceil((self.high - self.low) / self.spacing).astype(int) + 1
+        lines = [np.linspace(*ends) for ends in zip(self.low, self.high, counts, strict=True)]
+        dense = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+        level = field(dense).reshape(counts).ravel(order="F")
+        spacing = (self.high - self.low) / (counts - 1)
+        grid = pyvista.ImageData(dimensions=tuple(counts), origin=self.low, spacing=spacing)
+        x = np.asarray(grid.contour([0.0], scalars=level).points, dtype=np.float64)
+        for _ in range(2):
+            slope = slopes(x)
+            square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
+            step = (field(x) / square)[:, None] * slope
+            long = np.linalg.norm(step, axis=1, keepdims=True)
+            x = x - step * np.minimum(1.0, 0.5 * self.spacing / np.maximum(long, 1e-300))
+        x = x[np.asarray(self._designed.find_containing_cell(x)).reshape(-1) >= 0]
+        return x, _unit(slopes(x))
+
+    def walls(self, field: Field, slopes: Field, widest: float) -> Walls:
+        """Walls up to a thickness [m] of the solid where a field is positive."""
+        x, inward = self.surface(field, slopes)
+        bare = field(self.solid[0]) < 0.0
+        parts = (x, inward), self.outline, (self.solid[0][bare], self.solid[1][bare])
+        at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
+        radius, end = tangent_balls(x, inward, at, normals, 0.5 * widest)
+        facing = np.einsum("nd,nd->n", inward, normals[end]) < _OPPOSITE
+        chosen = np.flatnonzero((end >= 0) & facing & (2.0 * radius < widest))
+        chosen = chosen[np.argsort(radius[chosen], kind="stable")]
+        end = end[chosen]
+        own = x[chosen], inward[chosen], at[end], normals[end], end < len(x)
+        return Walls(*own, 2.0 * radius[chosen])
+
+    def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
+        """A field with balls of a diameter [m] amid the walls, off the sides of the body."""
+        tree, centers = cKDTree(self.outline[0]), walls.middles
+        for _ in range(_SIDES):
+            near = tree.query(centers)[1]
+            normal = self.outline[1][near]
+            depth = np.einsum("nd,nd->n", centers - self.outline[0][near], normal)
+            centers = centers + np.maximum(0.5 * thickness - depth, 0.0)[:, None] * normal
+        balls = cKDTree(centers)
+        return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
 
 
-def _hits(
-    start: Array, direction: Array, corners: Array, longest: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
-    """Where rays first meet one of the triangles (t, 3, 3), up to a longest way.
+def tangent_balls(
+    points: Array, inward: Array, at: Array, normals: Array, largest: float
+) -> tuple[Array, Integers]:
+    """Largest balls that touch a surface at points (n, 3), and where else they touch it.
 
-    The numbers of the rays and of their triangles, the ways, and the weights of the corners.
+    The surface is known by samples ``at`` (m, 3) with ``normals``, all of them unit vectors into
+    the material. Radii (n,) [m] are at most the ``largest``; numbers of samples (n,) are -1 where
+    a ball as large as that fits.
     """
-    center = corners.mean(axis=1)
-    reach = float(np.max(np.linalg.norm(corners - center[:, None], axis=2), initial=0.0))
-    middle = cKDTree(start + 0.5 * longest * direction)
-    pairs = middle.sparse_distance_matrix(
-        cKDTree(center), 0.5 * longest + reach, output_type="ndarray"
-    )
-    ray, triangle = pairs["i"], pairs["j"]
-    a, b, c = np.moveaxis(corners[triangle], 1, 0)
-    one, two, d, away = b - a, c - a, direction[ray], start[ray] - a
-    p = np.cross(d, two)
-    size = np.einsum("nd,nd->n", one, p)
-    q = np.cross(away, one)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        v = np.einsum("nd,nd->n", away, p) / size
-        w = np.einsum("nd,nd->n", d, q) / size
-        way = np.einsum("nd,nd->n", two, q) / size
-        hit = (v > -1e-9) & (w > -1e-9) & (v + w < 1.0 + 1e-9)
-        hit &= (way > 1e-6 * longest) & (way < longest)
-    found = np.flatnonzero(hit)
-    found = found[np.argsort(way[found], kind="stable")]
-    found = found[np.unique(ray[found], return_index=True)[1]]
-    weights = np.column_stack([1.0 - v[found] - w[found], v[found], w[found]])
-    return ray[found], triangle[found], way[found], weights
+    tree = cKDTree(at)
+    radius, end = np.full(len(points), largest), np.full(len(points), -1)
+    live = np.arange(len(points))
+    for _ in range(_SHRINKS):
+        x, n, r = points[live], inward[live], radius[live]
+        away, near = tree.query(x + r[:, None] * n)
+        way = at[near] - x
+        along = np.einsum("nd,nd->n", way, n)
+        inside = (away < (1.0 - 1e-6) * r) & (along > 0.0)
+        live, near, before = live[inside], near[inside], r[inside]
+        new = 0.5 * np.sum(way[inside] ** 2, axis=1) / along[inside]
+        radius[live], end[live] = np.minimum(new, before), near
+        live = live[new < (1.0 - _SHRUNK) * before]
+        if not len(live):
+            break
+    # that which touches the plane at the sample, which is more accurate than the sample
+    met = end >= 0
+    n, m = inward[met], normals[end[met]]
+    deep = np.einsum("nd,nd->n", points[met] - at[end[met]], m)
+    cosine = np.einsum("nd,nd->n", n, m)
+    radius[met] = np.clip(deep / np.maximum(1.0 - cosine, 0.1), 0.0, largest)
+    return radius, end
+
+
+def _samples(body: Tetrahedra, chosen: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
+    """Points of the sides of chosen tetrahedra, and normals inwards, (n, 3) each."""
+    faces, _, _ = outer_faces(body.cells[chosen])
+    corners = body.points[faces]
+    points, number = spread(corners, 2.0 * spacing)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return points, -_unit(np.cross(b - a, c - a))[number]
+
+
+def _unit(vectors: Array) -> Any:
+    """Of length one, (n, 3)."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -58,8 +58,6 @@ _TURN, _TOLD = 0.4, 0.25
 _OF_SIZES, _OF_BOUNDS, _EXACT = 0.05, 1.5, 1.5
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
 _HELD = 2e-3
-#: Factor of the costs of walls beyond which they do not grow for want of a better step
-_DEAREST = 16.0
 #: Rise of log psi up to which a strut is taken away
 _GONE = 5e-4
 #: Share by which the result may miss a bound or a minimum size before that is warned of
@@ -91,28 +89,12 @@ class Trial:
     def merit(self, of_bounds: float) -> float:
         """Logarithm of psi and the violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
-        hard = [part.values for part in rows if part.costs is None]
-        narrow = max((float(np.max(values, initial=0.0)) for values in hard), default=0.0)
-        sizes = _OF_SIZES * narrow + self.cost_of_walls
-        return self.carries(of_bounds) + sizes
+        narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
+        return self.carries(of_bounds) + _OF_SIZES * narrow
 
     def carries(self, of_bounds: float) -> float:
         """The same without sizes, which steps mend where a strut has gone."""
         return math.log(self.evaluation.psi) + of_bounds * self.excess
-
-    @property
-    def cost_of_walls(self) -> float:
-        """What the walls of solids cost that are too thin, as share of psi."""
-        rows = [part for part in self.sizes.values() if part.costs is not None]
-        return sum((float(np.maximum(part.values, 0.0) @ part.costs) for part in rows), 0.0)
-
-    def dearer(self, factor: float) -> Trial:
-        """The same where walls cost more."""
-        sizes = {
-            name: part if part.costs is None else part._replace(costs=factor * part.costs)
-            for name, part in self.sizes.items()
-        }
-        return replace(self, sizes=sizes)
 
     def rank(self, of_bounds: float, worth: float = 0.0) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit.
@@ -153,7 +135,6 @@ class _Slopes:
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array  #: Their derivatives, (m, masters)
     bounds: int  #: Number of bounds
-    most: Array | None  #: What their violations cost at most, (m,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +146,6 @@ class _Descent:
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
-    dear: float = 1.0  #: Factor of what the walls of solids cost
 
     @property
     def kind(self) -> Kind[Any]:
@@ -202,9 +182,7 @@ class _Descent:
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
-        sizes = {
-            name: self.kind.sizes(boundary, self.dear) for name, boundary in boundaries.items()
-        }
+        sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
         stress = _of_stress(problem)
         return Trial(boundaries, problem, found, sizes, radii, excesses, stress)
@@ -247,14 +225,11 @@ class _Descent:
         geometric = (trial.sizes, trial.radii, rooms)
         every = [part for found in geometric for part in found.values()]
         values = [part.values for part in every]
-        dear = [np.full(len(r.values), np.inf) if r.costs is None else r.costs for r in every]
-        costs = np.concatenate([*dear, np.full(len(bounds), np.inf)])
         return _Slopes(
             along(evaluation.nodes) / evaluation.psi,
             np.concatenate([*values, excesses]),
             np.vstack([*map(rows, geometric), *bounds]),
             len(bounds),
-            costs if np.any(np.isfinite(costs)) else None,
         )
 
     def step(self, trial: Trial, found: _Slopes, reach: float) -> _Step:
@@ -271,7 +246,6 @@ class _Descent:
             found.slopes,
             np.concatenate(held),
             reach,
-            found.most,
         )
         cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
@@ -517,22 +491,17 @@ def _descended(
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
             slopes, rejected, found = descent.slopes(trial, margin), 0, None
-            rise = pace.rise + pace.walls * trial.cost_of_walls
             while found is None and reach >= pace.shortest:
                 step = descent.step(trial, slopes, reach)
                 weight = max(weight, _EXACT * step.of_bounds)
                 found = descent.moved(trial, step)
-                if found is not None and found.merit(weight) > trial.merit(weight) + rise:
+                if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
                     # shorter steps change the largest stress less than another mesh does
                     if descent.turn < math.inf and reach <= _NOISE:
                         break
                     found = None
                 if found is None:
                     reach, rejected = 0.5 * reach, rejected + 1
-            if found is None and trial.cost_of_walls > 0.0 and descent.dear < _DEAREST:
-                descent, reach = replace(descent, dear=2.0 * descent.dear), pace.again
-                trial, best = trial.dearer(2.0), best.dearer(2.0)
-                continue
             if found is None:
                 reason = "no better step"
                 break
@@ -550,9 +519,6 @@ def _descended(
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
                 reach = max(reach, pace.again)
-                if trial.cost_of_walls > 0.0:
-                    descent = replace(descent, dear=2.0 * descent.dear)
-                    trial, best = trial.dearer(2.0), best.dearer(2.0)
             if trial.rank(weight, _GONE if removed else 0.0) <= best.rank(weight):
                 best, known = trial, errors
             longest = max(float(np.max(np.abs(a))) for a in step.offsets.values())

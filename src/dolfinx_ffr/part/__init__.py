@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .ball_widths import spread as spread
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part
 from .solid import Cavity as Cavity
 from .solid import Solid as Solid
+from .tetrahedral_cut import outer_faces as outer_faces
 from .verify import BodyFigures as BodyFigures
 from .verify import Enclosed as Enclosed
 from .verify import Figures as Figures

@@ -63,24 +63,12 @@ class _Lattice:
         axes = [a + self.h * np.arange(count) for a, count in zip(first, counts, strict=True)]
         self._positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
         self.inside = self._enclosed(axes) != around
-        tree = cKDTree(self._samples(0.5 * self.h))
+        samples = spread(self._corners, 0.5 * self.h)[0]
+        tree = cKDTree(np.concatenate([samples, self._corners.reshape(-1, 3)]))
         self.distance = np.zeros(self.inside.shape)
         most = 0.5 * self.largest + self.h
         found = tree.query(self._positions[self.inside], distance_upper_bound=most)[0]
         self.distance[self.inside] = np.minimum(found, most)
-
-    def _samples(self, spacing: float) -> Array:
-        """Points of all triangles, no farther apart than a spacing."""
-        corners, found = self._corners, []
-        while len(corners):
-            edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-            small = np.max(edges, axis=1) <= spacing
-            found.append(corners[small].mean(axis=1))
-            a, b, c = np.moveaxis(corners[~small], 1, 0)
-            ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-            corners = np.concatenate([np.stack(part, axis=1) for part in parts])
-        return np.concatenate([*found, self._corners.reshape(-1, 3)])
 
     def _enclosed(self, axes: list[Array]) -> Mask:
         """Which points lie inside, by the crossings of lines along x with the surface."""
@@ -173,6 +161,23 @@ class _Lattice:
             w, t = q @ direction / size, np.sum(two * q, axis=1) / size
             hit = (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (t > 0.0)
         return float(np.min(t[hit], initial=np.inf))
+
+
+def spread(corners: Array, spacing: float) -> tuple[Array, Integers]:
+    """Points of triangles (t, 3, 3), about a spacing apart, and which of them they lie in, (n,)."""
+    number = np.arange(len(corners))
+    points, numbers = [np.zeros((0, 3))], [number[:0]]
+    while len(corners):
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        small = np.max(edges, axis=1) <= spacing
+        points.append(corners[small].mean(axis=1))
+        numbers.append(number[small])
+        a, b, c = np.moveaxis(corners[~small], 1, 0)
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
+        number = np.tile(number[~small], len(parts))
+    return np.concatenate(points), np.concatenate(numbers)
 
 
 def _length(ends: Array) -> float:
