@@ -17,11 +17,11 @@ from scipy.spatial import cKDTree
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Surface
 from dolfinx_ffr.boundary import surface as surface_module
-from dolfinx_ffr.boundary.walls import wall_rows
+from dolfinx_ffr.boundary.walls import tangent_balls
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.boundary_steps import _Descent
 
-SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 5e-3
+SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 6e-3
 PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
 
 
@@ -131,26 +131,59 @@ def test_the_volume_of_new_solids_changes_as_the_surface_moves() -> None:
     assert errors[1] < min(0.05, errors[0])
 
 
+def plate(thickness: float, place: float) -> Callable[[np.ndarray], np.ndarray]:
+    """A plate between two voids that is as thick as told, with its middle at a height [m]."""
+
+    def field(x: np.ndarray) -> np.ndarray:
+        inside = 0.5 * thickness - np.abs(x[:, 2] - place)
+        return np.where(np.abs(x[:, 0] - 0.08) < 0.05, inside, 1.0)
+
+    return field
+
+
 @pytest.mark.parametrize("place", [0.0, 0.0163])
 def test_walls(place: float) -> None:
     """Of a plate between two voids and of one beside a face, exactly; and how they change."""
-
-    def field(x: np.ndarray) -> np.ndarray:
-        return np.minimum(np.abs(x[:, 2] - place) - 0.007, 1.0)
-
-    def plate(x: np.ndarray) -> np.ndarray:
-        return np.where(np.abs(x[:, 0] - 0.08) < 0.05, -field(x), 1.0)
-
-    found = surface(beam(MPI.COMM_SELF), plate, 0.012)
-    rows = wall_rows(found)
+    found = surface(beam(MPI.COMM_SELF), plate(0.014, place), 0.01)
+    rows = found.rows(found.walls)
     thick = 0.014 if place == 0.0 else 0.02 - place + 0.007
-    assert rows.smallest == pytest.approx(thick, rel=0.02)
-    # the mean over the plate, as each new cut measures at other points
+    assert np.median(found.walls.thickness) == pytest.approx(thick, rel=0.01)
     outwards = 1e-4 * np.ones(found.n_controls)
-    beside = [wall_rows(found.shifted(side * outwards)) for side in (1.0, -1.0)]
-    mean = [np.mean(other.least * (1.0 - other.values)) for other in beside]
-    told = -np.mean(rows.least * (rows.slopes @ outwards))
-    assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.05)
+    beside = [found.shifted(side * outwards) for side in (1.0, -1.0)]
+    mean = [np.median(other.walls.thickness) for other in beside]
+    told = -np.median(rows.least * (rows.slopes @ outwards))
+    assert 0.5 * np.subtract(*mean) == pytest.approx(told, rel=0.02)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.018])
+def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
+    """Also beside a face of the body, which stays; and the solid that is cut has them, too."""
+    found = surface(beam(MPI.COMM_SELF), plate(0.3 * MEMBER, place), MEMBER, share=0.4)
+    walls = found.walls
+    assert walls.thickness[0] > 0.999 * MEMBER
+    inside = np.array([[0.08, 0.003, min(place, 0.02 - 0.5 * MEMBER) + y] for y in (0.002, -0.002)])
+    assert np.all(found.field(inside) > 0.0)
+    cut = found.part.points[np.abs(found.part.points[:, 0] - 0.08) < 0.02]
+    assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
+
+
+def test_balls_that_touch_a_surface() -> None:
+    """Between two planes that are not parallel, exactly, and none where larger balls fit."""
+    x = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros((5, 2))])
+    u = np.linspace(-1.0, 2.0, 31)
+    slope = np.array([0.1, 0.0, -1.0]) / np.hypot(0.1, 1.0)  # into the material below
+    at = np.stack([*np.meshgrid(u, u, indexing="ij"), 0.0 * np.ones((31, 31))], axis=-1)
+    at = at.reshape(-1, 3)
+    at[:, 2] = 0.3 + 0.1 * at[:, 0]
+    radius, end = tangent_balls(
+        x, np.tile([0.0, 0.0, 1.0], (5, 1)), at, np.tile(slope, (961, 1)), 1.0
+    )
+    # where the ball's centre is as far from both
+    exact = (0.3 + 0.1 * x[:, 0]) / (1.0 + np.hypot(0.1, 1.0))
+    np.testing.assert_allclose(radius, exact, rtol=1e-12)
+    assert np.all(end >= 0)
+    none = tangent_balls(x, np.tile([0.0, 0.0, 1.0], (5, 1)), at, np.tile(slope, (961, 1)), 0.1)
+    np.testing.assert_array_equal(none, (np.full(5, 0.1), np.full(5, -1)))
 
 
 @pytest.mark.slow
@@ -201,8 +234,11 @@ def test_what_has_no_surface_that_moves() -> None:
         Surface.of(full, MEMBER)
     with pytest.raises(TypeError, match="a Surface"):
         move_boundary(problem, full)
-    for member, why in ((-1.0, "surface: member"), (1e-7, "take a larger member")):
+    refused = (-1.0, "surface: member"), (1e-7, "take a larger member"), (0.05, "thicker than the")
+    for member, why in refused:
         with pytest.raises(ValueError, match=why):
             Surface.of(full, member)
+    with pytest.warns(ffr.PartWarning, match="may miss members"):
+        surface(problem, member=0.6 * MEMBER)
     with pytest.raises(ValueError, match="give planes"):
         Surface.of(full, MEMBER, mirrors=[ffr.Mirror((0.0, 0.0), (0.0, 1.0))])

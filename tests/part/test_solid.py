@@ -119,7 +119,7 @@ def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         solid = Solid(domain, field)
     assert solid.pieces == 2
     assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-9)
-    (path,) = solid.write(shared_tmp_path / "solid.stl")
+    (path,) = solid.write(shared_tmp_path / "solid.stl", unit="m")
     if comm.rank == 0:
         surface = pyvista.read(path)
         assert surface.n_cells == len(solid.triangles)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fem import Domain
+from ..part import Solid
 from .derivative import NodeMotion
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
@@ -54,6 +55,8 @@ class Kind(ABC, Generic[B]):
     kind: ClassVar[type]
     article: ClassVar[str]  #: What users are asked for
     pace: ClassVar[Pace]
+    meshes: ClassVar[int]  #: Finer ones at most on which the result is told
+    still: ClassVar[float]  #: Change of psi from one of them to the next that ends them
 
     @abstractmethod
     def mesh(self, boundary: B, size: float, turn: float) -> Domain:
@@ -80,7 +83,7 @@ class Kind(ABC, Generic[B]):
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
     def finer(self, boundary: B) -> B:
-        """The same for a mesh by which the result is told; ValueError if that is too fine."""
+        """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
 
     def simpler(self, boundary: B, costs: Costs) -> Iterator[tuple[B, int]]:
@@ -97,6 +100,7 @@ class InThePlane(Kind[Boundary]):
 
     kind, article = Boundary, "a Boundary"
     pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0)
+    meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         return boundary.part.domain(size, across=_ACROSS, turn=turn)
@@ -143,6 +147,7 @@ class InSpace(Kind[Surface]):
 
     kind, article = Surface, "a Surface"
     pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3)
+    meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:
         return boundary.part.domain(boundary.size)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, spline_filter
 from scipy.sparse import csc_matrix, csr_matrix, diags, eye, kron
 from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
@@ -47,8 +47,11 @@ _ROUNDS, _ALMOST = 10, 1e-3
 _THIN, _THICKER = 0.8, 1.06
 #: Most constraints of one body: the thinnest walls
 _MOST = 600
-#: Tetrahedra of the full body that the lattice has at most by default, where cells allow it
-_TETRAHEDRA = 30_000
+#: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
+#: they are not larger than the minimum member; if they are; and on which a result is told
+_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 250_000
+#: Size of tetrahedra, in minimum members, beyond which they may miss a wall
+_COARSE = 2.0
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
@@ -126,12 +129,16 @@ class Surface:
             member: Width of the thinnest member [m]; it sets the grid of the field, too.
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
-                allow with 30,000 of them for all of it, and at least that of the body's cells.
+                allow with 30,000 of them for all of it, or with 150,000 where fewer are larger than
+                the member.
 
         Raises:
             TypeError: On every rank, if an argument is of a wrong kind.
-            ValueError: On every rank, if a number is out of range, the grid is too fine, or no
-                surface lies within the body.
+            ValueError: On every rank, if a number is out of range, the member is thicker than the
+                body, the grid is too fine, or no surface lies within the body.
+
+        Warns:
+            PartWarning: If the tetrahedra are too coarse for the member.
         """
         validation.instance("surface: solid", solid, Solid, "a Solid")
         validation.number("surface: member", member, above=0.0, unit="m")
@@ -140,14 +147,26 @@ class Surface:
             raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
         body = solid.body
         low, high = body.bounding_box
+        if member > np.min(high - low):
+            raise ValueError(
+                f"surface: a member of {member:.4g} m is thicker than the body, which is "
+                f"{np.min(high - low):.4g} m; give a smaller one"
+            )
         count = float(np.prod((high - low) / (_SPACING * member) + 4.0))
         with on_every_rank(body.comm, "surface"):
             check_count("surface", count, "knots", "take a larger member [m]", each=64.0 * PAIR)
         counts = np.ceil((high - low) / (_SPACING * member) - 1e-9).astype(int)
         spacing = (high - low) / counts
         if size is None:
-            size = _size(body)
+            size = _size(body, member)
 
+        if size > _COARSE * member:
+            warnings.warn(
+                f"surface: tetrahedra of {size:.3g} m may miss members of {member:.3g} m; give a "
+                f"member of {size / _COARSE:.3g} m or more, a smaller size, or smaller cells",
+                PartWarning,
+                stacklevel=2,
+            )
         sides = Sides.of(body, _SAMPLES * member)
         none = np.zeros(tuple(counts + 3))
         empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
@@ -198,19 +217,19 @@ class Surface:
         """That of a field, its thin walls made as thick as asked; collective."""
         member, shape = self.member, self.coefficients.shape
 
-        def near(field: Field) -> Surface:
-            return self._with(_fitted(field, self._low, self._spacing, shape))
-
         def fitted() -> Array:
             assert self._sides is not None
-            found, metric = near(field), None
+            found, metric = self._with(_fitted(field, self._low, self._spacing, shape)), None
+            nodes = self._low + self._spacing * np.indices(shape).reshape(3, -1).T
             for _ in range(_ROUNDS):
                 thin = self._sides.walls(found.field, found._slopes, SPARE * member)
                 least = np.min(thin.thickness, initial=np.inf)
                 if least > (1.0 - _ALMOST) * member:
                     break
                 if least < _THIN * member:
-                    found = near(self._sides.thickened(found.field, thin, _THICKER * member))
+                    balls = self._sides.thickened(found.field, thin, _THICKER * member)
+                    more = (balls(nodes) - found.field(nodes)).reshape(shape)
+                    found = self._with(found.coefficients + spline_filter(more, mode="mirror"))
                     continue
                 if metric is None:
                     metric = self.metric(member)
@@ -252,7 +271,10 @@ class Surface:
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
-        return self._with(self.coefficients, self.part.sizes(None, 2)[1])
+        size = self.part.sizes(None, 2)[1]
+        if 6.0 * self.body.area > _DEAREST * size**3:
+            raise ValueError("surface: the next finer lattice is too fine")
+        return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
         """The same before the field is made a distance again, with ``offsets`` as of `moved`."""
@@ -323,10 +345,12 @@ class Surface:
         return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
 
 
-def _size(body: Domain) -> float:
-    """The size of tetrahedra [m] that is fine enough for psi, as far as it is not too dear."""
+def _size(body: Domain, member: float) -> float:
+    """The size of tetrahedra [m] that is fine enough for psi and walls, if it is not too dear."""
     finer = 0
-    while body.n_cells_global * Tetrahedra.each(body, finer + 1) <= _TETRAHEDRA:
+    while body.n_cells_global * Tetrahedra.each(body, finer + 1) <= (
+        _TETRAHEDRA if Tetrahedra.size(body, finer) <= member else _DEAR
+    ):
         finer += 1
     return Tetrahedra.size(body, finer)
 

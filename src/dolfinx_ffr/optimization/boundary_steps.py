@@ -302,14 +302,22 @@ class _Descent:
         fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         return replace(self, turn=_TOLD).tried(fine)
 
-    def finer(self, trial: Trial) -> Trial:
-        """The same on such meshes, if these can be made; collective."""
-        own = trial.boundaries
-        try:
-            found = self.resolved(own)
-            return replace(found, boundaries=own, sizes=trial.sizes, radii=trial.radii)
-        except (ValueError, SimulationError):
-            return trial
+    def finer(self, trial: Trial) -> tuple[Trial, float]:
+        """The same on such meshes, if these can be made, and how much psi changed at last.
+
+        They are made finer and finer until psi stands still; collective.
+        """
+        change = math.inf
+        for _ in range(self.kind.meshes):
+            try:
+                found = self.resolved(trial.boundaries)
+            except (ValueError, MemoryError, SimulationError):
+                break
+            change = abs(trial.evaluation.psi / found.evaluation.psi - 1.0)
+            trial = found
+            if change <= self.kind.still:
+                break
+        return trial, change
 
     def simpler(
         self, trial: Trial, costs: dict[str, Costs], weight: float, last: bool
@@ -528,15 +536,15 @@ def _descended(
             bar.set_postfix_str(f"psi {trial.evaluation.psi:.5g}")
             bar.update()
             if checkpoint:
-                learnt = Learnt(trial.evaluation.psi, reach, weight, margin, descent.dear)
+                learnt = Learnt(trial.evaluation.psi, reach, weight, margin)
                 checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
-        best = descent.finer(best)
+        best, change = descent.finer(best)
         told.append(best.told(0.0, 0, 0))
         if checkpoint:
             checkpoint.tell(told)
         for name, film in shown.items():
             film.append(best.boundaries[name].material)
-    _warn_of_missed(best, descent.kind)
+    _warn_of_missed(best, descent.kind, change)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
     over = {name: value for name, value in best.excesses.items() if value > _HELD}
@@ -544,8 +552,8 @@ def _descended(
     return BoundaryResult(*of_best, history, reason, known, shown, over, begun)
 
 
-def _warn_of_missed(trial: Trial, kind: Kind[Any]) -> None:
-    """Warn of bounds and of minimum sizes that do not hold, and of what the parts are."""
+def _warn_of_missed(trial: Trial, kind: Kind[Any], change: float) -> None:
+    """Warn of bounds and sizes that do not hold, of coarse meshes, and of what the parts are."""
     said = [
         f"{name!r} is violated by {over:.1%} of its bound"
         for name, over in trial.excesses.items()
@@ -560,6 +568,14 @@ def _warn_of_missed(trial: Trial, kind: Kind[Any]) -> None:
     if said:
         warnings.warn(
             f"boundary: {'; '.join(said)}: take more iterations, another start or other bounds",
+            PartWarning,
+            stacklevel=5,
+        )
+    if change > kind.still:
+        told = f"by {change:.1%} on" if math.isfinite(change) else "and was not told on"
+        warnings.warn(
+            f"boundary: psi still changes {told} the next finer mesh: give smaller cells (size=), "
+            "or take psi as it is told on the finest one",
             PartWarning,
             stacklevel=5,
         )
