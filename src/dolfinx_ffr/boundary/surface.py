@@ -42,6 +42,8 @@ _EXACT, _ITERATIONS = 1.0, 60
 _SAMPLES = 0.25
 #: Times that thin walls are made thicker, and share by which the thinnest may stay thinner
 _ROUNDS, _ALMOST = 10, 1e-3
+#: Shares of the surface, the slopes of the field at which tell whether it still is a distance
+_SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
 #: Thickness in minimum members below which a wall becomes one of balls, and theirs: the fit takes
 #: some of it away; others are moved by their slopes
 _THIN, _THICKER = 0.8, 1.06
@@ -170,7 +172,12 @@ class Surface:
         sides = Sides.of(body, _SAMPLES * member)
         none = np.zeros(tuple(counts + 3))
         empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
-        return empty._of_field(lambda x: solid.field(np.clip(x, low, high)))
+
+        def found() -> Array:
+            fitted = empty._fitted(lambda x: solid.field(np.clip(x, low, high)))
+            return fitted._thick().coefficients
+
+        return empty._with(on_rank_0(body.comm, found))
 
     # ------------------------------------------------------------------ field
 
@@ -210,35 +217,47 @@ class Surface:
             return Solid(self.body, self.field, material=self.origin.material, size=self.size)
 
     def moved(self, offsets: Array) -> Surface:
-        """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective."""
-        return self._of_field(self.shifted(offsets).field)
+        """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective.
 
-    def _of_field(self, field: Field) -> Surface:
-        """That of a field, its thin walls made as thick as asked; collective."""
-        member, shape = self.member, self.coefficients.shape
+        The field becomes a distance again where it no longer is one: each fit moves the surface a
+        little, by more than a short step may cost.
+        """
 
-        def fitted() -> Array:
+        def found() -> Array:
+            changed = self.shifted(offsets)
             assert self._sides is not None
-            found, metric = self._with(_fitted(field, self._low, self._spacing, shape)), None
-            nodes = self._low + self._spacing * np.indices(shape).reshape(3, -1).T
-            for _ in range(_ROUNDS):
-                thin = self._sides.walls(found.field, found._slopes, SPARE * member)
-                least = np.min(thin.thickness, initial=np.inf)
-                if least > (1.0 - _ALMOST) * member:
-                    break
-                if least < _THIN * member:
-                    balls = self._sides.thickened(found.field, thin, _THICKER * member)
-                    more = (balls(nodes) - found.field(nodes)).reshape(shape)
-                    found = self._with(found.coefficients + spline_filter(more, mode="mirror"))
-                    continue
-                if metric is None:
-                    metric = self.metric(member)
-                rows, still = found.rows(thin), np.zeros(self.n_controls)
-                step = best_step(metric, still, rows.values, rows.slopes, self.held, member)
-                found = found.shifted(step.offsets)
-            return found.coefficients
+            x, _ = self._sides.surface(changed.field, changed._slopes)
+            steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), _SHARES)
+            if steep[0] < _STEEP[0] or steep[1] > _STEEP[1]:
+                changed = changed._fitted(changed.field)
+            return changed._thick().coefficients
 
-        return self._with(on_rank_0(self.body.comm, fitted))
+        return self._with(on_rank_0(self.body.comm, found))
+
+    def _fitted(self, field: Field) -> Surface:
+        """That of a field, which becomes a distance; on rank 0."""
+        shape = self.coefficients.shape
+        return self._with(_fitted(field, self._low, self._spacing, shape))
+
+    def _thick(self) -> Surface:
+        """The same with walls as thick as asked; on rank 0."""
+        assert self._sides is not None
+        member, shape, found = self.member, self.coefficients.shape, self
+        nodes = self._low + self._spacing * np.indices(shape).reshape(3, -1).T
+        for _ in range(_ROUNDS):
+            thin = self._sides.walls(found.field, found._slopes, SPARE * member)
+            least = np.min(thin.thickness, initial=np.inf)
+            if least > (1.0 - _ALMOST) * member:
+                break
+            if least < _THIN * member:
+                balls = self._sides.thickened(found.field, thin, _THICKER * member)
+                more = (balls(nodes) - found.field(nodes)).reshape(shape)
+                found = found._with(found.coefficients + spline_filter(more, mode="mirror"))
+                continue
+            rows, still, metric = found.rows(thin), np.zeros(self.n_controls), self.metric(member)
+            step = best_step(metric, still, rows.values, rows.slopes, self.held, member)
+            found = found.shifted(step.offsets)
+        return found
 
     @cached_property
     def walls(self) -> Walls:
@@ -277,7 +296,7 @@ class Surface:
         return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
-        """The same before the field is made a distance again, with ``offsets`` as of `moved`."""
+        """The same before walls are made as thick as asked, with ``offsets`` as of `moved`."""
         change = (self._finer @ offsets).reshape(self.coefficients.shape)
         return self._with(self.coefficients + change)
 
