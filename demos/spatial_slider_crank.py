@@ -81,7 +81,7 @@ def spatial_problem(
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
-    defaults = {"elements": (40, 4, 4), "steps": STEPS, "iterations": 30, "boundary": 12}
+    defaults = {"elements": (40, 4, 4), "steps": STEPS, "iterations": 30, "boundary": 8}
     options = parse(arguments, "spatial_slider_crank", **defaults, mesh="", resume=False)
     comm, output = MPI.COMM_WORLD, options.output
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None

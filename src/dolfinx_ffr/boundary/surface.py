@@ -51,7 +51,7 @@ _THIN, _THICKER = 0.8, 1.06
 _MOST = 600
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
 #: they are not larger than the minimum member; if they are; and on which a result is told
-_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 250_000
+_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall
 _COARSE = 2.0
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is

@@ -271,7 +271,7 @@ class _Descent:
     def restored(self, kept: Kept) -> tuple[_Descent, Trial, Trial]:
         """The descent, its boundaries and the best ones in an earlier state; collective."""
         problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
-        descent = replace(self, problem=problem, dear=kept.learnt.dear)
+        descent = replace(self, problem=problem)
         trial = descent.tried(kept.now)
         return descent, trial, descent.tried(kept.best) if kept.best else trial
 

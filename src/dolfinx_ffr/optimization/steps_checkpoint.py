@@ -41,7 +41,6 @@ class Learnt:
     reach: float  #: Of the next step, in minimum members
     weight: float  #: Of bounds in the merit
     margin: float  #: By which bounds are tightened
-    dear: float  #: Factor of what walls cost
 
 
 @dataclass(frozen=True, eq=False)
