@@ -196,11 +196,10 @@ def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
     results = []
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
-        results.append(
-            move_boundary(
-                problem, surface(problem, share=0.8), volume=0.9, iterations=2, progress=False
-            )
-        )
+        start = surface(problem, share=0.8)
+        with pytest.warns(ffr.PartWarning, match="still changes by .* by which it is told"):
+            found = move_boundary(problem, start, volume=0.9, iterations=2, progress=False)
+        results.append(found)
     result = results[0]
     assert result.history["psi"] == pytest.approx(results[-1].history["psi"], rel=1e-6)
     assert result.psi < 0.95 * result.history["psi"][0]

@@ -572,10 +572,13 @@ def _warn_of_missed(trial: Trial, kind: Kind[Any], change: float) -> None:
             stacklevel=5,
         )
     if change > kind.still:
-        told = f"by {change:.1%} on" if math.isfinite(change) else "and was not told on"
+        told = (
+            f"psi still changes by {change:.1%} on the finest mesh, by which it is told"
+            if math.isfinite(change)
+            else "psi is told by the mesh of the steps, as no finer one could be made"
+        )
         warnings.warn(
-            f"boundary: psi still changes {told} the next finer mesh: give smaller cells (size=), "
-            "or take psi as it is told on the finest one",
+            f"boundary: {told}: take smaller cells of the body, or a smaller size",
             PartWarning,
             stacklevel=5,
         )
