@@ -31,6 +31,9 @@ _SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
 #: are tried at once: most that cost less carry a tenth of psi
 _PRICE, _TRIED = 0.01, 3
 
+#: Share of the minimum below which a member of a solid is told, by balls on a lattice
+_THINNER = 0.9
+
 
 class Motion(Protocol):
     """How the nodes of a mesh follow the controls of the boundary that it fits."""
@@ -165,4 +168,12 @@ class InSpace(Kind[Surface]):
         return boundary.finer()
 
     def said(self, boundary: Surface) -> list[str]:
-        return boundary.part.warnings
+        # also between sides that are no wall, but a wedge
+        thin, said = boundary.part.thinnest_member, list(boundary.part.warnings)
+        if thin is not None and thin.value < _THINNER * boundary.member:
+            at = ", ".join(f"{x:.4g}" for x in thin.ends.mean(axis=0))
+            said.append(
+                f"the thinnest member is {thin.value:.3g} m at ({at}) m, where "
+                f"{boundary.member:.3g} m were asked for: ask for a larger one"
+            )
+        return said
