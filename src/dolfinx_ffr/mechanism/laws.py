@@ -8,8 +8,9 @@ which those within a function cannot. Derivatives are those of the formulas, not
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -28,6 +29,8 @@ DEGREES = (5, 7)
 _SLACK = 1e-9
 #: Most numbers in the matrix of a fit.
 _LARGEST_FIT = 20_000_000
+#: Most instants for which the values of B-splines are kept.
+_MOST_KEPT = 20_000
 
 
 class Law(Protocol):
@@ -150,6 +153,8 @@ class Spline:
     length: float  #: Length of the splines in these units
     parts: tuple[BSpline, BSpline, BSpline]  #: The spline and its derivatives by the variable
     ends: tuple[str, str]
+    #: By order of the derivative the last times and what was found for them
+    _known: dict[int, tuple[Array, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -160,7 +165,16 @@ class Spline:
         )
 
     def _at(self, order: int, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond."""
+        """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
+
+        That last found is kept: a crank's pin asks for the same angle many times.
+        """
+        known = self._known.get(order)
+        if known is None or not np.array_equal(known[0], t):
+            known = self._known[order] = np.array(t), *self._found(order, t)
+        return known[1].copy(), known[2], known[3]
+
+    def _found(self, order: int, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
         if self.ends[0] == "periodic":
             x = np.mod(x, self.length)
@@ -174,7 +188,12 @@ class Spline:
                     f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
                     "or periodic motion, which go on"
                 )
-        found = np.asarray(self.parts[order](inside), dtype=np.float64) / self.unit**order
+        part = self.parts[order]
+        if inside.ndim == 1 and inside.size <= _MOST_KEPT:
+            basis = _basis(part.t.tobytes(), part.k, inside.tobytes())
+            found = basis @ part.c[: basis.shape[1]] / self.unit**order
+        else:
+            found = np.asarray(part(inside), dtype=np.float64) / self.unit**order
         return found, x < 0.0, x > self.length
 
     def value(self, t: Array) -> Array:
@@ -203,6 +222,12 @@ class Spline:
             if end in without:
                 found[beyond] = 0.0
         return found
+
+
+@lru_cache(maxsize=12)
+def _basis(knots: bytes, degree: int, x: bytes) -> Any:
+    """B-splines of some knots at places x, a sparse matrix: many splines differ by values alone."""
+    return BSpline.design_matrix(np.frombuffer(x), np.frombuffer(knots), degree)
 
 
 def spline(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -234,8 +235,10 @@ class ParametricMechanism(Mechanism):
             ValueError: As `Parameters.at`, and if there is no mechanism with these values.
         """
         parameters = self.parameters.at(values)
-        if parameters is self.parameters:
-            return self
+        return self if parameters is self.parameters else self._of(parameters)
+
+    def _of(self, parameters: Parameters) -> ParametricMechanism:
+        """The mechanism of other values, checked to be made of the same."""
         found = parameters.mechanism(self.build)
         for what, before, after in (
             ("joints", self.joint_names, found.joint_names),
@@ -259,11 +262,12 @@ class ParametricMechanism(Mechanism):
         The last numbers of a ``shift`` may be left out. What is alike by chance is told from
         the rest as at the values themselves.
         """
-        values = self.parameters.array
-        values[: len(shift)] += shift
-        found = self.at(values)
-        if found is not self:
-            found.__dict__["twin"] = self.twin
+        parameters = copy(self.parameters)
+        parameters.entries = dict(parameters.entries)
+        for (name, entry), step in zip(self.parameters.entries.items(), shift, strict=False):
+            parameters.entries[name] = entry._replace(value=entry.value + float(step))
+        found = self._of(parameters)
+        found.__dict__["twin"] = self.twin
         return found
 
     @cached_property

@@ -140,7 +140,8 @@ class Lowering:
             marker = vector.marker
             assert isinstance(marker, Ground | Moving)
             if id(marker) not in known:
-                known[id(marker)] = self._tabulated(marker, instants, where)
+                at = instants[:1] if isinstance(marker, Ground) else instants
+                known[id(marker)] = self._tabulated(marker, at, where)
             table, turns[:, slot] = known[id(marker)]
             prescribed[:, slot] = self._prescribed_vector(vector, table)
         drives = [row.tabulate(instants) for row in self._rows]
@@ -155,7 +156,10 @@ class Lowering:
     def _tabulated(
         self, marker: Ground | Moving, instants: Array, where: str
     ) -> tuple[Array, Array]:
-        """Position and axes with derivatives, (instants, 3, 4, 3), and turns (instants, 3)."""
+        """Position and axes with derivatives, (instants, 3, 4, 3), and turns (instants, 3).
+
+        In the plane position and angle with derivatives, (instants, 3, 3).
+        """
         return marker.tabulate_in_space(instants, where), marker.turns_in_space(instants, where)
 
     def _prescribed_vector(self, vector: BodyVector, table: Array) -> Array:

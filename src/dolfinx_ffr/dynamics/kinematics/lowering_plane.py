@@ -38,23 +38,19 @@ class PlaneLowering(Lowering):
     def _tabulated(
         self, marker: Ground | Moving, instants: Array, where: str
     ) -> tuple[Array, Array]:
-        # The angle and its derivatives stand in place of the third axis' z.
-        place = marker.tabulate_in_plane(instants, where)
-        angle, rate, growth = place[:, :, 2].T
-        out = np.zeros((instants.size, 3, 4, 3))
-        out[:, :, 0, :2], out[:, :, 3, 2] = place[:, :, :2], place[:, :, 2]
-        c, s = np.cos(angle), np.sin(angle)
-        for k, (x, y) in enumerate(((c, s), (-s, c)), start=1):
-            across = np.stack([-y, x], axis=1)
-            along = np.stack([x, y], axis=1)
-            out[:, 0, k, :2], out[:, 1, k, :2] = along, rate[:, None] * across
-            out[:, 2, k, :2] = growth[:, None] * across - rate[:, None] ** 2 * along
-        return out, np.zeros((instants.size, 3))
+        return marker.tabulate_in_plane(instants, where), np.zeros((1, 3))
 
     def _prescribed_vector(self, vector: BodyVector, table: Array) -> Array:
+        angle = table[:, :, 2]
+        if vector.kind == VectorKind.POINT:
+            return table[:, :, :2]
         if vector.kind == VectorKind.SPIN:
-            return np.stack([table[:, :, 3, 2], 0.0 * table[:, :, 3, 2]], axis=2)
-        return super()._prescribed_vector(vector, table)
+            return np.stack([angle, 0.0 * angle], axis=2)
+        (x, y, _), (c, s) = vector.components, (np.cos(angle[:, :1]), np.sin(angle[:, :1]))
+        rate, growth = angle[:, 1:2], angle[:, 2:]
+        along = np.hstack([x * c - y * s, x * s + y * c])
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        return np.stack([along, rate * across, growth * across - rate**2 * along], axis=1)
 
     def _components(self, load: Load, instants: Array, label: str) -> Array:
         table = load.tabulate(instants, label)
