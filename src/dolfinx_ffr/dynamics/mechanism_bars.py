@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
-from .model import FlatModel, effective_bodies
+from .model import FlatModel
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float
     all parameters at once. Errors are those of `parameter_slopes`.
     """
     mechanism, here = parametric(model), [number(model) for number in numbers]
-    beside = model.stated_by(mechanism.twin, model.bodies)
+    beside = model.stated_by(mechanism.twin)
     if [number(beside) for number in numbers] == here:
         return np.zeros((len(numbers), len(mechanism.parameters.names)))
     own = _Differences(model)
@@ -236,7 +236,7 @@ class _Differences:
 
     def stated(self, shift: Array) -> _Stated:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
-        model = self.model.stated_by(parametric(self.model).shifted(shift), self.model.bodies)
+        model = self.model.stated_by(parametric(self.model).shifted(shift))
         _check_same(self.model, model)
         y, v = np.zeros(model.size), np.zeros(model.size)
         if self.start is not None and self._start_depends(model):
@@ -245,7 +245,7 @@ class _Differences:
             size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
             if float(np.max(np.abs(y))) > _JUMP * size:
                 raise _JumpedError("the start jumps to another position by a small change of it")
-        return _stated(model, y, v)
+        return _stated(model, y, v, self.base.arrays)
 
     def _start_depends(self, model: FlatModel) -> bool:
         """Whether the start may be another one."""
@@ -265,10 +265,11 @@ class _Differences:
         return _start_of(old.mechanism, old) != _start_of(model.mechanism, old)
 
 
-def _stated(model: FlatModel, y: Array, v: Array) -> _Stated:
+def _stated(model: FlatModel, y: Array, v: Array, base: Mapping[str, Array] = {}) -> _Stated:
+    """What a model says; arrays that are as at the ``base`` are those there."""
     arrays = {name: getattr(model.arrays, name) for name in FIELDS}
-    effective = effective_bodies(model.mechanism, model.bodies)
-    return _Stated(model, arrays, effective, y, v)
+    same = {name: own for name, own in base.items() if np.array_equal(own, arrays[name])}
+    return _Stated(model, {**arrays, **same}, model.effective, y, v)
 
 
 def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
@@ -287,11 +288,14 @@ def _numbers(body: VolumeIntegrals) -> list[Array]:
 def _bends(one: Sequence[Array], two: Sequence[Array], middle: Sequence[Array]) -> bool:
     """Whether slopes change between two ends by more than a share and round-off."""
     for a, b, at in zip(one, two, middle, strict=True):
-        change = float(np.max(np.abs(a - b), initial=0.0))
-        size = float(np.max(np.abs(at), initial=0.0))
+        if a is b is at:
+            continue
         bend = float(np.max(np.abs(a + b - 2.0 * at), initial=0.0))
-        if bend > _BENT * change + _ROUND_OFF * (size + 1.0):
-            return True
+        if bend > _ROUND_OFF:
+            change = float(np.max(np.abs(a - b), initial=0.0))
+            size = float(np.max(np.abs(at), initial=0.0))
+            if bend > _BENT * change + _ROUND_OFF * (size + 1.0):
+                return True
     return False
 
 
@@ -299,7 +303,8 @@ def _contracted(base: _Stated, state: _Stated, bars: MechanismBars) -> float:
     """Change of a number by the change of what a mechanism says."""
     total = float(state.y @ bars.y + state.v @ bars.v) if bars.y.size else 0.0
     for name, bar in bars.arrays.items():
-        total += float(np.sum(bar * (state.arrays[name] - base.arrays[name])))
+        if state.arrays[name] is not base.arrays[name]:
+            total += float(np.vdot(bar, state.arrays[name] - base.arrays[name]))
     for name, own in bars.bodies.items():
         mine, theirs = base.effective[name], state.effective[name]
         if theirs is not mine:

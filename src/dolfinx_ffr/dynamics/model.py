@@ -18,6 +18,8 @@ from .tables import TimeTables
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+#: Rows of all joints and elements of all forces, with the names of these
+Connected = tuple[list[tuple[Row, str]], list[tuple[Element, str]]]
 
 #: Part of a step to the near-start instant, at which the accelerations are evaluated once more.
 START_OFFSET = 1e-4
@@ -39,15 +41,18 @@ class FlatModel:
     tables: TimeTables  #: Loads and prescribed motions over time.
     #: Places of each force in :func:`applied_forces`, by name of the force.
     forces: Mapping[str, Sequence[int]]
+    effective: Mapping[str, VolumeIntegrals]  #: Integrals of the bodies with their point masses.
+    #: Rows and elements of the mechanism's twin, None without one.
+    twins: Connected | None
 
     def at(self, times: Array) -> FlatModel:
         """The same mechanism, tabulated at other times (instants,) [s]."""
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
 
-    def stated_by(self, mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals]) -> FlatModel:
-        """Another mechanism and bodies at the same instants, and with the same angles counted."""
-        model = assemble_model(mechanism, bodies, self.times, checked=True, offset=self.offset)
+    def stated_by(self, mechanism: Mechanism) -> FlatModel:
+        """Another mechanism at the same instants, and with the same angles counted."""
+        model = assemble_model(mechanism, self.bodies, self.times, checked=True, like=self)
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:
@@ -210,13 +215,14 @@ def assemble_model(
     times: Array,
     *,
     checked: bool = False,
-    offset: float | None = None,
+    like: FlatModel | None = None,
 ) -> FlatModel:
     """Flat arrays of a mechanism in the plane or in space at times (steps + 1,) [s].
 
     The derivatives of all motions are compared with differences, and given bodies validated, unless
     they have been `checked`.
-    The instant near the start comes an offset [s] after it, by default a share of the first step.
+    The instant near the start comes a share of the first step after it, or as in a model of the
+    same bodies that this one is `like`; what is stated alike is taken from there.
     """
     bodies = {**bodies, **mechanism.own_bodies}
     if not bodies:
@@ -228,15 +234,18 @@ def assemble_model(
     )
     for name, integrals in (mechanism.own_bodies if checked else bodies).items():
         integrals.validate(name)
-    effective = effective_bodies(mechanism, bodies)
-    if offset is None:
-        offset = START_OFFSET * float(times[1] - times[0])
+    effective: Mapping[str, VolumeIntegrals] = effective_bodies(mechanism, bodies)
+    before = like.mechanism if like else None
+    if like and before and mechanism.point_masses == before.point_masses:
+        if all(bodies[name] is body for name, body in like.bodies.items()):
+            effective = like.effective
+    offset = like.offset if like else START_OFFSET * float(times[1] - times[0])
     instants = np.append(times, times[0] + offset)
     dimension = check_dimension(mechanism, bodies)
     undeformed = _undeformed(mechanism, bodies, instants[:1], dimension)
     rows, elements = _connected(mechanism, undeformed)
-    kind, twins, twin = KINDS[dimension], None, mechanism.twin
-    if twin is not None:
+    kind, twins, twin = KINDS[dimension], like.twins if like else None, mechanism.twin
+    if twin is not None and not (before and before.twin is twin):
         beside = {**bodies, **twin.own_bodies}
         twins = _connected(twin, _undeformed(twin, beside, instants[:1], dimension))
     lowering = kind.lowering(bodies, undeformed)
@@ -246,10 +255,13 @@ def assemble_model(
     over_time = tables.tabulate(instants)
     if not checked:
         tables.check(float(times[0]), float(times[-1]))
-    arrays = body_arrays(effective, mechanism.damping)
+    if like and effective is like.effective and mechanism.damping == like.mechanism.damping:
+        arrays = like.arrays._asdict()
+    else:
+        arrays = body_arrays(effective, mechanism.damping)
     own_arrays = lowering.arrays(int(arrays["modes"].max()))
-    flat = kind(**arrays, **over_time, **own_arrays)
-    names = lowering.markers, joints, tables, lowering.forces
+    flat = kind(**{**arrays, **over_time, **own_arrays})
+    names = lowering.markers, joints, tables, lowering.forces, effective, twins
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
 
 
@@ -264,9 +276,7 @@ def effective_bodies(
     return effective
 
 
-def _connected(
-    mechanism: Mechanism, undeformed: Undeformed
-) -> tuple[list[tuple[Row, str]], list[tuple[Element, str]]]:
+def _connected(mechanism: Mechanism, undeformed: Undeformed) -> Connected:
     """Rows of all joints and elements of all forces, with the names of these."""
     rows = [
         (row, label)

@@ -20,6 +20,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from .. import validation
 
 Array = NDArray[np.float64]
+_Found = tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]
 
 #: What a spline may do at an end.
 ENDS = ("rest", "uniform", "natural")
@@ -154,7 +155,7 @@ class Spline:
     parts: tuple[BSpline, BSpline, BSpline]  #: The spline and its derivatives by the variable
     ends: tuple[str, str]
     #: By order of the derivative the last times and what was found for them
-    _known: dict[int, tuple[Array, ...]] = field(default_factory=dict, init=False, repr=False)
+    _known: dict[int, tuple[Array, _Found]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -164,17 +165,18 @@ class Spline:
             t for t, end in zip(times, self.ends, strict=True) if end in ("rest", "uniform")
         )
 
-    def _at(self, order: int, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _at(self, order: int, t: Array) -> _Found:
         """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
 
         That last found is kept: a crank's pin asks for the same angle many times.
         """
         known = self._known.get(order)
         if known is None or not np.array_equal(known[0], t):
-            known = self._known[order] = np.array(t), *self._found(order, t)
-        return known[1].copy(), known[2], known[3]
+            known = self._known[order] = np.array(t), self._found(order, t)
+        found, before, after = known[1]
+        return found.copy(), before, after
 
-    def _found(self, order: int, t: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _found(self, order: int, t: Array) -> _Found:
         x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
         if self.ends[0] == "periodic":
             x = np.mod(x, self.length)

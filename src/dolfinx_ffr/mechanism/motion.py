@@ -429,11 +429,12 @@ def evaluated(signal: Signal, times: Array, what: str) -> Array:
 def sample(signal: Signal, times: ArrayLike, what: str) -> Array:
     """Values of a signal at given times, shape (n,); a ValueError if one is NaN or infinite."""
     t = np.asarray(times, dtype=np.float64)
-    values = np.array(np.broadcast_to(evaluated(signal, t, what), t.shape))
-    if not np.all(np.isfinite(values)):
-        first = t[np.argmin(np.isfinite(values))]
+    values = evaluated(signal, t, what)
+    finite = np.isfinite(values)
+    if not finite.all():
+        first = t[np.argmin(np.full(t.shape, finite))]
         raise ValueError(f"{what} is NaN or infinite at t = {first:g} s")
-    return values
+    return np.full(t.shape, values)
 
 
 def is_zero(*signals: object) -> bool:

@@ -7,7 +7,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -200,8 +200,10 @@ class Parameters:
         needed = "a Mechanism, or a Mechanism and a mapping of VolumeIntegrals"
         validation.instance(what, mechanism, Mechanism, needed)
         validation.instance(what, bodies, Mapping, needed)
-        own = {part.name: getattr(mechanism, part.name) for part in fields(Mechanism)}
-        return ParametricMechanism(**own, build=build, parameters=self, own_bodies=bodies)
+        # Made without a call of the class: its parts have been validated
+        found = object.__new__(ParametricMechanism)
+        vars(found).update(vars(mechanism), build=build, parameters=self, own_bodies=bodies)
+        return found
 
 
 def _taken(build: Callable[..., Any], names: list[str]) -> list[str]:
