@@ -212,25 +212,23 @@ class _Differences:
 
         for h in (step * (below + above) for step in steps):
             try:
-                states, two = at(h, (-1, 1) if central else (1, 2)), central
-                if h > _SHORT * (below + above) or not central:
+                states, two = at(h, (-1, 1) if central else (1, 2)), h == steps[0] * (below + above)
+                if not two:
                     states += at(h, (-2, 2) if central else (3, 4))
-                    two = False
             except _JumpedError:
                 if h == steps[-1] * (below + above):
                     raise
                 continue
             if two and any(np.any(state.y) or np.any(state.v) for state in states):
                 continue
-            weights = [-1 / 2, 1 / 2, 0.0, 0.0] if two else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
-            if not central:
-                weights = [4.0, -3.0, 4 / 3, -1 / 4]
-            pairs = zip(weights, states, strict=False)
+            if central:
+                weights = [-1 / 2, 1 / 2] if two else [-2 / 3, 2 / 3, 1 / 12, -1 / 12]
+            else:
+                weights = [2.0, -1 / 2] if two else [4.0, -3.0, 4 / 3, -1 / 4]
+            pairs = zip(weights, states, strict=True)
             found = [(side * weight / h, state) for weight, state in pairs]
-            ends = states[-2].flat(), states[-1].flat()
-            if not _bends(
-                *(ends if central else (base, ends[1])), base if central else states[1].flat()
-            ):
+            first, last = (states[-2].flat() if central else base), states[-1].flat()
+            if not _bends(first, last, base if central else states[0 if two else 1].flat()):
                 break
         return found
 

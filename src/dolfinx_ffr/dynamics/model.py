@@ -235,8 +235,7 @@ def assemble_model(
     for name, integrals in (mechanism.own_bodies if checked else bodies).items():
         integrals.validate(name)
     effective: Mapping[str, VolumeIntegrals] = effective_bodies(mechanism, bodies)
-    before = like.mechanism if like else None
-    if like and before and mechanism.point_masses == before.point_masses:
+    if like and mechanism.point_masses == like.mechanism.point_masses:
         if all(bodies[name] is body for name, body in like.bodies.items()):
             effective = like.effective
     offset = like.offset if like else START_OFFSET * float(times[1] - times[0])
@@ -244,8 +243,10 @@ def assemble_model(
     dimension = check_dimension(mechanism, bodies)
     undeformed = _undeformed(mechanism, bodies, instants[:1], dimension)
     rows, elements = _connected(mechanism, undeformed)
-    kind, twins, twin = KINDS[dimension], like.twins if like else None, mechanism.twin
-    if twin is not None and not (before and before.twin is twin):
+    kind, twins, twin = KINDS[dimension], None, mechanism.twin
+    if like and like.mechanism.twin is twin:
+        twins = like.twins
+    elif twin is not None:
         beside = {**bodies, **twin.own_bodies}
         twins = _connected(twin, _undeformed(twin, beside, instants[:1], dimension))
     lowering = kind.lowering(bodies, undeformed)

@@ -7,7 +7,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -202,7 +202,8 @@ class Parameters:
         validation.instance(what, bodies, Mapping, needed)
         # Made without a call of the class: its parts have been validated
         found = object.__new__(ParametricMechanism)
-        vars(found).update(vars(mechanism), build=build, parameters=self, own_bodies=bodies)
+        own = {part.name: getattr(mechanism, part.name) for part in fields(Mechanism)}
+        vars(found).update(own, build=build, parameters=self, own_bodies=bodies)
         return found
 
 
