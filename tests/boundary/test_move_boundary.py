@@ -276,7 +276,7 @@ def test_struts_that_cost_more_than_they_carry_go() -> None:
 
 @pytest.mark.slow
 def test_a_stress_limit_is_one_of_the_part() -> None:
-    """Least volume: the limit is held by the largest stress of each part itself."""
+    """Least volume: what is bounded, and told where it is missed, is the stress of the part."""
     problem, boundary = scene(alone=True)
     free, evaluation = psi(problem, boundary)
     largest = ffr.worst_stress(free.flexible["rod"], evaluation, "rod").largest
@@ -293,9 +293,13 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     assert result.history["excess"][0] == pytest.approx(1.0, rel=0.1)
     result = move_boundary(bounded(1.05), boundary, iterations=12, **coarse)
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
-    assert found < 1.05 * 1.003 * largest
-    # the first steps go beyond the limit, and the later ones come back to it with less material:
-    # how much less depends on the mesher, and 12 steps are not the end
+    # Twelve steps are not the end, and the part is told on finer cells than those of the steps: a
+    # limit that is missed there is told by as much.
+    missed = max(found / (1.05 * largest) - 1.0, 0.0)
+    assert result.violations.get("PeakStress", 0.0) == pytest.approx(missed, abs=2e-3)
+    assert missed < 0.05
+    # the first steps go beyond the limit, and the later ones come back to it with less material,
+    # how much less depends on the mesher
     excess = result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
     assert result.psi < 0.9 * result.history["psi"][0]
