@@ -50,7 +50,7 @@ choose_packages() {
     local name alternative
     while read -r name; do
         for alternative in ${name//|/ }; do
-            if [ "$alternative" = "$name" ] || apt-cache show "$alternative" >/dev/null 2>&1; then break; fi
+            if [ "$alternative" = "$name" ] || [ -n "$(apt-cache show "$alternative" 2>/dev/null)" ]; then break; fi
         done
         [ "$alternative" = none ] || printf '%s\n' "$alternative"
     done < <(sed 's/#.*//' "${lists[@]}" | awk 'NF {print $1}')
