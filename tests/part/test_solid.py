@@ -119,11 +119,12 @@ def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:
         solid = Solid(domain, field)
     assert solid.pieces == 2
     assert solid.volume == pytest.approx(2 * 0.18 * 0.04, rel=1e-9)
-    (path,) = solid.write(shared_tmp_path / "solid.stl", unit="m")
-    if comm.rank == 0:
-        surface = pyvista.read(path)
-        assert surface.n_cells == len(solid.triangles)
-        assert 1e-9 * surface.volume == pytest.approx(solid.volume, rel=1e-6)
+    for unit, cubic in (("mm", 1e-9), ("m", 1.0)):
+        (path,) = solid.write(shared_tmp_path / f"{unit}.stl", unit=unit)
+        if comm.rank == 0:
+            surface = pyvista.read(path)
+            assert surface.n_cells == len(solid.triangles)
+            assert cubic * surface.volume == pytest.approx(solid.volume, rel=1e-6)
     with pytest.raises(ValueError, match=r"the kind '\.step' .* is not known"):
         solid.write(shared_tmp_path / "solid.step")
 
