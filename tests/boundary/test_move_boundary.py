@@ -293,10 +293,8 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     assert result.history["excess"][0] == pytest.approx(1.0, rel=0.1)
     result = move_boundary(bounded(1.05), boundary, iterations=12, **coarse)
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
-    # twelve steps are not the end: a limit that is missed is told by as much
-    missed = max(found / (1.05 * largest) - 1.0, 0.0)
-    assert result.violations.get("PeakStress", 0.0) == pytest.approx(missed, abs=2e-3)
-    assert missed < 0.05
+    assert found < 1.05 * 1.003 * largest
+    assert "PeakStress" not in result.violations
     # the first steps go beyond the limit, and the later ones come back to it with less material,
     # how much less depends on the mesher
     excess = result.history["excess"]
