@@ -295,11 +295,10 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
     assert found < 1.05 * 1.003 * largest
     assert "PeakStress" not in result.violations
-    # the first steps go beyond the limit, and the later ones come back to it with less material,
-    # how much less depends on the mesher
+    # the first steps go beyond the limit, and the later ones come back to it with less material
     excess = result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)
-    assert result.psi < 0.9 * result.history["psi"][0]
+    assert result.psi < 0.8 * result.history["psi"][0]
 
 
 def test_a_void_between_solid_regions_is_one_hole_with_rounded_corners() -> None:
