@@ -77,8 +77,8 @@ def test_psi_of_a_mesh_of_its_own(comm: MPI.Comm, field) -> None:  # type: ignor
 
 
 @pytest.mark.mpi
-def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
-    """Two parts are verified together; all ranks see the same numbers."""
+def test_several_bodies_and_other_modes(comm: MPI.Comm, shared_tmp_path: Path) -> None:
+    """Two parts are verified together and exported; all ranks see the same numbers."""
     problem = four_bar(comm, ffr.IntegralCompliance())
     evaluation = problem.value(solid(problem))
     parts = {name: part_of(problem, name=name) for name in problem.flexible}
@@ -91,6 +91,17 @@ def test_several_bodies_and_other_modes(comm: MPI.Comm) -> None:
     for name, part in parts.items():
         assert found.fitted[-1].bodies[name].mass == pytest.approx(part.mass, rel=1e-9)
     assert len(set(comm.allgather(found.psi))) == 1
+    own = found.bodies["coupler"][1].integrals
+    for name in ("coupler.SID_FEM", "coupler.npz"):
+        found.export(shared_tmp_path / name, "coupler")
+        read = ffr.VolumeIntegrals.load(shared_tmp_path / name)
+        assert read.dimension == (2 if name.endswith("npz") else 3)
+        np.testing.assert_allclose(read.G[1:, 1:], own.G[1:, 1:], atol=1e-12 * np.max(own.G))
+        np.testing.assert_allclose(read.K, own.K, rtol=1e-12)
+    with pytest.raises(ValueError, match="name = None, but the parts are"):
+        found.export(shared_tmp_path / "either.npz")
+    with pytest.raises(OSError, match="nowhere"):
+        found.export(shared_tmp_path / "nowhere" / "rod.npz", "rocker")
 
 
 def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:

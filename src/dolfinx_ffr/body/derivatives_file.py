@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import add
 from pathlib import Path
 
+import numpy as np
+
 from .. import validation
-from ..interchange import write_derivatives
+from ..interchange import derived_terms, write_all
 from .volume_integrals import VolumeIntegrals
 
 
@@ -16,7 +20,9 @@ def save_derivatives(path: str | Path, derivatives: Mapping[str, VolumeIntegrals
 
     The file .npz stands beside that of the body, and holds ``variables`` (n,), and for each term of
     the body, as ``Ct``, arrays ``Ct.m0`` and ``Ct.m1`` of its derivatives by all of them, shape
-    (n, rows, columns) and (n, rows, modes, columns); those of node 1 are ``node1.phi.m0``.
+    (n, rows, columns) and (n, rows, modes, columns); those of node 1 are ``node1.phi.m0``. De has
+    those of Me and Ke, times the factors of the damping. `FlexibleBody.save_derivatives` writes
+    those of a body with a mesh.
 
     Args:
         path: Of the file; an older one is replaced.
@@ -31,5 +37,8 @@ def save_derivatives(path: str | Path, derivatives: Mapping[str, VolumeIntegrals
     validation.instances_by_name("save_derivatives", derivatives, VolumeIntegrals, needed)
     if not derivatives or any(each.P is None for each in derivatives.values()):
         raise ValueError("save_derivatives: give derivatives, of a body in space")
-    every = {name: each.by_key for name, each in derivatives.items()}
-    write_derivatives(validation.path("save_derivatives: path", path), every)
+    # geometric stiffness that depends on some of the variables alone
+    nothing = reduce(add, (each.zeros_like() for each in derivatives.values()))
+    found = derived_terms((each + nothing).by_key for each in derivatives.values())
+    found["variables"] = np.array(list(derivatives), dtype=np.str_)
+    write_all(validation.path("save_derivatives: path", path), found)

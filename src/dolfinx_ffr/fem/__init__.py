@@ -21,6 +21,7 @@ from .curves import enclosed as enclosed
 from .curves import polygon as polygon
 from .domain import Domain as Domain
 from .elasticity import Block as Block
+from .elasticity import CellFields as CellFields
 from .elasticity import Elasticity as Elasticity
 from .elasticity import Matrices as Matrices
 from .elasticity import by_dense as by_dense

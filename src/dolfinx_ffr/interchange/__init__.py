@@ -25,8 +25,10 @@ from .moments import theta as theta
 from .nastran import read_nastran as read_nastran
 from .numpy_file import MARKERS as MARKERS
 from .numpy_file import STIFFENING as STIFFENING
+from .numpy_file import write_all as write_all
+from .sid import DERIVED as DERIVED
+from .sid import derived_terms as derived_terms
 from .sid import read_terms as read_terms
 from .sid import sid_terms as sid_terms
-from .sid import write_derivatives as write_derivatives
 
 explain_fields(globals())

@@ -34,7 +34,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,6 @@ from .format import (
     unsealed,
 )
 from .moments import axial, centrifugal, cross_matrix, of_parts, of_theta, theta
-from .numpy_file import write_all
 
 Array = NDArray[np.float64]
 #: Terms of order zero, and of order one with the index of q before that of the column
@@ -157,25 +156,32 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
     }
 
 
-def write_derivatives(path: Path, derivatives: Mapping[str, Arrays]) -> None:
-    """Write the derivatives of all terms, from those of the arrays by name of the variable.
+#: Terms whose derivatives are offered: De is linear in Me and Ke, and ksigma is zero
+DERIVED = ("mass", "mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "Ke", "origin", "phi", "psi")
+
+
+def derived_terms(
+    derivatives: Iterable[Arrays], wanted: Collection[str] = DERIVED
+) -> dict[str, Array]:
+    """The derivatives of the ``wanted`` terms of `DERIVED` from those of the arrays, stacked.
 
     The terms are linear in the arrays. Nodes are numbered: ``node1.phi.m0``.
     """
     stacked: dict[str, list[Array]] = {}
-    for arrays in derivatives.values():
+    for arrays in derivatives:
         terms, (_, at) = sid_terms(arrays), markers(arrays)
+        terms["mass"] = np.asarray(arrays["mass"]), None
         for k, own in enumerate(zip(*at.values(), strict=True), 1):
-            for name, term in _node_terms(*own).items():
-                if name != "AP":  # axes stay as they are
-                    terms[f"node{k}.{name}"] = term
-        for name, parts in terms.items():
-            for order, part in enumerate(parts):
+            node = _node_terms(*own)
+            if "marker_stiffening" in arrays:  # zero for a few of the variables only
+                node["phi"] = node["phi"][0], -own[3]
+            terms |= {f"node{k}.{name}": term for name, term in node.items()}
+        for name, term in terms.items():
+            for order, part in enumerate(term if name.split(".")[-1] in wanted else ()):
                 if part is not None:
-                    stacked.setdefault(f"{name}.m{order}", []).append(part)
-        stacked.setdefault("mass", []).append(np.asarray(arrays["mass"]))
-    held = {key: np.array(parts) for key, parts in stacked.items()}
-    write_all(path, {"variables": np.array(list(derivatives), dtype=np.str_), **held})
+                    key = "mass" if name == "mass" else f"{name}.m{order}"
+                    stacked.setdefault(key, []).append(part)
+    return {key: np.array(parts) for key, parts in stacked.items()}
 
 
 def _node_terms(x: Array, phi: Array, psi: Array, bent: Array, axes: Array) -> dict[str, Taylor]:

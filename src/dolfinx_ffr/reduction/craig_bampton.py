@@ -373,9 +373,7 @@ class CraigBampton:
         n = len(basis.eigenvalues)
         values = np.array([basis.eigenvalues[-1], basis.first_truncated_eigenvalue])
         pair = np.hstack([basis.shapes[:, -1:], basis.truncated_modes[:, :1]])
-        image = self.elasticity.apply(factored.clamped_stiffness, pair)
-        off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
-        reach = np.sqrt(max(float(np.max(off)), ROUND_OFF))
+        reach = self._reach(factored, values, pair)
         if basis.spectral_gap >= reach:
             return
         uncut = cluster(np.append(basis.eigenvalues, basis.truncated_eigenvalues), n)
@@ -385,6 +383,31 @@ class CraigBampton:
             f"round-off reaches to {reach:.0e}): there is no gradient; take modes = "
             f"{self._possible(uncut)}"
         )
+
+    def _reach(self, factored: FactoredBody, values: Array, pair: Block) -> float:
+        """The relative gap of two eigenvalues below which their modes have no derivative."""
+        image = self.elasticity.apply(factored.clamped_stiffness, pair)
+        off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
+        return float(np.sqrt(max(float(np.max(off)), ROUND_OFF)))
+
+    def check_apart(self, factored: FactoredBody, basis: ReducedBasis) -> None:
+        """Refuse a ``basis`` whose single modes have no derivative, for its ``factored`` body.
+
+        Raises:
+            RuntimeError: On every rank, if two modes have the same frequency.
+        """
+        self.check_gap(factored, basis)
+        values = basis.eigenvalues
+        for i in np.flatnonzero(np.diff(values) < CLUSTER * values[:-1]):
+            pair = slice(i, i + 2)
+            gap = values[i + 1] / values[i] - 1.0
+            if gap < self._reach(factored, values[pair], basis.normal[:, pair]):
+                raise RuntimeError(
+                    f"reduction: normal modes {i + 1} and {i + 2} have the same frequency "
+                    f"({basis.frequencies[i]:.6g} Hz, relative gap {gap:.1e}): single modes, and "
+                    "terms that depend on them, have no derivative; take fewer modes, or a body "
+                    "without that symmetry. Problem.gradient has what depends on their span alone"
+                )
 
     # ------------------------------------------------------------------ pullback
 
