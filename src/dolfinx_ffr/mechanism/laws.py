@@ -7,10 +7,10 @@ which those within a function cannot. Derivatives are those of the formulas, not
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any, Protocol
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +32,8 @@ _SLACK = 1e-9
 _LARGEST_FIT = 20_000_000
 #: Most instants for which the values of B-splines are kept.
 _MOST_KEPT = 20_000
+#: Most values of a spline whose coefficients are found by a matrix.
+_MOST_VALUES = 400
 
 
 class Law(Protocol):
@@ -49,6 +51,17 @@ class Law(Protocol):
     def acceleration(self) -> Callable[[Array], ArrayLike]:
         """Its second derivative."""
 
+    @property
+    def fixed(self) -> Hashable:
+        """All that it is made of beside its numbers; None where these are not known."""
+
+    @property
+    def numbers(self) -> Array:
+        """Numbers of which it is made, shape (numbers,), where they are known."""
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        """Derivatives by these, from those by its three functions at times (n,), shape (3, n)."""
+
 
 class OutsideError(ValueError):
     """A time at which a law is not known."""
@@ -61,6 +74,18 @@ class SmoothStep:
     distance: float
     duration: float
     start: float
+
+    @property
+    def fixed(self) -> Hashable:
+        return SmoothStep, self.duration, self.start
+
+    @property
+    def numbers(self) -> Array:
+        return np.array([self.distance])
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        unit = replace(self, distance=1.0)
+        return np.array([np.vdot(bars, [unit.value(t), unit.velocity(t), unit.acceleration(t)])])
 
     def _share(self, t: Array) -> Array:
         return np.minimum(np.maximum((np.asarray(t) - self.start) / self.duration, 0.0), 1.0)
@@ -76,6 +101,29 @@ class SmoothStep:
     def acceleration(self, t: Array) -> Array:
         x = self._share(t)
         return self.distance / self.duration**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomial:
+    """The coefficients of a polynomial of time, whose functions are those of NumPy."""
+
+    coefficients: Array  #: (coefficients,)
+
+    @property
+    def fixed(self) -> Hashable:
+        return Polynomial, self.coefficients.size
+
+    @property
+    def numbers(self) -> Array:
+        return self.coefficients
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        k = np.arange(self.coefficients.size)
+        powers = np.asarray(t)[:, None] ** k
+        own = bars[0] @ powers
+        own[1:] += k[1:] * (bars[1] @ powers[:, :-1])
+        own[2:] += (k * (k - 1))[2:] * (bars[2] @ powers[:, :-2])
+        return own
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +148,45 @@ class Fourier:
     def acceleration(self, t: Array) -> Array:
         return self._series(t, -(self.rates**2) * self.cosines, -(self.rates**2) * self.sines)
 
+    @property
+    def fixed(self) -> Hashable:
+        return Fourier, self.rates.tobytes()
+
+    @property
+    def numbers(self) -> Array:
+        return np.concatenate([[self.mean], self.cosines, self.sines])
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        phase = np.multiply.outer(np.asarray(t), self.rates)
+        (c, rate, bend), (s, rise, dip) = bars @ np.cos(phase), bars @ np.sin(phase)
+        cosines = c - self.rates * rise - self.rates**2 * bend
+        sines = s + self.rates * rate - self.rates**2 * dip
+        return np.concatenate([[np.sum(bars[0])], cosines, sines])
+
 
 @dataclass(frozen=True, eq=False)
 class Combined:
     """Weighted sum of laws."""
 
     terms: tuple[tuple[float, Law], ...]
+
+    @property
+    def fixed(self) -> Hashable:
+        parts = tuple(law.fixed for _, law in self.terms)
+        return None if None in parts else (Combined, parts)
+
+    @property
+    def numbers(self) -> Array:
+        weights = [weight for weight, _ in self.terms]
+        return np.concatenate([weights, *(law.numbers for _, law in self.terms)])
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        weights = [
+            np.vdot(bars, [np.broadcast_to(part(t), t.shape) for part in _parts(law)])
+            for _, law in self.terms
+        ]
+        laws = [law.pullback(t, weight * bars) for weight, law in self.terms]
+        return np.concatenate([weights, *laws])
 
     def _sum(self, part: str, t: Array) -> Array:
         return sum(
@@ -146,16 +227,124 @@ class Composed:
 
 
 @dataclass(frozen=True, eq=False)
+class OnCircle:
+    """A coordinate that turns with an angle, middle + cosine cos(angle) + sine sin(angle)."""
+
+    middle: float
+    cosine: float
+    sine: float
+    angle: Law
+
+    @property
+    def fixed(self) -> Hashable:
+        own = self.angle.fixed
+        return own and (OnCircle, own)
+
+    @property
+    def numbers(self) -> Array:
+        return np.array([self.middle, self.cosine, self.sine, *self.angle.numbers])
+
+    def _slopes(self, t: Array) -> tuple[Array, Array]:
+        """First and second derivative by the angle, (n,) each."""
+        phi = np.asarray(self.angle.value(t))
+        c, s = np.cos(phi), np.sin(phi)
+        return self.cosine * -s + self.sine * c, -(self.cosine * c + self.sine * s)
+
+    def value(self, t: Array) -> Array:
+        return self.middle - self._slopes(t)[1]
+
+    def velocity(self, t: Array) -> Array:
+        return self._slopes(t)[0] * np.asarray(self.angle.velocity(t))
+
+    def acceleration(self, t: Array) -> Array:
+        first, second = self._slopes(t)
+        rate = np.asarray(self.angle.velocity(t))
+        return second * rate**2 + first * np.asarray(self.angle.acceleration(t))
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        phi, rate, growth = (np.broadcast_to(part(t), t.shape) for part in _parts(self.angle))
+        c, s, (first, second) = np.cos(phi), np.sin(phi), self._slopes(t)
+        # Value, velocity, acceleration are g, g' phi', g'' phi'^2 + g' phi'' of g = c, s
+        by_cosine = bars[0] * c - bars[1] * s * rate - bars[2] * (c * rate**2 + s * growth)
+        by_sine = bars[0] * s + bars[1] * c * rate + bars[2] * (c * growth - s * rate**2)
+        own = np.array([np.sum(bars[0]), np.sum(by_cosine), np.sum(by_sine)])
+        of_angle = np.array(
+            [
+                bars[0] * first
+                + bars[1] * second * rate
+                + bars[2] * (second * growth - first * rate**2),
+                bars[1] * first + 2.0 * bars[2] * second * rate,
+                bars[2] * first,
+            ]
+        )
+        return np.concatenate([own, self.angle.pullback(t, of_angle)])
+
+
+def _parts(law: Law) -> tuple[Callable[[Array], ArrayLike], ...]:
+    """The three functions of a law."""
+    return law.value, law.velocity, law.acceleration
+
+
+class _Way(NamedTuple):
+    """From the values of a spline to the coefficients of its B-splines, by order of derivative."""
+
+    fixed: Hashable  #: What it depends on
+    knots: tuple[Array, Array, Array]
+    degrees: tuple[int, int, int]
+    matrices: tuple[Array, Array, Array]  #: (coefficients, values) each
+
+    def parts(self, values: Array) -> tuple[BSpline, BSpline, BSpline]:
+        """The spline through the values, and its derivatives."""
+        one, two, three = (
+            BSpline.construct_fast(t, matrix @ values, k)
+            for t, matrix, k in zip(self.knots, self.matrices, self.degrees, strict=True)
+        )
+        return one, two, three
+
+
+@dataclass(frozen=True, eq=False)
 class Spline:
     """A spline over time, and how it goes on beyond its ends."""
 
     start: float  #: Time of the first value [s]
     unit: float  #: Time for which one unit of the splines' variable stands [s]
     length: float  #: Length of the splines in these units
-    parts: tuple[BSpline, BSpline, BSpline]  #: The spline and its derivatives by the variable
     ends: tuple[str, str]
+    given: BSpline | Array  #: The spline; or the values that a ``way`` leads to it.
+    way: _Way | None = None
     #: By order of the derivative the last times and what was found for them
     _known: dict[int, tuple[Array, _Found]] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def parts(self) -> tuple[BSpline, BSpline, BSpline]:
+        """The spline and its derivatives by the variable."""
+        if self.way is not None:
+            return self.way.parts(np.asarray(self.given))
+        assert isinstance(self.given, BSpline)
+        return self.given, self.given.derivative(1), self.given.derivative(2)
+
+    @property
+    def fixed(self) -> Hashable:
+        return self.way and (Spline, self.start, self.unit, self.ends, self.way.fixed)
+
+    @property
+    def numbers(self) -> Array:
+        return np.asarray(self.given)
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        assert self.way is not None
+        own = np.zeros(self.way.matrices[0].shape[1])
+        edges = (self.start, self.start + self.length * self.unit)
+        for order, (bar, matrix) in enumerate(zip(bars, self.way.matrices, strict=True)):
+            _, *sides = self._at(order, t)
+            bar = np.where(self._still(order, sides), 0.0, bar)
+            rows = self._rows(order, t)
+            own += (rows.T @ bar) @ matrix[: rows.shape[1]] / self.unit**order
+            for end, beyond, edge in zip(self.ends, sides, edges, strict=True):
+                if order == 0 and end == "uniform" and np.any(bar[beyond]):
+                    far = np.array([bar[beyond] @ (np.asarray(t)[beyond] - edge)])
+                    own += self.pullback(np.array([edge]), np.array([0.0 * far, far, 0.0 * far]))
+        return own
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -176,11 +365,20 @@ class Spline:
         found, before, after = known[1]
         return found.copy(), before, after
 
-    def _found(self, order: int, t: Array) -> _Found:
+    def _places(self, t: Array) -> tuple[Array, Array]:
+        """The variable at times, and the same between the ends, (n,) each."""
         x = (np.asarray(t, dtype=np.float64) - self.start) / self.unit
         if self.ends[0] == "periodic":
             x = np.mod(x, self.length)
-        inside = np.clip(x, 0.0, self.length)
+        return x, np.clip(x, 0.0, self.length)
+
+    def _rows(self, order: int, t: Array) -> Any:
+        """Values of the B-splines of a derivative at times (n,), a sparse matrix."""
+        part = self.parts[order]
+        return _basis(part.t.tobytes(), part.k, self._places(t)[1].tobytes())
+
+    def _found(self, order: int, t: Array) -> _Found:
+        x, inside = self._places(t)
         slack = _SLACK * self.length
         for end, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
             if end == "natural" and np.any(beyond):
@@ -192,7 +390,7 @@ class Spline:
                 )
         part = self.parts[order]
         if inside.ndim == 1 and inside.size <= _MOST_KEPT:
-            basis = _basis(part.t.tobytes(), part.k, inside.tobytes())
+            basis = self._rows(order, t)
             found = basis @ part.c[: basis.shape[1]] / self.unit**order
         else:
             found = np.asarray(part(inside), dtype=np.float64) / self.unit**order
@@ -212,18 +410,29 @@ class Spline:
 
     def velocity(self, t: Array) -> Array:
         # Beyond an end of uniform motion the velocity is that at the end.
-        return self._held(1, ("rest",), t)
+        return self._held(1, t)
 
     def acceleration(self, t: Array) -> Array:
-        return self._held(2, ("rest", "uniform"), t)
+        return self._held(2, t)
 
-    def _held(self, order: int, without: tuple[str, ...], t: Array) -> Array:
+    def _held(self, order: int, t: Array) -> Array:
         """A derivative which is zero beyond some kinds of ends."""
         found, *sides = self._at(order, t)
-        for end, beyond in zip(self.ends, sides, strict=True):
-            if end in without:
-                found[beyond] = 0.0
+        found[self._still(order, sides)] = 0.0
         return found
+
+    def _still(self, order: int, sides: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+        """Where a derivative is zero, of what is beyond the two ends, (n,) each."""
+        still = np.zeros(sides[0].shape, dtype=bool)
+        for end, beyond in zip(self.ends, sides, strict=True):
+            if end in ((), ("rest",), ("rest", "uniform"))[order]:
+                still |= beyond
+        return still
+
+
+#: Laws that know their numbers
+KnownLaw: TypeAlias = SmoothStep | Polynomial | Fourier | Combined | OnCircle | Spline
+KNOWN = (SmoothStep, Polynomial, Fourier, Combined, OnCircle, Spline)
 
 
 @lru_cache(maxsize=12)
@@ -280,9 +489,10 @@ def spline(
     x[-1] = knots.size - 1
     if smoothing is not None:
         c = _fitted(what, x, np.minimum((t - t[0]) / unit, x[-1]), c, degree, both)
-    found = _through(x, c, degree, both)
-    parts = (found, found.derivative(1), found.derivative(2))
-    return Spline(float(t[0]), unit, float(x[-1]), parts, both)
+    own = float(t[0]), unit, float(x[-1]), both
+    if smoothing is None and c.size <= _MOST_VALUES:
+        return Spline(*own, c, _way(x.tobytes(), degree, both))
+    return Spline(*own, _through(x, c, degree, both))
 
 
 def _ends(what: str, ends: str | tuple[str, str]) -> tuple[str, str]:
@@ -322,6 +532,22 @@ def _through(x: Array, values: Array, degree: int, ends: tuple[str, str]) -> BSp
     first = {"rest": 1, "uniform": 2, "natural": m}
     conditions = [[(first[end] + k, zero) for k in range(m - 1)] for end in ends]
     return make_interp_spline(x, values, degree, bc_type=tuple(conditions))
+
+
+@lru_cache(maxsize=16)
+def _way(x: bytes, degree: int, ends: tuple[str, str]) -> _Way:
+    """From values at x to the spline through them: many splines differ by their values alone.
+
+    What vanishes at an end does so without round-off.
+    """
+    places = np.frombuffer(x)
+    unit = np.eye(places.size)
+    if ends[0] == "periodic":
+        unit[-1] = unit[0]
+    found = _through(places, unit, degree, ends)
+    one, two, three = found, found.derivative(1), found.derivative(2)
+    knots, degrees = (one.t, two.t, three.t), (one.k, two.k, three.k)
+    return _Way((x, degree, ends), knots, degrees, (one.c, two.c, three.c))
 
 
 def _fitted(

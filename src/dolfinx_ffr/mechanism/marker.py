@@ -16,7 +16,6 @@ move as one rigid body, or of a ``PointMarker``, a point of the mesh that deform
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -184,6 +183,15 @@ class Moving:
         """Motions of x, y and angle, in space also of z."""
         return (self.x, self.y, self.angle) + (() if self.z is None else (self.z,))
 
+    def direction(self, components: Triple) -> list[Motion]:
+        """The motions of x, y and z of a direction in the marker's axes."""
+        n, along = np.array(components), np.array(self.axis) / np.linalg.norm(self.axis)
+        start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
+        across = np.cross(along, n)
+        flat = -np.cross(along, across)
+        parts = (start @ part for part in (n - flat, flat, across))
+        return [self.angle.turning(*map(float, each)) for each in zip(*parts, strict=True)]
+
     @staticmethod
     def circle(
         center: Pair | Triple,
@@ -217,10 +225,7 @@ class Moving:
         first, second = perpendicular(normal)
         paths = []
         for c, e, f in zip(middle, first, second, strict=False):
-            # e cos(phi) + f sin(phi) is a cosine with a phase.
-            path = _OnCircle(float(c), length * math.hypot(e, f), angle, math.atan2(f, e))
-            functions = path.value, path.velocity, path.acceleration
-            paths.append(Motion(*functions, angle.name, angle.jumps))
+            paths.append(angle.turning(float(c), length * float(e), length * float(f)))
         if not spatial:
             return Moving(paths[0], paths[1], angle, name)
         axes = np.stack([first, second, np.cross(first, second)], axis=1)
@@ -286,25 +291,3 @@ def check_position(what: str, position: object, spatial: bool) -> None:
     x, y = validation.real_array(what, position, (2,), expected=expected)
     if spatial and (x or y):
         raise ValueError(f"{what} must have three components in space, but it has two")
-
-
-@dataclass(frozen=True)
-class _OnCircle:
-    """A coordinate of a point on a circle; its functions can be pickled."""
-
-    middle: float
-    radius: float
-    angle: Motion
-    phase: float
-
-    def value(self, t: Array) -> Array:
-        return self.middle + self.radius * np.cos(np.asarray(self.angle.value(t)) - self.phase)
-
-    def velocity(self, t: Array) -> Array:
-        phi = np.asarray(self.angle.value(t)) - self.phase
-        return -self.radius * np.sin(phi) * self.angle.velocity(t)
-
-    def acceleration(self, t: Array) -> Array:
-        phi, rate = np.asarray(self.angle.value(t)) - self.phase, np.asarray(self.angle.velocity(t))
-        bend = np.sin(phi) * self.angle.acceleration(t)
-        return -self.radius * (np.cos(phi) * rate**2 + bend)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -13,7 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
-from .laws import Combined, Composed, Fourier, Law, OutsideError, SmoothStep, spline
+from .laws import (
+    KNOWN,
+    Combined,
+    Composed,
+    Fourier,
+    KnownLaw,
+    OnCircle,
+    OutsideError,
+    Polynomial,
+    SmoothStep,
+    spline,
+)
 from .table import read_motion
 
 Array = NDArray[np.float64]
@@ -219,9 +230,42 @@ class Motion:
         return Motion._of_law(law, name, law.jumps)
 
     @staticmethod
-    def _of_law(law: Law, name: str, jumps: tuple[float, ...] = ()) -> Motion:
+    def _of_law(law: KnownLaw | Composed, name: str, jumps: tuple[float, ...] = ()) -> Motion:
         """The motion of a law."""
         return Motion(law.value, law.velocity, law.acceleration, name, jumps)
+
+    @property
+    def _law(self) -> KnownLaw | None:
+        """The law behind the three functions, if it knows its numbers."""
+        if isinstance(self.value, np.polynomial.Polynomial):
+            return Polynomial(self.value.coef)
+        own, parts = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
+        same = isinstance(own, KNOWN) and all(getattr(f, "__self__", None) is own for f in parts)
+        return own if same else None
+
+    @property
+    def fixed(self) -> Hashable:
+        """All that the motion is made of beside its numbers; None where these are not known."""
+        law = self._law
+        return law and law.fixed
+
+    @property
+    def numbers(self) -> Array:
+        """Numbers of which the motion is made, shape (numbers,), where they are known."""
+        law = self._law
+        return np.zeros(0) if law is None else law.numbers
+
+    def pullback(self, t: Array, bars: Array) -> Array:
+        """Derivatives by these, from those by the three functions at times (n,), shape (3, n)."""
+        law = self._law
+        return np.zeros(0) if law is None else law.pullback(t, bars)
+
+    def turning(self, middle: float, cosine: float, sine: float) -> Motion:
+        """The motion of a coordinate that turns with this angle.
+
+        It is middle + cosine cos(c) + sine sin(c), as those of a point on a circle are.
+        """
+        return Motion._of_law(OnCircle(middle, cosine, sine, self), self.name, self.jumps)
 
     def _sum(self, other: object, sign: float) -> Motion:
         """This motion plus or minus another, or a number."""
