@@ -8,8 +8,11 @@ and is differenced.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +22,11 @@ from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
 from .model import FlatModel
+from .stated import Numbers, OtherLawError
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Bodies = Mapping[str, VolumeIntegrals]
 
 #: Fields of the arrays that a mechanism and the markers of its bodies set.
@@ -30,8 +35,8 @@ FIELDS = ("gravity", "alpha", "beta", "shapes", "vector_stiffening", "drive", "p
 #: Fields that make up the topology, which must stay.
 _TOPOLOGY = ("first", "modes", "kind", "side", "vector_body", "vector_slot", "vector_kind",
              "vector_marker", "vector_stiffened", "load_vector", "load_axes")  # fmt: skip
-#: Fields on which an assembled start depends, at the first instant; a static one on all.
-_GEOMETRY = ("shapes", "vector_stiffening", "drive", "prescribed", "normal", "ratio")
+#: Fields beside tables on which an assembled start depends
+_GEOMETRY = ("shapes", "vector_stiffening", "normal", "ratio")
 _OVER_TIME = ("gravity", "drive", "prescribed", "load_table")
 #: Step of differences as share of the range of a parameter; it is shortened by this factor, at most
 #: so many times, until second differences are below this share of first ones. Of fourth order they
@@ -83,23 +88,13 @@ class MechanismBars:
         return MechanismBars(both(self.arrays, other.arrays), both(self.bodies, other.bodies), y, v)
 
 
-class _Stated(NamedTuple):
+class _State(NamedTuple):
     """What a mechanism says at values of its parameters."""
 
     model: FlatModel
-    arrays: dict[str, Array]
-    effective: Bodies  #: With point masses
+    numbers: Array  #: All of them, see `Numbers`, shape (numbers,)
     y: Array  #: Shift from the start at the values themselves, shape (size,)
     v: Array
-
-    def flat(self) -> list[Array]:
-        """All numbers that may depend on parameters, as a list of arrays."""
-        parts = [self.y, self.v, *self.arrays.values()]
-        given = self.model.bodies
-        changing = [body for name, body in self.effective.items() if body is not given[name]]
-        for body in (*changing, *self.model.mechanism.own_bodies.values()):
-            parts += [np.ravel(value) for value in _numbers(body)]
-        return parts
 
 
 def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> Array:
@@ -113,9 +108,7 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
             the mechanism cannot be built beside the values; the message names it.
     """
     own = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
-    return own.by_parameters(
-        len(bars), lambda state: [_contracted(own.base, state, bar) for bar in bars]
-    )
+    return _again(lambda: own.contracted(bars))
 
 
 def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float]]) -> Array:
@@ -130,22 +123,39 @@ def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float
     if [number(beside) for number in numbers] == here:
         return np.zeros((len(numbers), len(mechanism.parameters.names)))
     own = _Differences(model)
-    return own.by_parameters(
-        len(numbers),
-        lambda state: [
-            number(state.model) - old for number, old in zip(numbers, here, strict=True)
-        ],
-    )
+
+    def slope(k: int) -> Array:
+        found = np.zeros(len(numbers))
+        for weight, state in own.around(k):
+            there = model.stated_by(state.model.mechanism)
+            found += weight * (np.array([number(there) for number in numbers]) - here)
+        return found
+
+    count = range(len(mechanism.parameters.names))
+    return np.array([_again(lambda k=k: slope(k)) for k in count]).T  # type: ignore[misc]
+
+
+def _again(find: Callable[[], Array]) -> Array:
+    """What is found as soon as the kinds of all signals at other values are known."""
+    while True:
+        try:
+            return find()
+        except OtherLawError:
+            continue
 
 
 def influence(model: FlatModel) -> list[str]:
     """Names of the parameters on which what the mechanism says does not depend."""
-    mechanism, own, idle = parametric(model), _Differences(model), []
-    here, start = own.base.flat(), _start_of(model.mechanism, model)
-    for k, (name, below, above) in enumerate(mechanism.parameters.ranges):
-        other = own.stated(_shift(k, 1e-3 * (above if above >= below else -below)))
-        same = all(np.array_equal(a, b) for a, b in zip(here, other.flat(), strict=True))
-        if same and start == _start_of(other.model.mechanism, model):
+    own, idle = _Differences(model), list[str]()
+    start = _start_of(model.mechanism, model)
+    for k, (name, below, above) in enumerate(parametric(model).parameters.ranges):
+        shift = _shift(k, 1e-3 * (above if above >= below else -below))
+        try:
+            other = own.state(shift)
+        except OtherLawError:
+            continue
+        same = np.array_equal(own.numbers.here, other.numbers)
+        if same and np.array_equal(start, _start_of(other.model.mechanism, model)):
             idle.append(name)
     return idle
 
@@ -162,13 +172,13 @@ def _shift(k: int, step: float) -> Array:
     return shift
 
 
-def _start_of(mechanism: Mechanism, model: FlatModel) -> list[bytes]:
+def _start_of(mechanism: Mechanism, model: FlatModel) -> Array:
     """What the start is made of, beside the tables."""
     parts = []
     for name, body in model.bodies.items():
         placed = model.arrays.placed(mechanism.placements[name])
         parts += [*placed, *mechanism.start.elastic_state(name, body.modes)]
-    return [np.asarray(part).tobytes() for part in parts]
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
 class _JumpedError(ValueError):
@@ -179,44 +189,119 @@ class _Differences:
     """Differences of what a mechanism says."""
 
     def __init__(self, model: FlatModel, start: tuple[Array, Array] | None = None) -> None:
-        self.model, self.start = model, start
-        none = np.zeros(model.size)
-        self.base = _stated(model, none, none)
+        self.model, self.start, self.numbers = model, start, Numbers(model)
+        self.ranges = parametric(model).parameters.ranges
 
-    def by_parameters(self, count: int, change: Callable[[_Stated], Sequence[float]]) -> Array:
-        """Derivatives (count, parameters) of numbers, of which ``change`` is that to a state."""
-        ranges = parametric(self.model).parameters.ranges
-        found = np.zeros((count, len(ranges)))
-        for k, (name, below, above) in enumerate(ranges):
-            try:
-                for weight, state in self._around(k, below, above):
-                    found[:, k] += weight * np.array(change(state))
-            except ValueError as error:
-                raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
+    def contracted(self, bars: Sequence[MechanismBars]) -> Array:
+        """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
+        along = np.array([self.numbers.bars(bar.arrays, bar.bodies) for bar in bars])
+        found, alone = np.zeros((len(bars), len(self.ranges))), list(range(len(self.ranges)))
+        if (together := self._together()) is not None:
+            slopes, owner, alone = together
+            for row, own in zip(found, along, strict=True):
+                row[:] = np.bincount(owner + 1, own * slopes, found.shape[1] + 1)[1:]
+        for k in alone:
+            found[:, k] = 0.0
+            for weight, state in self.around(k):
+                found[:, k] += weight * (along @ (state.numbers - self.numbers.here))
+                if np.any(state.y) or np.any(state.v):
+                    found[:, k] += weight * np.array(
+                        [bar.y @ state.y + bar.v @ state.v for bar in bars]
+                    )
         return found
 
-    def _around(self, k: int, below: float, above: float) -> list[tuple[float, _Stated]]:
+    def _together(self) -> tuple[Array, Integers, list[int]] | None:
+        """Slopes of the numbers by parameters, found of many at once.
+
+        Returns the slopes, of each number the one parameter on which it depends or -1, (numbers,)
+        each, and the parameters that must be looked at alone: those on which the start depends or
+        a number with others, and those over whose steps slopes change. None where this saves
+        nothing, or fails.
+
+        Parameters are shifted in groups, such that no parameter is in all groups of another one. A
+        number that has changed with the very groups of one parameter depends on it alone.
+        """
+        count = len(self.ranges)
+        groups = _groups(count)
+        if groups.shape[1] + 1 >= 2 * count:
+            return None
+        sides = np.array([self._side(*own) for _, *own in self.ranges])
+        widths = np.array([below + above for _, below, above in self.ranges])
+        # No two alike, so that no changes cancel
+        steps = _SHORT * widths * (0.5 + 0.5 * (np.arange(1, count + 1) * 0.6180339887 % 1.0))
+        steps, central = np.where(sides < 0, -steps, steps), sides == 0
+        try:
+            states = [self.state(steps * group) for group in groups.T]
+            back = self.state(np.where(central, -steps, 2.0 * steps))
+        except ValueError:  # the parameter is found alone
+            return None
+        here = self.numbers.here
+        there = np.array([state.numbers for state in states])
+        changed = there != here
+        first = there[np.argmax(changed, axis=0), np.arange(here.size)]
+        place = 2 ** np.arange(len(states))
+        codes, seen = groups @ place, place @ changed
+        owners = np.full(2 ** len(states), -1)
+        owners[codes] = np.arange(count)
+        owner = np.where(np.all(there == np.where(changed, first, here), axis=0), owners[seen], -1)
+        shared = set(seen[(owner < 0) & (np.any(changed, axis=0) | (back.numbers != here))])
+        if self.start is not None and np.any(starts := self._start_numbers):
+            inputs = np.array([self._start_inputs(s.model)[starts] for s in states])
+            shared |= set(place @ (inputs != self._inputs[starts])) - {0}
+        # Nothing is known where it changes on one side only
+        alone = np.array([any(own & ~s == 0 or s == 0 for s in shared) for own in codes])
+        step, one_sided = steps[owner], ~central[owner]
+        ahead, behind = first - here, back.numbers - here
+        slopes = np.where(one_sided, 2.0 * ahead - 0.5 * behind, 0.5 * (ahead - behind)) / step
+        bend = np.where(one_sided, behind - 2.0 * ahead, ahead + behind)
+        change = np.where(one_sided, behind, ahead - behind)
+        parts = int(self.numbers.part[-1]) + 1
+        where, size = owner * parts + self.numbers.part, count * parts
+        where[owner < 0] = 0
+        bend[owner < 0] = change[owner < 0] = 0.0
+        bent = _bends(bend, change, here, where, size).reshape(count, parts)
+        alone |= np.any(bent, axis=1)
+        slopes[owner < 0] = 0.0
+        return slopes, owner, np.flatnonzero(alone).tolist()
+
+    @staticmethod
+    def _side(below: float, above: float) -> int:
+        """0 if there is room for steps to both sides of a parameter, else 1 or -1."""
+        if 2.0 * _STEP * (below + above) <= min(below, above):
+            return 0
+        return 1 if above >= below else -1
+
+    def around(self, k: int) -> list[tuple[float, _State]]:
         """States beside the values of parameter k, and weights of their changes in derivatives.
 
         Two where the start stays, as tables and constants have no error but round-off. A start is
         solved for, so that steps are longer there, and of fourth order. Steps are shortened until
         slopes hardly change over them.
+
+        Raises:
+            ValueError: If there is no derivative; the message names the parameter.
         """
-        central = 2.0 * _STEP * (below + above) <= min(below, above)
-        side = 1 if central or above >= below else -1
-        base, found, steps = self.base.flat(), list[tuple[float, _Stated]](), [_SHORT]
+        name, below, above = self.ranges[k]
+        try:
+            return self._around(k, below + above, self._side(below, above))
+        except ValueError as error:
+            raise ValueError(f"parameter {name!r}: no derivative: {error}") from error
+
+    def _around(self, k: int, width: float, side: int) -> list[tuple[float, _State]]:
+        central, side, here = side == 0, side or 1, self.numbers.here
+        found, steps = list[tuple[float, _State]](), [_SHORT]
         steps += [_STEP * _SHORTER**n for n in range(_TIMES)]
 
-        def at(h: float, offsets: Sequence[int]) -> list[_Stated]:
-            return [self.stated(_shift(k, side * s * h)) for s in offsets]
+        def at(h: float, offsets: Sequence[int]) -> list[_State]:
+            return [self.started(_shift(k, side * s * h)) for s in offsets]
 
-        for h in (step * (below + above) for step in steps):
+        for h in (step * width for step in steps):
             try:
-                states, two = at(h, (-1, 1) if central else (1, 2)), h == steps[0] * (below + above)
+                states, two = at(h, (-1, 1) if central else (1, 2)), h == steps[0] * width
                 if not two:
                     states += at(h, (-2, 2) if central else (3, 4))
             except _JumpedError:
-                if h == steps[-1] * (below + above):
+                if h == steps[-1] * width:
                     raise
                 continue
             if two and any(np.any(state.y) or np.any(state.v) for state in states):
@@ -227,47 +312,88 @@ class _Differences:
                 weights = [2.0, -1 / 2] if two else [4.0, -3.0, 4 / 3, -1 / 4]
             pairs = zip(weights, states, strict=True)
             found = [(side * weight / h, state) for weight, state in pairs]
-            first, last = (states[-2].flat() if central else base), states[-1].flat()
-            if not _bends(first, last, base if central else states[0 if two else 1].flat()):
+            none = np.zeros(self.model.size)
+            base = _State(self.model, here, none, none)
+            ends = (states[-2] if central else base), states[-1]
+            if not self._bent(*ends, base if central else states[0 if two else 1]):
                 break
         return found
 
-    def stated(self, shift: Array) -> _Stated:
+    def _bent(self, one: _State, two: _State, middle: _State) -> bool:
+        """Whether slopes change between two ends by more than a share and round-off."""
+        parts, at = [], len(self.numbers.part)
+        for state in (one, two, middle):
+            parts.append(np.concatenate([state.numbers, state.y, state.v]))
+        last, size = int(self.numbers.part[-1]) + 1, self.model.size
+        where = np.concatenate([self.numbers.part, np.repeat([last, last + 1], size)])
+        assert where.size == at + 2 * size
+        a, b, here = parts
+        return bool(np.any(_bends(a + b - 2.0 * here, a - b, here, where, last + 2)))
+
+    def state(self, shift: Array) -> _State:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
-        model = self.model.stated_by(parametric(self.model).shifted(shift))
+        mechanism, none = parametric(self.model).shifted(shift), np.zeros(self.model.size)
+        model = self.model.stated_by(mechanism, at_start=True)
         _check_same(self.model, model)
-        y, v = np.zeros(model.size), np.zeros(model.size)
-        if self.start is not None and self._start_depends(model):
-            _, there, rate = started(model)
-            y, v = model.arrays.difference(there[None], self.start[0])[0], rate - self.start[1]
-            size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
-            if float(np.max(np.abs(y))) > _JUMP * size:
-                raise _JumpedError("the start jumps to another position by a small change of it")
-        return _stated(model, y, v, self.base.arrays)
+        return _State(model, self.numbers.of(model), none, none)
 
-    def _start_depends(self, model: FlatModel) -> bool:
-        """Whether the start may be another one."""
-        old = self.model
-        names = FIELDS if old.mechanism.start.in_equilibrium else _GEOMETRY
-        for name in names:
-            a, b = getattr(old.arrays, name), getattr(model.arrays, name)
-            if name in _OVER_TIME:
-                a, b = a[0], b[0]
-            if not np.array_equal(a, b):
-                return True
-        if old.mechanism.start.in_equilibrium:
+    def started(self, shift: Array) -> _State:
+        """The same with the start."""
+        state = self.state(shift)
+        depends = self.start is not None and np.any(starts := self._start_numbers)
+        if not depends or np.array_equal(
+            self._start_inputs(state.model)[starts], self._inputs[starts]
+        ):
+            return state
+        assert self.start is not None
+        _, there, rate = started(state.model)
+        y = self.model.arrays.difference(there[None], self.start[0])[0]
+        size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
+        if float(np.max(np.abs(y))) > _JUMP * size:
+            raise _JumpedError("the start jumps to another position by a small change of it")
+        return state._replace(y=y, v=rate - self.start[1])
+
+    def _start_inputs(self, model: FlatModel) -> Array:
+        """All on which the start depends, shape (inputs,)."""
+        arrays, still = model.arrays, model.mechanism.start.in_equilibrium
+        parts = [arrays.drive[0, :, :2], arrays.prescribed[0, :, :2]]
+        parts += [getattr(arrays, name) for name in _GEOMETRY]
+        if still:
             # S, K and so on; the metric alone does not matter
-            for name in ("mass", "S", "K"):
-                if not np.array_equal(getattr(old.arrays, name), getattr(model.arrays, name)):
-                    return True
-        return _start_of(old.mechanism, old) != _start_of(model.mechanism, old)
+            parts += [arrays.gravity[0], arrays.load_table[0], arrays.law]
+            parts += [arrays.mass, arrays.S, arrays.K]
+        parts.append(_start_of(model.mechanism, self.model))
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    @cached_property
+    def _inputs(self) -> Array:
+        return self._start_inputs(self.model)
+
+    @cached_property
+    def _start_numbers(self) -> NDArray[np.bool_]:
+        """Which inputs of the start depend on parameters beyond round-off, shape (inputs,)."""
+        twin = self.model.stated_by(parametric(self.model).twin, at_start=True)
+        arrays, allowed = self.model.arrays, np.zeros(self._inputs.size)
+        sizes = [np.max(np.abs(arrays.drive[:, :, :2]), axis=0, initial=0.0).ravel()]
+        most = np.max(np.abs(arrays.prescribed[:, :, :2]), axis=(0, 3), initial=0.0)
+        sizes.append(np.repeat(most.ravel(), arrays.d))
+        own = np.concatenate(sizes)
+        allowed[: own.size] = _ROUND_OFF * own
+        return np.abs(self._start_inputs(twin) - self._inputs) > allowed
 
 
-def _stated(model: FlatModel, y: Array, v: Array, base: Mapping[str, Array] = {}) -> _Stated:
-    """What a model says; arrays that are as at the ``base`` are those there."""
-    arrays = {name: getattr(model.arrays, name) for name in FIELDS}
-    same = {name: own for name, own in base.items() if np.array_equal(own, arrays[name])}
-    return _Stated(model, {**arrays, **same}, model.effective, y, v)
+def _groups(count: int) -> NDArray[np.int64]:
+    """Which parameters are in which groups, (parameters, groups): each in another half of them.
+
+    So many groups that there are enough halves; none is a part of another one (E. Sperner,
+    Mathematische Zeitschrift 27 (1928), doi:10.1007/BF01171114).
+    """
+    groups = next(m for m in itertools.count(1) if math.comb(m, m // 2) >= count)
+    found = np.zeros((count, groups), dtype=np.int64)
+    halves = itertools.combinations(range(groups), groups // 2)
+    for row, half in zip(found, halves, strict=False):
+        row[list(half)] = 1
+    return found
 
 
 def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
@@ -275,46 +401,27 @@ def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
     return replace(body, markers={name: own.scaled(0.0) for name, own in body.markers.items()})
 
 
-def _numbers(body: VolumeIntegrals) -> list[Array]:
-    """All numbers of a body."""
-    parts = [body.mass, body.S, body.G, body.N, body.P, body.K, *body.stiffening.values()]
-    for marker in body.markers.values():
-        parts += [marker.position, marker.displacement, marker.rotation]
-    return [np.asarray(part, dtype=np.float64) for part in parts if part is not None]
+def _bends(
+    bend: Array, change: Array, here: Array, where: Integers, count: int
+) -> NDArray[np.bool_]:
+    """Of each part whether second differences exceed a share of first ones and round-off, (count,).
 
-
-def _bends(one: Sequence[Array], two: Sequence[Array], middle: Sequence[Array]) -> bool:
-    """Whether slopes change between two ends by more than a share and round-off."""
-    for a, b, at in zip(one, two, middle, strict=True):
-        if a is b is at:
-            continue
-        bend = float(np.max(np.abs(a + b - 2.0 * at), initial=0.0))
-        if bend > _ROUND_OFF:
-            change = float(np.max(np.abs(a - b), initial=0.0))
-            size = float(np.max(np.abs(at), initial=0.0))
-            if bend > _BENT * change + _ROUND_OFF * (size + 1.0):
-                return True
-    return False
-
-
-def _contracted(base: _Stated, state: _Stated, bars: MechanismBars) -> float:
-    """Change of a number by the change of what a mechanism says."""
-    total = float(state.y @ bars.y + state.v @ bars.v) if bars.y.size else 0.0
-    for name, bar in bars.arrays.items():
-        if state.arrays[name] is not base.arrays[name]:
-            total += float(np.vdot(bar, state.arrays[name] - base.arrays[name]))
-    for name, own in bars.bodies.items():
-        mine, theirs = base.effective[name], state.effective[name]
-        if theirs is not mine:
-            total += own.dot(theirs + mine.scaled(-1.0))
-    return total
+    Both and the values are given number by number, and the part ``where`` these belong.
+    """
+    most = np.zeros((3, count))
+    for own, values in zip(most, (bend, change, here), strict=True):
+        np.maximum.at(own, where, np.abs(values))
+    bent: NDArray[np.bool_] = most[0] > _BENT * most[1] + _ROUND_OFF * (most[2] + 1.0)
+    return bent
 
 
 def _check_same(old: FlatModel, new: FlatModel) -> None:
     """Refuse another topology, and other times of jumps."""
     for name in (*_TOPOLOGY, *FIELDS):
         a, b = getattr(old.arrays, name), getattr(new.arrays, name)
-        if a.shape != b.shape or (name in _TOPOLOGY and not np.array_equal(a, b)):
+        # Of the new one the first instants alone
+        alike = a.shape[1:] == b.shape[1:] and (name in _OVER_TIME or len(a) == len(b))
+        if not alike or (name in _TOPOLOGY and a.tobytes() != b.tobytes()):
             raise ValueError(
                 "what the joints and forces are made of changes with it, as where a stiffness or a "
                 "length becomes zero"

@@ -50,9 +50,10 @@ class FlatModel:
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
 
-    def stated_by(self, mechanism: Mechanism) -> FlatModel:
-        """Another mechanism at the same instants, and with the same angles counted."""
-        model = assemble_model(mechanism, self.bodies, self.times, checked=True, like=self)
+    def stated_by(self, mechanism: Mechanism, *, at_start: bool = False) -> FlatModel:
+        """Another mechanism at the same instants, or the first alone, and with the same angles."""
+        times = self.times[:1] if at_start else self.times
+        model = assemble_model(mechanism, self.bodies, times, checked=True, like=self)
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:

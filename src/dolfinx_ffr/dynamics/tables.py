@@ -93,15 +93,20 @@ class TimeTables:
             except ValueError as error:
                 raise ValueError(f"{where}: {error}") from error
 
+    def beside_jumps(self, instants: Array) -> Array:
+        """Times (instants,) [s], of which those of jumps are a little earlier."""
+        if not self.jumps.size:
+            return instants
+        at_jump = np.isin(instants, self.jumps)
+        return np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
+
     def tabulate(self, instants: Array) -> dict[str, Any]:
         """Tables at times (instants,) [s], by name of the field of ModelArrays.
 
         At the very time of a jump they hold the values before it: a step may end there, and the
         stages of the one that begins there lie behind it.
         """
-        if self.jumps.size:
-            at_jump = np.isin(instants, self.jumps)
-            instants = np.where(at_jump, instants * (1.0 - BESIDE_JUMP), instants)
+        instants = self.beside_jumps(instants)
         # Gravity less the acceleration of the ground [m/s^2]
         d = self.lowering.d
         fall = np.zeros((instants.size, d))

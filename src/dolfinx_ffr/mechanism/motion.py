@@ -8,6 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +24,14 @@ from .laws import (
     OutsideError,
     Polynomial,
     SmoothStep,
+    Spline,
     spline,
 )
 from .table import read_motion
 
 Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
+_Made: TypeAlias = SmoothStep | Fourier | Combined | Composed | OnCircle | Spline
 
 #: Instants at which derivatives are compared with differences: all over an interval, and as many
 #: where something moves, of so many that are looked at.
@@ -230,7 +233,7 @@ class Motion:
         return Motion._of_law(law, name, law.jumps)
 
     @staticmethod
-    def _of_law(law: KnownLaw | Composed, name: str, jumps: tuple[float, ...] = ()) -> Motion:
+    def _of_law(law: _Made, name: str, jumps: tuple[float, ...] = ()) -> Motion:
         """The motion of a law."""
         return Motion(law.value, law.velocity, law.acceleration, name, jumps)
 

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""What a mechanism says as one vector of numbers, and derivatives by these from those by tables.
+
+Tables over time have thousands of entries and follow from few numbers: from those of which motions
+are made, and from the values of signals that do not change. Signals of functions that say nothing
+about themselves are sampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body import VolumeIntegrals
+from ..mechanism import Ground, Motion, Moving, Signal, Triple, VectorKind, sample
+from .model import FlatModel
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Fields of the arrays that are numbers themselves
+_CONSTANTS = ("alpha", "beta", "shapes", "vector_stiffening", "law", "normal", "ratio")
+#: Differences up to this share are round-off.
+_ROUND_OFF = 2e-15
+
+
+class OtherLawError(Exception):
+    """A signal is of another kind at other values of parameters."""
+
+
+class _Entry(NamedTuple):
+    """A signal and its place in the tables."""
+
+    signal: Signal
+    field: str  #: Of the arrays
+    #: There of shape (instants,), or (instants, 3) with two derivatives
+    place: tuple[int | slice, ...]
+    sign: float = 1.0
+
+    @property
+    def fixed(self) -> Hashable:
+        """What the signal is made of beside its numbers; None where it has to be sampled."""
+        if isinstance(self.signal, Motion):
+            return self.signal.fixed
+        return None if callable(self.signal) else float
+
+    def sampled(self, times: Array, rates: bool) -> Array:
+        """The signal over time, with two derivatives where wanted, flat."""
+        if rates and isinstance(self.signal, Motion):
+            return self.signal.tabulate(times).ravel()
+        values = sample(self.signal, times, self.field)
+        return np.concatenate([values, np.zeros(2 * values.size)]) if rates else values
+
+
+class Numbers:
+    """The vector of all numbers of a mechanism, and where they stand in it.
+
+    The mechanism is that of a model, or has the same topology.
+    """
+
+    def __init__(self, model: FlatModel) -> None:
+        self.model = model
+        instants = np.append(model.times, model.times[0] + model.offset)
+        self.times = model.tables.beside_jumps(instants)
+        self._entries = list(_entries(model))
+        self._fixed = [entry.fixed for entry in self._entries]
+        own = model.mechanism.own_bodies
+        #: Bodies whose integrals may change, with their geometric stiffness by loads
+        self._bodies = {
+            name: body.stiffening
+            for name, body in model.effective.items()
+            if name in own or body is not model.bodies[name]
+        }
+        self._renew()
+
+    def _renew(self) -> None:
+        """Set the numbers of the model itself."""
+        self._own: list[Array] = []
+        self._own = self._parts(self.model, self._entries)
+        self.here = np.concatenate(self._own)
+        #: Part of the description to which a number belongs, shape (numbers,)
+        self.part = np.repeat(np.arange(len(self._own)), [part.size for part in self._own])
+
+    def of(self, model: FlatModel) -> Array:
+        """The numbers of another model, shape (numbers,).
+
+        Raises:
+            OtherLawError: If a signal is of another kind; from then on it is sampled.
+        """
+        entries = list(_entries(model))
+        if len(entries) != len(self._entries):
+            raise ValueError("the number of vectors on which joints and forces depend changes")
+        for k, (entry, fixed) in enumerate(zip(entries, self._fixed, strict=True)):
+            same = entry.signal is self._entries[k].signal or fixed is None
+            if not same and entry.fixed != fixed:
+                self._fixed[k] = None
+                self._renew()
+                raise OtherLawError
+        return np.concatenate(self._parts(model, entries))
+
+    def _parts(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:
+        arrays = model.arrays
+        # What rows and springs have beside the motion that they follow
+        constants = arrays.drive[0, :, 0].copy()
+        for r in range(constants.size):
+            start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
+            scale, constants[r] = abs(constants[r]) + abs(start), constants[r] - start
+            if self._own and abs(constants[r] - self._own[0][r]) <= _ROUND_OFF * scale:
+                constants[r] = self._own[0][r]
+        parts = [constants, *(getattr(arrays, name).ravel() for name in _CONSTANTS)]
+        for name, loads in self._bodies.items():
+            parts.append(_numbers(model.effective[name], loads))
+        for k, entry in enumerate(entries):
+            if self._own and entry.signal is self._entries[k].signal:
+                parts.append(self._own[len(parts)])
+            elif self._fixed[k] is None:
+                parts.append(entry.sampled(self.times, self._rates(entry)))
+            elif isinstance(entry.signal, Motion):
+                parts.append(entry.signal.numbers)
+            else:
+                parts.append(np.array([entry.signal], dtype=np.float64))
+        return parts
+
+    def _rates(self, entry: _Entry) -> bool:
+        """Whether the derivatives of a signal count."""
+        return getattr(self.model.arrays, entry.field)[entry.place].ndim == 2
+
+    def bars(self, arrays: Mapping[str, Array], bodies: Mapping[str, VolumeIntegrals]) -> Array:
+        """Derivatives by the numbers from those by tables and bodies, shape (numbers,)."""
+        parts = [np.sum(arrays["drive"][:, :, 0], axis=0)]
+        for name in _CONSTANTS:
+            there = getattr(self.model.arrays, name)
+            parts.append(np.ravel(arrays[name]) if name in arrays else np.zeros(there.size))
+        parts += [_numbers(bodies[name], loads) for name, loads in self._bodies.items()]
+        for entry, fixed in zip(self._entries, self._fixed, strict=True):
+            own = entry.sign * arrays[entry.field][entry.place].T
+            if fixed is None:
+                parts.append(own.ravel())
+            elif isinstance(entry.signal, Motion):
+                bars = own if own.ndim == 2 else np.stack([own, 0.0 * own, 0.0 * own])
+                parts.append(entry.signal.pullback(self.times, bars))
+            else:
+                parts.append(np.array([np.sum(own[0] if own.ndim == 2 else own)]))
+        return np.concatenate(parts)
+
+
+def _numbers(body: VolumeIntegrals, loads: Mapping[str, Array]) -> Array:
+    """Numbers of a body, or of derivatives by it, without its markers; zeros for missing loads."""
+    moments = (body.G, body.N) if body.P is None else (body.P,)
+    parts = [np.array(body.mass), body.S, body.K, *moments]
+    parts += [body.stiffening.get(load, 0.0 * own) for load, own in loads.items()]
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def _entries(model: FlatModel) -> Iterator[_Entry]:
+    """Signals of rows, springs, loads and gravity, and of vectors that move as prescribed."""
+    tables, arrays, every, d = model.tables, model.arrays, slice(None), model.dimension
+    rows = [row for row, _ in tables.rows]
+    springs = [spring for element, _ in tables.elements for spring in element.springs]
+    loads = [load for element, _ in tables.elements for load in element.loads]
+    for r, row in enumerate(rows):
+        yield _Entry(0.0 if row.motion is None else row.motion, "drive", (every, r))
+    for r, spring in enumerate(springs, len(rows)):
+        yield _Entry(spring.rest, "drive", (every, r, 0))
+    for number, load in enumerate(loads):
+        about_z = d == 2 and load.target.kind == VectorKind.SPIN
+        components = load.components[::-1] if about_z else load.components
+        for k, signal in enumerate(components[:d]):
+            yield _Entry(signal, "load_table", (every, number, k))
+    for field, sign in (("gravity", 1.0), ("ground_acceleration", -1.0)):
+        for k, signal in enumerate(getattr(model.mechanism, field)[:d]):
+            yield _Entry(signal, "gravity", (every, k), sign)
+    rows += [spring.row for spring in springs]
+    numbers = np.flatnonzero(arrays.vector_body < 0)
+    for slot, (number, (marker, _)) in enumerate(
+        zip(numbers, tables.lowering.prescribed, strict=True)
+    ):
+        kind, components = arrays.vector_kind[number], (0.0, 0.0, 0.0)
+        if kind == VectorKind.DIRECTION:
+            held = np.argwhere(arrays.side == number)
+            i, j = (held if held.size else np.argwhere(arrays.load_axes == number))[0]
+            components = (rows[i].vectors[j] if held.size else loads[i].axes[j]).components
+        for k, signal in enumerate(_coordinates(marker, kind, components, d)):
+            yield _Entry(signal, "prescribed", (every, slot, every, k))
+
+
+def _coordinates(
+    marker: Ground | Moving, kind: int, components: Triple, d: int
+) -> Sequence[Signal]:
+    """Coordinates of a vector that is fixed to a marker of the ground or a moving one."""
+    if kind == VectorKind.SPIN:
+        return [marker.angle] if d == 2 else []
+    if isinstance(marker, Ground):
+        table = marker.tabulate_in_space(np.zeros(1), marker.name)[0, 0]
+        vector = table[0] if kind == VectorKind.POINT else np.array(components) @ table[1:]
+        return list(map(float, vector[:d]))
+    if kind == VectorKind.POINT:
+        return [marker.x, marker.y, *([] if marker.z is None else [marker.z])][:d]
+    return marker.direction(components)[:d]
