@@ -37,7 +37,6 @@ _TOPOLOGY = ("first", "modes", "kind", "side", "vector_body", "vector_slot", "ve
              "vector_marker", "vector_stiffened", "load_vector", "load_axes")  # fmt: skip
 #: Fields beside tables on which an assembled start depends
 _GEOMETRY = ("shapes", "vector_stiffening", "normal", "ratio")
-_OVER_TIME = ("gravity", "drive", "prescribed", "load_table")
 #: Step of differences as share of the range of a parameter; it is shortened by this factor, at most
 #: so many times, until second differences are below this share of first ones. Of fourth order they
 #: take steps so long that the tolerance of a static start does not show.
@@ -333,7 +332,7 @@ class _Differences:
     def state(self, shift: Array) -> _State:
         """What the mechanism says at a shift of its parameters; a shorter one ends in zeros."""
         mechanism, none = parametric(self.model).shifted(shift), np.zeros(self.model.size)
-        model = self.model.stated_by(mechanism, at_start=True)
+        model = self.model.stated_by(mechanism, tabulated=False)
         _check_same(self.model, model)
         return _State(model, self.numbers.of(model), none, none)
 
@@ -346,7 +345,7 @@ class _Differences:
         ):
             return state
         assert self.start is not None
-        _, there, rate = started(state.model)
+        _, there, rate = started(state.model.at(self.model.times[:1]))
         y = self.model.arrays.difference(there[None], self.start[0])[0]
         size = float(np.max(np.abs(self.start[0]), initial=0.0)) or 1.0
         if float(np.max(np.abs(y))) > _JUMP * size:
@@ -355,7 +354,8 @@ class _Differences:
 
     def _start_inputs(self, model: FlatModel) -> Array:
         """All on which the start depends, shape (inputs,)."""
-        arrays, still = model.arrays, model.mechanism.start.in_equilibrium
+        arrays = model.at(self.model.times[:1]).arrays
+        still = model.mechanism.start.in_equilibrium
         parts = [arrays.drive[0, :, :2], arrays.prescribed[0, :, :2]]
         parts += [getattr(arrays, name) for name in _GEOMETRY]
         if still:
@@ -372,7 +372,7 @@ class _Differences:
     @cached_property
     def _start_numbers(self) -> NDArray[np.bool_]:
         """Which inputs of the start depend on parameters beyond round-off, shape (inputs,)."""
-        twin = self.model.stated_by(parametric(self.model).twin, at_start=True)
+        twin = self.model.stated_by(parametric(self.model).twin, tabulated=False)
         arrays, allowed = self.model.arrays, np.zeros(self._inputs.size)
         sizes = [np.max(np.abs(arrays.drive[:, :, :2]), axis=0, initial=0.0).ravel()]
         most = np.max(np.abs(arrays.prescribed[:, :, :2]), axis=(0, 3), initial=0.0)
@@ -419,9 +419,7 @@ def _check_same(old: FlatModel, new: FlatModel) -> None:
     """Refuse another topology, and other times of jumps."""
     for name in (*_TOPOLOGY, *FIELDS):
         a, b = getattr(old.arrays, name), getattr(new.arrays, name)
-        # Of the new one the first instants alone
-        alike = a.shape[1:] == b.shape[1:] and (name in _OVER_TIME or len(a) == len(b))
-        if not alike or (name in _TOPOLOGY and a.tobytes() != b.tobytes()):
+        if a.shape != b.shape or (name in _TOPOLOGY and a.tobytes() != b.tobytes()):
             raise ValueError(
                 "what the joints and forces are made of changes with it, as where a stiffness or a "
                 "length becomes zero"

@@ -50,10 +50,14 @@ class FlatModel:
         tables = self.tables.tabulate(np.append(times, times[0] + self.offset))
         return replace(self, arrays=self.arrays._replace(**tables), times=times)
 
-    def stated_by(self, mechanism: Mechanism, *, at_start: bool = False) -> FlatModel:
-        """Another mechanism at the same instants, or the first alone, and with the same angles."""
-        times = self.times[:1] if at_start else self.times
-        model = assemble_model(mechanism, self.bodies, times, checked=True, like=self)
+    def stated_by(self, mechanism: Mechanism, *, tabulated: bool = True) -> FlatModel:
+        """Another mechanism at the same instants, and with the same angles counted.
+
+        Unless it is to be tabulated, it has the tables of this one.
+        """
+        model = assemble_model(
+            mechanism, self.bodies, self.times, checked=True, like=self, tabulated=tabulated
+        )
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:
@@ -217,13 +221,15 @@ def assemble_model(
     *,
     checked: bool = False,
     like: FlatModel | None = None,
+    tabulated: bool = True,
 ) -> FlatModel:
     """Flat arrays of a mechanism in the plane or in space at times (steps + 1,) [s].
 
     The derivatives of all motions are compared with differences, and given bodies validated, unless
     they have been `checked`.
     The instant near the start comes a share of the first step after it, or as in a model of the
-    same bodies that this one is `like`; what is stated alike is taken from there.
+    same bodies that this one is `like`; what is stated alike is taken from there, and the tables,
+    too, unless they are to be `tabulated`.
     """
     bodies = {**bodies, **mechanism.own_bodies}
     if not bodies:
@@ -254,7 +260,7 @@ def assemble_model(
     lowering.enter(rows, elements, twins)
     joints = _places(mechanism.joint_names, [label for _, label in rows])
     tables = TimeTables(mechanism, rows, elements, lowering)
-    over_time = tables.tabulate(instants)
+    over_time = tables.tabulate(instants) if tabulated or like is None else {}
     if not checked:
         tables.check(float(times[0]), float(times[-1]))
     if like and effective is like.effective and mechanism.damping == like.mechanism.damping:
@@ -262,7 +268,8 @@ def assemble_model(
     else:
         arrays = body_arrays(effective, mechanism.damping)
     own_arrays = lowering.arrays(int(arrays["modes"].max()))
-    flat = kind(**{**arrays, **over_time, **own_arrays})
+    known = {} if like is None else like.arrays._asdict()
+    flat = kind(**{**known, **arrays, **over_time, **own_arrays})
     names = lowering.markers, joints, tables, lowering.forces, effective, twins
     return FlatModel(flat, times, offset, mechanism, dict(bodies), *names)
 

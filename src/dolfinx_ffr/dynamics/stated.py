@@ -103,14 +103,8 @@ class Numbers:
 
     def _parts(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:
         arrays = model.arrays
-        # What rows and springs have beside the motion that they follow
-        constants = arrays.drive[0, :, 0].copy()
-        for r in range(constants.size):
-            start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
-            scale, constants[r] = abs(constants[r]) + abs(start), constants[r] - start
-            if self._own and abs(constants[r] - self._own[0][r]) <= _ROUND_OFF * scale:
-                constants[r] = self._own[0][r]
-        parts = [constants, *(getattr(arrays, name).ravel() for name in _CONSTANTS)]
+        parts = [self._constants(model, entries)]
+        parts += [getattr(arrays, name).ravel() for name in _CONSTANTS]
         for name, loads in self._bodies.items():
             parts.append(_numbers(model.effective[name], loads))
         for k, entry in enumerate(entries):
@@ -123,6 +117,22 @@ class Numbers:
             else:
                 parts.append(np.array([entry.signal], dtype=np.float64))
         return parts
+
+    def _constants(self, model: FlatModel, entries: list[_Entry]) -> Array:
+        """What rows and springs have beside the motions that they follow, shape (rows,)."""
+        tables, count = model.tables, model.arrays.kind.size
+        springs = [spring.row for element, _ in tables.elements for spring in element.springs]
+        rows = [row for row, _ in tables.rows]
+        if model.dimension == 3 or not any(row.angular for row in (*rows, *springs)):
+            return np.array([row.constant for row in rows] + [0.0] * len(springs))
+        # In the plane angles count from others than those of the rows
+        constants = tables.tabulate(model.times[:1])["drive"][0, :, 0]
+        for r in range(count):
+            start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
+            scale, constants[r] = abs(constants[r]) + abs(start), constants[r] - start
+            if self._own and abs(constants[r] - self._own[0][r]) <= _ROUND_OFF * scale:
+                constants[r] = self._own[0][r]
+        return constants
 
     def _rates(self, entry: _Entry) -> bool:
         """Whether the derivatives of a signal count."""

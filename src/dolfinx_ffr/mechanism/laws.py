@@ -244,26 +244,26 @@ class OnCircle:
     def numbers(self) -> Array:
         return np.array([self.middle, self.cosine, self.sine, *self.angle.numbers])
 
-    def _slopes(self, t: Array) -> tuple[Array, Array]:
-        """First and second derivative by the angle, (n,) each."""
-        phi = np.asarray(self.angle.value(t))
-        c, s = np.cos(phi), np.sin(phi)
-        return self.cosine * -s + self.sine * c, -(self.cosine * c + self.sine * s)
-
     def value(self, t: Array) -> Array:
-        return self.middle - self._slopes(t)[1]
+        return self.middle + _wave(self.cosine, self.sine, self.angle.value(t))
 
     def velocity(self, t: Array) -> Array:
-        return self._slopes(t)[0] * np.asarray(self.angle.velocity(t))
+        return self._slope(t) * np.asarray(self.angle.velocity(t))
 
     def acceleration(self, t: Array) -> Array:
-        first, second = self._slopes(t)
-        rate = np.asarray(self.angle.velocity(t))
-        return second * rate**2 + first * np.asarray(self.angle.acceleration(t))
+        rate, growth = np.asarray(self.angle.velocity(t)), np.asarray(self.angle.acceleration(t))
+        return (
+            self._slope(t) * growth - _wave(self.cosine, self.sine, self.angle.value(t)) * rate**2
+        )
+
+    def _slope(self, t: Array) -> Array:
+        """Derivative by the angle, (n,)."""
+        return _wave(self.sine, -self.cosine, self.angle.value(t))
 
     def pullback(self, t: Array, bars: Array) -> Array:
         phi, rate, growth = (np.broadcast_to(part(t), t.shape) for part in _parts(self.angle))
-        c, s, (first, second) = np.cos(phi), np.sin(phi), self._slopes(t)
+        c, s, first = np.cos(phi), np.sin(phi), self._slope(t)
+        second = -_wave(self.cosine, self.sine, phi)
         # Value, velocity, acceleration are g, g' phi', g'' phi'^2 + g' phi'' of g = c, s
         by_cosine = bars[0] * c - bars[1] * s * rate - bars[2] * (c * rate**2 + s * growth)
         by_sine = bars[0] * s + bars[1] * c * rate + bars[2] * (c * growth - s * rate**2)
@@ -278,6 +278,12 @@ class OnCircle:
             ]
         )
         return np.concatenate([own, self.angle.pullback(t, of_angle)])
+
+
+def _wave(cosine: float, sine: float, phi: ArrayLike) -> Array:
+    """A cosine and a sine of angles (n,), of which mostly one is zero."""
+    parts = [a * f(phi) for a, f in ((cosine, np.cos), (sine, np.sin)) if a]
+    return sum(parts[1:], parts[0]) if parts else np.zeros(np.shape(phi))
 
 
 def _parts(law: Law) -> tuple[Callable[[Array], ArrayLike], ...]:

@@ -268,7 +268,8 @@ class ParametricMechanism(Mechanism):
         parameters = copy(self.parameters)
         parameters.entries = dict(parameters.entries)
         for (name, entry), step in zip(self.parameters.entries.items(), shift, strict=False):
-            parameters.entries[name] = entry._replace(value=entry.value + float(step))
+            if step:
+                parameters.entries[name] = entry._replace(value=entry.value + float(step))
         found = self._of(parameters)
         found.__dict__["twin"] = self.twin
         return found
