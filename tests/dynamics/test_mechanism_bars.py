@@ -282,6 +282,39 @@ def spring(stiffness: float, damping: float = 0.0) -> ffr.SpringDamper:
     return ffr.SpringDamper(END, ffr.Ground((0.1, -0.4)), stiffness, damping, length=0.3)
 
 
+def test_many_parameters_take_few_calls() -> None:
+    """Values of a drive, in groups; what depends on several, and on the start, is found alone."""
+    calls, times = [0], np.linspace(0.0, 0.3, 32)
+
+    def build(near: float, far: float, height: float, **detours: float) -> ffr.Mechanism:
+        calls[0] += 1
+        angles = 30.0 * times**2 + np.array([0.0, *detours.values(), 0.0])
+        joints = [
+            ffr.Revolute(("arm", "pin"), ffr.Ground((0.0, height))),
+            ffr.PrescribedAngle(("arm", "pin"), ffr.Motion.spline(times, angles), name="motor"),
+        ]
+        forces = [ffr.SpringDamper(END, ffr.Ground((0.9, far - near)), 200.0)]
+        return ffr.Mechanism({"arm": ffr.Placement((0.3, 0.0))}, joints, forces=forces)
+
+    given = {f"d{k}": (0.0, -0.1, 0.1) for k in range(30)}
+    joint = {"near": (0.1, 0.0, 0.2), "far": (0.6, 0.5, 0.8), "height": (0.0, -0.1, 0.1)}
+    mechanism = ffr.Parameters(**joint, **given).mechanism(build)
+    run = ffr.simulate(mechanism, bodies(), ALPHA)
+    bar, rng = TrajectoryBar.zeros(run), np.random.default_rng(0)
+    bar.multipliers[:] = rng.uniform(-1.0, 1.0, bar.multipliers.shape)
+    before, bars = calls[0], adjoint(run, bar).mechanism
+    slopes = parameter_slopes(run, [bars])[0]
+    assert calls[0] - before < 30  # of 66
+
+    def number(shift: np.ndarray) -> float:
+        t = ffr.simulate(mechanism.shifted(shift), bodies(), ALPHA)
+        return float(np.sum(bar.multipliers * t.multipliers))
+
+    for along in (*np.eye(33)[[0, 1, 2, 3, 17]], rng.uniform(-1.0, 1.0, 33)):
+        near, far = (number(1e-4 * s * along) - number(-1e-4 * s * along) for s in (1.0, 2.0))
+        assert slopes @ along == pytest.approx((8.0 * near - far) / 12e-4, rel=1e-7)
+
+
 AT = 0.05
 NO = "parameter 'p': no derivative: "
 REFUSED = {

@@ -311,3 +311,34 @@ def test_refused_sums() -> None:
         Motion.constant(1.0) * np.ones(2)  # type: ignore[operator]
     with pytest.raises(ZeroDivisionError, match="divided by zero"):
         Motion.constant(1.0) / 0.0
+
+
+KNOTS = np.array([0.0, 0.3, 0.9, 1.1, 1.6, 2.0])
+SPLINES = {
+    f"{ends} {degree}": lambda p, e=ends, d=degree: Motion.spline(KNOTS, p, ends=e, degree=d)
+    for ends in ("rest", "uniform")
+    for degree in (5, 7)
+}
+MADE = {
+    **SPLINES,
+    "periodic": lambda p: Motion.spline(KNOTS, np.append(p[:-1], p[0]), ends="periodic"),
+    "fourier": lambda p: Motion.fourier(1.3, p[:2], p[2:5], p[5]),
+    "polynomial": Motion.polynomial,
+    "smooth step": lambda p: Motion.smooth_step(p[0], 1.0, 0.2),
+    "sum": lambda p: p[0] * Motion.fourier(1.3, p[1:3]) - SPLINES["rest 5"](p) / 3.0,
+    "circle": lambda p: Moving.circle(p[:2], p[2], SPLINES["rest 5"](p)).y,
+    "direction": lambda p: Moving.circle(
+        p[:3], p[2], SPLINES["rest 5"](p), "", (1.0, 2.0, 0.3)
+    ).direction((0.3, p[1], p[2]))[0],
+}
+
+
+@pytest.mark.parametrize("make", MADE.values(), ids=list(MADE))
+def test_derivatives_by_the_numbers_of_a_motion(make: Callable[[np.ndarray], Motion]) -> None:
+    rng, t = np.random.default_rng(0), np.linspace(-0.3, 2.4, 61)
+    p, along, bars = *rng.normal(size=(2, 6)), rng.normal(size=(3, 61))
+    (before, fixed), (after, same) = (make(p + s * 1e-5 * along).stated() for s in (-1.0, 1.0))
+    assert fixed == same is not None
+    slope = make(p).pullback(t, bars) @ (after - before)
+    far, near = (make(p + s * 1e-5 * along).tabulate(t) for s in (1.0, -1.0))
+    assert slope == pytest.approx(np.vdot(bars, far - near), rel=1e-7)

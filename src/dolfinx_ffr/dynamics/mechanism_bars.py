@@ -320,13 +320,9 @@ class _Differences:
 
     def _bent(self, one: _State, two: _State, middle: _State) -> bool:
         """Whether slopes change between two ends by more than a share and round-off."""
-        parts, at = [], len(self.numbers.part)
-        for state in (one, two, middle):
-            parts.append(np.concatenate([state.numbers, state.y, state.v]))
-        last, size = int(self.numbers.part[-1]) + 1, self.model.size
-        where = np.concatenate([self.numbers.part, np.repeat([last, last + 1], size)])
-        assert where.size == at + 2 * size
-        a, b, here = parts
+        a, b, here = (np.concatenate([s.numbers, s.y, s.v]) for s in (one, two, middle))
+        last = int(self.numbers.part[-1]) + 1
+        where = np.append(self.numbers.part, np.repeat([last, last + 1], self.model.size))
         return bool(np.any(_bends(a + b - 2.0 * here, a - b, here, where, last + 2)))
 
     def state(self, shift: Array) -> _State:

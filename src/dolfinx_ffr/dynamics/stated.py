@@ -40,12 +40,13 @@ class _Entry(NamedTuple):
     place: tuple[int | slice, ...]
     sign: float = 1.0
 
-    @property
-    def fixed(self) -> Hashable:
-        """What the signal is made of beside its numbers; None where it has to be sampled."""
+    def stated(self) -> tuple[Array, Hashable]:
+        """The numbers of the signal, and all else; None where it has to be sampled."""
         if isinstance(self.signal, Motion):
-            return self.signal.fixed
-        return None if callable(self.signal) else float
+            return self.signal.stated()
+        if callable(self.signal):
+            return np.zeros(0), None
+        return np.array([self.signal], dtype=np.float64), float
 
     def sampled(self, times: Array, rates: bool) -> Array:
         """The signal over time, with two derivatives where wanted, flat."""
@@ -66,7 +67,7 @@ class Numbers:
         instants = np.append(model.times, model.times[0] + model.offset)
         self.times = model.tables.beside_jumps(instants)
         self._entries = list(_entries(model))
-        self._fixed = [entry.fixed for entry in self._entries]
+        self._fixed = [entry.stated()[1] for entry in self._entries]
         own = model.mechanism.own_bodies
         #: Bodies whose integrals may change, with their geometric stiffness by loads
         self._bodies = {
@@ -93,12 +94,6 @@ class Numbers:
         entries = list(_entries(model))
         if len(entries) != len(self._entries):
             raise ValueError("the number of vectors on which joints and forces depend changes")
-        for k, (entry, fixed) in enumerate(zip(entries, self._fixed, strict=True)):
-            same = entry.signal is self._entries[k].signal or fixed is None
-            if not same and entry.fixed != fixed:
-                self._fixed[k] = None
-                self._renew()
-                raise OtherLawError
         return np.concatenate(self._parts(model, entries))
 
     def _parts(self, model: FlatModel, entries: list[_Entry]) -> list[Array]:
@@ -112,10 +107,13 @@ class Numbers:
                 parts.append(self._own[len(parts)])
             elif self._fixed[k] is None:
                 parts.append(entry.sampled(self.times, self._rates(entry)))
-            elif isinstance(entry.signal, Motion):
-                parts.append(entry.signal.numbers)
             else:
-                parts.append(np.array([entry.signal], dtype=np.float64))
+                numbers, fixed = entry.stated()
+                if fixed != self._fixed[k]:
+                    self._fixed[k] = None
+                    self._renew()
+                    raise OtherLawError
+                parts.append(numbers)
         return parts
 
     def _constants(self, model: FlatModel, entries: list[_Entry]) -> Array:
@@ -123,9 +121,9 @@ class Numbers:
         tables, count = model.tables, model.arrays.kind.size
         springs = [spring.row for element, _ in tables.elements for spring in element.springs]
         rows = [row for row, _ in tables.rows]
-        if model.dimension == 3 or not any(row.angular for row in (*rows, *springs)):
+        if not any(row.angular for row in (*rows, *springs)):
             return np.array([row.constant for row in rows] + [0.0] * len(springs))
-        # In the plane angles count from others than those of the rows
+        # In the plane the angles of vectors differ from those of markers
         constants = tables.tabulate(model.times[:1])["drive"][0, :, 0]
         for r in range(count):
             start = float(sample(entries[r].signal, model.times[:1], "the start")[0])
@@ -176,9 +174,9 @@ def _entries(model: FlatModel) -> Iterator[_Entry]:
     for r, spring in enumerate(springs, len(rows)):
         yield _Entry(spring.rest, "drive", (every, r, 0))
     for number, load in enumerate(loads):
-        about_z = d == 2 and load.target.kind == VectorKind.SPIN
-        components = load.components[::-1] if about_z else load.components
-        for k, signal in enumerate(components[:d]):
+        moment, turning = load.target.kind == VectorKind.SPIN, tables.lowering.undeformed.turning
+        components = turning(load.components) if moment else load.components[:d]
+        for k, signal in enumerate(components):
             yield _Entry(signal, "load_table", (every, number, k))
     for field, sign in (("gravity", 1.0), ("ground_acceleration", -1.0)):
         for k, signal in enumerate(getattr(model.mechanism, field)[:d]):
@@ -202,7 +200,7 @@ def _coordinates(
 ) -> Sequence[Signal]:
     """Coordinates of a vector that is fixed to a marker of the ground or a moving one."""
     if kind == VectorKind.SPIN:
-        return [marker.angle] if d == 2 else []
+        return [marker.angle]  # in the plane alone
     if isinstance(marker, Ground):
         table = marker.tabulate_in_space(np.zeros(1), marker.name)[0, 0]
         vector = table[0] if kind == VectorKind.POINT else np.array(components) @ table[1:]

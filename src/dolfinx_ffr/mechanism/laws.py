@@ -20,6 +20,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from .. import validation
 
 Array = NDArray[np.float64]
+#: Numbers of which something is made, (numbers,), and all else, or None where they are not known
+Stated: TypeAlias = tuple[Array, Hashable]
 _Found = tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]
 
 #: What a spline may do at an end.
@@ -51,16 +53,11 @@ class Law(Protocol):
     def acceleration(self) -> Callable[[Array], ArrayLike]:
         """Its second derivative."""
 
-    @property
-    def fixed(self) -> Hashable:
-        """All that it is made of beside its numbers; None where these are not known."""
-
-    @property
-    def numbers(self) -> Array:
-        """Numbers of which it is made, shape (numbers,), where they are known."""
+    def stated(self) -> Stated:
+        """The numbers of which it is made, (numbers,), and all else; else None if not known."""
 
     def pullback(self, t: Array, bars: Array) -> Array:
-        """Derivatives by these, from those by its three functions at times (n,), shape (3, n)."""
+        """Derivatives by the numbers from those by its functions at times (n,), shape (3, n)."""
 
 
 class OutsideError(ValueError):
@@ -75,13 +72,8 @@ class SmoothStep:
     duration: float
     start: float
 
-    @property
-    def fixed(self) -> Hashable:
-        return SmoothStep, self.duration, self.start
-
-    @property
-    def numbers(self) -> Array:
-        return np.array([self.distance])
+    def stated(self) -> Stated:
+        return np.array([self.distance]), (SmoothStep, self.duration, self.start)
 
     def pullback(self, t: Array, bars: Array) -> Array:
         unit = replace(self, distance=1.0)
@@ -109,13 +101,8 @@ class Polynomial:
 
     coefficients: Array  #: (coefficients,)
 
-    @property
-    def fixed(self) -> Hashable:
-        return Polynomial, self.coefficients.size
-
-    @property
-    def numbers(self) -> Array:
-        return self.coefficients
+    def stated(self) -> Stated:
+        return self.coefficients, (Polynomial, self.coefficients.size)
 
     def pullback(self, t: Array, bars: Array) -> Array:
         k = np.arange(self.coefficients.size)
@@ -148,13 +135,9 @@ class Fourier:
     def acceleration(self, t: Array) -> Array:
         return self._series(t, -(self.rates**2) * self.cosines, -(self.rates**2) * self.sines)
 
-    @property
-    def fixed(self) -> Hashable:
-        return Fourier, self.rates.tobytes()
-
-    @property
-    def numbers(self) -> Array:
-        return np.concatenate([[self.mean], self.cosines, self.sines])
+    def stated(self) -> Stated:
+        numbers = np.concatenate([[self.mean], self.cosines, self.sines])
+        return numbers, (Fourier, self.rates.tobytes())
 
     def pullback(self, t: Array, bars: Array) -> Array:
         phase = np.multiply.outer(np.asarray(t), self.rates)
@@ -170,15 +153,11 @@ class Combined:
 
     terms: tuple[tuple[float, Law], ...]
 
-    @property
-    def fixed(self) -> Hashable:
-        parts = tuple(law.fixed for _, law in self.terms)
-        return None if None in parts else (Combined, parts)
-
-    @property
-    def numbers(self) -> Array:
+    def stated(self) -> Stated:
+        parts = [law.stated() for _, law in self.terms]
+        numbers, fixed = [part[0] for part in parts], tuple(part[1] for part in parts)
         weights = [weight for weight, _ in self.terms]
-        return np.concatenate([weights, *(law.numbers for _, law in self.terms)])
+        return np.concatenate([weights, *numbers]), None if None in fixed else (Combined, fixed)
 
     def pullback(self, t: Array, bars: Array) -> Array:
         weights = [
@@ -235,14 +214,10 @@ class OnCircle:
     sine: float
     angle: Law
 
-    @property
-    def fixed(self) -> Hashable:
-        own = self.angle.fixed
-        return own and (OnCircle, own)
-
-    @property
-    def numbers(self) -> Array:
-        return np.array([self.middle, self.cosine, self.sine, *self.angle.numbers])
+    def stated(self) -> Stated:
+        numbers, fixed = self.angle.stated()
+        own = np.array([self.middle, self.cosine, self.sine, *numbers])
+        return own, fixed and (OnCircle, fixed)
 
     def value(self, t: Array) -> Array:
         return self.middle + _wave(self.cosine, self.sine, self.angle.value(t))
@@ -329,13 +304,10 @@ class Spline:
         assert isinstance(self.given, BSpline)
         return self.given, self.given.derivative(1), self.given.derivative(2)
 
-    @property
-    def fixed(self) -> Hashable:
-        return self.way and (Spline, self.start, self.unit, self.ends, self.way.fixed)
-
-    @property
-    def numbers(self) -> Array:
-        return np.asarray(self.given)
+    def stated(self) -> Stated:
+        if self.way is None:
+            return np.zeros(0), None
+        return np.asarray(self.given), (Spline, self.start, self.unit, self.ends, self.way.fixed)
 
     def pullback(self, t: Array, bars: Array) -> Array:
         assert self.way is not None

@@ -184,7 +184,7 @@ class Moving:
         return (self.x, self.y, self.angle) + (() if self.z is None else (self.z,))
 
     def direction(self, components: Triple) -> list[Motion]:
-        """The motions of x, y and z of a direction in the marker's axes."""
+        """The motions of x, y and z of a direction of given ``components`` in the marker's axes."""
         n, along = np.array(components), np.array(self.axis) / np.linalg.norm(self.axis)
         start = np.eye(3) if self.rotation is None else rotation_matrix(self.rotation)
         across = np.cross(along, n)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -25,6 +25,7 @@ from .laws import (
     Polynomial,
     SmoothStep,
     Spline,
+    Stated,
     spline,
 )
 from .table import read_motion
@@ -246,20 +247,18 @@ class Motion:
         same = isinstance(own, KNOWN) and all(getattr(f, "__self__", None) is own for f in parts)
         return own if same else None
 
-    @property
-    def fixed(self) -> Hashable:
-        """All that the motion is made of beside its numbers; None where these are not known."""
+    def stated(self) -> Stated:
+        """The numbers of which the motion is made, (numbers,), and all else; None if not known."""
         law = self._law
-        return law and law.fixed
-
-    @property
-    def numbers(self) -> Array:
-        """Numbers of which the motion is made, shape (numbers,), where they are known."""
-        law = self._law
-        return np.zeros(0) if law is None else law.numbers
+        return (np.zeros(0), None) if law is None else law.stated()
 
     def pullback(self, t: Array, bars: Array) -> Array:
-        """Derivatives by these, from those by the three functions at times (n,), shape (3, n)."""
+        """Derivatives by the numbers of `stated`, shape (numbers,).
+
+        Args:
+            t: Times, shape (n,) [s].
+            bars: Derivatives by value, velocity and acceleration there, shape (3, n).
+        """
         law = self._law
         return np.zeros(0) if law is None else law.pullback(t, bars)
 

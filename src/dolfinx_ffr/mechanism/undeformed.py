@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -152,6 +153,10 @@ class Undeformed:
             )
         x, y, z = (*direction, 0.0)[:3]
         return x, y, z
+
+    def turning(self, components: Sequence[Any]) -> list[Any]:
+        """Of three components those about axes that there are, z alone in the plane."""
+        return [part for k, part in enumerate(components) if k not in _NO_AXES[self.dimension]]
 
     def axis(self, axis: Triple) -> Triple:
         """The axis itself; a ValueError if it is not perpendicular to the plane of the bodies."""
