@@ -66,5 +66,5 @@ benchmark-peers: setup ## the same beside Exudyn and pyMOTO, put into results/pe
 	@cd "$(clone)" && $(env) $(python) benchmarks/peer_packages.py && $(python) benchmarks/run.py --only peers $(ARGS)
 
 clean: ## remove .venv, caches and results (the roots of other Debian releases stay)
-	@cd "$(clone)" && rm -rf .venv .venv.lock results build docs/reference .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
+	@cd "$(clone)" && rm -rf .venv .venv.lock results build docs/reference docs/gallery docs/notebooks/*.md .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*.egg-info
 	@find "$(clone)" -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -18,8 +18,9 @@ around each bore stays solid.
 **Discretisation.** Triangles of order two with curved sides at bores and fillets, in plane stress;
 otherwise as in `slider_crank.py`.
 
-Run `python demos/connecting_rod.py --help`, also under `mpirun -n 2`. Any planar mesh with the
-physical curves "left" and "right" takes the rod's place: `--mesh my_rod.msh`.
+Run `python demos/connecting_rod.py --help`, also under `mpirun -n 2`; it takes about a
+minute. Any planar mesh with the physical curves "left" and "right" takes the rod's place:
+`--mesh my_rod.msh`.
 """
 
 from __future__ import annotations

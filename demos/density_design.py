@@ -15,7 +15,8 @@ projection becomes steeper along the run, so that densities end as void or solid
 updated by the method of moving asymptotes. The part's boundary is where a smooth mean of the
 densities is one half, and psi is computed again on a mesh that fits it.
 
-Run `python demos/density_design.py --help`, also under `mpirun -n 2`.
+Run `python demos/density_design.py --help`, also under `mpirun -n 2`; it takes about a
+minute.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ K q = G^T lambda, where M, h and K follow from the mass and the integrals S_a = 
 P_ab = int rho w_a w_b^T of the file. Exudyn integrates by generalised-alpha with steps h and h/2,
 whose error of second order is extrapolated away; we by Radau IIA of order 5.
 
-Exudyn is on PyPI: `pip install exudyn`. Run `python demos/rod_in_exudyn.py --help`.
+Exudyn is on PyPI: `pip install exudyn`. Run `python demos/rod_in_exudyn.py --help`; it
+takes some seconds.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ minimised as z such that no load case has more than z. `WeightedSum` and `PowerM
 eight normal modes, equal steps by which psi of each load case is known to 1e-4. The body is reduced
 once for all load cases, and one adjoint solution for each gives the gradient.
 
-Run `python demos/several_load_cases.py --help`, also under `mpirun -n 2`: ranks share the cases.
+Run `python demos/several_load_cases.py --help`, also under `mpirun -n 2`: ranks share the
+cases; it takes some minutes.
 """
 
 from __future__ import annotations

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The shortest program that designs a flexible rod; README shows it."""
+# %% [markdown]
+"""# The shortest program that designs a flexible rod.
+
+What you will see: the rod of a slider-crank in motion, and its part as files for CAD. It takes
+about a minute.
+"""
 
 from mpi4py import MPI
 

@@ -18,7 +18,8 @@ with the density x of the elements and the elastic coordinates q of the rod in i
 reference: M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0.
 
 The time steps are those by which psi is known to 1e-4, 50 of the Radau IIA method.
-Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`.
+Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`; it
+takes about a minute.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ fail() {
 
 for tool in apt-get dpkg-query; do
     command -v "$tool" >/dev/null || fail "this system has no $tool, so the Debian packages cannot be installed." \
-        "Use the conda-forge route instead: README.md, section \"Install with conda-forge\"."
+        "Use the conda-forge route instead: docs/install.md, section \"With conda-forge\"."
 done
 
 missing_packages() {
@@ -84,13 +84,13 @@ if [ ${#missing[@]} -gt 0 ]; then
     apt install -y --fix-broken --no-install-recommends "${packages[@]}" || fail \
         "apt-get could not install the packages of install/debian-packages.txt (its own message stands above)." \
         "They are in Debian 12, Debian 13 and unstable. On another system use the conda-forge route:" \
-        "README.md, section \"Install with conda-forge\"."
+        "docs/install.md, section \"With conda-forge\"."
 fi
 
 [ -x "$python" ] || fail "$python does not exist; it belongs to Debian's package python3."
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail \
     "$python is $("$python" --version 2>&1); Python 3.11 or newer is needed (Debian 12 or 13)." \
-    "On an older system use the conda-forge route: README.md, section \"Install with conda-forge\"."
+    "On an older system use the conda-forge route: docs/install.md, section \"With conda-forge\"."
 
 # No stamp means that a set-up was killed half-way: nothing of it is trusted. Nor can an environment be moved.
 if [ ! -f "$stamp" ] || [ "$(cut -d' ' -f2- "$stamp")" != "$clone" ] || ! "$venv/bin/python" -m pip --version >/dev/null 2>&1 ||

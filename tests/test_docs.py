@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import re
+import sys
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,10 @@ from shared import TOP
 import dolfinx_ffr as ffr
 
 PAGE = TOP / "docs" / "scenes.md"
+HOW_TO = sorted((TOP / "docs" / "how_to").glob("*.md"))
+#: One program over several pages
+TUTORIAL = sorted((TOP / "docs" / "tutorial").glob("[1-9]*.md"))
+NOTEBOOKS = sorted((TOP / "docs" / "notebooks").glob("*.ipynb"))
 #: Pages whose programs stand alone
 PARTS = TOP / "docs" / "from_field_to_part.md"
 #: A page whose programs go on from the slider-crank and from each other
@@ -50,6 +57,15 @@ def shorter(program: str) -> str:
     return program
 
 
+def full(program: str) -> str:
+    """A program whose design begins and stays full: so few iterations leave others in pieces."""
+    given = r"optimize\((\w+), (levelset|densities|ffr\.LevelSet\(rod\)), volume=0\.5"
+    kept = r"optimize(\1, \2, np.ones(\2.size), volume=1.0"
+    return re.sub(given, kept, shorter(program)).replace(
+        "iterations=2)", "iterations=2, boundary=0)"
+    )
+
+
 def run(program: str, name: str, before: dict[str, Any] | None = None) -> dict[str, Any]:
     """The names that a program of the documentation, which is ours, defines, and those before."""
     names = dict(before or {})
@@ -74,7 +90,11 @@ def beginning(program: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("given", programs(PAGE), ids=lambda given: given[0])
+@pytest.mark.parametrize(
+    "given",
+    [(heading or page.stem, text) for page in (PAGE, *HOW_TO) for heading, text in programs(page)],
+    ids=lambda given: given[0],
+)
 @pytest.mark.filterwarnings("ignore")
 def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run, and their numbers are finite; lines that are no program go on from a scene."""
@@ -86,8 +106,8 @@ def test_scenes(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monk
         write_rod(tmp_path / "rod.msh")
     before = beginning(program)
     if before:
-        program = program.replace("volume=", "iterations=2, volume=")
-    names = run(shorter(program), f"{PAGE.name}, {heading}", before)
+        program = re.sub(r"(optimize\((?:.|\n)*?)volume=", r"\1iterations=2, volume=", program)
+    names = run(shorter(program), heading, before)
     for name in ("result", "evaluation"):
         if name in names:
             assert 0.0 < names[name].psi < float("inf")
@@ -106,10 +126,54 @@ def test_two_lines_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert found.parameters.keys() == {"radius", "load"} and 0.0 < found.psi < float("inf")
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its five pages are one program, whose numbers are finite; the design stays a full arm."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for page in TUTORIAL:
+        text = full("\n".join(program for _, program in programs(page)))
+        names = run(
+            text.replace("TimeInterval(0.4)", "GeneralizedAlpha(0.4, 80)"), page.name, names
+        )
+    assert len(TUTORIAL) == 5 and names["together"].parameters.keys() == {"stiffness"}
+    assert 0.0 < names["together"].psi < float("inf")
+    for name in ("full", "result", "verification"):
+        assert 20 < len(repr(names[name])) < 1000
+    assert "<td>psi of the densities</td>" in names["result"]._repr_html_()
+
+
+@pytest.mark.slow
+def test_notebooks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They run one after the other in one kernel, and each shows tables and pictures."""
+    kernel = tmp_path / "kernels" / "own" / "kernel.json"
+    kernel.parent.mkdir(parents=True)
+    command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    kernel.write_text(json.dumps({"argv": command, "display_name": "own", "language": "python"}))
+    monkeypatch.setenv("JUPYTER_PATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(TOP / "src"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Debian's packages for notebooks warn of each other
+        import nbformat
+        from nbclient import NotebookClient
+
+        books = [nbformat.read(notebook, as_version=4) for notebook in NOTEBOOKS]
+        together = nbformat.v4.new_notebook(cells=[cell for book in books for cell in book.cells])
+        for cell in together.cells:
+            cell.source = full(cell.source)
+        here = {"metadata": {"path": tmp_path}}
+        NotebookClient(together, kernel_name="own", resources=here).execute()
+    for book in books:
+        outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
+        kinds = {kind for output in outputs for kind in output.get("data", {})}
+        assert "text/html" in kinds and kinds & {"image/png", "image/gif"}
+
+
 def test_integrals_from_another_program() -> None:
     """They give the energy of each motion of rigid body and basis that the full matrices do."""
     heading = "From another finite-element program"
-    names = run(dict(programs(PAGE))[heading], heading)
+    names = run(dict(programs(TOP / "docs" / "how_to" / "arrays.md"))[heading], heading)
     body, X, Phi, M = (names[name] for name in ("body", "X", "Phi", "M"))
     rigid = np.zeros((*X.shape, 6))
     rigid[:, :, :3] = np.eye(3)
@@ -180,17 +244,33 @@ def test_programs_of_several_load_cases(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_names_on_the_page_exist() -> None:
     """Each name in code that looks like one of the package is one, and none is missing."""
-    text = PAGE.read_text()
+    text = "".join(page.read_text() for page in (PAGE, *HOW_TO, *TUTORIAL))
     called = set(re.findall(r"\bffr\.(\w+)", text + PARTS.read_text() + MOTIONS.read_text()))
     assert not called - set(dir(ffr))
     for module in ("mechanism", "objective"):
         kinds = vars(importlib.import_module(f"dolfinx_ffr.{module}"))
         public = [name for name in kinds if name in ffr.__all__]
         missing = [name for name in public if not re.search(rf"`[^`\n]*\b{name}\b", text)]
-        assert public and not missing, f"{missing} of {module} are not in {PAGE.name}"
+        assert public and not missing, f"{missing} of {module} are not in docs/how_to"
 
 
 def test_pictures_are_small() -> None:
-    text = "".join(page.read_text() for page in (PAGE, PARTS, MOTIONS))
-    for target in re.findall(r"!\[.*?\]\(([^)]+)\)", text):
-        assert (PAGE.parent / target).stat().st_size < 150_000, target
+    pictures = sorted((TOP / "docs" / "pictures").glob("*.png"))
+    assert [picture.name for picture in pictures if picture.stat().st_size > 150_000] == []
+
+
+def test_formulas_and_gallery(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each formula becomes MathML; one that does not is found; each demo has its card."""
+    monkeypatch.syspath_prepend(str(TOP / "docs" / "site"))
+    formulas, gallery = (importlib.import_module(name) for name in ("formulas", "gallery"))
+    typed = (TOP / "docs" / "method.md").read_text()
+    found = re.findall(r"\$\$(.+?)\$\$|\$(.+?)\$", typed, re.S)
+    assert len(found) == 20
+    for formula in map("".join, found):
+        set_formula = formulas.tex2mathml(formula)
+        assert set_formula.startswith("<math") and not formulas.raw(set_formula)
+    assert formulas.raw("<p>where $f &gt; 1$</p><pre>$HOME</pre>") == ["$f &gt; 1$"]
+    assert formulas.raw(r"<p>\(f\)</p>") == [r"\(f\)</p>"[:-4]]
+    cards = gallery.cards(TOP)
+    for demo in gallery.demos(TOP):
+        assert f"gallery/{demo.name}.md" in cards and demo.sentence and demo.time and demo.picture

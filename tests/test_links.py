@@ -15,7 +15,11 @@ import dolfinx_ffr
 PAGES = [
     *(TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
     *sorted((TOP / "docs").glob("*.md")),
-    *sorted((TOP / "docs" / "benchmarks").glob("*.md")),
+    *(
+        page
+        for folder in ("benchmarks", "how_to", "site", "tutorial")
+        for page in sorted((TOP / "docs" / folder).glob("*.md"))
+    ),
 ]
 #: Folders that paths in the text begin with.
 FOLDERS = {"benchmarks", "demos", "docs", "install", "src", "tests"}

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """The documentation as a site, built by `make docs` in `build/docs`.
 
-Its source is the whole tree, so that links between README, the pages of `docs/` and programs are
-the same there as where the files are read one by one. The pages of the reference are written at
-each build from the public names, one page for each folder of the package.
+Its source is the whole tree, so that links between the pages of `docs/` and programs are the same
+there as where the files are read one by one. Three folders are written at each build: the reference
+from the public names, one page for each folder of the package, the gallery from the demos, and
+the pages of the notebooks.
 """
 
 from __future__ import annotations
@@ -11,29 +12,39 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.util import logging
 
 import dolfinx_ffr
 
+sys.path.insert(0, str(Path(__file__).parent))
+import formulas
+import gallery
+import notebooks
+
 TOP = Path(__file__).resolve().parents[2]
-REFERENCE = TOP / "docs" / "reference"
 
 project = "dolfinx_ffr"
 author = copyright = "the dolfinx_ffr authors"
 version = release = dolfinx_ffr.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 
-root_doc = "README"
-include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*/*.md"]
+root_doc = "docs/site/index"
+include_patterns = ["CHANGELOG.md", "CONTRIBUTING.md", "docs/*.md", "docs/*/*.md"]
 exclude_patterns = [".*", "build", "results"]
 myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+html_math_renderer = "mathml"
 
 html_theme = "furo"
 html_title = f"dolfinx_ffr {release}"
-html_extra_path = ["index.html"]  # leads to README.html
+html_extra_path = ["index.html"]  # leads to the first page
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 
 default_role = "py:obj"  # single backticks: code, and a link where it names something public
@@ -47,48 +58,6 @@ maximum_signature_line_length = 90
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
-
-#: What README does not show where it is read by itself: the pages in their order.
-CONTENTS = """
-```{toctree}
-:hidden:
-:caption: Guide
-
-docs/glossary
-docs/scenes
-docs/several_load_cases
-docs/machine_and_part
-docs/from_field_to_part
-docs/interchange
-docs/speed_and_accuracy
-docs/approximate_gradient
-docs/hard_cases
-docs/peers
-```
-
-```{toctree}
-:hidden:
-:caption: Reference
-
-docs/reference/index
-```
-
-```{toctree}
-:hidden:
-:caption: Measured
-:glob:
-
-docs/benchmarks/*
-```
-
-```{toctree}
-:hidden:
-:caption: Project
-
-CHANGELOG
-CONTRIBUTING
-```
-"""
 
 
 def public_names() -> dict[str, list[str]]:
@@ -115,8 +84,8 @@ def directive(name: str) -> str:
     return f".. auto{'function' if callable(thing) else 'data'}:: {name}\n"
 
 
-def write_reference(app: Sphinx) -> None:
-    """Write the reference, one page for each folder; pages that stay the same are left alone."""
+def reference() -> dict[str, str]:
+    """The pages of the reference, one for each folder."""
     names = public_names()
     pages = {
         f"{folder}.md": f"# {folder}\n\n"
@@ -131,20 +100,42 @@ def write_reference(app: Sphinx) -> None:
         listed = ", ".join(f"`{name.rpartition('.')[2]}`" for name in sorted(found))
         lines.append(f"* [{folder}]({folder}.md): {listed}")
     lines += ["", "```{toctree}", ":hidden:", "", *sorted(names), "```", ""]
-    pages["index.md"] = "\n".join(lines)
-    REFERENCE.mkdir(exist_ok=True)
-    for stale in {path.name for path in REFERENCE.glob("*.md")} - set(pages):
-        (REFERENCE / stale).unlink()
-    for page, text in pages.items():
-        path = REFERENCE / page
-        if not path.exists() or path.read_text() != text:
-            path.write_text(text)
+    return pages | {"index.md": "\n".join(lines)}
 
 
-def add_contents(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Put the contents of the site into its first page."""
-    if docname == root_doc:
-        source[0] += CONTENTS
+def write_pages(app: Sphinx) -> None:
+    """Write what is made at each build; pages that stay the same are left alone."""
+    made = {
+        "reference": reference(),
+        "gallery": gallery.pages(TOP),
+        "notebooks": notebooks.pages(TOP / "docs" / "notebooks"),
+    }
+    for name, pages in made.items():
+        folder = TOP / "docs" / name
+        folder.mkdir(exist_ok=True)
+        for stale in {path.name for path in folder.glob("*.md")} - set(pages):
+            (folder / stale).unlink()
+        for page, text in pages.items():
+            path = folder / page
+            if not path.exists() or path.read_text() != text:
+                path.write_text(text)
+    gallery.write_thumbnails(TOP, TOP / "docs" / "gallery")
+
+
+def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
+    """Put what is made at each build into the pages that lead to it."""
+    if page == "docs/gallery":
+        source[0] += gallery.cards(TOP)
+    if page == "docs/notebooks":
+        source[0] += notebooks.listed(TOP / "docs" / "notebooks")
+
+
+def refuse_raw_formulas(
+    app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any
+) -> None:
+    """Warn of formulas that a page shows as they were typed."""
+    for found in formulas.raw(context.get("body", "")):
+        logging.getLogger(__name__).warning("%s: a formula is not set: %s", page, found)
 
 
 def readable_signature(
@@ -180,7 +171,10 @@ def keep_formulas(
 
 def setup(app: Sphinx) -> None:
     """Connect what this configuration does itself."""
-    app.connect("builder-inited", write_reference)
-    app.connect("source-read", add_contents)
+    set_math = (formulas.set_inline, None), (formulas.set_block, None)
+    app.add_html_math_renderer("mathml", *set_math)
+    app.connect("builder-inited", write_pages)
+    app.connect("source-read", fill_in)
+    app.connect("html-page-context", refuse_raw_formulas)
     app.connect("autodoc-process-signature", readable_signature)
     app.connect("autodoc-process-docstring", keep_formulas, priority=400)  # before napoleon

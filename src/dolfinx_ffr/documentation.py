@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Comments of fields in what `help` shows of a class.
+"""What Python shows of a class and of a result: comments of fields in `help`, numbers as a table.
 
 A field of a dataclass is explained by a comment ``#:`` on or above its line, of which Python knows
 nothing. Here they become a section `Attributes` of the class's docstring, from the source of its
@@ -9,11 +9,39 @@ module, in some forty milliseconds for the whole package, a fiftieth of its impo
 from __future__ import annotations
 
 import dataclasses
+import html
 import linecache
 import re
 import sys
 import textwrap
 from typing import Any
+
+
+class Shown:
+    """A result that Python and notebooks show by its numbers, and not by its arrays."""
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        """What there is to tell, in words: quantity, value, and its error or bound or nothing."""
+        raise NotImplementedError
+
+    def _picture(self) -> str:
+        """A drawing as SVG, where there is one."""
+        return ""
+
+    def __repr__(self) -> str:
+        rows = (
+            f"{what} {value}" + f" ({aside})" * bool(aside) for what, value, aside in self._shown()
+        )
+        return f"<{type(self).__name__}: {', '.join(rows)}>"
+
+    def _repr_html_(self) -> str:
+        """The table of a notebook."""
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+            for row in self._shown()
+        )
+        head = f"<tr><th>{type(self).__name__}</th><th>value</th><th>error, bound</th></tr>"
+        return f"{self._picture()}<table><thead>{head}</thead><tbody>{rows}</tbody></table>"
 
 
 def field_comments(thing: type) -> dict[str, str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A Scotch yoke, built from the lists of ``docs/scenes.md``: a pin in a slot drives a rod.
+"""A Scotch yoke, built from the lists of ``docs/how_to``: a pin in a slot drives a rod.
 
     pin = radius (cos phi, sin phi),   x(slot) = pin_x,   the rod slides along x
 

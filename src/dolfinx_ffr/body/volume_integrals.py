@@ -81,7 +81,7 @@ class VolumeIntegrals:
     In space S has three columns, and P with P_ab = P_ba^T is given; G and N follow from it, and
     derivatives are those by P. From another finite-element code with the mass matrix m of one
     component, the nodes W_0 = X and column j of a basis there W_j: mass = 1^T m 1,
-    S_a = W_a^T m 1, P_ab = W_a^T m W_b; docs/scenes.md has a program.
+    S_a = W_a^T m 1, P_ab = W_a^T m W_b; docs/how_to/arrays.md has a program.
     """
 
     #: Mass [kg].

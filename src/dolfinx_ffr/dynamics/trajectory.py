@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from ..documentation import Shown
 from .compilation import Compiled
 from .kinematics import Momenta, Samples, applied_forces, momenta_of, turned_between
 from .model import FlatModel
@@ -100,8 +101,8 @@ class Integrator(ABC):
         """Transpose of :meth:`integrate`, from the derivatives ``bar`` by a trajectory."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
     """Trajectory of a mechanism: its coordinates and forces over time.
 
     Coordinates of all bodies stand side by side, (R_x, R_y, theta, q_1, ..., q_r) for each; see
@@ -137,6 +138,16 @@ class Trajectory:
     #: Unwrapped angles of drives, gears and torsional springs in space, two of each row and spring,
     #: shape (steps + 1, rows and springs, 2) [rad]; empty where there are none.
     turns: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        error = "" if math.isnan(self.error) else f"{self.error:.1e} relative"
+        newton = f"{np.mean(self.iterations):.2g} Newton iterations each"
+        return [
+            ("bodies", ", ".join(self.model.bodies), ""),
+            ("joints", ", ".join(self.model.joints), ""),
+            ("time", f"{self.t[0]:g} to {self.t[-1]:g} s", ""),
+            ("method", f"{self.integrator.in_words}, {newton}", error),
+        ]
 
     @property
     def numbers(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.sparse import block_diag as sparse_block_diag
 from scipy.sparse import csc_matrix
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from .. import validation
 from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from .. import validation
 from ..design import Design, Variables

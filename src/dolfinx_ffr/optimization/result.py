@@ -17,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from .. import validation
 from ..boundary import Boundary, Surface
 from ..design import Design, DimensionDesign, Variables
+from ..documentation import Shown
 from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
@@ -103,8 +104,8 @@ class BoundaryResult:
         return (self.boundary if name is None else self.boundaries[name]).part
 
 
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(Shown):
     """A design and its history."""
 
     densities: dict[str, Array]  #: Of this rank's cells by body, shape (cells,)
@@ -139,6 +140,24 @@ class Result:
     def feasible(self) -> bool:
         """Whether the design fulfils all constraints and volume bounds."""
         return not self.violations
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        told = self.summary()
+        error = "" if told["mode_error"] is None else f"{told['mode_error']:.1e} by modes left out"
+        of = "of the parts" if self.moved else "of the densities"
+        rows = [(f"psi {of}", f"{self.psi:.6g}", error)]
+        for name, share in told["volume"].items():
+            bound = f"at most {self.bounds[name]:.1%}" if name in self.bounds else ""
+            rows.append((f"volume of {name}", f"{share:.1%}", bound))
+        for name, value in self.parameters.items():
+            rows.append((f"parameter {name}", f"{value:.6g}", ""))
+        for body, sizes in self.dimensions.items():
+            rows += [(f"{name} of {body}", f"{1e3 * v:.5g} mm", "") for name, v in sizes.items()]
+        rows += [
+            (name, f"{share:.2%}", "beyond its bound") for name, share in self.violations.items()
+        ]
+        steps = f", {told['boundary']['steps']} steps of the boundary" if self.moved else ""
+        return [*rows, ("iterations", f"{self.iterations}{steps}", self.reason)]
 
     def summary(self) -> dict[str, Any]:
         """How the run ended, for `write_summary`."""

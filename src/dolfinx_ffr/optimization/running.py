@@ -15,7 +15,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from ..dynamics import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
 from ..files import locked, unlocked

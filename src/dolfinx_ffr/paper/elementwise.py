@@ -33,7 +33,7 @@ from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from .. import validation
 from ..body import VolumeIntegrals

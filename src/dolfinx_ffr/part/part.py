@@ -208,6 +208,9 @@ class Part(Enclosed):
     def measures(self) -> dict[str, Width | int | None]:
         return {"holes": self.holes, **super().measures()}
 
+    def _picture(self) -> str:
+        return str(self.polygon._repr_svg_())
+
     @cached_property
     def _moments(self) -> Array:
         return np.sum([enclosed(loop) for loops in self.outlines for loop in loops], axis=0)

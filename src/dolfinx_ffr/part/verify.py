@@ -12,10 +12,11 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from .. import validation
 from ..design import Design
+from ..documentation import Shown
 from ..fem import Domain, ElasticMaterial
 from ..mechanism import RayleighDamping
 from ..parallel import on_every_rank, on_rank_0
@@ -45,7 +46,7 @@ class Found:
     warnings: list[str]
 
 
-class Enclosed(ABC):
+class Enclosed(Shown, ABC):
     """What a design encloses, to be made: a `Part` in the plane, a `Solid` in space.
 
     Both have the members below, and `Result.part` gives the one that fits the body.
@@ -89,6 +90,16 @@ class Enclosed(ABC):
         validation.keywords(f"{cls.__name__}.of", options, cls)
         field = design.level(design.check(variables))
         return cls(design.domain, field, **options)  # type: ignore[call-arg]
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        """What is known without more work."""
+        rows = [("pieces", f"{self.pieces}", "")]
+        if self.weighs:
+            rows.append(("mass", f"{self.mass:.5g} kg", ""))
+        known = ("thinnest member", "narrowest gap")
+        found = {name: vars(self).get(name.replace(" ", "_")) for name in known}
+        rows += [(name, f"{1e3 * w.value:.3g} mm", "") for name, w in found.items() if w]
+        return rows + [("warning", text, "") for text in self.warnings]
 
     @property
     def pieces(self) -> int:
@@ -237,7 +248,7 @@ class Figures:
         return volumes | self.constraints
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Verification:
     """The figures of a design as reported, and of its parts on finer and finer meshes."""
 
@@ -394,7 +405,7 @@ class Verification:
             )
         return record
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """The table as text."""
         return self.summary()
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
+from ..documentation import Shown
 from ..dynamics import Trajectory
 from ..mechanical_problem import ConstraintValue
 from ..mechanism import Parameters
@@ -43,8 +44,8 @@ class LoadCaseEvaluation:
     parameters: dict[str, float] = field(default_factory=dict, repr=False)
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Shown):
     """A value of the objective, its gradient, and what else was computed at one design."""
 
     #: Value of the objective (integral compliance: [J s]), of several load cases the one number
@@ -81,6 +82,21 @@ class Evaluation:
     label: str = ""
     #: By name of the load case
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        rows = [("psi", f"{self.psi:.6g}", "")]
+        cases = self.load_cases if len(self.load_cases) > 1 else {}
+        rows += [(f"psi of {name}", f"{case.psi:.6g}", "") for name, case in cases.items()]
+        for name, found in self.constraints.items():
+            rows.append((name, f"{found.psi:.6g}", f"{found.value:+.2%} from its bound"))
+        rows += [(f"volume of {name}", f"{share:.1%}", "") for name, share in self.volume.items()]
+        for name, modes in self.fixed_interface_frequencies.items():
+            told = f", {modes[0]:.5g} to {modes[-1]:.5g} Hz" if len(modes) else ""
+            rows.append((f"modes of {name}", f"{len(modes)}{told}", ""))
+        values = self.at.values if self.at else {}
+        rows += [(f"parameter {name}", f"{value:.6g}", "") for name, value in values.items()]
+        rows.append(("gradient", ", ".join(self.gradient or {}) or "not asked for", ""))
+        return rows
 
     @property
     def told(self) -> dict[str, float]:
