@@ -25,7 +25,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
-from command_line import leave, mark, parse, say
+from command_line import draw, leave, mark, parse, say
 from slider_crank import VOLUME, reference_problem
 
 import dolfinx_ffr as ffr
@@ -80,11 +80,9 @@ def main(arguments: list[str] | None = None) -> None:
     }
     axis = {"xlabel": "iteration", "markers": True, "comm": comm}
     plotting.plot_curves(panels, output / "histories.png", **axis)
+    draw(result, output, full=full, volume=VOLUME)
     told = f"{result.psi / full:.1%} of the full rod's compliance"
     plotting.plot_gradient_elements(domain, {told: (result.x, selected)}, output / "elements.png")
-    plotting.plot_design(domain, {told: result.x}, output / "design.png")
-    plotting.plot_scene(problem, result.evaluation, output / "scene.png")
-    plotting.animate_motion(problem, result.evaluation, output / "motion.gif")
     title = "A rod designed by an approximate gradient"
     leave(result, output, title, full=full, found=found, warnings=warnings)
 

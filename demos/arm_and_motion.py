@@ -4,7 +4,7 @@
 
 What you will see: an arm with two flexible links puts a payload down. When its motors stand still,
 the payload still swings about its place. Better links swing less, and so does a better motion; both
-know of each other only if they are designed by one gradient.
+know of each other only if they are designed by one gradient. The arm is that of `robot_arm.py`.
 
 **Problem.** Find the heights of both links at three places, the angles of both motors at four
 instants on their way, and the mass of a counterweight behind the elbow that minimise
@@ -20,22 +20,21 @@ Run `python demos/arm_and_motion.py --help`, also under `mpirun -n 2`; it takes 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from command_line import parse, say
+from command_line import leave_machine, parse, say
+from robot_arm import ALUMINIUM, FORE, PICK, PLACE, THICKNESS, UPPER, mechanism
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
 from dolfinx_ffr.program import run
 
 # %% Parameters
-UPPER, FORE, HEIGHT, THICKNESS = 0.5, 0.4, 0.03, 0.005  # lengths of the links, what both have [m]
-ALUMINIUM = 70e9, 0.33, 2700.0  # Young [Pa], Poisson [-], density [kg/m^3]
-PAYLOAD, ELBOW_MOTOR, GRAVITY, BEHIND = 1.0, 0.5, 9.81, 0.1  # [kg], [kg], [m/s^2], [m]
-PICK, PLACE = (0.2734, -1.2661), (2.6654, -1.9217)  # shoulder and elbow at both ends [rad]
+HEIGHT, BEHIND = 0.03, 0.1  # of the links, from the elbow to the counterweight [m]
 TIP = tuple(UPPER * f(PLACE[0]) + FORE * f(sum(PLACE)) for f in (np.cos, np.sin))  # at the end [m]
 MOVE, DURATION, TAU = 0.4, 0.6, 5e-3  # the motion takes, all is over, tau [s]
 KNOTS = np.linspace(0.0, MOVE, 6)  # instants of the splines [s]
@@ -53,29 +52,11 @@ def machine(counterweight: float, **bends: float) -> tuple[ffr.Mechanism, dict[s
         detour = [0.0, *(bends[f"{joint}_{k}"] for k in range(1, 5)), 0.0]
         step = ffr.Motion.smooth_step(end - start, MOVE)
         motors.append(start + step + ffr.Motion.spline(KNOTS, detour, ends="rest"))
-    upper, fore, at = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
-    elbow = (UPPER * np.cos(PICK[0]), UPPER * np.sin(PICK[0]))
-    mechanism = ffr.Mechanism(
-        placements={
-            "upper arm": ffr.Placement((0.0, 0.0), PICK[0]),
-            "forearm": ffr.Placement(elbow, sum(PICK)),
-            "weight": ffr.Placement(elbow, sum(PICK)),
-        },
-        joints=[
-            ffr.Revolute(upper, ffr.Ground(), name="shoulder"),
-            ffr.PrescribedAngle(upper, motors[0], name="shoulder motor"),
-            ffr.Revolute(fore, at, name="elbow"),
-            ffr.PrescribedAngle(fore, motors[1], at, name="elbow motor"),
-            ffr.Weld(("weight", "hub"), fore, angle=0.0),
-        ],
-        point_masses=[ffr.PointMass(("forearm", "right"), PAYLOAD), ffr.PointMass(at, ELBOW_MOTOR)],
-        gravity=(0.0, -GRAVITY),
-        start=ffr.StaticEquilibrium(),
-    )
-    hub = {"hub": (0.0, 0.0)}
-    inertia = 1e-3 * counterweight  # about its own centre [kg m^2]
-    weight = ffr.VolumeIntegrals.rigid(counterweight, (-BEHIND, 0.0), inertia, hub)
-    return mechanism, {"weight": weight}
+    arm, hung = mechanism(*motors), ffr.Weld(("weight", "hub"), ("forearm", "left"), angle=0.0)
+    places = {**arm.placements, "weight": arm.placements["forearm"]}
+    center, inertia, hub = (-BEHIND, 0.0), 1e-3 * counterweight, {"hub": (0.0, 0.0)}  # [kg m^2]
+    weight = ffr.VolumeIntegrals.rigid(counterweight, center, inertia, hub)
+    return replace(arm, placements=places, joints=[*arm.joints, hung]), {"weight": weight}
 
 
 def link(length: float, size: float) -> ffr.DimensionDesign:
@@ -84,14 +65,18 @@ def link(length: float, size: float) -> ffr.DimensionDesign:
     def shape(h: Any) -> dict[str, Any]:
         x, half = np.array([0.0, 0.5, 1.0]) * length, 0.5 * np.array(list(h.values()))
         lower, upper = np.column_stack([x, -half]), np.column_stack([x, half])[::-1]
-        return {
-            "outline": [[lower, [lower[-1], upper[0]], upper, [upper[-1], lower[0]]]],
-            "interfaces": {"left": lambda p: p[0] < 1e-9, "right": lambda p: p[0] > length - 1e-9},
-        }
+        ends = {"left": lambda p: p[0] < 1e-9, "right": lambda p: p[0] > length - 1e-9}
+        sides = [lower, [lower[-1], upper[0]], upper, [upper[-1], lower[0]]]
+        return {"outline": [sides], "interfaces": ends}
 
     start = {"left": HEIGHT, "mid": 1.1 * HEIGHT, "right": 0.8 * HEIGHT}
     bounds = dict.fromkeys(start, (0.4 * HEIGHT, 2.5 * HEIGHT))
     return ffr.DimensionDesign(shape, bounds, size=size, start=start, order=2)
+
+
+def integrals(evaluation: ffr.Evaluation) -> dict[str, ffr.VolumeIntegrals]:
+    """The links of an evaluation as bodies that stay as they are."""
+    return {name: body.integrals for name, body in evaluation.bodies.items()}
 
 
 # %% The program
@@ -102,57 +87,45 @@ def main(arguments: list[str] | None = None) -> None:
     designs = {name: link(length, options.size) for name, length in LINKS.items()}
     error = ffr.objective.ResidualVibration("forearm", "right", (MOVE, DURATION), TAU, TIP)
     times, frame = ffr.GeneralizedAlpha(DURATION, options.steps), ffr.TangentFrame("left")
-    mechanism, masses = PARAMETERS.mechanism(machine), [ffr.Mass(n) for n in (*LINKS, "weight")]
+    moved, masses = PARAMETERS.mechanism(machine), [ffr.Mass(n) for n in (*LINKS, "weight")]
     bodies = {
         name: ffr.FlexibleBody(d.domain(MPI.COMM_WORLD), alloy, frame=frame, modes=4)
         for name, d in designs.items()
     }
-
     full = {name: np.ones(body.domain.n_cells) for name, body in bodies.items()}
-    start = ffr.Problem(bodies, mechanism, times, error).value(full)
-    mass = sum(body.integrals.mass for body in start.bodies.values()) + 2e-3  # of all designs
+    start = ffr.Problem(bodies, moved, times, error).value(full)
+    mass = sum(body.mass for body in integrals(start).values()) + 2e-3  # of all designs
     bound = ffr.Constraint(masses[0] + masses[1] + masses[2], upper=mass, name="mass")
 
     def designed(bodies: dict[str, Any], design: Any, **more: Any) -> ffr.Result:
-        problem = ffr.Problem(bodies, mechanism, times, error, [bound])
+        problem = ffr.Problem(bodies, moved, times, error, [bound])
         same = {"iterations": options.iterations, "mode_tolerance": None}
         return ffr.optimize(problem, design, **same, **more)
-
-    def given(evaluation: ffr.Evaluation) -> dict[str, ffr.VolumeIntegrals]:
-        return {name: body.integrals for name, body in evaluation.bodies.items()}
 
     found: dict[str, Any] = {"start": start}
     with ffr.recorded_warnings() as warnings:
         found["links"] = designed(bodies, designs)
-        found["motion"] = designed(given(start), PARAMETERS)
-        after = given(found["links"].evaluation)
-        found["motion after links"] = designed(after, PARAMETERS)
+        found["motion"] = designed(integrals(start), PARAMETERS)
+        found["motion after links"] = designed(integrals(found["links"].evaluation), PARAMETERS)
         best = designed(bodies, {**designs, "machine": PARAMETERS}, output=output)
         found["together"] = best
-    table = {name: 1e3 * float(np.sqrt(each.psi)) for name, each in found.items()}  # [mm]
-    for name, value in table.items():
-        say(f"{name}: {value:.4f} mm")
+    table = {name: 1e3 * float(np.sqrt(each.psi)) for name, each in found.items()}
+    say(", ".join(f"{name}: {value:.4f} mm" for name, value in table.items()))
 
     # %% Pictures and numbers
-    def swing(each: Any) -> tuple[np.ndarray, np.ndarray]:
-        run = getattr(each, "evaluation", each).trajectory
-        path = run.marker_path("forearm", "right")
-        late = run.t >= MOVE
-        return run.t[late], 1e3 * np.linalg.norm(path - np.array(TIP), axis=1)[late]
-
-    panels = {"distance of the tip from its place [mm]": {n: swing(e) for n, e in found.items()}}
+    swing = {}
+    for name, each in found.items():
+        moves = getattr(each, "evaluation", each).trajectory
+        off = np.linalg.norm(moves.marker_path("forearm", "right") - np.array(TIP), axis=1)
+        swing[name] = moves.t[moves.t >= MOVE], 1e3 * off[moves.t >= MOVE]
+    panels = {"distance of the tip from its place [mm]": swing}
     plotting.plot_curves(panels, output / "swing.png", xlabel="time [s]")
-    plotting.plot_scene(best.problem, best.evaluation, output / "scene.png", time=0.2)
-    plotting.animate_motion(best.problem, best.evaluation, output / "motion.gif")
-    record = ffr.run_record(best, title="An arm and its motion", warnings=warnings)
-    comm = best.problem.comm
-    ffr.write_summary(comm, output / "summary.json", {**record, "error": table})
-    ffr.write_report(comm, output)
+    told: dict[str, Any] = {"warnings": warnings, "error": table}
+    leave_machine(best, output, "An arm and its motion", time=0.2, **told)
 
     # %% Together they miss less than one after the other
-    least = (
-        min(table["motion after links"], table["motion"]) if options.complete else table["start"]
-    )
+    others = ("motion after links", "motion") if options.complete else ("start",)
+    least = min(table[name] for name in others)
     assert table["together"] < least, table
 
 

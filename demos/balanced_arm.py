@@ -22,7 +22,7 @@ Run `python demos/balanced_arm.py --help`, also under `mpirun -n 2`; it takes so
 from __future__ import annotations
 
 import numpy as np
-from command_line import parse, say
+from command_line import leave_machine, parse, say
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting
@@ -98,12 +98,7 @@ def main(arguments: list[str] | None = None) -> None:
         say(f"{name}: {table[name]}")
     best, panels = results["spring"], {"moment of the motor [N m]": curves}
     plotting.plot_curves(panels, output / "moment.png", xlabel="time [s]")
-    plotting.plot_scene(best.problem, best.evaluation, output / "scene.png", time=0.5)
-    plotting.animate_motion(best.problem, best.evaluation, output / "motion.gif")
-    record = ffr.run_record(best, title="A balanced arm")
-    comm = best.problem.comm
-    ffr.write_summary(comm, output / "summary.json", {**record, "table": table, "by_hand": hand})
-    ffr.write_report(comm, output)
+    leave_machine(best, output, "A balanced arm", time=0.5, table=table, by_hand=hand)
 
     # %% Both are the answers by hand
     for name, value in (("counterweight", "counterweight"), ("spring", "stiffness")):

@@ -107,6 +107,18 @@ def draw(
     plotting.animate_motion(result.problem, result.evaluation, output / "motion.gif")
 
 
+def leave_machine(
+    result: ffr.Result, output: Path, title: str, *, time: float, warnings: Any = (), **numbers: Any
+) -> None:
+    """Draw scene and film of a machine that parameters have designed, write summary and report."""
+    problem, evaluation = result.problem, result.evaluation
+    plotting.plot_scene(problem, evaluation, output / "scene.png", time=time)
+    plotting.animate_motion(problem, evaluation, output / "motion.gif")
+    record = ffr.run_record(result, title=title, warnings=warnings)
+    ffr.write_summary(problem.comm, output / "summary.json", {**record, **numbers})
+    ffr.write_report(problem.comm, output)
+
+
 def mark(
     options: argparse.Namespace, result: ffr.Result, found: ffr.Verification | None, bound: float
 ) -> tuple[float, float]:

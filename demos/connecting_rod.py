@@ -28,7 +28,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import numpy as np
-from command_line import leave, mark, parse, say
+from command_line import draw, leave, mark, parse, say
 from meshes.connecting_rod import ConnectingRod
 from slider_crank import VOLUME, reference_problem
 
@@ -68,6 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
     solid = result.problem.value(np.ones(domain.n_cells))
 
     # %% Numbers and pictures; elements between void and solid bear little: their stress counts less
+    draw(result, output, full=solid.psi, volume=VOLUME)
     rod, evaluation = result.problem.flexible["rod"], result.evaluation
     full, worst = (ffr.worst_stress(rod, e, "rod", relaxation=0.5) for e in (solid, evaluation))
     fields = {"density": result.x, "von_mises": worst.stress, "time": worst.time}
@@ -75,16 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name, stress in (("full_rod", full), ("design", worst)):
         title = f"{name.replace('_', ' ')}: largest stress of each element during the motion"
         plotting.plot_stress(domain, stress, output / f"stress_{name}.png", title=title)
-    told = f"design: {result.psi / solid.psi:.1%} of the full rod's compliance with "
-    told += f"{evaluation.volume['rod']:.0%} of its material"
-    x_start = levelset.at(0.0).density(levelset.even())
-    plotting.plot_design(domain, {"start": x_start, told: result.x}, output / "design.png")
-    plotting.plot_history(
-        result.history, output / "history.png", psi_solid=solid.psi, volume_bound=VOLUME, comm=comm
-    )
     plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
-    plotting.plot_scene(problem, evaluation, output / "scene.png")
-    plotting.animate_motion(problem, evaluation, output / "motion.gif")
     say(f"largest stress {worst.largest:.3e} Pa, that of the full rod {full.largest:.3e} Pa")
     stress = {"stress_solid": full.largest, "stress_final": worst.largest}
     of = {"full": solid.psi, "found": found, "warnings": warnings}

@@ -18,6 +18,7 @@ from __future__ import annotations
 import os
 import subprocess
 from pathlib import Path
+from shutil import which
 from typing import Any
 
 from mpi4py import MPI
@@ -41,8 +42,7 @@ DURATION, STEPS = 0.3, 600  # [s], [-]
 # %% The mesh, and CalculiX's input file
 def write_part(folder: Path, size: float) -> None:
     """Mesh the link by gmsh: ``link.msh`` for us, and ``link.inp`` for CalculiX."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.initialize(["", "-v", "0"])
     occ, mesh = gmsh.model.occ, gmsh.model.mesh
     plate = occ.addRectangle(-WIDTH / 2, -WIDTH / 2, 0.0, LENGTH + WIDTH, WIDTH, roundedRadius=0.02)
     holes = [occ.addDisk(x, 0.0, 0.0, RADIUS, RADIUS) for x in (0.0, LENGTH)]
@@ -55,21 +55,15 @@ def write_part(folder: Path, size: float) -> None:
         if np.allclose((high - low)[:2], 2.0 * RADIUS, rtol=1e-2):
             bores["left" if low[0] < LENGTH / 2 else "right"].append(surface)
     groups = {name: (2, gmsh.model.addPhysicalGroup(2, of)) for name, of in bores.items()}
-    solid = (3, gmsh.model.addPhysicalGroup(3, [1]))
-    for name, group in {**groups, "material": solid}.items():
+    for name, group in {**groups, "material": (3, gmsh.model.addPhysicalGroup(3, [1]))}.items():
         gmsh.model.setPhysicalName(*group, name)
-    for option, value in {
-        "MeshSizeMax": size,
-        "RecombineAll": 1,
-        "SubdivisionAlgorithm": 1,
-    }.items():
+    for option, value in (("MeshSizeMax", size), ("RecombineAll", 1), ("SubdivisionAlgorithm", 1)):
         gmsh.option.setNumber(f"Mesh.{option}", value)
     mesh.generate(3)
     mesh.renumberNodes()
     gmsh.write(str(folder / "link.msh"))
-    tags, places, _ = mesh.getNodes()
-    nodes = zip(tags, places.reshape(-1, 3), strict=True)
-    lines = ["*NODE", *(f"{tag}, {x:.12e}, {y:.12e}, {z:.12e}" for tag, (x, y, z) in nodes)]
+    nodes = enumerate(mesh.getNodes()[1].reshape(-1, 3), 1)
+    lines = ["*NODE", *(f"{k}, {x:.12e}, {y:.12e}, {z:.12e}" for k, (x, y, z) in nodes)]
     cells = enumerate(mesh.getElements(3)[2][0].reshape(-1, 8), 1)
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=ALL", *(", ".join(map(str, (k, *c))) for k, c in cells)]
     for name, group in groups.items():
@@ -82,46 +76,35 @@ def write_part(folder: Path, size: float) -> None:
     gmsh.finalize()
 
 
-def assemble(folder: Path) -> None:
-    """Let CalculiX write ``link.sti``, ``link.mas`` and ``link.dof``."""
-    try:
-        alone = {**os.environ, "OMP_NUM_THREADS": "1"}
-        subprocess.run(["ccx", "link"], cwd=folder, env=alone, check=True, capture_output=True)
-    except FileNotFoundError:
-        raise SystemExit("CalculiX is not installed: apt-get install calculix-ccx") from None
-
-
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Bring the part in, let it swing, and compare."""
     options = parse(arguments, "part_from_calculix", size=SIZE)
     comm, output = MPI.COMM_WORLD, options.output
-    if comm.rank == 0:
+    if which("ccx") is None:
+        raise SystemExit("CalculiX is not installed: apt-get install calculix-ccx")
+    if comm.rank == 0:  # CalculiX writes link.sti, link.mas and link.dof
         output.mkdir(parents=True, exist_ok=True)
         write_part(output, options.size)
-        assemble(output)
+        alone = {**os.environ, "OMP_NUM_THREADS": "1"}
+        subprocess.run(["ccx", "link"], cwd=output, env=alone, check=True, capture_output=True)
     comm.Barrier()
     domain = ffr.Domain.from_gmsh(comm, output / "link.msh")
     chord: dict[str, Any] = {"frame": ffr.ChordFrame("left", "right"), "modes": 6}
+    matrices, ends = read_calculix(output / "link.inp"), ["left", "right"]
     bodies = {
         "mesh": ffr.FlexibleBody(domain, STEEL, **chord).reduce(np.ones(domain.n_cells)).integrals,
-        "CalculiX": ffr.reduction.reduce_matrices(
-            read_calculix(output / "link.inp"), interfaces=["left", "right"], **chord
-        ),
+        "CalculiX": ffr.reduction.reduce_matrices(matrices, interfaces=ends, **chord),
     }
-    swing = ffr.Mechanism(
-        {"link": ffr.Placement((0.0, 0.0, 0.0))},
-        [ffr.Revolute(("link", "left"), ffr.Ground((0.0, 0.0, 0.0)), name="pin")],
-        gravity=(0.0, -9.81, 0.0),
-        damping={"link": ffr.RayleighDamping(beta=1e-4)},
-    )
+    pin = ffr.Revolute(("link", "left"), ffr.Ground((0.0, 0.0, 0.0)), name="pin")
+    held = {"gravity": (0.0, -9.81, 0.0), "damping": {"link": ffr.RayleighDamping(beta=1e-4)}}
+    swing = ffr.Mechanism({"link": ffr.Placement((0.0, 0.0, 0.0))}, [pin], **held)
     times = ffr.GeneralizedAlpha(DURATION, STEPS)
     problem = ffr.MechanicalProblem(swing, times, ffr.IntegralCompliance())
     found = {name: problem.value({"link": body}) for name, body in bodies.items()}
-    psi = {name: each.psi for name, each in found.items()}
     squares = [np.diag(body.K)[-6:] for body in bodies.values()]  # of circular frequencies
     apart = np.max(np.abs(np.sqrt(squares[1] / squares[0]) - 1.0))
-    share = abs(psi["CalculiX"] / psi["mesh"] - 1.0)
+    share = abs(found["CalculiX"].psi / found["mesh"].psi - 1.0)
     say(f"fixed-interface frequencies differ by {apart:.1e}, psi by {share:.1e}")
     motions = {name: each.trajectory for name, each in found.items()}
     heights = {name: (m.t, m.marker_path("link", "right")[:, 1]) for name, m in motions.items()}

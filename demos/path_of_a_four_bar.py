@@ -2,10 +2,9 @@
 # %% [markdown]
 """# A four-bar linkage that leads a tool along a path, and shakes its frame no more than it may.
 
-What you will see: pins, lengths and tool of a linkage are found that follow a curve which was asked
-for, at the instants that were asked for. The forces on its frame would be too large with all of its
-mass at the tool's speed; with a bound on them the linkage gives way by as little as it must, and a
-spring takes over from the motor.
+What you will see: pins, lengths and tool of a linkage are found that follow a given curve at given
+instants. The forces on its frame would be too large; with a bound on them the linkage gives way by
+as little as it must, and a spring takes over from the motor.
 
 **Problem.** Find the lengths of crank, coupler and rocker, the place of the rocker's pin on the
 frame, the place of the tool on the coupler, and a spring at the rocker, that minimise
@@ -23,7 +22,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from command_line import parse, say
+from command_line import leave_machine, parse, say
 from scipy.interpolate import CubicSpline
 
 import dolfinx_ffr as ffr
@@ -46,8 +45,8 @@ PARAMETERS = ffr.Parameters(
 def bar(length: float, **markers: tuple[float, float]) -> ffr.VolumeIntegrals:
     """A bar from its left to its right end, along x."""
     mass, ends = BAR * length, {"left": (0.0, 0.0), "right": (length, 0.0)}
-    inertia = mass * length**2 / 12.0
-    return ffr.VolumeIntegrals.rigid(mass, (0.5 * length, 0.0), inertia, {**ends, **markers})
+    own = (0.5 * length, 0.0), mass * length**2 / 12.0  # centre and inertia
+    return ffr.VolumeIntegrals.rigid(mass, *own, {**ends, **markers})
 
 
 def machine(
@@ -61,7 +60,6 @@ def machine(
     across = math.sqrt(coupler**2 - along**2)  # a ValueError where the linkage does not close
     knee = along * gap / d + across * np.array([-gap[1], gap[0]]) / d
     lean = math.atan2(*(knee - gap)[::-1])
-    coupled = bar(coupler, tool=(tool_x, tool_y))
     turn = ffr.Motion.polynomial([0.0, 2.0 * np.pi / TURN])
     mechanism = ffr.Mechanism(
         placements={
@@ -79,6 +77,7 @@ def machine(
         point_masses=[ffr.PointMass(("coupler", "tool"), TOOL)],
         forces=[ffr.TorsionalSpringDamper(("rocker", "left"), ffr.Ground(), stiffness, angle=1.9)],
     )
+    coupled = bar(coupler, tool=(tool_x, tool_y))
     return mechanism, {"crank": bar(crank), "coupler": coupled, "rocker": bar(rocker)}
 
 
@@ -91,10 +90,10 @@ def main(arguments: list[str] | None = None) -> None:
     line = CubicSpline(known.t, known.marker_path("coupler", "tool"))
     path = tuple(lambda t, k=k: line(t)[:, k] for k in range(2))
     error, peak = ffr.PathTracking("coupler", "tool", path), {"peak": True, "power": 8.0}
+    limits = {"crank's bearing": (26.0, peak), "rocker's bearing": (14.0, peak), "motor": (0.5, {})}
     bounds = [
-        ffr.Constraint(ffr.JointForce("crank's bearing", **peak), upper=26.0, name="crank"),
-        ffr.Constraint(ffr.JointForce("rocker's bearing", **peak), upper=14.0, name="rocker"),
-        ffr.Constraint(ffr.JointForce("motor"), upper=0.5, name="motor"),
+        ffr.Constraint(ffr.JointForce(joint, **kind), upper=most, name=joint)
+        for joint, (most, kind) in limits.items()
     ]
     results, curves = {}, {"asked for": tuple(1e3 * line(known.t).T)}
     for name, each in (("free", ()), ("bounded", bounds)):
@@ -108,11 +107,7 @@ def main(arguments: list[str] | None = None) -> None:
     reached = {c.name: best.evaluation.constraints[c.name].psi for c in bounds}
     say(f"off the path [mm]: {off}", f"forces [N, N, N m]: {reached}", best.parameters, sep="\n")
     plotting.plot_curves(panels, output / "path.png", xlabel="x [mm]")
-    plotting.plot_scene(best.problem, best.evaluation, output / "scene.png", time=0.1)
-    plotting.animate_motion(best.problem, best.evaluation, output / "motion.gif")
-    record = ffr.run_record(best, title="The path of a four-bar linkage")
-    ffr.write_summary(best.problem.comm, output / "summary.json", {**record, "off_path": off})
-    ffr.write_report(best.problem.comm, output)
+    leave_machine(best, output, "The path of a four-bar linkage", time=0.1, off_path=off)
 
     # %% The bounds hold, and without them the path is found
     assert best.feasible and off["free"] < 2.0, (reached, off)

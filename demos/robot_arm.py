@@ -29,7 +29,7 @@ from dolfinx_ffr.program import run
 UPPER, FORE, HEIGHT, THICKNESS = 0.5, 0.4, 0.05, 0.005  # lengths of the links, what both have [m]
 ALUMINIUM = 70e9, 0.33, 2700.0  # Young [Pa], Poisson [-], density [kg/m^3]
 PAYLOAD, ELBOW_MOTOR, GRAVITY = 1.0, 0.5, 9.81  # [kg], [kg], [m/s^2]
-#: Shoulder and elbow with the tip at (0.70, -0.20) m and at (-0.15, 0.50) m [rad]
+# shoulder and elbow with the tip at (0.70, -0.20) m and at (-0.15, 0.50) m [rad]
 PICK, PLACE = (0.273398863930789, -1.2661036727794994), (2.6654302603188533, -1.9217036703859778)
 BEGIN, MOVE, DURATION = 0.05, 0.6, 0.8  # the move begins, takes, all is over [s]
 SHEETS = 0.3, 0.4, 0.5, 0.6, 0.75, 1.0  # shares of the full links' mass
@@ -50,26 +50,30 @@ PATH = tuple(
 
 
 # %% The scene
-def arm(domains: dict, steps: int, share: float = 1.0, bounds: tuple = ()) -> ffr.Problem:
-    """The arm with its payload; its links have a ``share`` of the thickness."""
-    alloy, frame = ffr.PlaneStress(*ALUMINIUM, share * THICKNESS), ffr.TangentFrame("left")
-    bodies = {n: ffr.FlexibleBody(d, alloy, frame=frame, modes=MODES) for n, d in domains.items()}
+def mechanism(shoulder: ffr.Motion, elbow: ffr.Motion) -> ffr.Mechanism:
+    """The arm with its motors and its payload, at rest under gravity."""
     upper, fore, at = ("upper arm", "left"), ("forearm", "left"), ("upper arm", "right")
     bent = ffr.Placement((UPPER * np.cos(PICK[0]), UPPER * np.sin(PICK[0])), sum(PICK))
-    mechanism = ffr.Mechanism(
-        placements={"upper arm": ffr.Placement((0.0, 0.0), PICK[0]), "forearm": bent},
+    return ffr.Mechanism(
+        {"upper arm": ffr.Placement((0.0, 0.0), PICK[0]), "forearm": bent},
         joints=[
             ffr.Revolute(upper, ffr.Ground(), name="shoulder"),
-            ffr.PrescribedAngle(upper, SHOULDER, name="shoulder motor"),
+            ffr.PrescribedAngle(upper, shoulder, name="shoulder motor"),
             ffr.Revolute(fore, at, name="elbow"),
-            ffr.PrescribedAngle(fore, ELBOW, at, name="elbow motor"),
+            ffr.PrescribedAngle(fore, elbow, at, name="elbow motor"),
         ],
         point_masses=[ffr.PointMass(("forearm", "right"), PAYLOAD), ffr.PointMass(at, ELBOW_MOTOR)],
         gravity=(0.0, -GRAVITY),
         start=ffr.StaticEquilibrium(),
     )
+
+
+def arm(domains: dict, steps: int, share: float = 1.0, bounds: tuple = ()) -> ffr.Problem:
+    """The arm on its path; its links have a ``share`` of the thickness."""
+    alloy, frame = ffr.PlaneStress(*ALUMINIUM, share * THICKNESS), ffr.TangentFrame("left")
+    bodies = {n: ffr.FlexibleBody(d, alloy, frame=frame, modes=MODES) for n, d in domains.items()}
     times, error = ffr.GeneralizedAlpha(DURATION, steps), ffr.PathTracking("forearm", "right", PATH)
-    return ffr.Problem(bodies, mechanism, times, error, bounds)
+    return ffr.Problem(bodies, mechanism(SHOULDER, ELBOW), times, error, bounds)
 
 
 # %% The program

@@ -49,9 +49,9 @@ VOLUME = 0.5  # upper bound, share of the rod
 
 
 # %% The scene
-def slider_crank(duration: float, slider: float, **more: Any) -> ffr.Mechanism:
-    """The mechanism: five turns in ``duration`` [s] with a ``slider`` of a mass [kg]."""
-    angle = ffr.Motion.smooth_step(2 * np.pi * TURNS, duration, name="crank angle")
+def slider_crank(duration: float, slider: float, turns: int = TURNS, **more: Any) -> ffr.Mechanism:
+    """The mechanism: some turns in ``duration`` [s] with a ``slider`` of a mass [kg]."""
+    angle = ffr.Motion.smooth_step(2 * np.pi * turns, duration, name="crank angle")
     crank = ffr.Moving.circle((0.0, 0.0), CRANK, angle)
     return ffr.Mechanism(
         placements={"rod": ffr.Placement(position=(CRANK, 0.0))},
@@ -59,7 +59,7 @@ def slider_crank(duration: float, slider: float, **more: Any) -> ffr.Mechanism:
             ffr.Revolute(("rod", "left"), crank, name="crank pin"),
             ffr.PointOnLine(("rod", "right"), ffr.Ground(), name="slider"),
         ],
-        point_masses=[ffr.PointMass(("rod", "right"), slider)],
+        point_masses=[ffr.PointMass(("rod", "right"), slider)] if slider else [],
         **more,
     )
 

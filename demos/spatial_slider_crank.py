@@ -87,8 +87,6 @@ def main(arguments: list[str] | None = None) -> None:
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
     problem = spatial_problem(comm, options.elements, domain=given, steps=options.steps)
     domain = problem.flexible["rod"].domain
-
-    # %% The design
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.LevelSet(domain), volume=VOLUME, **options.run)
         found = result.finish(output)

@@ -197,7 +197,7 @@ SCENES = {
         ["--size", "0.03", "--steps", "120", "--iterations", "4"],
         ["swing.png", "scene.png", "motion.gif", "report.html"],
     ),
-    "path_of_a_four_bar": (["--steps", "100", "--iterations", "40"], ["path.png", "motion.gif"]),
+    "path_of_a_four_bar": (["--steps", "100", "--iterations", "18"], ["path.png", "motion.gif"]),
     "density_design": (
         ["--elements", "30", "4", "--iterations", "3"],
         ["design.png", "history.csv", "motion.gif"],

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from exudyn_motion import elastic_coordinates
 from numpy.typing import NDArray
 from shared.rods import rod, solid
 
@@ -41,25 +42,7 @@ def swing(path: Path, steps: int) -> Array:
     )
     fixed = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground))
     mbs.AddObject(items.ObjectJointSpherical(markerNumbers=[fixed, hinge]))
-    sensor = mbs.AddSensor(
-        items.SensorNode(
-            nodeNumber=made["nGenericODE2"],
-            outputVariableType=exudyn.OutputVariableType.Coordinates,
-            storeInternal=True,
-            writeToFile=False,
-        )
-    )
-    mbs.Assemble()
-    settings = exudyn.SimulationSettings()
-    time = settings.timeIntegration
-    time.numberOfSteps, time.endTime, time.verboseMode = steps, DURATION, 0
-    time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-12, 1e-13
-    time.generalizedAlpha.spectralRadius = 1.0
-    time.generalizedAlpha.computeInitialAccelerations = True
-    settings.solution.file.write = False
-    settings.solution.sensors.writePeriod = 0.5 * DURATION / steps
-    mbs.SolveDynamic(settings)
-    return np.asarray(mbs.GetSensorStoredData(sensor)[:, 1:])
+    return elastic_coordinates(mbs, made, DURATION, steps)
 
 
 def test_a_pendulum_moves_from_its_file(tmp_path: Path) -> None:
