@@ -108,9 +108,21 @@ printf 'import site; site.ENABLE_USER_SITE = False\n' >"$site/dolfinx_ffr_no_use
 
 "$python" -I "$clone/install/debian_stack.py" constraints >"$venv/constraints.txt"
 say "installing PyPI packages, at first about 150 MB (Debian's NumPy and its companions stay as they are)"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --constraint "$venv/constraints.txt" \
-    --editable "$clone[test,lint,docs]" || fail "pip could not install the PyPI packages (its own message stands above)." \
-    "Check the network, then run this again."
+# Bytecode comes with the first import of a module: of most packages only few modules are ever imported.
+pip() {
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile \
+        --constraint "$venv/constraints.txt" "$@" && return
+    wait # what is compiled beside it, so that the reason stands last
+    fail "pip could not install the PyPI packages (its own message stands above)." "Check the network, then run this again."
+}
+# So that the first run need not wait for it. Beside the sources, where every later run finds it. Except for its
+# progress bar it needs Debian's packages alone, and pip keeps one core busy: both at a time.
+compile() { (cd "$venv" && PYTHONPATH="$clone/src" "$venv/bin/python" -m dolfinx_ffr compile --all); }
+pip tqdm
+say "compiling the time integration beside it, half a minute"
+compile &
+compilation=$!
+pip --editable "$clone[test,lint,docs]"
 
 "$venv/bin/python" "$clone/install/debian_stack.py" check "$venv/constraints.txt" || fail \
     "the environment is not usable; the reason stands above."
@@ -118,8 +130,5 @@ say "installing PyPI packages, at first about 150 MB (Debian's NumPy and its com
 printf '%s %s\n' "$(fingerprint)" "$clone" >"$stamp.new"
 mv "$stamp.new" "$stamp"
 
-# So that the first run need not wait for it. Beside the sources, where every later run finds it.
-say "compiling the time integration, half a minute"
-(cd "$venv" && "$venv/bin/python" -m dolfinx_ffr compile --all) ||
-    say "that has failed; the first simulation compiles again and says why"
+wait "$compilation" || compile || say "that has failed; the first simulation compiles again and says why"
 say "done: $venv"
