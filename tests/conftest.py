@@ -68,6 +68,13 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.unregister(name="terminalreporter")
 
 
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """With several ranks, pass over modules without a test for them: imports take seconds."""
+    if AGREEMENT.size > 1 and collection_path.match("test_*.py"):
+        return True if "mark.mpi" not in collection_path.read_text() else None
+    return None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """With several ranks, select the tests marked ``mpi``; beyond two, fewer of them (see above).
 
