@@ -13,7 +13,7 @@ from shared import TOP
 import dolfinx_ffr
 
 PAGES = [
-    *(TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *(TOP / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((TOP / "docs").glob("*.md")),
     *(
         page
@@ -70,6 +70,17 @@ def test_make_targets_in_the_text_exist() -> None:
     }
     assert named <= targets
     assert "docs" in targets
+
+
+def test_workflows_and_paper_name_what_there_is() -> None:
+    """Targets of make in the workflows, and references of the paper."""
+    targets = set(re.findall(r"^([a-z0-9-]+):", (TOP / "Makefile").read_text(), re.M))
+    workflows = "".join(path.read_text() for path in (TOP / ".github" / "workflows").glob("*.yml"))
+    called = set(re.findall(r"run: make ([a-z0-9-]+)", workflows))
+    assert {"test", "docs", "lint"} <= called <= targets
+    cited = set(re.findall(r"@(\w+)", (TOP / "paper" / "paper.md").read_text()))
+    listed = set(re.findall(r"^@\w+\{(\w+),", (TOP / "paper" / "paper.bib").read_text(), re.M))
+    assert cited == listed
 
 
 def test_selection_for_unstable_exists() -> None:

@@ -84,22 +84,21 @@ def demos(top: Path) -> list[Demo]:
     )
 
 
-def mentions(top: Path, name: str) -> list[Path]:
-    """The pages of the site that tell more about a demo."""
-    pages = sorted([*(top / "docs").glob("*.md"), *(top / "docs" / "how_to").glob("*.md")])
-    return [page for page in pages if f"demos/{name}.py" in page.read_text()]
-
-
-def _heading(page: Path) -> str:
-    return page.read_text().partition("\n")[0].removeprefix("# ")
+def mentions(top: Path, name: str) -> list[str]:
+    """Links to where pages of the site first tell more about a demo."""
+    found = []
+    for page in sorted([*(top / "docs").glob("*.md"), *(top / "docs" / "how_to").glob("*.md")]):
+        before, told, _ = page.read_text().partition(f"demos/{name}.py")
+        heading = re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", before, flags=re.S), re.M)
+        if told and heading:
+            anchor = re.sub(r"[^\w\- ]", "", heading[-1].lower()).replace(" ", "-")
+            found.append(f"[{heading[-1]}](../{page.relative_to(top / 'docs')}#{anchor})")
+    return found
 
 
 def page(top: Path, demo: Demo) -> str:
     """The page of a demo: picture, text, command, program."""
-    more = "".join(
-        f"\n- [{_heading(found)}](../{found.relative_to(top / 'docs')})"
-        for found in mentions(top, demo.name)
-    )
+    more = "".join(f"\n- {link}" for link in mentions(top, demo.name))
     text = demo.text.partition("\n")[2].strip()
     return f"""# {demo.title}
 
