@@ -49,6 +49,8 @@ OBJECTIVES: dict[str, tuple[str, ffr.Objective]] = {
     "force of a pin": ("four-bar", ffr.JointForce("coupler pin")),
     "peak force of a pin": ("four-bar", ffr.JointForce("rocker bearing", power=12.0)),
     "driving moment": ("four-bar", ffr.JointForce("motor", window=(0.1, 0.3))),
+    "force on the frame": ("four-bar", ffr.JointForce(("motor bearing", "rocker bearing"))),
+    "force on a rail": ("robot", ffr.JointForce(("rail", "base x", "base y"))),
     "power of drives": ("robot", DrivePower(("swing", "base y"), power=6.0)),
     "power at a moving rail": ("robot", DrivePower("rail")),
     "work with recuperation": ("four-bar", DriveWork("motor", recovered=0.4, window=(0.1, 0.3))),
@@ -230,6 +232,26 @@ def test_uniform_rotation_and_weight_at_rest() -> None:
     assert ffr.JointForce("motor").evaluate(response) == pytest.approx(5.0, rel=1e-11)
 
 
+def test_forces_on_the_frame_add_up_as_vectors() -> None:
+    """Of two bars in mirrored turns those along y cancel, whichever marker a joint names first."""
+    bodies, joints = {}, list[ffr.mechanism.Joint]()
+    for name, sense in (("one", 1.0), ("two", -1.0)):
+        bodies[name] = ffr.VolumeIntegrals.rigid(2.0, (0.25, 0.0), 0.1, {"hub": (0, 0)})
+        turn, pair = (
+            ffr.Motion.polynomial([0.0, sense * 4.0 * np.pi]),
+            [(name, "hub"), ffr.Ground()],
+        )
+        joints.append(ffr.Revolute(*(pair if sense > 0 else pair[::-1]), name=f"bearing {name}"))
+        joints.append(ffr.PrescribedAngle((name, "hub"), turn))
+    mechanism = ffr.Mechanism({"one": ffr.Placement(), "two": ffr.Placement()}, joints)
+    response = ffr.Response(simulate(mechanism, bodies, ffr.GeneralizedAlpha(0.5, 400)), bodies)
+    each = 2.0 * 0.25 * (4.0 * np.pi) ** 2
+    force = ffr.JointForce(("bearing one", "bearing two"))
+    assert force.evaluate(response) == pytest.approx(np.sqrt(2.0) * each, rel=1e-8)
+    assert force.largest(response) == pytest.approx(2.0 * each, rel=1e-8)
+    assert ffr.JointForce(("bearing two",)).evaluate(response) == pytest.approx(each, rel=1e-8)
+
+
 def test_acceleration_is_the_second_derivative_of_the_path(motion: Moved) -> None:
     """Coordinates that are known functions of time, whose path is differenced."""
     trajectory, bodies, _ = motion
@@ -328,6 +350,8 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
         (DrivePower("pin"), r"joint 'pin', but the joints are \['motor bearing', 'crank pin'"),
         (DriveWork("crank pin"), r"'crank pin' drives nothing.* prescribed motion are \['motor'\]"),
         (ffr.JointForce("crank pin", moment=True), "joint 'crank pin' carries no moment"),
+        (ffr.JointForce(("motor bearing", "crank pin")), "joint 'crank pin' is between bodies"),
+        (ffr.JointForce(("motor",)), "carry no forces"),
         (
             ffr.Frequency("rocker", number=2, cluster=2),
             "2 elastic coordinates, too few for .* 2 to 3",
@@ -365,6 +389,8 @@ def test_refused_with_the_names_that_exist(
         (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "weight of body 'rod' is negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
+        (lambda: ffr.JointForce(("pin", "pin")), "one name or different ones"),
+        (lambda: ffr.JointForce(("pin", "hub"), moment=True), "do not add up"),
         (lambda: DrivePower("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: DrivePower(("pin", "pin")), "one name or different ones"),
         (lambda: DriveWork("pin", recovered=1.5), "recovered must lie between -1 and 1"),

@@ -39,6 +39,7 @@ from .model import check_names as check_names
 from .power import drives as drives
 from .power import driving_power as driving_power
 from .power import driving_power_pullback as driving_power_pullback
+from .power import forces_on_frame as forces_on_frame
 from .simulation import check_memory as check_memory
 from .simulation import integrate as integrate
 from .simulation import load_cells as load_cells

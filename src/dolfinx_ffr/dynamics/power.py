@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Power that joints bring into the bodies of a mechanism.
+"""Power that joints bring into the bodies of a mechanism, and their forces on its frame.
 
 The force C_y^T lam of some rows on the bodies, of the opposite sign, moves with their velocities:
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import VolumeIntegrals
-from ..mechanism import Moving
+from ..mechanism import Moving, RowKind
 from .equations import CONSTRAINTS, ROWS
 from .kinematics import Kinematics, marker_bar
 from .model import FlatModel
@@ -80,3 +80,39 @@ def _prepared(trajectory: Trajectory, joints: Sequence[str]) -> tuple[Kinematics
         rows = model.joints[name]
         driving[:, rows] = trajectory.multipliers[:, rows]
     return Kinematics(model.arrays, trajectory.turns), driving
+
+
+def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[NDArray[np.int64], Array]:
+    """Forces of bodies on the frame by joints, for multipliers of 1.
+
+    The rows of the joints that carry forces, shape (rows,), and the forces in the global axes,
+    shape (instants, rows, d). A joint that is not between a body and the ground, or a marker in
+    prescribed motion, and one along a line or a distance that turns with a body are refused by a
+    ValueError.
+    """
+    arrays, rows, along = model.arrays, list[int](), list[Array]()
+    shape = len(model.times), arrays.d
+    for name in joints:
+        every = np.arange(model.rows)[model.joints[name]]
+        for row in every[~model.angular[every]]:
+            one, two, line = arrays.side[row, :3]
+            ends, kind = arrays.vector_body[[one, two]] >= 0, arrays.kind[row]
+            if ends[0] == ends[1]:
+                raise ValueError(
+                    f"joint force: joint {name!r} is between bodies; of several joints the forces "
+                    "on the frame add up, those of joints on the ground or on moving markers"
+                )
+            if kind == RowKind.POINT:
+                force = np.broadcast_to(arrays.normal[row], shape)
+            elif kind == RowKind.PLANE and arrays.vector_body[line] < 0:
+                force = arrays.prescribed[:-1, arrays.vector_slot[line], 0]
+            else:
+                raise ValueError(
+                    f"joint force: the force of joint {name!r} turns with a body, so that it "
+                    "cannot be added to others; let its line be one of the frame"
+                )
+            rows.append(int(row))
+            along.append(force if ends[0] else -force)
+    if not rows:
+        raise ValueError(f"joint force: the joints {list(joints)} carry no forces")
+    return np.array(rows), np.stack(along, axis=1)

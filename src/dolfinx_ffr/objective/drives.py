@@ -11,38 +11,16 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..dynamics import drives, driving_power, driving_power_pullback
-from .base import Derivatives, Inventory, Objective, Response
+from .base import Derivatives, Response
+from .joints import OfJoints
 from .time_average import MeanOverTime, check_window, time_weights
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _OfDrives(Objective):
-    """A number of the power that drives bring into the bodies."""
-
-    #: Name of the joint that drives, or names of several on one supply, whose powers add up.
-    joint: str | tuple[str, ...]
-
-    _what: ClassVar[str]  #: Name for messages
-
-    @property
-    def _joints(self) -> list[str]:
-        return [self.joint] if isinstance(self.joint, str) else list(self.joint)
-
-    def _check_joints(self) -> None:
-        if not isinstance(self.joint, str):
-            names = validation.names(f"{self._what}: joint", self.joint)
-            if not names or len(set(names)) < len(names):
-                raise ValueError(f"{self._what}: joint must be one name or different ones")
-            object.__setattr__(self, "joint", tuple(names))
-
-    def validate(self, inventory: Inventory) -> None:
-        for name in self._joints:
-            if name not in inventory.joints:
-                raise ValueError(
-                    f"{self._what} of joint {name!r}, but the joints are {list(inventory.joints)}"
-                )
+class _OfDrives(OfJoints):
+    """A number of the power that drives bring into the bodies; those of several add up."""
 
     def powers(self, response: Response) -> Array:
         """The power over time at a ``response``, negative where drives brake, (steps + 1,) [W]."""

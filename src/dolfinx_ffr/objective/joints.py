@@ -1,24 +1,52 @@
 # SPDX-License-Identifier: MIT
-"""The force in a joint."""
+"""The force in a joint, and in several on the frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..dynamics import TrajectoryBar
-from .base import Derivatives, Inventory, Response
+from ..dynamics import Trajectory, TrajectoryBar, forces_on_frame
+from .base import Derivatives, Inventory, Objective, Response
 from .time_average import MeanOverTime, time_weights
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class JointForce(MeanOverTime):
-    """Power mean over time of the force in a joint [N].
+class OfJoints(Objective):
+    """A number of one joint, or of several together."""
+
+    joint: str | tuple[str, ...]  #: Name of the joint, or names of several, whose parts add up
+
+    _what: ClassVar[str]  #: Name for messages
+
+    @property
+    def _joints(self) -> list[str]:
+        return [self.joint] if isinstance(self.joint, str) else list(self.joint)
+
+    def _check_joints(self) -> None:
+        if not isinstance(self.joint, str):
+            names = validation.names(f"{self._what}: joint", self.joint)
+            if not names or len(set(names)) < len(names):
+                raise ValueError(f"{self._what}: joint must be one name or different ones")
+            object.__setattr__(self, "joint", tuple(names))
+
+    def validate(self, inventory: Inventory) -> None:
+        for name in self._joints:
+            if name not in inventory.joints:
+                raise ValueError(
+                    f"{self._what} of joint {name!r}, but the joints are {list(inventory.joints)}"
+                )
+
+
+@dataclass(frozen=True)
+class JointForce(OfJoints, MeanOverTime):
+    """Power mean over time of the force in a joint, or of joints on the frame together [N].
 
         psi = scale (1/T int |F(t)|^p dt)^(1/p)
 
@@ -28,12 +56,16 @@ class JointForce(MeanOverTime):
     forces and a moment, a weld for instance, counts its forces unless ``moment`` is set; a joint
     that carries only a moment, a drive, counts that [N m].
 
+    Of several joints, ``JointForce(("crank's bearing", "rocker's bearing"))``, F is the sum of the
+    vectors of their forces on the frame: with all bearings of a machine the force by which it
+    shakes its frame. Each must hold a body on the ground, or on a marker that moves as prescribed.
+
     Raises:
         ValueError: If the power is not above 1 or the window is not an interval; when the value is
-            asked for, if there is no such joint or it carries no moment.
+            asked for, if there is no such joint, it carries no moment, or one of several is not
+            between a body and the frame.
     """
 
-    joint: str  #: Name of the joint
     power: float = 2.0  #: The power p, above 1
     moment: bool = False  #: Count the moment of a joint that carries forces as well [N m]
     #: Begin and end of the time that counts [s]; None takes the whole motion.
@@ -41,36 +73,47 @@ class JointForce(MeanOverTime):
     peak: bool = False  #: Correct the mean, by its scale, to the largest force of each design kept
     scale: float = 1.0  #: Factor of the mean, positive
 
+    _what = "force"
+
     def __post_init__(self) -> None:
-        validation.name("joint force: joint", self.joint)
+        if isinstance(self.joint, str):
+            validation.name("joint force: joint", self.joint)
+        self._check_joints()
         validation.flag("joint force: moment", self.moment)
+        if self.moment and not isinstance(self.joint, str):
+            raise ValueError("joint force: moments of several joints do not add up; give one joint")
         self._check_mean("joint force")
 
     def derivatives(self, response: Response) -> Derivatives:
-        trajectory, rows = response.trajectory, self._rows(response)
-        size, size_bar = self._sizes(response)[0], self._sizes_bar(response)
-        bar = TrajectoryBar.zeros(trajectory)
+        trajectory, (rows, along) = response.trajectory, self._along(response)
+        size_bar, bar = self._sizes_bar(response), TrajectoryBar.zeros(trajectory)
+        force = self._force(trajectory, rows, along)
+        size = np.linalg.norm(force, axis=1)
         # Where the force vanishes, so does the derivative, as the power is above 1.
         quotient = np.divide(size_bar, size, out=np.zeros_like(size), where=size > 0.0)
-        bar.multipliers[:, rows] = quotient[:, None] * trajectory.multipliers[:, rows]
+        bar.multipliers[:, rows] = np.einsum("tc,trc->tr", quotient[:, None] * force, along)
         return Derivatives(bar)
 
     def _sizes(self, response: Response) -> tuple[Array, Array]:
-        size = np.linalg.norm(response.trajectory.multipliers[:, self._rows(response)], axis=1)
-        return size, time_weights(response.trajectory, self.window, "joint force")
+        trajectory = response.trajectory
+        size = np.linalg.norm(self._force(trajectory, *self._along(response)), axis=1)
+        return size, time_weights(trajectory, self.window, "joint force")
 
-    def validate(self, inventory: Inventory) -> None:
-        if self.joint not in inventory.joints:
-            raise ValueError(
-                f"force of joint {self.joint!r}, but the joints are {list(inventory.joints)}"
-            )
+    def _force(self, trajectory: Trajectory, rows: NDArray[np.int64], along: Array) -> Array:
+        """The force over time, shape (steps + 1, components)."""
+        return np.asarray(np.einsum("tr,trc->tc", trajectory.multipliers[:, rows], along))
 
-    def _rows(self, response: Response) -> NDArray[np.int64]:
-        """Rows of the joint's multipliers that count."""
+    def _along(self, response: Response) -> tuple[NDArray[np.int64], Array]:
+        """Rows whose multipliers count, and their forces for 1, (steps + 1, rows, components)."""
         model = response.trajectory.model
         self.validate(response.inventory)
+        if not isinstance(self.joint, str):
+            return forces_on_frame(model, self._joints)
         rows = np.arange(model.rows)[model.joints[self.joint]]
         turns = model.angular[rows]
         if self.moment and not turns.any():
             raise ValueError(f"joint force: joint {self.joint!r} carries no moment")
-        return rows[turns] if self.moment or turns.all() else rows[~turns]
+        rows = rows[turns] if self.moment or turns.all() else rows[~turns]
+        return rows, np.broadcast_to(
+            np.eye(rows.size), (len(response.trajectory.t), *2 * (rows.size,))
+        )

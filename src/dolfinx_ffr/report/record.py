@@ -169,7 +169,7 @@ def run_record(
 def _unit(objective: Objective, mechanism: Mechanism) -> str:
     if isinstance(objective, JointForce):
         joints = dict(zip(mechanism.joint_names, mechanism.joints, strict=True))
-        turns = isinstance(joints.get(objective.joint), Gear | PrescribedAngle)
+        turns = isinstance(joints.get(str(objective.joint)), Gear | PrescribedAngle)
         return "N m" if objective.moment or turns else "N"
     return objective.unit
 
