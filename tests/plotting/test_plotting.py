@@ -31,7 +31,7 @@ from dolfinx_ffr.plotting import (
 from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
 from dolfinx_ffr.plotting.part_view import STEEL as MATERIAL
 from dolfinx_ffr.plotting.scene import Scene
-from dolfinx_ffr.plotting.style import ACCENTS, RED, nice_number, prefixed
+from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED, nice_number, prefixed
 
 LENGTH, HEIGHT = 0.4, 0.04
 STEEL = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
@@ -321,6 +321,21 @@ def test_history_from_a_file_looks_like_that_from_columns(tmp_path: Path) -> Non
     assert near(a, "#c8352b").sum() > 200  # the bound
     without = pixels(plot_history(history, tmp_path / "c.png"))
     assert near(without, "#c8352b").sum() == 0
+
+
+def test_history_draws_parameters_between_their_bounds(tmp_path: Path) -> None:
+    """On the scale of each; the lines of the bounds are there only where these are known."""
+    k = np.arange(30.0)
+    given = {"radius": (0.1, 0.08, 0.12, "m"), "stiffness": (40.0, 10.0, 200.0, "N/m", "log")}
+    columns = {"parameter radius [m]": 0.1 + 5e-4 * k, "parameter stiffness [N/m]": 40.0 + 5.0 * k}
+    history = {"psi": some_history()["psi"], **columns}
+    parameters = ffr.Parameters(**given)
+    bounded = pixels(plot_history(history, tmp_path / "a.png", parameters=parameters))
+    free = pixels(plot_history(history, tmp_path / "b.png"))
+    for color in ACCENTS[:2]:
+        assert near(bounded, color).sum() > 300 and near(free, color).sum() > 300
+    lines = [(near(each, GRAY).sum(axis=1) > 200).sum() for each in (bounded, free)]
+    assert lines[0] >= lines[1] + 2
 
 
 def test_history_has_a_panel_for_each_column_and_for_load_cases(tmp_path: Path) -> None:

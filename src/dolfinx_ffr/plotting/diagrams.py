@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import validation
 from ..dynamics import Trajectory
 from ..io import read_history
-from ..mechanism import Motion, Moving
+from ..mechanism import Motion, Moving, Parameters
 from . import style
 
 Array = NDArray[np.float64]
@@ -39,6 +39,8 @@ _COLUMNS = {
 _HEADING = 42
 #: How the columns begin that hold the objectives of several load cases
 _OF_MOTION = "psi of "
+#: The same with the values of a mechanism's parameters, and the most of them that a legend names
+_OF_PARAMETER, _MOST_NAMED = "parameter ", 12
 
 
 def plot_history(
@@ -48,25 +50,30 @@ def plot_history(
     psi_solid: float | None = None,
     psi_unit: str = "J s",
     volume_bound: float | None = None,
+    parameters: Parameters | None = None,
     title: str = "",
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Path:
     """Draw how a design came about, over the iterations.
 
     Each column has a panel: the objective, with the line of the solid body where it is given; the
-    objectives of several load cases, each relative to its value at the start; the volume with its
+    objectives of several load cases, each relative to its value at the start; the parameters of a
+    mechanism between their bounds, with their last values and units; the volume with its
     bound, and the share that is neither void nor solid; the first frequency (interfaces held); the
     steepness of the projection; the number of normal modes and the estimated error by the others;
     the size of the steps. The last value stands above each panel.
 
     Args:
         history: Columns by name, or a CSV file with a line of names: ``iteration`` and any of
-            ``psi`` [J s], ``psi of fast`` and so on, ``volume`` [-] and beside it ``gray`` [-],
-            ``frequency`` [Hz], ``sharpness`` [-], ``modes``, ``mode_error`` [-], ``step`` (explicit
-            steps of a level set: knot spacings; else the largest change, as a share of the bounds).
+            ``psi`` [J s], ``psi of fast`` and so on, ``parameter radius [m]`` and so on, ``volume``
+            [-] and beside it ``gray`` [-], ``frequency`` [Hz], ``sharpness`` [-], ``modes``,
+            ``mode_error`` [-], ``step`` (explicit steps of a level set: knot spacings; else the
+            largest change, as a share of the bounds).
         psi_solid: Objective of the solid body [J s]; the objective is then drawn relative to it.
         psi_unit: Unit of psi, where it is no compliance.
         volume_bound: Largest volume allowed, in [0, 1].
+        parameters: Parameters with their bounds, ``result.problem.parameters``; without them those
+            of the history are drawn relative to the largest size of each.
         path: File to write.
         title: Heading.
         comm: Ranks that call this together.
@@ -88,8 +95,10 @@ def plot_history(
             columns = read_history(history)
         load_cases = {n: v for n, v in columns.items() if n.startswith(_OF_MOTION)}
         chosen = [name for name in _COLUMNS if np.isfinite(columns.get(name, [])).any()]
-        if load_cases:
-            chosen.insert(chosen.index("psi") + 1 if "psi" in chosen else 0, _OF_MOTION)
+        numbers = {n: v for n, v in columns.items() if n.startswith(_OF_PARAMETER)}
+        for kind, several in ((_OF_PARAMETER, numbers), (_OF_MOTION, load_cases)):
+            if several:
+                chosen.insert(chosen.index("psi") + 1 if "psi" in chosen else 0, kind)
         if not chosen:
             raise ValueError(
                 f"plot_history: the history has the columns {sorted(columns)} and must have a line "
@@ -108,6 +117,9 @@ def plot_history(
                 axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
                 if name == _OF_MOTION:
                     _draw_load_cases(axes, iteration, load_cases)
+                    continue
+                if name == _OF_PARAMETER:
+                    _draw_parameters(axes, iteration, numbers, parameters)
                     continue
                 unit = psi_unit if name == "psi" else _COLUMNS[name][1]
                 _draw_column(axes, name, unit, iteration, columns, psi_solid, volume_bound)
@@ -135,7 +147,34 @@ def _draw_load_cases(axes: Axes, iteration: Array, load_cases: Mapping[str, Arra
         axes.plot(iteration, own, color=color, label=name.removeprefix(_OF_MOTION))
     axes.set_ylim(bottom=0.0)
     axes.set_title("ψ of each load case / ψ at the start", loc="left")
-    axes.legend(ncols=2 if len(load_cases) > 3 else 1, loc="upper right")
+
+
+def _draw_parameters(
+    axes: Axes, iteration: Array, columns: Mapping[str, Array], parameters: Parameters | None
+) -> None:
+    """Draw parameters as shares of their ranges, or relative to the largest size of each."""
+    if parameters is None:
+        sizes = [float(np.max(np.abs(values))) or 1.0 for values in columns.values()]
+        shares = np.array(list(columns.values())).T / sizes
+        axes.set_title("parameters / their largest sizes", loc="left")
+    else:
+        columns = {
+            _OF_PARAMETER + n: columns[_OF_PARAMETER + n] for n in parameters.labels.values()
+        }
+        shares = parameters.shares(np.array(list(columns.values())).T)
+        axes.set_title("parameters between their bounds", loc="left")
+        _line(axes, 0.0, style.GRAY, "lower bounds")
+        _line(axes, 1.0, style.GRAY, "upper bounds")
+    named = len(columns) if len(columns) <= _MOST_NAMED else 0
+    curves = zip(columns.items(), shares.T, cycle(style.ACCENTS), strict=False)
+    for (label, values), own, color in curves:
+        name, _, unit = label.removeprefix(_OF_PARAMETER).partition(" [")
+        said = f"{name} {values[-1]:.4g} {unit.removesuffix(']')}".rstrip()
+        axes.plot(iteration, own, color=color, label=said if named else "")
+    # The names stand above the curves
+    axes.set_ylim(min(-0.08, 1.08 * float(np.min(shares))), 1.14 + 0.11 * (-(-named // 2)))
+    if named:
+        axes.legend(ncols=2, loc="upper center")
 
 
 def _draw_column(
@@ -282,7 +321,7 @@ def _panels(
         panels = list(figure.axes)
         for axes in panels:
             style.tidy(axes)
-            if axes.get_legend_handles_labels()[0]:
+            if axes.get_legend_handles_labels()[0] and axes.get_legend() is None:
                 axes.legend(loc="best")
         for axes in panels[-across:]:
             axes.set_xlabel(xlabel)

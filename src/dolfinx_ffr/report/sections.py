@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from ..mechanism import Parameters
 from ..plotting import plot_history
 from . import model, results
 from .folder import PICTURES, Folder, data_uri
@@ -25,6 +26,7 @@ from .run import Row, Run, Table
 _PANELS = {
     "psi": "Objective over the iterations",
     "load_cases": "Objectives of the load cases over the iterations, relative to the start",
+    "parameters": "Parameters of the mechanism over the iterations, between their bounds",
     "volume": "Volume and gray share over the iterations",
     "sharpness": "Sharpness of the projection over the iterations",
     "frequency": "First frequency over the iterations",
@@ -150,6 +152,8 @@ def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
             shown = {"iteration": iteration}
             if name == "load_cases":
                 shown |= {n: v for n, v in columns.items() if n.startswith("psi of ")}
+            elif name == "parameters":
+                shown |= {n: v for n, v in columns.items() if n.startswith("parameter ")}
             elif values is not None and np.isfinite(values).any():
                 shown[name] = values
             if len(shown) == 1:
@@ -157,9 +161,17 @@ def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
             if name == "volume" and "gray" in columns:
                 shown["gray"] = columns["gray"]
             file = Path(place) / f"{name}.svg"
-            plot_history(shown, file, psi_unit=run.psi_unit, volume_bound=bound, comm=MPI.COMM_SELF)
+            options = {"psi_unit": run.psi_unit, "volume_bound": bound, "comm": MPI.COMM_SELF}
+            plot_history(shown, file, parameters=_parameters(run), **options)
             panels.append({"text": text, "source": data_uri(file.read_bytes(), "image/svg+xml")})
     return panels
+
+
+def _parameters(run: Run) -> Parameters | None:
+    """The parameters of the mechanism with their bounds, if there are any."""
+    keys, given = ("value", "lower", "upper", "unit", "scale"), run.mapping("parameters")
+    entries = {name: tuple(own[key] for key in keys) for name, own in given.items()}
+    return Parameters(**entries) if entries else None
 
 
 def _table(
