@@ -85,31 +85,75 @@ def crank_problem(comm: MPI.Comm, integrator: Any = None) -> ffr.Problem:
     return ffr.Problem(bodies, CRANK.mechanism(crank), integrator, ffr.IntegralCompliance(), bounds)
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize(
-    "integrator",
-    [ffr.GeneralizedAlpha(0.5, 60), ffr.RadauIIA(0.5, steps=20)],
-    ids=["alpha", "radau"],
+HUNG = ffr.Parameters(
+    stiffness=(900.0, 500.0, 5000.0, "N/m", "log"),
+    anchor=(0.1, 0.05, 0.2, "m"),
+    slope=(0.2, 0.1, 0.3),
+    side=(2.0, 1.0, 3.0, "m/s^2"),
+    push=(5.0, 2.0, 9.0, "N"),
+    height=(0.01, 0.0, 0.02, "m"),
 )
-def test_derivatives_beside_densities(comm: MPI.Comm, integrator: Any) -> None:
+
+
+def hung(start: ffr.mechanism.Start, **p: float) -> ffr.Mechanism:
+    """A rod in space on a skew hinge and a spring, pushed, placed beside its hinge."""
+    tip, skew = ("rod", "right"), (0.0, 1.0, p["slope"])
+    hinge = ffr.Revolute(("rod", "left"), ffr.Ground((0.0, 0.0, p["height"])), "hinge", axis=skew)
+    spring = ffr.SpringDamper(tip, ffr.Ground((0.4, p["anchor"], 0.4)), p["stiffness"], 5.0, 0.35)
+    push = ffr.Force(tip, lambda t: 0.0, lambda t: p["push"] * np.sin(20.0 * t), z=1.0)
+    return ffr.Mechanism(
+        {"rod": ffr.Placement((0.0, 0.0, 0.0))},
+        [hinge],
+        gravity=(0.0, p["side"], -9.81),
+        forces=[spring, push],
+        start=start,
+    )
+
+
+def hung_problem(comm: MPI.Comm, integrator: Any, start: ffr.mechanism.Start) -> ffr.Problem:
+    rod = ffr.Domain.box(comm, 0.4, 0.04, 0.03, elements=(6, 2, 2))
+    frame = ffr.ChordFrame("left", "right")
+    body = ffr.FlexibleBody(rod, ffr.Isotropic(2e9, 0.3, 2000.0), frame=frame, modes=1)
+    mechanism = HUNG.mechanism(lambda **p: hung(start, **p))
+    bound = ffr.Constraint(ffr.JointForce("hinge", power=4.0), upper=50.0)
+    return ffr.Problem({"rod": body}, mechanism, integrator, ffr.IntegralCompliance(), [bound])
+
+
+#: In the plane and in space, from assembled and static starts, with both integrators
+SCENES = {
+    "plane alpha": lambda comm: crank_problem(comm, ffr.GeneralizedAlpha(0.5, 60)),
+    "plane radau": lambda comm: crank_problem(comm, ffr.RadauIIA(0.5, steps=20)),
+    "space assembled": lambda c: hung_problem(c, ffr.GeneralizedAlpha(0.2, 40), ffr.Assembled()),
+    "space static": lambda c: hung_problem(
+        c, ffr.GeneralizedAlpha(0.2, 40), ffr.StaticEquilibrium()
+    ),
+    "space static radau": lambda c: hung_problem(
+        c, ffr.RadauIIA(0.2, steps=12), ffr.StaticEquilibrium()
+    ),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("scene", SCENES.values(), ids=list(SCENES))
+def test_derivatives_beside_densities(comm: MPI.Comm, scene: Any) -> None:
     """By each parameter as by differences; by all and densities together the Taylor test."""
-    problem = crank_problem(comm, integrator)
-    domain = problem.flexible["rod"].domain
+    problem = scene(comm)
+    domain, given = problem.flexible["rod"].domain, problem.parameters
     x = 0.5 + 0.2 * np.sin(40.0 * domain.centroids[:, 0])
 
     def numbers(values: np.ndarray, densities: np.ndarray = x) -> np.ndarray:
         found = problem.value({"rod": densities, "machine": values})
         return np.array([found.psi, *(c.value for c in found.constraints.values())])
 
-    here, at = problem.gradient({"rod": x, "machine": CRANK.array}), CRANK.array
+    here, at = problem.gradient({"rod": x, "machine": given.array}), given.array
     assert here.gradient is not None
     np.testing.assert_array_equal(here.gradient["machine"], list(here.parameters.values()))
-    for k, (name, low, high) in enumerate(CRANK.ranges):
+    for k, (name, low, high) in enumerate(given.ranges):
         h = 3e-4 * (low + high) * np.eye(len(at))[k]
         near, far = (numbers(at + s * h) - numbers(at - s * h) for s in (1.0, 2.0))
         by = [here.parameters[name], *(c.parameters[name] for c in here.constraints.values())]
         np.testing.assert_allclose(by, (8.0 * near - far) / (12.0 * h[k]), rtol=1e-7)
-    widths = np.array([low + high for _, low, high in CRANK.ranges])
+    widths = np.array([low + high for _, low, high in given.ranges])
     along, shift = 0.3 * np.cos(90.0 * domain.centroids[:, 0]), 0.3 * widths
     slope = domain.sum(here.gradient["rod"] * along) + here.gradient["machine"] @ shift
     result = taylor_test(
