@@ -12,7 +12,7 @@ DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-tests demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel lint docs \
+.PHONY: help setup setup-tests demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel test-deb lint docs \
 	benchmark benchmark-peers clean
 
 help: ## list the targets
@@ -47,6 +47,9 @@ test-unstable: ## run a selection of the tests in a root of Debian unstable (nee
 
 test-wheel: setup ## build a wheel, install it in a fresh environment, run the short program there
 	@"$(clone)/install/test_wheel.sh"
+
+test-deb: ## build the Debian package, install and use it in a root of Debian 13 (needs root)
+	@"$(clone)/install/test_deb.sh"
 
 lint: setup ## check style, format and types
 	@cd "$(clone)" && $(env) status=0; \

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Usage: install/debian_root.sh SUITE COMMAND [ARGUMENT...]     (SUITE: bookworm, trixie, sid, or "other")
+# Usage: install/debian_root.sh [--layer] SUITE COMMAND [ARGUMENT...]     (SUITE: bookworm, trixie, sid, or "other")
 #
 # Runs the command in a copy of this source tree inside a root of another Debian release, made by debootstrap
 # and kept in /var/cache/dolfinx_ffr/SUITE (or below $DOLFINX_FFR_ROOTS). The copy is replaced at each run;
 # the Debian packages and .venv inside the root stay. Root only: chroot and mount need it. All mounts live in
 # a namespace of their own, so that a killed run leaves none behind.
+#
+# With --layer all that the command changes is kept in memory and forgotten: the root stays as it is.
 set -euo pipefail
 
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -16,7 +18,9 @@ fail() {
     exit 1
 }
 
-[ $# -ge 2 ] || fail "usage: install/debian_root.sh SUITE COMMAND [ARGUMENT...]"
+layer=
+if [ "${1:-}" = --layer ]; then layer=yes && shift; fi
+[ $# -ge 2 ] || fail "usage: install/debian_root.sh [--layer] SUITE COMMAND [ARGUMENT...]"
 suite=$1
 shift
 if [ "$suite" = other ]; then
@@ -115,10 +119,15 @@ list_sources() {
 }
 list_sources | tar --create --directory "$clone" --null --files-from - | tar --extract --directory "$root$inside" --no-same-owner
 
-export root inside
+export root inside layer
 # $0 and $@ of the inner shell are the settings and the command.
 # shellcheck disable=SC2016
 exec unshare --mount --propagation private --pid --fork --kill-child bash -c '
+    if [ -n "$layer" ]; then
+        mount -t tmpfs layer /mnt && mkdir /mnt/{upper,work,root} &&
+            mount -t overlay -o lowerdir="$root",upperdir=/mnt/upper,workdir=/mnt/work layer /mnt/root || exit 1
+        root=/mnt/root
+    fi
     mount -t proc proc "$root/proc" || mount --rbind /proc "$root/proc" || exit 1
     mount --rbind /sys "$root/sys" && mount -t tmpfs tmpfs "$root/dev/shm" || exit 1
     mount -t devpts -o newinstance,ptmxmode=0666 devpts "$root/dev/pts" 2>/dev/null # only apt asks for it, to write a log

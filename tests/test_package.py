@@ -176,6 +176,19 @@ def test_pip_keeps_the_packages_of_debian(python: str, versions: str, refused: s
     assert refused is None or not all(refused in specifier for specifier in numpy)
 
 
+def test_packages_of_others_are_of_this_version_and_want_the_same() -> None:
+    """Debian's has dependencies by PyPI's names from here; conda-forge's are named once more."""
+    project = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
+    version = project["version"]
+    assert (TOP / "debian/changelog").read_text().startswith(f"dolfinx-ffr ({version}-")
+    recipe = (TOP / "packaging/meta.yaml").read_text()
+    assert f'set version = "{version}"' in recipe
+    for requirement in map(Requirement, project["dependencies"]):
+        name, least = requirement.name, [s for s in requirement.specifier if s.operator == ">="]
+        wanted = f"- {name}(-base)?" + "".join(f" >={bound.version}" for bound in least)
+        assert requirement.marker or re.search(f"{wanted}$", recipe, re.M), name
+
+
 def public_dataclasses() -> list[type]:
     """All dataclasses at the doors of the package and of its folders."""
     found: dict[type, None] = {}

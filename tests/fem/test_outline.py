@@ -220,6 +220,16 @@ def test_faulty_svg(comm: MPI.Comm, tmp_path: Path, body: str, message: str) -> 
         Domain.from_outline(comm, path, interfaces={"a": left}, size=0.01, unit="mm")
 
 
+def test_svg_with_an_older_library(
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Debian 13 has it: the message says what to do."""
+    monkeypatch.delattr("svgelements.Use")
+    (tmp_path / "page.svg").write_text(SVG.format(head="", body='<circle r="1"/>'))
+    with pytest.raises(ImportError, match=r"need svgelements 1.9, and Debian 13"):
+        Domain.from_outline(comm, tmp_path / "page.svg", interfaces={"a": left}, size=0.01)
+
+
 @pytest.mark.parametrize("outline", [[], shapely.Polygon(), [np.zeros((0, 2))], [np.ones((3, 2))]])
 def test_empty_outlines(comm: MPI.Comm, outline: Any) -> None:
     with pytest.raises(ValueError, match="outline: it is empty; give rings of at least three"):

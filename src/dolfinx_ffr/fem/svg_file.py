@@ -53,6 +53,12 @@ def read_svg(path: Path, scale: float | None) -> list[Drawn]:
     """The visible curves of a file, whose unit is ``scale`` [m], or that of its page."""
     import svgelements
 
+    if not hasattr(svgelements, "Use"):
+        raise ImportError(
+            f"outline {path}: SVG files need svgelements 1.9, and Debian 13 has an older one: save "
+            "the drawing as DXF, or work in an environment with a newer one (python3 -m venv "
+            "--system-site-packages FOLDER; FOLDER/bin/pip install 'svgelements>=1.9')"
+        )
     unreadable = f"outline {path}: no SVG file that can be read"
     try:
         root = parse(path).getroot()
