@@ -124,6 +124,8 @@ def write_pages(app: Sphinx) -> None:
 
 def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
     """Put what is made at each build into the pages that lead to it."""
+    if page == "docs/tutorial/index":
+        source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n[1-9]_*\n```\n"
     if page == "docs/gallery":
         source[0] += gallery.cards(TOP)
     if page == "docs/notebooks":
