@@ -19,6 +19,7 @@ SOURCES = sorted(ROOT.rglob("*.py"))
 FLOORS = (
     "__init__",
     "__main__",
+    "scene_file",
     "program",
     "report",
     "paper",

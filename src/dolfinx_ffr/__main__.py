@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Commands of the package.
-
-``python -m dolfinx_ffr compile`` compiles the time integration before its first use;
-``python -m dolfinx_ffr report FOLDER`` writes the report of a run from the files of its folder.
-"""
+"""Commands of the package: ``dolfinx_ffr design rod.toml``, and what stands beside it."""
 
 from __future__ import annotations
 
@@ -11,40 +7,85 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 from .program import run
+
+#: Name, line of help, and an example, in the order in which a user meets them
+_COMMANDS = {
+    "new": ("write a commented example of a scene file", "slider_crank"),
+    "check": ("draw a scene, simulate its full bodies, say what to expect", "slider_crank.toml"),
+    "design": ("design the bodies of a scene file, to parts and a report", "slider_crank.toml"),
+    "report": ("write the report of a run as one HTML file", "results/slider_crank"),
+    "compile": ("compile the time integration before its first use, once on a machine", "--all"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command with ``arguments``, by default those of the process."""
     parser = argparse.ArgumentParser(
-        "python -m dolfinx_ffr",
-        description="Commands beside the package; designs are made by programs (make demo).",
-        epilog="python -m dolfinx_ffr COMMAND --help tells what a command takes.",
+        "dolfinx_ffr",
+        description="From an outline and a motion to a part.",
+        epilog="dolfinx_ffr COMMAND --help tells what a command takes.",
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    compilation = commands.add_parser(
-        "compile",
-        help="compile the time integration before its first use, once on a machine",
-        description="Compiles what the demos need, or loads it where that has been done.",
+    of = {
+        name: commands.add_parser(
+            name,
+            help=text,
+            description=f"{text[0].upper()}{text[1:]}.",
+            epilog=f"Example: dolfinx_ffr {name} {example}",
+        )
+        for name, (text, example) in _COMMANDS.items()
+    }
+    of["new"].add_argument("name", nargs="?", help="of the example; without it they are listed")
+    for name in ("check", "design"):
+        of[name].add_argument("file", type=Path, help="scene file, TOML")
+        text = "folder of the results (default: that of the file)"
+        of[name].add_argument("--output", type=Path, help=text)
+    of["design"].add_argument(
+        "--resume", action="store_true", help="go on from the checkpoint, as after Ctrl-C"
     )
-    compilation.add_argument("--all", action="store_true", help="all integrators")
-    report = commands.add_parser(
-        "report",
-        help="write the report of a run as one HTML file",
-        description="Writes the report of a run from the files that it has left in its folder.",
+    of["design"].add_argument(
+        "--python", action="store_true", help="write the scene as a program instead, to the screen"
     )
-    report.add_argument("folder", help="of the run, for example results/slider_crank")
-    report.add_argument("--output", help="file to write (default: report.html in the folder)")
-    report.add_argument("--title", default="", help="heading (default: the recorded one)")
+    of["report"].add_argument("folder", help="of the run, for example results/slider_crank")
+    of["report"].add_argument("--output", help="file to write (default: report.html in the folder)")
+    of["report"].add_argument("--title", default="", help="heading (default: the recorded one)")
+    of["compile"].add_argument("--all", action="store_true", help="all integrators")
     given = parser.parse_args(arguments)
     if given.command is None:
         parser.print_help(sys.stderr)
-        parser.exit(2, "\npython -m dolfinx_ffr: error: say which command\n")
+        parser.exit(2, "\ndolfinx_ffr: error: say which command\n")
     if given.command == "compile":
         compile_beforehand(everything=given.all)
-    else:
+    elif given.command == "report":
         make_report(given.folder, given.output, given.title)
+    elif code := with_scene(given):
+        sys.exit(code)
+
+
+def with_scene(given: argparse.Namespace) -> int:
+    """Run a command on a scene file; the exit code."""
+    from . import scene_file
+
+    try:
+        if given.command == "new":
+            return scene_file.new(given.name, Path())
+        if given.command == "check":
+            return scene_file.check(given.file, output=given.output)
+        if given.python:
+            print(scene_file.read_scene(given.file).program(given.output), end="")
+            return 0
+        return scene_file.design(given.file, output=given.output, resume=given.resume)
+    except KeyboardInterrupt:
+        print("dolfinx_ffr: interrupted", file=sys.stderr)
+        return scene_file.INTERRUPTED
+
+
+def console() -> None:
+    """The program ``dolfinx_ffr``."""
+    run(main)
 
 
 def compile_beforehand(*, everything: bool) -> None:
@@ -78,4 +119,4 @@ def make_report(folder: str, output: str | None, title: str) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    console()

@@ -4,9 +4,13 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+
+#: Time for which ranks wait for each other at the end [s]
+_PATIENCE = 5.0
 
 
 def run(main: Callable[[], object]) -> None:
@@ -21,7 +25,7 @@ def run(main: Callable[[], object]) -> None:
     except (MemoryError, OSError) as error:
         _end(error)
     except (ImportError, RuntimeError, TypeError, ValueError) as error:
-        if not _refused(error):
+        if not refused(error):
             raise
         _end(error)
 
@@ -32,10 +36,25 @@ def _end(error: Exception) -> None:
         raise error
     path = Path(sys.argv[0])
     name = f"python -m {path.parent.name}" if path.name == "__main__.py" else path.name
-    sys.exit(f"{name}: {error}")
+    message, mpi = f"{name}: {error}", sys.modules.get("mpi4py.MPI")
+    if mpi is None or mpi.COMM_WORLD.size == 1:
+        sys.exit(message)
+
+    def together() -> bool:
+        """Wait for the other ranks, and tell whether they came."""
+        barrier, patience = mpi.COMM_WORLD.Ibarrier(), time.monotonic() + _PATIENCE
+        while not (came := barrier.Test()) and time.monotonic() < patience:
+            time.sleep(0.01)
+        return bool(came)
+
+    # an error of all ranks is told once
+    if not together() or mpi.COMM_WORLD.rank == 0:
+        print(message, file=sys.stderr, flush=True)
+    together()  # mpirun ends the others with the first that has ended
+    sys.exit(1)
 
 
-def _refused(error: Exception) -> bool:
+def refused(error: Exception) -> bool:
     """Whether a `raise` statement of this package or of the program has raised an error."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     path = Path(last.filename).resolve()

@@ -177,11 +177,19 @@ class Domain:
     ) -> Domain:
         """A straight rod along x in space, with the rigid interfaces ``"left"`` and ``"right"``.
 
-        The rod spans 0 <= x <= ``length``, ``height`` about y = 0 and ``width`` about z = 0 [m], in
-        three numbers of ``elements``. The ``cell`` is ``"hexahedron"`` or ``"tetrahedron"``, of
-        which each box is cut into six. ``solid_layers`` of elements at each end are not designed.
-        ``comm``, ``order``, ``solid``, ``void`` and errors are those of `rectangle`. Hexahedra of
-        order 1 lock in bending: have four or more of them across, or take order 2.
+        Hexahedra of order 1 lock in bending: have four or more of them across, or take order 2.
+
+        Args:
+            comm: As for `rectangle`, as are ``order``, ``solid``, ``void`` and errors.
+            length: Extent in x, from 0 [m].
+            height: Extent in y, about 0 [m].
+            width: Extent in z, about 0 [m].
+            elements: Their numbers in x, y and z.
+            cell: ``"hexahedron"`` or ``"tetrahedron"``, of which each box is cut into six.
+            order: Polynomial order of the displacements.
+            solid_layers: Layers of elements at each end that are not designed.
+            solid: Further cells that stay solid.
+            void: Cells that stay void.
         """
         sizes = (length, height, width)
         rod = rod_mesh("box", comm, sizes, elements, cell, solid_layers, solid)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 
 #: A rotation: a vector along its axis whose length is the angle [rad], shape (3,); a matrix, shape
 #: (3, 3), whose columns are the turned axes; or a rotation of SciPy.
-RotationLike: TypeAlias = "ArrayLike | Rotation"
+# a union at run time, too, where type hints are read; SciPy's class is loaded later
+RotationLike: TypeAlias = Union[ArrayLike, "Rotation"]  # noqa: UP007
 
 
 class PlacementWarning(UserWarning):

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: MIT
+"""What is done with a scene file: the design with its part and report, the check, and examples."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.resources import as_file, files
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from .. import plotting
+from ..dynamics import SimulationError
+from ..io import write_density, write_summary
+from ..objective import JointForce
+from ..optimization import Result
+from ..parallel import on_rank_0
+from ..postprocessing import model_report
+from ..problem import Evaluation, Problem
+from ..report import recorded_warnings, run_record, write_report
+from .calls import SceneError
+from .reading import near
+from .scene import Scene, read_scene
+
+#: Exit codes of a shell for SIGINT and SIGTERM
+INTERRUPTED, TERMINATED = 130, 143
+COMM = MPI.COMM_WORLD
+_EXAMPLES = files(__package__) / "examples"
+#: Files that belong to an example
+_COMPANIONS = {"outline": ("lever.dxf", "angles.csv")}
+
+
+def design(file: Path, *, output: Path | None, resume: bool) -> int:
+    """Design the bodies of a scene file, write parts, pictures and report; the exit code."""
+    scene = read_scene(file)
+    folder = output or scene.output
+    with _plain_warnings(), recorded_warnings() as said:
+        problem, maker = scene.made()
+        _say(f"{scene.title}: {_sizes(problem)}")
+        result = scene.optimized(maker, output=folder, resume=resume)
+        if (told := result.moved or result).reason in ("interrupted", "terminated"):
+            code = TERMINATED if result.terminated else INTERRUPTED
+            _say(f"interrupted; to go on: dolfinx_ffr design {file} --resume")
+            return code
+        found = result.finish(folder)
+        _say("drawing")
+        _draw(result, folder)
+        record = run_record(
+            result,
+            title=scene.title,
+            parts={n: result.part(n) for n in result.densities} if found and _flat(problem) else {},
+            verification=found,
+            warnings=said,
+            references=_full(result),
+        )
+    write_summary(COMM, folder / "summary.json", record)
+    report = write_report(COMM, folder)
+    _say(f"{result.reason} after {result.iterations} iterations, psi = {told.evaluation.psi:.6g}")
+    if found is None:
+        raise SceneError(f"{file}: the design encloses no part; {report} tells what was found")
+    _say(f"{found}\nthe part and the report are in {folder} ({report.name})")
+    return 0
+
+
+def check(file: Path, *, output: Path | None) -> int:
+    """Simulate the full bodies of a scene file, draw it, and say what is to be expected."""
+    scene = read_scene(file)
+    folder = output or scene.output
+    with _plain_warnings():
+        problem, _ = scene.made()
+        full = problem.value(_filled(problem, 1.0))
+        _say(f"{scene.title}: {_sizes(problem)}")
+        for name, body in problem.integrals(full).items():
+            text = f"  {name}: {body.mass:.4g} kg"
+            if (frequencies := full.fixed_interface_frequencies.get(name)) is not None:
+                several = ", ".join(f"{f:.4g}" for f in frequencies[:4])
+                text += f"; with its interfaces held {several} Hz"
+            _say(text)
+        _say(model_report(problem, full))
+        for name in problem.load_cases:
+            _say(*_forces(problem.alone(name), full.alone(name), name), sep="\n")
+        on_rank_0(COMM, lambda: folder.mkdir(parents=True, exist_ok=True))
+        picture = plotting.plot_scene(*_first(problem, full), folder / "check.png")
+        _say(_estimate(scene, problem))
+    _say(f"the scene is drawn in {picture}")
+    return 0
+
+
+def new(name: str | None, folder: Path) -> int:
+    """Write an example, with the files that it needs, or say which there are."""
+    names = sorted(p.name.removesuffix(".toml") for p in _EXAMPLES.iterdir() if ".toml" in p.name)
+    if name is None:
+        for each in names:
+            title = (_EXAMPLES / f"{each}.toml").read_text(encoding="utf-8").splitlines()[0]
+            _say(f"{each:14}{title.removeprefix('# ')}")
+        return 0
+    if name not in names:
+        raise SceneError(f"there is no example {name!r}; {near(name, names)}")
+    targets = [folder / f"{name}.toml", *(folder / other for other in _COMPANIONS.get(name, ()))]
+
+    def copy() -> None:
+        for target in targets:
+            if target.exists():
+                raise SceneError(f"{target} is there already; move it, or go to another folder")
+        for target in targets:
+            with as_file(_EXAMPLES / target.name) as source:
+                shutil.copyfile(source, target)
+
+    on_rank_0(COMM, copy)
+    _say(f"wrote {', '.join(map(str, targets))}; next: dolfinx_ffr check {targets[0]}")
+    return 0
+
+
+def _say(*words: object, sep: str = " ") -> None:
+    """Print on rank 0."""
+    if COMM.rank == 0 and words:
+        print(*words, sep=sep, flush=True)
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Context in which warnings are lines without a place in the code, of rank 0 alone."""
+    usual = warnings.formatwarning
+
+    def plain(message: Warning | str, *_: Any, **__: Any) -> str:
+        return f"warning: {message}\n" if COMM.rank == 0 else ""
+
+    warnings.formatwarning = plain
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
+
+
+def _filled(problem: Problem, share: float) -> Any:
+    """Densities of full bodies, or even ones."""
+    return {
+        name: np.where(body.domain.design_cells, share, body.domain.passive_density)
+        for name, body in problem.flexible.items()
+    }
+
+
+def _sizes(problem: Problem) -> str:
+    """Elements and degrees of freedom of the flexible bodies."""
+    told = []
+    for name, body in problem.flexible.items():
+        space = body.domain.space.dofmap
+        unknowns = space.index_map.size_global * space.index_map_bs
+        told.append(
+            f"{name} has {body.domain.n_cells_global:,} elements and {unknowns:,} degrees of freedom"
+        )
+    return ", ".join(told)
+
+
+def _flat(problem: Problem) -> bool:
+    return all(body.domain.dimension == 2 for body in problem.flexible.values())
+
+
+def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
+    """Of several load cases the first one, which is drawn."""
+    name = next(iter(problem.load_cases))
+    return problem.alone(name), evaluation.alone(name)
+
+
+def _draw(result: Result, folder: Path) -> None:
+    """Draw densities, history, scene and film; collective."""
+    alone = len(result.densities) == 1
+    for name, x in result.densities.items():
+        domain, file = result.problem.flexible[name].domain, "design" if alone else name
+        write_density(domain, x, folder / f"{file}.xdmf")
+        plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
+    unit = next(iter(result.problem.load_cases.values())).objective.unit
+    plotting.plot_history(result.history, folder / "history.png", psi_unit=unit)
+    told = result.moved or result
+    shown = _first(told.problem, told.evaluation)
+    plotting.plot_scene(*shown, folder / "scene.png")
+    plotting.animate_motion(*shown, folder / "motion.gif")
+
+
+def _full(result: Result) -> dict[str, float]:
+    """psi of the full bodies with the modes of the design, where they move."""
+    modes = {n: body.modes for n, body in (result.moved or result).problem.flexible.items()}
+    with suppress(SimulationError):
+        problem = result.problem.with_modes(modes)
+        return {"full": problem.value(_filled(problem, 1.0)).psi}
+    return {}
+
+
+def _forces(problem: Problem, evaluation: Evaluation, case: str) -> list[str]:
+    """The largest force of each joint, of drives of angles the largest moment."""
+    several = f" in load case {case}" if evaluation.label else ""
+    lines, response = [f"largest forces of the joints{several}:"], problem.response(evaluation)
+    model = evaluation.trajectory.model
+    for name in problem.mechanism.joint_names:
+        unit = "N m" if model.angular[model.joints[name]].all() else "N"
+        lines.append(f"  {name}: {JointForce(name).largest(response):.4g} {unit}")
+    return lines
+
+
+def _estimate(scene: Scene, problem: Problem) -> str:
+    """How long a design takes, by gradients that are measured."""
+    even, seconds = _filled(problem, 0.5), []
+    for _ in range(2):  # the first one compiles forms
+        began = perf_counter()
+        problem.gradient(even)
+        seconds.append(perf_counter() - began)
+    each, iterations = COMM.bcast(min(seconds)), scene.run.arguments.get("iterations", 100)
+    return (
+        f"a gradient takes {each:.2g} s: the {iterations} iterations about "
+        f"{_time(each * iterations)}; steps of the boundary, verification and pictures come on "
+        "top, together about as much again"
+    )
+
+
+def _time(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

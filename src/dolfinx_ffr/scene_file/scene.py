@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: MIT
+"""A scene file: its tables, and the problem and run that they describe.
+
+What a table may hold is read from the classes and functions of the public API; here stands only
+which tables there are, and how they are put together.
+"""
+
+from __future__ import annotations
+
+import tomllib
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ..mechanical_problem import MechanicalProblem
+from ..mechanism import Mechanism
+from ..optimization import Result, optimize
+from ..problem import Problem
+from ..reduction import FlexibleBody
+from .calls import Call, Maker, Name, SceneError, Writer, variables
+from .reading import Reader, Table, alternatives, arguments_of, kinds_of, near
+
+#: Tables beside those of `Mechanism` and `MechanicalProblem`
+_OWN = ("title", "output", "bodies", "designs", "optimize", "load_cases", "combine", "materials")
+_NAMES = ("motions", "markers")
+#: Arguments of `optimize` that the scene or the command gives
+_GIVEN = ("problem", "design", "output", "resume", "progress", "callback")
+_PROGRAM = '''\
+"""{title}
+
+Written by `dolfinx_ffr design --python {file}`.
+"""
+
+from mpi4py import MPI
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr import plotting
+
+comm = MPI.COMM_WORLD
+output = {output}
+
+{lines}
+
+with ffr.recorded_warnings() as warnings:
+    result = {run}
+    part = result.finish(output)
+title = {heading}
+record = ffr.run_record(result, title=title, verification=part, warnings=warnings)
+plotting.plot_scene(result.problem, result.evaluation, f"{{output}}/scene.png")
+plotting.animate_motion(result.problem, result.evaluation, f"{{output}}/motion.gif")
+ffr.write_summary(comm, f"{{output}}/summary.json", record)
+ffr.write_report(comm, output)
+if comm.rank == 0:
+    print(part)
+'''
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scene, of which nothing is made yet."""
+
+    file: Path
+    title: str
+    output: Path  #: Folder of the results
+    problem: Call
+    run: Call  #: Of `optimize`
+    cases: dict[str, dict[str, Call]]  #: By load case, what the bodies do not matter for
+
+    def made(self) -> tuple[Problem, Maker]:
+        """The problem, and what makes the rest of it; collective.
+
+        Mechanisms come first, as meshes take time. A SceneError, on every rank, where the package
+        refuses something.
+        """
+        maker = Maker()
+        maker(self.cases)
+        return maker(self.problem), maker
+
+    def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
+        """What `optimize` makes of the scene; collective."""
+        given = {"output": str(output), "resume": resume}
+        return maker(replace(self.run, arguments=self.run.arguments | given))
+
+    def program(self, output: Path | None = None) -> str:
+        """The scene as a program of the public API, which writes into a folder."""
+        writer = Writer()
+        run = writer(self.run, 4, 9)
+        texts = {"output": writer(str(output or self.output)), "heading": writer(self.title)}
+        lines = "\n".join(writer.lines)
+        return _PROGRAM.format(title=self.title, file=self.file, lines=lines, run=run, **texts)
+
+
+def read_scene(file: Path) -> Scene:
+    """The scene of a file; a SceneError says what is wrong in it, and where."""
+    try:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(f"{file}: {error}") from error
+    return _Tables(file, data).scene()
+
+
+class _Tables:
+    """The tables of a file."""
+
+    def __init__(self, file: Path, data: Table) -> None:
+        self.file, self.data = file, data
+        self.variable = variables({"comm", "ffr", "plotting", "output", "warnings", "result"})
+        bodies = data.get("bodies")
+        self.reader = self._reader(data, bodies if isinstance(bodies, dict) else {})
+        self.reader.check_keys("the file", data, [*_OWN, *_NAMES, *_case_keys()], "a scene")
+        self.bodies = self._bodies(bodies)
+
+    def _reader(self, data: Table, bodies: Mapping[str, Any]) -> Reader:
+        named = {n: self._table(data, n) for n in (*_NAMES, "materials")}
+        return Reader(self.file, named, bodies, self.variable)
+
+    def _table(self, data: Table, name: str) -> Table:
+        found = data.get(name, {})
+        if not isinstance(found, dict):
+            raise SceneError(f"{self.file}: {name}: must be tables by name, as [{name}.example]")
+        return found
+
+    def _text(self, name: str, default: str) -> str:
+        found: str = self.reader.value(str, self.data.get(name, default), name)
+        return found
+
+    def _bodies(self, tables: Any) -> dict[str, Call]:
+        if not isinstance(tables, dict) or not tables:
+            self.reader.refuse("bodies", "the scene has none; give a table [bodies.NAME] for each")
+        kinds, found = kinds_of(alternatives(typing.get_args(_hint(Problem, "bodies"))[1])), {}
+        for name, table in tables.items():
+            body = self.reader.call(kinds, table, f"bodies.{name}")
+            if body.target is FlexibleBody:
+                domain = self.variable(f"{name} domain")
+                body.arguments["domain"] = replace(body.arguments["domain"], variable=domain)
+            found[name] = replace(body, variable=self.variable(name))
+        return found
+
+    def scene(self) -> Scene:
+        """The whole scene."""
+        title, data = self._text("title", self.file.stem.replace("_", " ")), self.data
+        output = self.file.parent / self._text("output", f"results/{self.file.stem}")
+        overrides = self._table(data, "load_cases")
+        given = {"bodies": self.bodies}
+        if overrides:
+            cases = {name: self._case(name, table) for name, table in overrides.items()}
+            problems = {
+                name: Call(MechanicalProblem, case, f"{self.file}: load case {name!r}")
+                for name, case in cases.items()
+            }
+            combine = data.get("combine", {"kind": "WeightedSum"})
+            given |= {"load_cases": problems, "combine": self._value(Problem.of_load_cases, "combine", combine)}
+        elif "combine" in data:
+            self.reader.refuse("combine", "there are no load cases; give [load_cases.NAME]")
+        else:
+            cases = {"": self._case("", {})}
+            given |= cases[""]
+        target: Any = Problem.of_load_cases if overrides else Problem
+        problem = Call(target, given, f"{self.file}", self.variable("problem"))
+        return Scene(self.file, title, output, problem, self._run(problem), cases)
+
+    def _case(self, name: str, table: object) -> dict[str, Call]:
+        """Mechanism, integrator, objective and constraints, with what a load case overrides."""
+        where, known = f"load_cases.{name}", (*_NAMES, *_case_keys())
+        own = self.reader.check_keys(where, table, known, "a load case")
+        data = {key: self.data[key] for key in known if key in self.data}
+        for key, value in own.items():
+            both = key in (*_NAMES, "placements", "damping") and key in data
+            data[key] = {**data[key], **self._table(own, key)} if both else value
+        reader = self._reader(self.data | data, self.bodies) if own else self.reader
+        parts = {n: data[n] for n in arguments_of(Mechanism) if n in data}
+        mechanism = reader.call({"Mechanism": Mechanism}, parts, where if name else "mechanism")
+        found = {"mechanism": replace(mechanism, variable=self.variable(f"{name} mechanism"))}
+        for key, parameter in arguments_of(MechanicalProblem).items():
+            if key in data:
+                found[key] = reader.value(parameter.hint, data[key], key)
+            elif parameter.required and key != "mechanism":
+                kinds = ", ".join(kinds_of([parameter.hint]))
+                reader.refuse(key, f"the scene needs [{key}] with kind = one of {kinds}")
+        return found
+
+    def _value(self, target: Any, key: str, raw: Any) -> Any:
+        return self.reader.value(arguments_of(target)[key].hint, raw, key)
+
+    def _run(self, problem: Call) -> Call:
+        """The call of `optimize`."""
+        flexible = {n: body for n, body in self.bodies.items() if body.target is FlexibleBody}
+        tables = self._table(self.data, "designs")
+        if unknown := [name for name in tables if name not in flexible]:
+            self.reader.refuse(
+                "designs", f"there is no flexible body {unknown[0]!r}; {near(unknown[0], flexible)}"
+            )
+        kinds = {
+            name: kind
+            for name, kind in kinds_of(alternatives(_hint(optimize, "design"))[:1]).items()
+            if "domain" in arguments_of(kind)
+        }
+        designs = {
+            name: self.reader.call(
+                kinds,
+                {"kind": "LevelSet"} | self._table(tables, name),
+                f"designs.{name}",
+                domain=body.arguments["domain"],
+            )
+            for name, body in flexible.items()
+        }
+        settings = self._table(self.data, "optimize")
+        known = [name for name in arguments_of(optimize) if name not in _GIVEN]
+        self.reader.check_keys("optimize", settings, known, "optimize")
+        given = {key: self._value(optimize, key, value) for key, value in settings.items()}
+        output = Name("output", None)
+        arguments = {"problem": problem, "design": designs, **given, "output": output}
+        return Call(optimize, arguments, f"{self.file}: optimize")
+
+
+@cache
+def _case_keys() -> tuple[str, ...]:
+    """Keys of mechanisms and of load cases."""
+    keys = (*arguments_of(Mechanism), *arguments_of(MechanicalProblem))
+    return tuple(key for key in keys if key != "mechanism")
+
+
+def _hint(target: Any, name: str) -> Any:
+    return arguments_of(target)[name].hint
