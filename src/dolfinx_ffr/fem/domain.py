@@ -16,13 +16,14 @@ import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from .. import validation
 from ..parallel import gathered, on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
 from .interface import Array, Interface, find_interfaces
-from .mesh_checks import check_cells, check_hanging_nodes, check_held
+from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
 from .mesh_copy import MeshCopy
 from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
@@ -54,6 +55,8 @@ class Domain:
         centers: Reference points of interfaces [m]; by default the centre of the circle on which
             an interface's nodes lie (a bore, or an arc of at least a sixth of one), in space the
             middle of the axis of such a cylinder, or else the centroid of its facets.
+        solid_rim: Width of a rim along each interface in which cells stay solid [m], for example
+            around a bore; at least that of an element, or 0 for none.
 
     Raises:
         ValueError: On every rank, if an interface is missing, empty, a single point, shares nodes
@@ -71,6 +74,7 @@ class Domain:
         void: Predicate | ArrayLike | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
+        solid_rim: float = 0.0,
     ) -> None:
         validation.instance("domain: the mesh", domain, mesh.Mesh, "a DOLFINx mesh")
         if domain.topology.dim not in (2, 3) or domain.geometry.dim != domain.topology.dim:
@@ -119,6 +123,8 @@ class Domain:
             located_cells(self.mesh, f"domain: {name}", where)
             for name, where in (("solid", solid), ("void", void))
         )
+        if solid_rim:
+            self.solid_cells |= self._rim(solid_rim)
         #: The body as it was designed, where this is a mesh of the part that came of it
         self.whole: Domain | None = None
         #: Cells owned by this rank that are designed, shape (cells,)
@@ -206,6 +212,7 @@ class Domain:
         void: Sequence[str] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
+        solid_rim: float = 0.0,
     ) -> Domain:
         """Read a body from a gmsh file (``.msh``) by the names of its physical groups.
 
@@ -219,6 +226,7 @@ class Domain:
             void: Names of groups that stay void, or a predicate; by default "void", if there.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
+            solid_rim: Width of a rim along each interface that stays solid [m], 0 for none.
 
         Raises:
             FileNotFoundError: If there is no such file.
@@ -229,7 +237,8 @@ class Domain:
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
         read = read_gmsh(comm, validation.path("from_gmsh: path", path))
         regions = {"solid": solid, "void": void}
-        return cls._from_tags(read, interfaces, regions, order=order, centers=centers)
+        of = {"order": order, "centers": centers, "solid_rim": solid_rim}
+        return cls._from_tags(read, interfaces, regions, **of)
 
     @classmethod
     def from_gmsh_model(
@@ -242,15 +251,17 @@ class Domain:
         void: Sequence[str] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
+        solid_rim: float = 0.0,
     ) -> Domain:
         """Take a body from gmsh's current model, as `from_gmsh` does from a file.
 
         The ``model`` is ``gmsh.model`` with a mesh on rank 0 of ``comm``, and not used on the
-        others; ``interfaces``, ``solid``, ``void``, ``order``, ``centers`` and errors are those of
-        `from_gmsh`.
+        others; ``interfaces``, ``solid``, ``void``, ``order``, ``centers``, ``solid_rim`` and
+        errors are those of `from_gmsh`.
         """
         read, regions = read_gmsh_model(comm, model), {"solid": solid, "void": void}
-        return cls._from_tags(read, interfaces, regions, order=order, centers=centers)
+        of = {"order": order, "centers": centers, "solid_rim": solid_rim}
+        return cls._from_tags(read, interfaces, regions, **of)
 
     @classmethod
     def from_outline(
@@ -265,6 +276,7 @@ class Domain:
         void: Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
+        solid_rim: float = 0.0,
     ) -> Domain:
         """Mesh a closed outline, with holes or without, by triangles.
 
@@ -282,6 +294,7 @@ class Domain:
             void: Cells that stay void, a predicate.
             order: Polynomial order of the displacements; cells at curves are curved from 2 on.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
+            solid_rim: Width of a rim along each interface that stays solid [m], 0 for none.
 
         Raises:
             FileNotFoundError: On every rank, if there is no such file.
@@ -297,7 +310,8 @@ class Domain:
         degree = validation.integer("from_outline: order", order, least=1)
         read = mesh_outline(comm, outline, list(layers.values()), size, unit, min(degree, 2))
         facets = {name: read.tagged(1, layer) for name, layer in layers.items()}
-        return cls(read.mesh, {**held, **facets}, solid, void=void, order=order, centers=centers)
+        of = {"void": void, "order": order, "centers": centers, "solid_rim": solid_rim}
+        return cls(read.mesh, {**held, **facets}, solid, **of)  # type: ignore[arg-type]
 
     @classmethod
     def _from_tags(
@@ -512,6 +526,21 @@ class Domain:
     def designed_interfaces(self) -> list[str]:
         """Interfaces along which no cell stays solid: a design may empty them; collective."""
         return self._not_along(self._with_ghosts(self.solid_cells))
+
+    def _rim(self, width: float) -> NDArray[np.bool_]:
+        """Cells of this rank within a width of the interfaces' nodes, shape (cells,)."""
+        width = validation.number("domain: solid_rim", width, above=0.0, unit="m")
+        held = [facet_points(self.mesh, part.facets) for part in self.interfaces.values()]
+        nodes, d = cKDTree(np.vstack(held)), self.dimension
+        found = located_cells(
+            self.mesh, "domain: solid_rim", lambda x: nodes.query(x[:d].T)[0] <= (1 + 1e-9) * width
+        )
+        if not self.comm.allreduce(bool(found.any()), MPI.LOR):
+            raise ValueError(
+                f"domain: solid_rim = {width:g} m holds no cell; take at least the size of an "
+                f"element, {self.cell_size:.2g} m"
+            )
+        return found
 
     def _with_ghosts(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """A mask over this rank's cells, extended to ghosts."""

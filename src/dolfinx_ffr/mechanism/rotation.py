@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: A rotation: a vector along its axis whose length is the angle [rad], shape (3,); a matrix, shape
 #: (3, 3), whose columns are the turned axes; or a rotation of SciPy.
 # a union at run time, too, where type hints are read; SciPy's class is loaded later
-RotationLike: TypeAlias = Union[ArrayLike, "Rotation"]  # noqa: UP007
+RotationLike: TypeAlias = Union[ArrayLike, "Rotation"]
 
 
 class PlacementWarning(UserWarning):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,6 +23,7 @@ from ..io import write_density, write_summary
 from ..objective import JointForce
 from ..optimization import Result
 from ..parallel import on_rank_0
+from ..part import Part
 from ..postprocessing import model_report
 from ..problem import Evaluation, Problem
 from ..report import recorded_warnings, run_record, write_report
@@ -55,7 +57,7 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
         record = run_record(
             result,
             title=scene.title,
-            parts={n: result.part(n) for n in result.densities} if found and _flat(problem) else {},
+            parts=_flat_parts(result) if found else {},
             verification=found,
             warnings=said,
             references=_full(result),
@@ -85,7 +87,9 @@ def check(file: Path, *, output: Path | None) -> int:
             _say(text)
         _say(model_report(problem, full))
         for name in problem.load_cases:
-            _say(*_forces(problem.alone(name), full.alone(name), name), sep="\n")
+            of = f" in load case {name}" if len(problem.load_cases) > 1 else ""
+            _say(f"largest forces of the joints{of}:")
+            _say(*_forces(problem.alone(name), full.alone(name)), sep="\n")
         on_rank_0(COMM, lambda: folder.mkdir(parents=True, exist_ok=True))
         picture = plotting.plot_scene(*_first(problem, full), folder / "check.png")
         _say(_estimate(scene, problem))
@@ -127,16 +131,17 @@ def _say(*words: object, sep: str = " ") -> None:
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Context in which warnings are lines without a place in the code, of rank 0 alone."""
-    usual = warnings.formatwarning
+    usual = warnings.showwarning
 
-    def plain(message: Warning | str, *_: Any, **__: Any) -> str:
-        return f"warning: {message}\n" if COMM.rank == 0 else ""
+    def plain(message: Warning | str, *_: Any, **__: Any) -> None:
+        if COMM.rank == 0:
+            print(f"warning: {message}", file=sys.stderr, flush=True)
 
-    warnings.formatwarning = plain
+    warnings.showwarning = plain
     try:
         yield
     finally:
-        warnings.formatwarning = usual
+        warnings.showwarning = usual
 
 
 def _filled(problem: Problem, share: float) -> Any:
@@ -151,16 +156,16 @@ def _sizes(problem: Problem) -> str:
     """Elements and degrees of freedom of the flexible bodies."""
     told = []
     for name, body in problem.flexible.items():
-        space = body.domain.space.dofmap
+        space, cells = body.domain.space.dofmap, body.domain.n_cells_global
         unknowns = space.index_map.size_global * space.index_map_bs
-        told.append(
-            f"{name} has {body.domain.n_cells_global:,} elements and {unknowns:,} degrees of freedom"
-        )
+        told.append(f"{name} has {cells:,} elements and {unknowns:,} degrees of freedom")
     return ", ".join(told)
 
 
-def _flat(problem: Problem) -> bool:
-    return all(body.domain.dimension == 2 for body in problem.flexible.values())
+def _flat_parts(result: Result) -> dict[str, Part]:
+    """The parts in the plane."""
+    every = {name: result.part(name) for name in result.densities}
+    return {name: part for name, part in every.items() if isinstance(part, Part)}
 
 
 def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluation]:
@@ -185,7 +190,7 @@ def _draw(result: Result, folder: Path) -> None:
 
 
 def _full(result: Result) -> dict[str, float]:
-    """psi of the full bodies with the modes of the design, where they move."""
+    """Psi of the full bodies with the modes of the design, where they move."""
     modes = {n: body.modes for n, body in (result.moved or result).problem.flexible.items()}
     with suppress(SimulationError):
         problem = result.problem.with_modes(modes)
@@ -193,15 +198,12 @@ def _full(result: Result) -> dict[str, float]:
     return {}
 
 
-def _forces(problem: Problem, evaluation: Evaluation, case: str) -> list[str]:
+def _forces(problem: Problem, evaluation: Evaluation) -> Iterator[str]:
     """The largest force of each joint, of drives of angles the largest moment."""
-    several = f" in load case {case}" if evaluation.label else ""
-    lines, response = [f"largest forces of the joints{several}:"], problem.response(evaluation)
-    model = evaluation.trajectory.model
+    model, response = evaluation.trajectory.model, problem.response(evaluation)
     for name in problem.mechanism.joint_names:
         unit = "N m" if model.angular[model.joints[name]].all() else "N"
-        lines.append(f"  {name}: {JointForce(name).largest(response):.4g} {unit}")
-    return lines
+        yield f"  {name}: {JointForce(name).largest(response):.4g} {unit}"
 
 
 def _estimate(scene: Scene, problem: Problem) -> str:

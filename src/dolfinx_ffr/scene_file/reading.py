@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 import collections.abc
+import functools
 import inspect
+import operator
 import os
+import re
+import tomllib
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, Union
@@ -21,12 +26,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..documentation import field_comments
 from ..fem import ElasticMaterial
 from ..mechanism import Ground, Motion, Moving
 from ..objective import Constraint
-from .calls import PACKAGE, Call, Name, SceneError, is_public, public_name, total, variables
-from .materials import SOLIDS
-from .quantities import in_si, looks_like_a_number, stated_units
+from .calls import PACKAGE, Call, Name, SceneError, is_public, public_name, total
 
 Table = dict[str, Any]
 #: Objects with names that other tables use, by the table in which they stand
@@ -35,10 +39,20 @@ NAMED: dict[str, tuple[type, ...]] = {
     "markers": (Ground, Moving),
     "materials": (ElasticMaterial,),
 }
+#: Numbers of materials by name, each with its ``source``
+SOLIDS: dict[str, Table] = tomllib.loads(
+    (files(__package__) / "materials.toml").read_text(encoding="utf-8")
+)
 COMM = Name("comm", MPI.COMM_WORLD)
 _ARRAYS = set(typing.get_args(ArrayLike))
 #: Stands for arrays among what a hint allows
 _ARRAY = "array"
+#: A number and what follows it
+_QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
+#: A unit in brackets, or several, "[m or rad]"; intervals and shapes are none
+_STATED = re.compile(r"\[((?:1/)?[A-Za-z-][^\],]*)\]")
+#: An entry of a section "Args" or "Attributes"
+_ENTRY = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}.*)*)", re.M)
 _LISTS = (collections.abc.Sequence, collections.abc.Iterable, list)
 _BODY_POINT = tuple[str, str]
 
@@ -161,7 +175,7 @@ class Reader:
                 return float(raw) if float in options and int not in options else raw
             if Motion in options:
                 return Call(Motion.constant, {"value": float(raw)}, f"{self.file}: {where}")
-        self.refuse(where, f"must be {self.described(options)}, but it is {raw!r}")
+        self.refuse(where, f"{raw!r} is {self.none_of(options)}")
 
     def _of_table(self, options: list[Any], raw: Table, where: str, units: tuple[str, ...]) -> Any:
         mapping = [o for o in options if typing.get_origin(o) is collections.abc.Mapping]
@@ -169,16 +183,19 @@ class Reader:
         if kinds and not (mapping and "kind" not in raw):
             return self.call(kinds, raw, where)
         if not mapping:
-            self.refuse(where, f"must be {self.described(options)}, but it is a table")
+            self.refuse(where, f"a table is {self.none_of(options)}")
         inner = typing.get_args(mapping[0])[1]
         return {name: self.value(inner, v, f"{where}.{name}", units) for name, v in raw.items()}
 
-    def _of_list(self, options: list[Any], raw: list[Any], where: str, units: tuple[str, ...]) -> Any:
+    def _of_list(
+        self, options: list[Any], raw: list[Any], where: str, units: tuple[str, ...]
+    ) -> Any:
         tuples = [typing.get_args(o) for o in options if typing.get_origin(o) is tuple]
         fitting = [t for t in tuples if t[1:] == (...,) or len(t) == len(raw)]
         if fitting:
             # of pairs of texts and of numbers that which begins alike
-            texts = bool(raw) and isinstance(raw[0], str) and not looks_like_a_number(raw[0])
+            first = raw[0] if raw else 0.0
+            texts = isinstance(first, str) and not _QUANTITY.fullmatch(first.strip())
             chosen = next((t for t in fitting if (t[0] is str) == texts), fitting[0])
             hints = chosen[:1] * len(raw) if chosen[1:] == (...,) else chosen
             found = tuple(self._entries(hints, raw, where, units))
@@ -190,14 +207,17 @@ class Reader:
             hints = typing.get_args(lists[0]) * len(raw)
             return list(self._entries(hints, raw, where, units))
         if Motion in options:
-            parts = [self.value(Motion | float, v, f"{where}, entry {k}", units) for k, v in enumerate(raw, 1)]
+            parts = [
+                self.value(Motion | float, v, f"{where}, entry {k}", units)
+                for k, v in enumerate(raw, 1)
+            ]
             return Call(total, {"motions": parts}, f"{self.file}: {where}")
         if _ARRAY in options:
             return list(self._entries([ArrayLike] * len(raw), raw, where, units))
         if tuples:
             counts = " or ".join(sorted({str(len(t)) for t in tuples}))
             self.refuse(where, f"must have {counts} entries, but there are {len(raw)}")
-        self.refuse(where, f"must be {self.described(options)}, but it is a list")
+        self.refuse(where, f"a list is {self.none_of(options)}")
 
     def _entries(
         self, hints: Iterable[Any], raw: list[Any], where: str, units: tuple[str, ...]
@@ -208,17 +228,15 @@ class Reader:
             yield self.value(hint, entry, said, units)
 
     def _of_text(self, options: list[Any], raw: str, where: str, units: tuple[str, ...]) -> Any:
-        for table, kinds in NAMED.items():
-            if set(kinds) & set(options) and raw in self.named[table]:
+        tables = [name for name, own in NAMED.items() if set(own) & set(options)]
+        for table in tables:
+            if raw in self.named[table]:
                 return self.shared(table, raw)
-        if looks_like_a_number(raw) and str not in options:
-            if numeric(options):
-                try:
-                    return in_si(raw, units)
-                except ValueError as error:
-                    self.refuse(where, str(error))
-            if int in options:
-                self.refuse(where, f"must be a whole number, but it is {raw!r}")
+        if _QUANTITY.fullmatch(raw.strip()) and numeric(options):
+            try:
+                return in_si(raw, units)
+            except ValueError as error:
+                self.refuse(where, str(error))
         if any(isinstance(o, type) and issubclass(o, os.PathLike) for o in options):
             path = self.file.parent / raw
             if not path.is_file():
@@ -234,13 +252,9 @@ class Reader:
         words = [w for o in options if typing.get_origin(o) is Literal for w in typing.get_args(o)]
         if raw in words or str in options:
             return raw
-        known = [*words, *kinds]
-        for table, types in NAMED.items():
-            known += self.named[table] if set(types) & set(options) else []
-        if _BODY_POINT in options:
-            known += [f"{body}.…" for body in self.bodies]
-        needed = self.described(options)
-        self.refuse(where, f"must be {needed}, but it is {raw!r}" + (f"; {near(raw, known)}" if known else ""))
+        points = [f"{body}.MARKER" for body in self.bodies] if _BODY_POINT in options else []
+        known = [*words, *kinds, *points, *(n for table in tables for n in self.named[table])]
+        self.refuse(where, f"{raw!r} is {self.none_of(options)}; {near(raw, known)}")
 
     def _check_body(self, body: str, where: str) -> None:
         if body not in self.bodies:
@@ -251,32 +265,29 @@ class Reader:
         key, where = (table, name), f"{table}.{name}"
         if key not in self._made:
             self._made[key] = None
-            found = self.value(Union[NAMED[table]], self.named[table][name], where)
-            call = Call(found.target, found.arguments, found.where, self.variable(name))
-            self._made[key] = call
+            hint = functools.reduce(operator.or_, NAMED[table])
+            found = self.value(hint, self.named[table][name], where)
+            self._made[key] = replace(found, variable=self.variable(name))
         known = self._made[key]
         if known is None:
             self.refuse(where, "it needs itself")
         return known
 
-    def described(self, options: list[Any]) -> str:
-        """What a value may be, in words."""
-        words = []
-        if Motion in options:
-            words.append("the name of a motion")
-        if set(NAMED["markers"]) & set(options):
-            words.append('a marker, as "body.marker" or a name of [markers]')
-        if numeric(options):
-            words.append("a number")
-        elif int in options:
-            words.append("a whole number")
-        words += ["true or false"] if bool in options and not numeric(options) else []
-        words += ["a text"] if str in options else []
+    def none_of(self, options: list[Any]) -> str:
+        """What a value is not, in words."""
         origins = {typing.get_origin(o) for o in options}
-        words += ["a list"] if origins & {tuple, *_LISTS} else []
-        words += ["a table"] if collections.abc.Mapping in origins or kinds_of(options) else []
-        words += ["one of " + ", ".join(kinds_of(options))] if len(words) == 1 and kinds_of(options) else []
-        return " or ".join(words) or "left to a program (a scene file has no functions)"
+        words = {
+            "name of a motion": Motion in options,
+            'marker, as "body.marker", nor name of one': Ground in options,
+            "number": numeric(options),
+            "whole number": int in options and float not in options,
+            "text": str in options,
+            "true or false": bool in options,
+            "list": bool(origins & {tuple, *_LISTS}),
+            "table": collections.abc.Mapping in origins or bool(kinds_of(options)),
+        }
+        said = " nor ".join(word for word, there in words.items() if there)
+        return f"no {said}" if said else "of no use here, which takes what only a program has"
 
 
 # ---------------------------------------------------------------------- type hints
@@ -294,7 +305,7 @@ def arguments_of(target: Callable[..., Any]) -> dict[str, Parameter]:
     """The parameters of a class or function by name, but those that no file can give."""
     plain = inspect.isclass(target) and not is_dataclass(target)
     hints = typing.get_type_hints(
-        target.__init__ if plain else target,  # type: ignore[misc]
+        target.__init__ if plain else target,
         localns={"Rotation": NoneType},  # of SciPy, which is not loaded for a hint
     )
     by_name = {
@@ -317,7 +328,9 @@ def alternatives(hint: Any) -> list[Any]:
             found += alternatives(part)
         elif typing.get_origin(part) is np.ndarray:
             found.append(_ARRAY)
-        elif part not in (NoneType, Any) and typing.get_origin(part) is not collections.abc.Callable:
+        elif (
+            part not in (NoneType, Any) and typing.get_origin(part) is not collections.abc.Callable
+        ):
             found.append(part)
     return list(dict.fromkeys(found))
 
@@ -327,30 +340,31 @@ def numeric(options: list[Any]) -> bool:
     return float in options or _ARRAY in options
 
 
-@cache
-def _below(kind: type) -> tuple[type, ...]:
+def _below(kind: type) -> list[type]:
     """A class and all that derive from it."""
-    return (kind, *(each for child in kind.__subclasses__() for each in _below(child)))
+    below: list[type] = kind.__subclasses__()
+    return [kind, *(each for child in below for each in _below(child))]
 
 
 def kinds_of(options: Iterable[Any]) -> dict[str, Callable[..., Any]]:
     """The classes, and their other constructors, by which a table can make one of some kinds."""
     found: dict[str, Callable[..., Any]] = {}
     for option in options:
-        if not (isinstance(option, type) and option.__module__.startswith(PACKAGE.__name__)):
+        if not isinstance(option, type) or not option.__module__.startswith(PACKAGE.__name__):
             continue
-        for kind in _implementing(option) if getattr(option, "_is_protocol", False) else _below(option):
-            if not is_public(kind) or inspect.isabstract(kind):
-                continue
-            makers = {kind.__name__: kind} | {
-                name: getattr(kind, name)
-                for name, member in vars(kind).items()
-                if isinstance(member, classmethod | staticmethod)
-                and not name.startswith("_")
-                and _returned(getattr(kind, name)) in (kind, typing.Self)
-            }
-            found |= {name: maker for name, maker in makers.items() if _can_be_written(maker)}
+        protocol = getattr(option, "_is_protocol", False)
+        for kind in _implementing(option) if protocol else _below(option):
+            if is_public(kind) and not inspect.isabstract(kind):
+                makers: dict[str, Callable[..., Any]] = {kind.__name__: kind} | _constructors(kind)
+                found |= {name: maker for name, maker in makers.items() if _can_be_written(maker)}
     return found
+
+
+def _constructors(kind: type) -> dict[str, Callable[..., Any]]:
+    """Other functions of a class that make one."""
+    own = [n for n, f in vars(kind).items() if isinstance(f, classmethod | staticmethod)]
+    public = {name: getattr(kind, name) for name in own if not name.startswith("_")}
+    return {name: f for name, f in public.items() if _returned(f) in (kind, typing.Self)}
 
 
 def _returned(function: Callable[..., Any]) -> Any:
@@ -375,12 +389,12 @@ def _writable(option: Any) -> bool:
     return own or option in (float, int, str, bool, _ARRAY) or bool(typing.get_origin(option))
 
 
-@cache
-def _implementing(protocol: type) -> tuple[type, ...]:
+def _implementing(protocol: type) -> list[type]:
     """The classes that derive from a protocol, or else have its methods and their signatures."""
     if derived := _below(protocol)[1:]:
         return derived
-    methods = {n: f for n, f in vars(protocol).items() if inspect.isfunction(f) and _counts(n)}
+    every_function = {n: f for n, f in vars(protocol).items() if inspect.isfunction(f)}
+    methods = {n: f for n, f in every_function.items() if n == "__call__" or n[0] != "_"}
 
     def fits(kind: type) -> bool:
         own = {n: getattr(kind, n) for n in methods if any(n in vars(c) for c in kind.__mro__)}
@@ -388,12 +402,8 @@ def _implementing(protocol: type) -> tuple[type, ...]:
             str(inspect.signature(own[n])) == str(inspect.signature(f)) for n, f in methods.items()
         )
 
-    every = (getattr(PACKAGE, name) for name in PACKAGE.__all__)
-    return tuple(kind for kind in every if is_dataclass(kind) and fits(kind))
-
-
-def _counts(name: str) -> bool:
-    return name == "__call__" or not name.startswith("_")
+    every: list[Any] = [getattr(PACKAGE, name) for name in PACKAGE.__all__]
+    return [kind for kind in every if inspect.isclass(kind) and is_dataclass(kind) and fits(kind)]
 
 
 def near(word: str, known: Iterable[str]) -> str:
@@ -403,3 +413,61 @@ def near(word: str, known: Iterable[str]) -> str:
     if found:
         return f"did you mean {' or '.join(map(repr, found))}?"
     return f"there are {', '.join(words)}" if words else "there are none"
+
+
+# ---------------------------------------------------------------------- numbers with units
+
+
+def stated_units(target: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
+    """The units that the documentation of a class or function states, by name of its argument."""
+    said = dict(_ENTRY.findall(inspect.getdoc(target) or ""))
+    if inspect.isclass(target):
+        said |= field_comments(target)
+    found = {name: _STATED.findall(text) for name, text in said.items()}
+    return {
+        name: tuple(unit for group in groups for unit in group.split(" or "))
+        for name, groups in found.items()
+        if groups
+    }
+
+
+def in_si(text: str, units: tuple[str, ...]) -> float:
+    """A number with a unit in SI units, which must be one of some ``units``; any if there are none.
+
+    Radians count: a moment is no stiffness by angle, and turns a second are no hertz.
+    """
+    match = _QUANTITY.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f'{text!r} is no number; write 0.04, or with its unit "40 mm"')
+    number, unit = float(match[1]), match[2]
+    if unit is None:
+        return number
+    try:
+        factor, kind = _base(unit)
+    except Exception as error:  # what a reader of units meets within a text
+        raise ValueError(f"{unit!r} is no unit that is known (in {text!r})") from error
+    if units and kind not in {_base(known)[1] for known in units}:
+        needed = " or ".join(known if known != "-" else "a number without unit" for known in units)
+        raise ValueError(f"{text!r} has a wrong unit: it takes {needed}")
+    return number * factor
+
+
+@cache
+def _base(unit: str) -> tuple[float, str]:
+    """What one of a unit is in base units of SI, and these."""
+    if unit == "-":
+        return 1.0, "dimensionless"
+    factor, base = _registry().get_base_units(_registry().parse_units(unit.replace("°", "deg")))
+    if unit.count("deg") and "kelvin" in str(base):
+        raise ValueError("temperatures have no part here")
+    return float(factor), str(base)
+
+
+@cache
+def _registry() -> Any:
+    """The units that are known."""
+    import pint  # takes a second
+
+    registry: Any = pint.UnitRegistry()
+    registry.define("rev = turn")
+    return registry

@@ -144,7 +144,7 @@ class _Tables:
         title, data = self._text("title", self.file.stem.replace("_", " ")), self.data
         output = self.file.parent / self._text("output", f"results/{self.file.stem}")
         overrides = self._table(data, "load_cases")
-        given = {"bodies": self.bodies}
+        given: Table = {"bodies": self.bodies}
         if overrides:
             cases = {name: self._case(name, table) for name, table in overrides.items()}
             problems = {
@@ -152,7 +152,10 @@ class _Tables:
                 for name, case in cases.items()
             }
             combine = data.get("combine", {"kind": "WeightedSum"})
-            given |= {"load_cases": problems, "combine": self._value(Problem.of_load_cases, "combine", combine)}
+            given |= {
+                "load_cases": problems,
+                "combine": self._value(Problem.of_load_cases, "combine", combine),
+            }
         elif "combine" in data:
             self.reader.refuse("combine", "there are no load cases; give [load_cases.NAME]")
         else:
