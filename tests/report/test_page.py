@@ -249,8 +249,8 @@ def test_command_makes_the_report_again(
 
 def test_commands_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, said in (
-        ([], "compile .* report .* error: say which command"),
-        (["design"], r"'?compile'?, '?report'?"),
+        ([], "new .* check .* design .* report .* compile .* error: say which command"),
+        (["optimise"], r"'?new'?, '?check'?, '?design'?, '?report'?, '?compile'?"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(arguments)

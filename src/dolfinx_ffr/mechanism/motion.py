@@ -84,7 +84,8 @@ class Motion:
         """The polynomial sum_k c_k t^k.
 
         Args:
-            coefficients: c_0, c_1, ..., finite numbers; (c_0, omega) is a uniform motion.
+            coefficients: Finite numbers c_0 [m or rad], c_1 [m/s or rad/s], c_2 [m/s^2 or rad/s^2],
+                ...; (c_0, omega) is a uniform motion.
             name: Name for messages and plots.
         """
         given = validation.real_array("polynomial: coefficients", coefficients, (None,))

@@ -47,7 +47,7 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
         problem, maker = scene.made()
         _say(f"{scene.title}: {_sizes(problem)}")
         result = scene.optimized(maker, output=folder, resume=resume)
-        if (told := result.moved or result).reason in ("interrupted", "terminated"):
+        if (result.moved or result).reason in ("interrupted", "terminated"):
             code = TERMINATED if result.terminated else INTERRUPTED
             _say(f"interrupted; to go on: dolfinx_ffr design {file} --resume")
             return code
@@ -60,11 +60,12 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
             parts=_flat_parts(result) if found else {},
             verification=found,
             warnings=said,
-            references=_full(result),
+            references=(full := _full(result)),
         )
     write_summary(COMM, folder / "summary.json", record)
     report = write_report(COMM, folder)
-    _say(f"{result.reason} after {result.iterations} iterations, psi = {told.evaluation.psi:.6g}")
+    share = f", {result.psi / full['full']:.1%} of the full bodies'" if full.get("full") else ""
+    _say(f"psi = {result.psi:.6g} {_unit(result)} after {result.iterations} iterations{share}")
     if found is None:
         raise SceneError(f"{file}: the design encloses no part; {report} tells what was found")
     _say(f"{found}\nthe part and the report are in {folder} ({report.name})")
@@ -181,12 +182,16 @@ def _draw(result: Result, folder: Path) -> None:
         domain, file = result.problem.flexible[name].domain, "design" if alone else name
         write_density(domain, x, folder / f"{file}.xdmf")
         plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
-    unit = next(iter(result.problem.load_cases.values())).objective.unit
-    plotting.plot_history(result.history, folder / "history.png", psi_unit=unit)
+    plotting.plot_history(result.history, folder / "history.png", psi_unit=_unit(result))
     told = result.moved or result
     shown = _first(told.problem, told.evaluation)
     plotting.plot_scene(*shown, folder / "scene.png")
     plotting.animate_motion(*shown, folder / "motion.gif")
+
+
+def _unit(result: Result) -> str:
+    """That of psi."""
+    return next(iter(result.problem.load_cases.values())).objective.unit
 
 
 def _full(result: Result) -> dict[str, float]:

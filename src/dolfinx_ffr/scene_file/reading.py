@@ -12,6 +12,7 @@ import re
 import tomllib
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -237,7 +238,7 @@ class Reader:
                 return in_si(raw, units)
             except ValueError as error:
                 self.refuse(where, str(error))
-        if any(isinstance(o, type) and issubclass(o, os.PathLike) for o in options):
+        if any(typing.get_origin(o) is os.PathLike or o is Path for o in options):
             path = self.file.parent / raw
             if not path.is_file():
                 self.refuse(where, f"there is no file {str(path)!r}")
@@ -419,16 +420,15 @@ def near(word: str, known: Iterable[str]) -> str:
 
 
 def stated_units(target: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
-    """The units that the documentation of a class or function states, by name of its argument."""
+    """The units that the documentation of a class or function states, by name of its argument.
+
+    An argument that is explained without any is a number without unit.
+    """
     said = dict(_ENTRY.findall(inspect.getdoc(target) or ""))
     if inspect.isclass(target):
         said |= field_comments(target)
-    found = {name: _STATED.findall(text) for name, text in said.items()}
-    return {
-        name: tuple(unit for group in groups for unit in group.split(" or "))
-        for name, groups in found.items()
-        if groups
-    }
+    found = {name: " or ".join(_STATED.findall(text)) or "-" for name, text in said.items()}
+    return {name: tuple(units.split(" or ")) for name, units in found.items()}
 
 
 def in_si(text: str, units: tuple[str, ...]) -> float:
@@ -446,10 +446,20 @@ def in_si(text: str, units: tuple[str, ...]) -> float:
         factor, kind = _base(unit)
     except Exception as error:  # what a reader of units meets within a text
         raise ValueError(f"{unit!r} is no unit that is known (in {text!r})") from error
-    if units and kind not in {_base(known)[1] for known in units}:
-        needed = " or ".join(known if known != "-" else "a number without unit" for known in units)
+    allowed = _kinds(units)
+    if allowed and kind not in allowed:
+        needed = " or ".join("no unit" if known == "-" else known for known in units)
         raise ValueError(f"{text!r} has a wrong unit: it takes {needed}")
     return number * factor
+
+
+def _kinds(units: tuple[str, ...]) -> set[str]:
+    """Base units of some units; other words in brackets do not count."""
+    found = set()
+    for unit in units:
+        with suppress(Exception):
+            found.add(_base(unit)[1])
+    return found
 
 
 @cache

@@ -152,10 +152,9 @@ class _Tables:
                 for name, case in cases.items()
             }
             combine = data.get("combine", {"kind": "WeightedSum"})
-            given |= {
-                "load_cases": problems,
-                "combine": self._value(Problem.of_load_cases, "combine", combine),
-            }
+            hint = arguments_of(Problem.of_load_cases)["combine"].hint
+            given["load_cases"] = problems
+            given["combine"] = self.reader.value(hint, combine, "combine")
         elif "combine" in data:
             self.reader.refuse("combine", "there are no load cases; give [load_cases.NAME]")
         else:
@@ -185,9 +184,6 @@ class _Tables:
                 reader.refuse(key, f"the scene needs [{key}] with kind = one of {kinds}")
         return found
 
-    def _value(self, target: Any, key: str, raw: Any) -> Any:
-        return self.reader.value(arguments_of(target)[key].hint, raw, key)
-
     def _run(self, problem: Call) -> Call:
         """The call of `optimize`."""
         flexible = {n: body for n, body in self.bodies.items() if body.target is FlexibleBody}
@@ -213,10 +209,8 @@ class _Tables:
         settings = self._table(self.data, "optimize")
         known = [name for name in arguments_of(optimize) if name not in _GIVEN]
         self.reader.check_keys("optimize", settings, known, "optimize")
-        given = {key: self._value(optimize, key, value) for key, value in settings.items()}
-        output = Name("output", None)
-        arguments = {"problem": problem, "design": designs, **given, "output": output}
-        return Call(optimize, arguments, f"{self.file}: optimize")
+        given = {"problem": problem, "design": designs, "output": Name("output", None)}
+        return self.reader.call({"optimize": optimize}, settings, "optimize", **given)
 
 
 @cache

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+# ruff: noqa: E501  a line for each mistake
+"""What a scene file may say, and what is wrong in one is told in one line."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.mechanism import Joint
+from dolfinx_ffr.scene_file import SceneError, read_scene
+from dolfinx_ffr.scene_file.calls import Call, Maker
+from dolfinx_ffr.scene_file.reading import SOLIDS, arguments_of, in_si, kinds_of, stated_units
+
+EXAMPLES = files("dolfinx_ffr.scene_file") / "examples"
+CRANK = (EXAMPLES / "slider_crank.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "number"),
+    [
+        ("40 mm", ("m",), 0.04),
+        ("90 deg", ("rad",), np.pi / 2),
+        ("-90°", ("m", "rad"), -np.pi / 2),
+        ("5 rev", ("m", "rad"), 10 * np.pi),
+        ("600 rpm", ("rad/s",), 20 * np.pi),
+        ("210 GPa", ("Pa",), 210e9),
+        ("2 N/m", ("N/m", "N m/rad"), 2.0),
+        ("7.85 g/cm^3", ("kg/m^3",), 7850.0),
+        ("0.3", ("-",), 0.3),
+    ],
+)
+def test_units(text: str, units: tuple[str, ...], number: float) -> None:
+    assert in_si(text, units) == pytest.approx(number, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "said"),
+    [
+        ("5 kg", ("m",), "'5 kg' has a wrong unit: it takes m$"),
+        ("600 rpm", ("Hz",), "it takes Hz"),  # turns are angles
+        ("3 N m", ("N m/rad",), "it takes N m/rad"),
+        ("0.3 m", ("-",), "it takes no unit"),
+        ("1 furrlong", (), "'furrlong' is no unit that is known"),
+        ("20 degC", (), "wrong|no unit"),
+        ("many mm", (), "is no number"),
+    ],
+)
+def test_wrong_units(text: str, units: tuple[str, ...], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        in_si(text, units)
+
+
+def test_units_are_those_of_the_documentation() -> None:
+    """Of comments of fields, and of sections of docstrings."""
+    assert stated_units(ffr.PlaneStress)["young"] == ("Pa",)
+    assert stated_units(ffr.SpringDamper)["stiffness"] == ("N/m", "N m/rad")
+    assert stated_units(ffr.Motion.smooth_step)["distance"] == ("m", "rad")
+    assert stated_units(ffr.Domain.box)["width"] == ("m",)
+    assert stated_units(ffr.LevelSet)["minimum_member"] == ("m",)
+
+
+def test_every_joint_force_and_objective_can_be_written() -> None:
+    """What is added to the package needs no line here."""
+    public = {name for name in ffr.__all__ if isinstance(getattr(ffr, name), type)}
+    for base in (Joint, ffr.mechanism.AppliedForce, ffr.Objective, ffr.mechanism.Start):
+        kinds = kinds_of([base])
+        missing = {n for n in public if issubclass(getattr(ffr, n), base)} - {*kinds, "Objective"}
+        assert kinds and not missing
+    motions = "constant polynomial smooth_step fourier spline from_table".split()
+    assert list(kinds_of([ffr.Motion])) == motions
+    for target, argument, kinds in (
+        (ffr.FlexibleBody, "domain", {"rectangle", "box", "from_gmsh", "from_outline"}),
+        (ffr.FlexibleBody, "material", {"PlaneStress", "PlaneStrain", "Isotropic"}),
+        (ffr.FlexibleBody, "interpolation", {"SIMP", "RAMP"}),
+        (ffr.FlexibleBody, "frame", {"ChordFrame", "TangentFrame"}),
+        (ffr.Problem, "integrator", {"TimeInterval", "GeneralizedAlpha", "RadauIIA"}),
+        (ffr.optimize, "optimizer", {"MMA", "LevelSetEvolution"}),
+        (ffr.optimize, "gradient", {"ExactAdjoint"}),
+    ):
+        hint = arguments_of(target)[argument].hint
+        options = getattr(hint, "__args__", None) or (hint,)
+        assert set(kinds_of(options)) == kinds, argument
+
+
+def test_materials_have_sources() -> None:
+    for name, numbers in SOLIDS.items():
+        assert len(numbers.pop("source")) > 10, name
+        assert ffr.Isotropic(**numbers).young > 1e9
+
+
+def written(folder: Path, *edits: tuple[str, str]) -> Path:
+    """The example of a slider-crank with some edits."""
+    text = CRANK
+    for old, new in edits:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    (folder / "rod.toml").write_text(text)
+    return folder / "rod.toml"
+
+
+#: An edit, and the message behind the name of the file
+WRONG = [
+    ('"0.4 m"', '"0.4 kg"', r"bodies.rod.domain.length: '0.4 kg' has a wrong unit: it takes m"),
+    ("height =", "heigth =", r"bodies.rod.domain: Domain.rectangle has no key 'heigth'; did you mean 'height'"),
+    ('height = "40 mm", ', "", r"bodies.rod.domain: Domain.rectangle needs the key 'height'"),
+    ('"rectangle"', '"rectangel"', r"bodies.rod.domain.kind: there is no 'rectangel'; did you mean 'rectangle'"),
+    ('"steel"', '"stel"', r"bodies.rod.material.name: there is no 'stel'; did you mean 'steel'"),
+    ("[200, 20]", '[200, "a few"]', r"bodies.rod.domain.elements\[2\]: 'a few' is no whole number"),
+    ("[200, 20]", "[200, 20, 4]", r"bodies.rod.domain.elements: must have 2 entries, but there are 3"),
+    ("modes = 8", "modes = true", r"bodies.rod.modes: True is no whole number"),
+    ('angle = "turns"', 'angle = "turn"', r"markers.crank.angle: 'turn' is no name of a motion .*did you mean 'turns'"),
+    ('a = "rod.left"', 'a = "rodd.left"', r"joints\[1\] \(crank pin\).a: there is no body 'rodd'; did you mean 'rod'"),
+    ('b = "crank"', 'b = "crnk"', r"joints\[1\] \(crank pin\).b: 'crnk' is no marker.*did you mean 'crank'"),
+    ('kind = "Revolute"\nname', 'kind = "Revolut"\nname', r"joints\[1\] \(crank pin\).kind: there is no 'Revolut'; did you mean 'Revolute'"),
+    ('mass = "0.5 kg"', 'mass = "0.5 N"', r"point_masses\[1\].mass: '0.5 N' has a wrong unit: it takes kg"),
+    ("[placements.rod]", "[placement.rod]", r"the file: a scene has no key 'placement'; did you mean 'placements'"),
+    ("[objective]", "[objectiv]", r"the file: a scene has no key 'objectiv'"),
+    ('[objective] # what is minimised\nkind = "IntegralCompliance"', "", r"objective: the scene needs \[objective\]"),
+    ("[designs.rod]", "[designs.arm]", r"designs: there is no flexible body 'arm'; there are rod"),
+    ("volume = 0.5", 'volume = "5 m"', r"optimize.volume: '5 m' has a wrong unit: it takes no unit"),
+    ("iterations = 60", "iteration = 60", r"optimize: optimize has no key 'iteration'; did you mean 'iterations'"),
+    ("title =", "title", r"Expected '='"),
+    ('kind = "TimeInterval"', "", r"integrator: say which kind it is, kind = one of"),
+    (
+        'kind = "smooth_step"\ndistance = "5 rev"\nduration = "2 s"',
+        'kind = "from_table"\npath = "none.csv"\nvalue = "a"',
+        r"motions.turns.path: there is no file .*none.csv",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG, ids=[new or old for old, new, _ in WRONG])
+def test_what_is_wrong_is_told_with_its_place(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    file = written(tmp_path, (old, new))
+    with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{said}") as told:
+        read_scene(file)
+    assert "\n" not in str(told.value)
+
+
+def of(call: Call) -> Any:
+    return Maker()(call)
+
+
+def test_tables_become_what_they_say(tmp_path: Path) -> None:
+    """Units, sums of motions, kinds that keys tell, bounds in the unit of their objective."""
+    limit = '[[constraints]]\nobjective = { kind = "Frequency", body = "rod" }\nlower = "1.2 kHz"\n'
+    file = written(
+        tmp_path,
+        ('angle = "turns"', 'angle = ["10 deg", "turns"]'),
+        ('line = { kind = "Ground" }', 'line = { position = ["1 cm", 0] }'),
+        ('kind = "FlexibleBody"\n', ""),
+        ("# A limit, for example of the stress:", limit),
+    )
+    case = read_scene(file).cases[""]
+    mechanism, constraint = of(case["mechanism"]), of(case["constraints"][0])  # type: ignore[index]
+    crank = mechanism.joints[0].b
+    np.testing.assert_allclose(crank.angle.tabulate([0.0, 2.0])[0], np.radians([10.0, 1810.0]))
+    assert mechanism.joints[1].line == ffr.Ground((0.01, 0.0))
+    assert (constraint.objective, constraint.lower) == (ffr.Frequency("rod"), 1200.0)
+    wrong = limit.replace("kHz", "MPa")
+    file.write_text(file.read_text().replace(limit, wrong))
+    with pytest.raises(SceneError, match=r"constraints\[1\].lower: '1.2 MPa' .* takes Hz"):
+        read_scene(file)
+
+
+CASES = """
+[load_cases.slow]
+[load_cases.fast]
+motions.turns = { kind = "smooth_step", distance = "5 rev", duration = "1 s" }
+integrator = { kind = "TimeInterval", end_time = "1 s" }
+[combine]
+kind = "WorstCase"
+weights = { slow = 16.0, fast = 1.0 }
+"""
+
+
+def test_load_cases_give_what_differs(tmp_path: Path) -> None:
+    file = written(tmp_path, ("[optimize]", f"{CASES}\n[optimize]"))
+    scene = read_scene(file)
+    slow, fast = (Maker()(scene.cases[name]) for name in ("slow", "fast"))
+    assert (slow["integrator"].end_time, fast["integrator"].end_time) == (2.0, 1.0)
+    angles = [each["mechanism"].joints[0].b.angle.value(np.array(0.5)) for each in (slow, fast)]
+    assert angles[1] == pytest.approx(5 * np.pi) and angles[0] < angles[1]
+    assert of(scene.problem.arguments["combine"]) == ffr.WorstCase({"slow": 16.0, "fast": 1.0})
+    file.write_text(file.read_text().replace("motions.turns =", "motion.turns ="))
+    with pytest.raises(SceneError, match=r"load_cases.fast: a load case has no key 'motion'"):
+        read_scene(file)
