@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shared import TOP
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.mechanism import Joint
@@ -91,8 +92,9 @@ def test_every_joint_force_and_objective_can_be_written() -> None:
 
 def test_materials_have_sources() -> None:
     for name, numbers in SOLIDS.items():
-        assert len(numbers.pop("source")) > 10, name
-        assert ffr.Isotropic(**numbers).young > 1e9
+        assert len(numbers["source"]) > 10, name
+        given = {key: numbers[key] for key in ("young", "poisson", "density")}
+        assert ffr.Isotropic(**given).young > 1e9
 
 
 def written(folder: Path, *edits: tuple[str, str]) -> Path:
@@ -194,3 +196,24 @@ def test_load_cases_give_what_differs(tmp_path: Path) -> None:
     file.write_text(file.read_text().replace("motions.turns =", "motion.turns ="))
     with pytest.raises(SceneError, match=r"load_cases.fast: a load case has no key 'motion'"):
         read_scene(file)
+
+
+def test_page(tmp_path: Path) -> None:
+    """The files of the page on the command are scenes, and its table is that of the materials."""
+    text = (TOP / "docs" / "command.md").read_text()
+    first, *more = re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S)
+    for name in ("lever.dxf", "angles.csv"):
+        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+    for addition in ("", *more):
+        (tmp_path / "lever.toml").write_text(f"{first}\n{addition}")
+        scene = read_scene(tmp_path / "lever.toml")
+        assert of(scene.cases)
+    assert list(scene.cases) == ["slow", "loaded"]
+    (tmp_path / "lever.toml").write_text(first.replace('"lever.shaft"', '"levr.shaft"', 1))
+    with pytest.raises(SceneError) as told:
+        read_scene(tmp_path / "lever.toml")
+    assert str(told.value).replace(f"{tmp_path}/", "dolfinx_ffr: ") in text
+    rows = re.findall(r"^\| `([\w ]+)` \| ([\d.]+) \| ([\d.]+) \| (\d+) \|", text, re.M)
+    told_solids = {n: (1e9 * float(E), float(nu), float(rho)) for n, E, nu, rho in rows}
+    assert told_solids == {n: (s["young"], s["poisson"], s["density"]) for n, s in SOLIDS.items()}
+    assert all(f"`{name}`" in text for name in ("[optimize]", "[integrator]", "[[joints]]"))

@@ -80,7 +80,7 @@ class Reader:
 
     def refuse(self, where: str, problem: str) -> NoReturn:
         """Raise the error of a place in the file."""
-        raise SceneError(f"{self.file}: {where}: {problem}")
+        raise SceneError(f"{self.file}: {where or 'the scene'}: {problem}")
 
     def check_keys(self, where: str, table: object, known: Iterable[str], of: str) -> Table:
         """The table if it is one with known keys only."""
@@ -123,11 +123,11 @@ class Reader:
             elif name in given:
                 found[name] = given[name]
             elif name in keys:
-                at = f"{where}.{name}"
+                at = f"{where}.{name}".lstrip(".")
                 found[name] = self.value(parameter.hint, keys[name], at, units.get(name, ()))
             elif parameter.required:
                 self.refuse(where, f"{label} needs the key {name!r}")
-        return Call(target, found, f"{self.file}: {where}")
+        return Call(target, found, f"{self.file}: {where or label}")
 
     def _chosen(
         self, kinds: Mapping[str, Callable[..., Any]], table: Table, where: str, given: Table

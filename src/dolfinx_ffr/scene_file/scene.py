@@ -174,7 +174,7 @@ class _Tables:
             data[key] = {**data[key], **self._table(own, key)} if both else value
         reader = self._reader(self.data | data, self.bodies) if own else self.reader
         parts = {n: data[n] for n in arguments_of(Mechanism) if n in data}
-        mechanism = reader.call({"Mechanism": Mechanism}, parts, where if name else "mechanism")
+        mechanism = reader.call({"Mechanism": Mechanism}, parts, where if name else "")
         found = {"mechanism": replace(mechanism, variable=self.variable(f"{name} mechanism"))}
         for key, parameter in arguments_of(MechanicalProblem).items():
             if key in data:
