@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,36 @@ def test_dxf_with_all_kinds_of_curves(comm: MPI.Comm, shared_tmp_path: Path) -> 
     np.testing.assert_allclose(body.interfaces["pin"].center, [0.1, 0.0], atol=1e-12)
     np.testing.assert_allclose(body.interfaces["wall"].center, [0.0, 0.0], atol=1e-12)
     assert body.interfaces["wall"].extent == pytest.approx(0.02, rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_rim_of_solid_cells(comm: MPI.Intracomm, shared_tmp_path: Path) -> None:
+    """A ring around a bore, as far as chords are circles; along a wall it follows the cells."""
+
+    def draw(drawing: Any, space: Any) -> None:
+        rectangle(drawing, space)
+        for x, radius in ((97, 4), (40, 5), (53, 5)):  # the last one has no room for a ring
+            space.add_circle((x, 0), radius, dxfattribs={"layer": f"pin{x}"})
+
+    path = shared_tmp_path / "rod.dxf"
+    if comm.rank == 0:
+        drawn(path, draw)
+    comm.Barrier()
+    made = partial(Domain.from_outline, comm, path, size=0.001)
+    pins = {f"pin{x}": f"pin{x}" for x in (97, 40, 53)}
+    body = made(interfaces=pins, solid_rim=0.002)
+    solid, x = body.solid_cells, body.centroids[:, 0]
+    ring = body.sum(body.cell_volumes * (solid & (x > 0.07)))
+    assert ring == pytest.approx(np.pi * (0.006**2 - 0.004**2), rel=2e-3)
+    two = body.sum(body.cell_volumes * (solid & (x < 0.07)))
+    assert two == pytest.approx(2 * np.pi * (0.007**2 - 0.005**2), rel=0.1)
+    assert not body.designed_interfaces
+    wall = made(interfaces={"wall": left}, solid_rim=0.004)
+    assert wall.sum(wall.cell_volumes * wall.solid_cells) == pytest.approx(0.004 * 0.02, rel=0.2)
+    with pytest.raises(
+        ValueError, match=r"solid_rim must be at least 0\.0006.*but it is 0\.0005 m"
+    ):
+        made(interfaces={"wall": left}, solid_rim=0.0005)
 
 
 @pytest.mark.parametrize(

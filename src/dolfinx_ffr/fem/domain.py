@@ -32,6 +32,9 @@ from .rod import rod_mesh
 
 #: Densities that leave [0, 1] by less count as 0 or 1
 _ROUND_OFF = 1e-14
+#: Distance of a point above an interface's facet from its nodes beyond that from it, at most, in
+#: sizes of cells
+_BETWEEN = 0.3
 #: Cells of bodies in the plane and in space
 CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 
@@ -308,7 +311,8 @@ class Domain:
         held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
         layers = {name: where for name, where in held.items() if isinstance(where, str)}
         degree = validation.integer("from_outline: order", order, least=1)
-        read = mesh_outline(comm, outline, list(layers.values()), size, unit, min(degree, 2))
+        named, degrees = list(layers.values()), min(degree, 2)
+        read = mesh_outline(comm, outline, named, size, unit, degrees, solid_rim)
         facets = {name: read.tagged(1, layer) for name, layer in layers.items()}
         of = {"void": void, "order": order, "centers": centers, "solid_rim": solid_rim}
         return cls(read.mesh, {**held, **facets}, solid, **of)  # type: ignore[arg-type]
@@ -528,19 +532,16 @@ class Domain:
         return self._not_along(self._with_ghosts(self.solid_cells))
 
     def _rim(self, width: float) -> NDArray[np.bool_]:
-        """Cells of this rank within a width of the interfaces' nodes, shape (cells,)."""
-        width = validation.number("domain: solid_rim", width, above=0.0, unit="m")
+        """Cells of this rank within a width of the interfaces, shape (cells,)."""
+        width = validation.number("domain: solid_rim", width, least=self.cell_size, unit="m")
         held = [facet_points(self.mesh, part.facets) for part in self.interfaces.values()]
         nodes, d = cKDTree(np.vstack(held)), self.dimension
-        found = located_cells(
-            self.mesh, "domain: solid_rim", lambda x: nodes.query(x[:d].T)[0] <= (1 + 1e-9) * width
-        )
-        if not self.comm.allreduce(bool(found.any()), MPI.LOR):
-            raise ValueError(
-                f"domain: solid_rim = {width:g} m holds no cell; take at least the size of an "
-                f"element, {self.cell_size:.2g} m"
-            )
-        return found
+        most = width + _BETWEEN * self.cell_size  # as there are no nodes between those of a facet
+
+        def near(x: Array) -> NDArray[np.bool_]:
+            return np.asarray(nodes.query(x[:d].T)[0] <= most)
+
+        return located_cells(self.mesh, "domain: solid_rim", near)
 
     def _with_ghosts(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """A mask over this rank's cells, extended to ghosts."""

@@ -39,9 +39,18 @@ _FINE = 1e-4
 
 
 def mesh_outline(
-    comm: MPI.Comm, outline: Any, named: Sequence[str], size: float, unit: str | None, order: int
+    comm: MPI.Comm,
+    outline: Any,
+    named: Sequence[str],
+    size: float,
+    unit: str | None,
+    order: int,
+    rim: float = 0.0,
 ) -> TaggedMesh:
-    """A mesh of triangles within a closed outline, see `Domain.from_outline`; collective."""
+    """A mesh of triangles within a closed outline, see `Domain.from_outline`; collective.
+
+    A ``rim`` of that width around a bore with a name has a line of its own in the mesh [m].
+    """
     validation.instance("from_outline: comm", comm, MPI.Comm, "an MPI communicator")
     validation.number("from_outline: size", size, above=0.0, unit="m")
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
@@ -51,6 +60,8 @@ def mesh_outline(
         def build() -> str:
             nonlocal gmsh
             drawing = closed_outline(source, read_outline(outline, unit), named)
+            if rim > 0.0:
+                drawing = _rimmed(drawing, rim)
             check_size(source, drawing, size)
             coarse = _coarse(source, drawing, size)
             gmsh = stack.enter_context(gmsh_model())
@@ -170,6 +181,34 @@ def closed_outline(source: str, drawn: Sequence[Drawn], named: Collection[str]) 
     groups = [next((name for name in named if name in each.names), "") for each in once]
     _refuse_open(source, curves, nodes)
     faces = _faces(source, curves, _loops(nodes), _FINE * extent)
+    return Drawing(curves, nodes, groups, faces)
+
+
+def _rimmed(drawing: Drawing, width: float) -> Drawing:
+    """The drawing with a circle around each round hole with a name, where there is room."""
+    curves, nodes, groups = [*drawing.curves], [*drawing.nodes], [*drawing.groups]
+    faces = [Face(face.group, [*face.loops]) for face in drawing.faces]
+    fine = _FINE * float(np.max(np.ptp(_samples(curves), axis=0)))
+
+    for face in drawing.faces:
+        for hole in face.loops[1:]:
+            arcs = [curves[c] for c, _ in hole]
+            middles = [arc.center for arc in arcs if isinstance(arc, Arc)]
+            round_ = len(middles) == len(arcs) and np.ptp(middles, axis=0).max() <= fine
+            if not round_ or not all(groups[c] for c, _ in hole):
+                continue
+            start = middles[0] + np.array([arcs[0].radius + width, 0.0])  # type: ignore[attr-defined]
+            around = Arc(start, start, middles[0], 2.0 * np.pi)
+            of = next(f for f in faces if hole in f.loops[1:])
+            others = [walked(curves, loop) for loop in of.loops[1:] if loop is not hole]
+            outer = polygon(walked(curves, of.loops[0]), fine)
+            room = shapely.Polygon(outer, [polygon(other, fine) for other in others])
+            if room.contains_properly(shapely.LinearRing(polygon([around], fine))):
+                faces.append(Face(of.group, [[(len(curves), True)], hole]))
+                of.loops[of.loops.index(hole)] = [(len(curves), False)]  # type: ignore[index]
+                number = 1 + max(max(ends) for ends in nodes)
+                curves, nodes = [*curves, around], [*nodes, (number, number)]
+                groups.append("")
     return Drawing(curves, nodes, groups, faces)
 
 
