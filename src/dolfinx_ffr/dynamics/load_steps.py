@@ -31,7 +31,7 @@ _AGAIN = 256
 #: Samples for a look at steps that are given, or that follow from a tolerance
 FEWER_SAMPLES = 2**14
 #: Samples that are taken at once: enough for a call, few beside what a motion holds
-_AT_ONCE = 1024
+_AT_ONCE = 4096
 #: Cells to begin with. With fewer steps of Radau IIA, 25 or 35 in five turns of a crank, Newton's
 #: method failed now and then at other designs than the one at which they are chosen.
 FEWEST_CELLS = 50

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import scipy.linalg
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
@@ -97,9 +98,18 @@ class SmoothStep:
 
 @dataclass(frozen=True, eq=False)
 class Polynomial:
-    """The coefficients of a polynomial of time, whose functions are those of NumPy."""
+    """The coefficients of a polynomial of time."""
 
     coefficients: Array  #: (coefficients,)
+
+    def value(self, t: Array) -> Array:
+        return polynomial.polyval(t, self.coefficients)
+
+    def velocity(self, t: Array) -> Array:
+        return polynomial.polyval(t, polynomial.polyder(self.coefficients))
+
+    def acceleration(self, t: Array) -> Array:
+        return polynomial.polyval(t, polynomial.polyder(self.coefficients, 2))
 
     def stated(self) -> Stated:
         return self.coefficients, (Polynomial, self.coefficients.size)
@@ -413,7 +423,7 @@ KnownLaw: TypeAlias = SmoothStep | Polynomial | Fourier | Combined | OnCircle | 
 KNOWN = (SmoothStep, Polynomial, Fourier, Combined, OnCircle, Spline)
 
 
-@lru_cache(maxsize=12)
+@lru_cache(maxsize=64)
 def _basis(knots: bytes, degree: int, x: bytes) -> Any:
     """B-splines of some knots at places x, a sparse matrix: many splines differ by values alone."""
     return BSpline.design_matrix(np.frombuffer(x), np.frombuffer(knots), degree)

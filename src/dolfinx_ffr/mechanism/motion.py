@@ -24,7 +24,6 @@ from .laws import (
     OutsideError,
     Polynomial,
     SmoothStep,
-    Spline,
     Stated,
     spline,
 )
@@ -32,7 +31,7 @@ from .table import read_motion
 
 Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
-_Made: TypeAlias = SmoothStep | Fourier | Combined | Composed | OnCircle | Spline
+_Made: TypeAlias = KnownLaw | Composed
 
 #: Instants at which derivatives are compared with differences: all over an interval, and as many
 #: where something moves, of so many that are looked at.
@@ -91,8 +90,7 @@ class Motion:
         given = validation.real_array("polynomial: coefficients", coefficients, (None,))
         if not given.size:
             raise ValueError("polynomial: coefficients must hold at least one number")
-        p = np.polynomial.Polynomial(given)
-        return Motion(p, p.deriv(1), p.deriv(2), name or f"polynomial of degree {p.degree()}")
+        return Motion._of_law(Polynomial(given), name or f"polynomial of degree {given.size - 1}")
 
     @staticmethod
     def smooth_step(distance: float, duration: float, start: float = 0.0, name: str = "") -> Motion:
@@ -242,8 +240,6 @@ class Motion:
     @property
     def _law(self) -> KnownLaw | None:
         """The law behind the three functions, if it knows its numbers."""
-        if isinstance(self.value, np.polynomial.Polynomial):
-            return Polynomial(self.value.coef)
         own, parts = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
         same = isinstance(own, KNOWN) and all(getattr(f, "__self__", None) is own for f in parts)
         return own if same else None
@@ -356,12 +352,12 @@ class Motion:
 
     def _passed(self, inner: Motion) -> Array | None:
         """Times at which another motion passes the jumps of this one [s], None if not known."""
-        line, own = inner.value, np.array(self.jumps, dtype=np.float64)
+        line, own = inner._law, np.array(self.jumps, dtype=np.float64)
         if not own.size:
             return own
-        if not isinstance(line, np.polynomial.Polynomial) or line.trim().degree() > 1:
+        if not isinstance(line, Polynomial) or np.any(line.coefficients[2:]):
             return None
-        start, speed = np.pad(line.convert().coef, (0, 1))[:2]
+        start, speed = np.pad(line.coefficients, (0, 1))[:2]
         return (own - start) / speed if speed else own[:0]
 
     def tabulate(self, times: ArrayLike) -> Array:
