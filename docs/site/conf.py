@@ -45,6 +45,7 @@ html_title = f"dolfinx_ffr {release}"
 html_extra_path = ["index.html"]  # leads to the first page
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_theme_options = {"light_css_variables": {"code-font-size": "var(--font-size--small--2)"}}
 html_copy_source = False
 
 default_role = "py:obj"  # single backticks: code, and a link where it names something public

@@ -140,7 +140,9 @@ class Trajectory(Shown):
     turns: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     def _shown(self) -> list[tuple[str, str, str]]:
-        error = "" if math.isnan(self.error) else f"{self.error:.1e} relative"
+        error = "" if math.isnan(self.error) else f"estimated {self.error:.1e}"
+        if self.integrator.chosen_for is not None:  # by two methods, of psi
+            error = f"chosen for {self.integrator.chosen_for:.1e} of psi"
         newton = f"{np.mean(self.iterations):.2g} Newton iterations each"
         return [
             ("bodies", ", ".join(self.model.bodies), ""),

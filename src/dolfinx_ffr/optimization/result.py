@@ -143,7 +143,10 @@ class Result(Shown):
 
     def _shown(self) -> list[tuple[str, str, str]]:
         told = self.summary()
-        error = "" if told["mode_error"] is None else f"{told['mode_error']:.1e} by modes left out"
+        cases = (self.moved or self).evaluation.load_cases.values()
+        asked = [case.trajectory.integrator.chosen_for or 0.0 for case in cases if case.trajectory]
+        errors = {"modes left out": told["mode_error"], "time steps": max(asked, default=0.0)}
+        error = ", ".join(f"{share:.1e} by {why}" for why, share in errors.items() if share)
         of = "of the parts" if self.moved else "of the densities"
         rows = [(f"psi {of}", f"{self.psi:.6g}", error)]
         for name, share in told["volume"].items():
@@ -156,8 +159,8 @@ class Result(Shown):
         rows += [
             (name, f"{share:.2%}", "beyond its bound") for name, share in self.violations.items()
         ]
-        steps = f", {told['boundary']['steps']} steps of the boundary" if self.moved else ""
-        return [*rows, ("iterations", f"{self.iterations}{steps}", self.reason)]
+        moved = f", {told['boundary']['steps']} steps of the boundary" if self.moved else ""
+        return [*rows, ("iterations", f"{self.iterations}{moved}", f"end: {self.reason}")]
 
     def summary(self) -> dict[str, Any]:
         """How the run ended, for `write_summary`."""

@@ -209,7 +209,11 @@ class Part(Enclosed):
         return {"holes": self.holes, **super().measures()}
 
     def _picture(self) -> str:
-        return str(self.polygon._repr_svg_())
+        left, low, right, high = self.polygon.bounds
+        box = f"{left} {-high} {right - left} {high - low}"
+        drawn = self.polygon.svg((right - left) / 1000.0, "#8fa1b3", 1.0)
+        style = "display:block;overflow:visible;max-width:100%;width:36em"
+        return f'<svg viewBox="{box}" style="{style}"><g transform="scale(1 -1)">{drawn}</g></svg>'
 
     @cached_property
     def _moments(self) -> Array:
