@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes
+from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes, _Subproblem
 
 #: Values f_0 ... f_m and their gradients, shape (1 + m, n)
 Functions = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -174,3 +174,22 @@ def test_largest_function_below_a_constraint() -> None:
         )
     np.testing.assert_allclose(state.x, [1.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(multipliers, [1.0, 0.0, 1.0], atol=1e-5)
+
+
+def test_a_dual_at_round_off_takes_no_more_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One constraint of many variables: Newton ends by the gradient once the dual stands still."""
+    taken = []
+    dual = _Subproblem._dual
+
+    def counted(self: _Subproblem, *arguments: np.ndarray) -> tuple[float, np.ndarray]:
+        taken.append(1)
+        return dual(self, *arguments)
+
+    monkeypatch.setattr(_Subproblem, "_dual", counted)
+    rng, n = np.random.default_rng(3), 2000
+    for _ in range(20):
+        slope, slopes = -rng.uniform(size=n), np.full((1, n), 1.0 / n)
+        state = Asymptotes(np.zeros(n), np.ones(n), np.full(n, 0.5))
+        after, _ = state.step(slope, np.array([rng.uniform(-0.02, 0.02)]), slopes)
+        assert np.all(np.isfinite(after.x))
+    assert len(taken) < 20 * 60

@@ -28,7 +28,7 @@ def fitted(
     number have the same offset along their normals. ValueError if a curve has no mirror image.
     """
     others = isometries[1:]  # the first is the identity
-    lines = [_line(run) for run in runs]
+    lines = np.array([_line(run) for run in runs])
     image = [_images(run, lines, others, spacing) for run in runs]
     curves: dict[int, FreeCurve] = {}
     pairs: list[tuple[int, Numbers, int, Numbers]] = []
@@ -54,13 +54,16 @@ def fitted(
 
 
 def _images(
-    run: Run, lines: Sequence[shapely.LineString], isometries: Sequence[Isometry], near: float
+    run: Run, lines: NDArray[np.object_], isometries: Sequence[Isometry], near: float
 ) -> list[int]:
     """The number of the run that each isometry makes of this one."""
-    found = []
+    found, boxes = [], shapely.bounds(lines)
     for g in isometries:
         image = _line(Run(g(run.points), run.nodes))
-        far = shapely.hausdorff_distance(image, lines)
+        # lines are no nearer to each other than the boxes around them, which cost next to nothing
+        far = np.max(np.abs(boxes - shapely.bounds(image)), axis=1)
+        close = far <= near
+        far[close] = shapely.hausdorff_distance(image, lines[close])
         k = int(np.argmin(far))
         if far[k] > near:
             x, y = 1e3 * np.mean(run.points, axis=0)

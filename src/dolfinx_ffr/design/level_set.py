@@ -138,11 +138,13 @@ class LevelSet(Design):
             points_across = validation.integer("level set: quadrature", quadrature, least=1)
         #: Of the thinnest member and of the narrowest gap [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
-        larger = SAFETY * max(self.minimum_member, self.minimum_gap)
+        # smaller ones than the elements resolve are left to the steps of the boundary
+        member_, gap_ = np.maximum((self.minimum_member, self.minimum_gap), self._least)
+        larger = SAFETY * max(member_, gap_)
         self.radius = larger / strip_width(FLAT, d)  #: Of the kernel [m]
         #: Thresholds of f where it is flat: eta_s of members, eta_v of gaps
-        self._solid = strip_middle(SAFETY * self.minimum_member / self.radius, d)
-        self._void = 1.0 - strip_middle(SAFETY * self.minimum_gap / self.radius, d)
+        self._solid = strip_middle(SAFETY * member_ / self.radius, d)
+        self._void = 1.0 - strip_middle(SAFETY * gap_ / self.radius, d)
         wanted = self.radius / REACH
         if spacing is not None:
             wanted = validation.number("level set: spacing", spacing, above=0.0, unit="m")
@@ -198,26 +200,25 @@ class LevelSet(Design):
         self.weight = WEIGHT * LATE  #: Of the penalty of sizes below the minimum ones
 
     def _sizes(self, member: float | None, gap: float | None) -> tuple[float, float]:
-        """Both minimum sizes, or refuse sizes that the mesh cannot resolve."""
-        least = RADIUS * self.element * strip_width(FLAT, self.domain.dimension) / SAFETY
+        """Both minimum sizes, or refuse those that one kernel cannot hold."""
         asked = {"minimum_member": member, "minimum_gap": gap}
         given = {name: value for name, value in asked.items() if value is not None}
         for name, value in given.items():
             validation.number(f"level set: {name}", value, above=0.0, unit="m")
         # one kernel holds both sizes: one that is not asked for follows the other
-        smallest = max([least, *(SIZES * value for value in given.values())])
+        smallest = max([self._least, *(SIZES * value for value in given.values())])
         sizes = given.get("minimum_member", smallest), given.get("minimum_gap", smallest)
-        if min(sizes) < least * (1.0 - 1e-9):
-            raise ValueError(
-                f"level set: a minimum size of {min(sizes):.4g} m is below the {least:.4g} m that "
-                f"elements of {self.element:.4g} m resolve; take smaller elements, or leave it out"
-            )
         if min(sizes) < SIZES * max(sizes):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
                 " may differ by a factor of four at most; raise the smaller one"
             )
         return sizes
+
+    @property
+    def _least(self) -> float:
+        """The smallest size that the elements resolve [m]."""
+        return RADIUS * self.element * strip_width(FLAT, self.domain.dimension) / SAFETY
 
     # ------------------------------------------------------------------ field
 

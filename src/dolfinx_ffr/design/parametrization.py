@@ -21,7 +21,8 @@ from .density_filter import DensityFilter, HeavisideProjection
 SHARP = 32.0
 #: Progress between which the projection becomes steeper, by the same factor each iteration: time
 #: before it to find the topology, and after it to find the best crisp boundary
-SHARPENING = (0.05, 0.55)
+CRISP = 0.55
+SHARPENING = (0.05, CRISP)
 
 
 def steepness(progress: float) -> float:

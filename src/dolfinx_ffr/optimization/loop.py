@@ -96,7 +96,8 @@ class DesignLoop:
     cells, shape (cells,), of a design without a domain its variables. The ``domains`` are those of
     the bodies whose density is designed, by name, ``start`` has the variables of the start design
     where the user gives them; ``problem``, ``gradient``, ``iterations``, ``output``, ``resume``,
-    ``progress``, ``callback`` and ``mode_tolerance`` are those of `optimize`.
+    ``progress``, ``callback`` and ``mode_tolerance`` are those of `optimize`. Where the run is
+    ``followed`` by steps of boundaries, these mend what its design violates.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class DesignLoop:
         callback: Callback | None = None,
         start: Mapping[str, Array] | None = None,
         mode_tolerance: float | None = None,
+        followed: bool = False,
     ) -> None:
         #: With as many modes as the design needed last
         self.problem = problem
@@ -122,7 +124,7 @@ class DesignLoop:
         self.rows: list[Row] = []
         #: Iterations of a stage at most, see `plan`
         self.stage_iterations = NAN
-        self._mode_tolerance = mode_tolerance
+        self._mode_tolerance, self._followed = mode_tolerance, followed
         self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
         self._calibrates = False
         self._mode_error = self._psi_of_steps = NAN
@@ -437,6 +439,7 @@ class DesignLoop:
         violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
         if violations:
             reason = "interrupted" if reason == "interrupted" else "infeasible"
+        if violations and (reason == "interrupted" or not self._followed):
             said = ", ".join(f"{name!r} by {value:.3%}" for name, value in violations.items())
             warn(
                 f"optimize: the design violates {said} of the bound, after "

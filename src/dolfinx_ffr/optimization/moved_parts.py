@@ -15,6 +15,8 @@ from .steps_checkpoint import StepsCheckpoint
 
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
+#: Accuracy of the curves that the boundary is fitted to, in mean elements: it smooths more than that
+_ROUGH = 1e-2
 
 
 def with_moved_boundaries(
@@ -41,7 +43,8 @@ def with_moved_boundaries(
     try:
         boundaries: dict[str, Boundary | Surface] = {}
         for name, design in designs.items():
-            part = result.part(name)
+            flat = design.domain.dimension == 2
+            part = result.enclosed(name, **({"tolerance": _ROUGH} if flat else {}))
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)
             if isinstance(part, Part):
@@ -51,7 +54,8 @@ def with_moved_boundaries(
         options = others, steps, None, tolerance, progress, checkpoint
         found = moved(result.problem, boundaries, bound, *options)
     except (ValueError, SimulationError) as error:
-        warn(f"optimize: the boundary stays as the mesh has drawn it ({error})")
+        over = f" and violates {list(result.violations)}" if result.violations else ""
+        warn(f"optimize: the boundary stays as the mesh has drawn it{over} ({error})")
         return result
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations

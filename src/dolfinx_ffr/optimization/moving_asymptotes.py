@@ -141,8 +141,14 @@ class _Subproblem:
                 trial = np.maximum(multipliers + size * direction, 0.0)
                 found = self._minimiser(trial)
                 value, slope = self._dual(trial, found)
-                if value >= dual + 1e-4 * gradient @ (trial - multipliers):
+                gain = gradient @ (trial - multipliers)
+                if value >= dual + 1e-4 * gain:
                     break
+                # a gain below the round-off of the dual is seen by its gradient alone
+                if gain < 1e-14 * max(1.0, abs(dual)):
+                    if np.linalg.norm(slope[free]) < 0.5 * np.linalg.norm(gradient[free]):
+                        break
+                    return x, multipliers
                 size *= 0.5
             else:
                 break  # as exact as round-off allows

@@ -6,6 +6,7 @@ min over the design of psi(x)   such that   volume(x) <= bound (and constraints)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..design import Design, ParameterDesign, Variables
+from ..design import CRISP, Design, ParameterDesign, Variables
 from ..mechanism import Parameters
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
@@ -87,9 +88,10 @@ def optimize(
             the modes as they are.
         boundary: Steps of the boundaries of the parts after those of the densities, see
             `move_boundary`: `Result.moved` has what they come to, and psi, violations and parts of
-            the result are theirs. By default a third as many as the iterations, and 25 at most, for
+            the result are theirs. By default half as many as the iterations, and 25 at most, for
             bodies in the plane and exact gradients, and none in space; 0 leaves the boundaries to
-            the mesh.
+            the mesh. Where such steps follow, the iterations end as soon as the design is crisp;
+            without them, nearly as many again settle its sizes.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
@@ -170,7 +172,7 @@ def optimize(
         flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
         steps = boundary or 0
         if boundary is None and flat and (gradient is None or gradient.exact):
-            steps = min(iterations // 3, _BOUNDARY)
+            steps = min(iterations // 2, _BOUNDARY)
         if steps and not (isinstance(problem, Problem) and domains):
             raise ValueError(
                 "optimize: a boundary moves after a design of densities, of a Problem; give "
@@ -188,10 +190,14 @@ def optimize(
             callback=callback,
             start=None if start is None else begin,
             mode_tolerance=mode_tolerance if sizing is None else None,
+            followed=steps > 0,
         )
         if tuned:
             problem.check_influence()
         chosen = optimizer or MMA()
+        if steps and isinstance(chosen, MMA) and chosen.length is None:
+            # a crisp design is where the boundary begins: it finds sizes better than elements do
+            chosen = replace(chosen, length=max(math.ceil(iterations / CRISP), 1))
         if not domains and isinstance(chosen, MMA) and chosen.length is None:
             chosen = replace(chosen, length=1)  # nothing becomes crisp
         with alone_in(comm, folder, "optimize: output"):

@@ -238,18 +238,25 @@ class Result(Shown):
         if self.moved is not None and name in self.moved.boundaries:
             return self.moved.part(name)
         if name not in self._parts:
-            design, body = designs[name], self.problem.flexible[name]
-            kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
-            if isinstance(design, Design):
-                found = kind.of(design, self.variables[name], material=body.material)
-            else:  # all of the body
-                assert isinstance(design, DimensionDesign)
-                found = kind(body.domain, lambda x: np.ones(len(x)), material=body.material)
-                drawing = design.drawing(self.variables[name])
-                if isinstance(found, Part) and drawing is not None:
-                    found = found.redrawn(drawing)
-            self._parts[name] = found
+            self._parts[name] = self.enclosed(name)
         return self._parts[name]
+
+    def enclosed(self, name: str, **options: Any) -> Part | Solid:
+        """What the design of the body ``name`` encloses on its elements; collective.
+
+        The ``options`` are those of `Part`; it is made anew each time.
+        """
+        design, body = self.designs[name], self.problem.flexible[name]
+        kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
+        if isinstance(design, Design):
+            return kind.of(design, self.variables[name], material=body.material, **options)
+        # all of the body
+        assert isinstance(design, DimensionDesign)
+        found = kind(body.domain, lambda x: np.ones(len(x)), material=body.material, **options)
+        drawing = design.drawing(self.variables[name])
+        if isinstance(found, Part) and drawing is not None:
+            found = found.redrawn(drawing)
+        return found
 
     def verify(self, **options: Any) -> Verification:
         """Evaluate the problem with all designed bodies as parts that fit; collective.
