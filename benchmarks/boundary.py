@@ -8,6 +8,7 @@ row to row. psi is told by the densities, by the moved boundary, and by finer me
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -46,18 +47,18 @@ METHODS = ["level set, moving asymptotes", "level set, explicit steps", "densiti
 #: Elements, iterations on them, and steps of the boundary
 WAYS: list[tuple[list[int], int, int]] = [
     ([200, 20], 60, 0),
-    ([200, 20], 60, 10),
+    ([200, 20], 36, 8),
+    ([200, 20], 36, 18),
     ([200, 20], 60, 25),
-    ([200, 20], 30, 25),
-    ([120, 12], 30, 25),
-    ([120, 12], 15, 25),
-    ([100, 10], 20, 15),
+    ([160, 16], 36, 18),
+    ([120, 12], 36, 18),
     ([200, 20], 0, 40),
 ]
+#: Minimum member of 200 x 20 elements, which other meshes have, too, beside them [m]
+MEMBER = 1.28e-3
 #: Meshes from which the boundary starts
 MESHES: list[dict[str, Any]] = [
     {"elements": [120, 12]},
-    {"elements": [200, 20]},
     {"elements": [300, 30]},
     {"elements": [150, 15], "cell": "triangle"},
 ]
@@ -65,13 +66,13 @@ MESHES: list[dict[str, Any]] = [
 
 def boundary_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one process for each design."""
-    common: dict[str, Any] = {"iterations": 60, "steps": 2000, "boundary": 25}
+    common: dict[str, Any] = {"iterations": 36, "steps": 2000, "boundary": 18}
     common |= {"elements": [200, 20], "cell": "quadrilateral"}
     if quick:
         common |= {"iterations": 16, "steps": 50, "boundary": 1, "elements": [40, 4]}
     some = STARTS[:1] + STARTS[5:6]
     wanted: list[dict[str, Any]] = [{"start": start} for start in (some if quick else STARTS)]
-    fewer = {} if quick else {"elements": [100, 12], "boundary": 20}
+    fewer = {} if quick else {"elements": [100, 12]}
     tasks = [{"task": "stress limit", "start": start} for start in STIFF[: 1 if quick else None]]
     least = ["least compliance", "least stress"]
     tasks += [{"task": task} for task in least[: 1 if quick else None]]
@@ -79,10 +80,12 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     kept = STARTS[5:6] if quick else [STARTS[0], STARTS[3], STARTS[5]]
     wanted += [{"start": start, "outline": False} for start in kept]
     if not quick:
-        wanted += [{"method": method} for method in METHODS[1:]] + MESHES
+        wanted += [{"method": method} for method in METHODS[1:]]
+        wanted += [{"elements": common["elements"]}, *({**m, "member": MEMBER} for m in MESHES)]
         for elements, iterations, steps in WAYS:
             own = {"elements": elements, "iterations": iterations, "boundary": steps}
-            wanted.append({**own, "start": "10x3"})
+            other = {} if elements == common["elements"] else {"member": MEMBER}
+            wanted.append({**own, **other, "start": "10x3"})
     every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
     seconds = 6.0 if quick else 70.0
     return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
@@ -143,6 +146,7 @@ def _on_the_mesh(
     start: str,
     method: str,
     iterations: int,
+    length: int | None,
     **options: Any,
 ) -> ffr.Result:
     """A design of densities, and the steps of the boundary that `optimize` ends with."""
@@ -155,7 +159,7 @@ def _on_the_mesh(
     return ffr.optimize(
         problem,
         *ways[method],
-        optimizer=ffr.LevelSetEvolution() if explicit else ffr.MMA(),
+        optimizer=ffr.LevelSetEvolution() if explicit else ffr.MMA(length=length),
         iterations=100 if explicit and iterations >= 60 else iterations,
         progress=False,
         **options,
@@ -174,13 +178,15 @@ def design(
     start: str = "even",
     method: str = METHODS[0],
     outline: bool = True,
+    member: float | None = None,
     task: str = "compliance",
 ) -> dict[str, Any]:
     """One design from nothing to a verified part, on one rank."""
     began, clock = process_time(), [process_time()]
     problem = _problem(elements, cell, steps, task)
     domain = problem.flexible["rod"].domain
-    levelset = ffr.LevelSet(domain, mirrors=_mirrors(elements, cell, steps))
+    sizes = {"minimum_member": member, "minimum_gap": member}
+    levelset = ffr.LevelSet(domain, **sizes, mirrors=_mirrors(elements, cell, steps))
     bound = {"volume": 1.0 if task == "stress limit" else VOLUME}
 
     def callback(iteration: int, *_: Any) -> None:
@@ -195,16 +201,18 @@ def design(
         result, by_optimize = None, boundary if outline else 0
         if iterations:
             own: dict[str, Any] = {"callback": callback, "boundary": by_optimize, **bound}
-            result = _on_the_mesh(problem, levelset, start, method, iterations, **own)
+            # the same design on the elements, whether all of its boundary moves or only holes
+            length = None if outline else math.ceil(iterations / ffr.design.CRISP)
+            result = _on_the_mesh(problem, levelset, start, method, iterations, length, **own)
         found["grid"] = clock[-1] - began
         told = moved = result and result.moved
         if not iterations or not outline:
-            sizes = {"outline": outline, "mirrors": levelset.mirrors}
+            how = {"outline": outline, "mirrors": levelset.mirrors}
             problem = result.problem if result else problem
             own = {"iterations": boundary, "progress": False, **bound}
             try:
                 part = result.part() if result else ffr.Part.of(levelset, _start(levelset, start))
-                free = ffr.Boundary.of(part, levelset.minimum_member, **sizes)
+                free = ffr.Boundary.of(part, levelset.minimum_member, **how)
                 told = moved = ffr.move_boundary(problem, free, **own)
             except TORN:
                 if not result:
