@@ -54,7 +54,7 @@ WAYS: list[tuple[list[int], int, int]] = [
     ([120, 12], 36, 18),
     ([200, 20], 0, 40),
 ]
-#: Minimum member of 200 x 20 elements, which other meshes have, too, beside them [m]
+#: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
 MEMBER = 1.28e-3
 #: Meshes from which the boundary starts
 MESHES: list[dict[str, Any]] = [
@@ -81,7 +81,7 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     wanted += [{"start": start, "outline": False} for start in kept]
     if not quick:
         wanted += [{"method": method} for method in METHODS[1:]]
-        wanted += [{"elements": common["elements"]}, *({**m, "member": MEMBER} for m in MESHES)]
+        wanted += [{**mesh, "member": MEMBER} for mesh in MESHES]
         for elements, iterations, steps in WAYS:
             own = {"elements": elements, "iterations": iterations, "boundary": steps}
             other = {} if elements == common["elements"] else {"member": MEMBER}

@@ -20,7 +20,7 @@ HELP = {
     "iterations": "at most",
     "steps": "of time; by default some demos choose them for an accuracy of psi",
     "order": "of the displacements",
-    "boundary": "steps of the boundary after them; by default a third as many",
+    "boundary": "steps of the boundary after them; by default half as many",
     "resume": "go on from the last checkpoint",
     "output": "folder for the results",
 }

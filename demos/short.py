@@ -29,7 +29,7 @@ mechanism = ffr.Mechanism(
 problem = ffr.Problem({"rod": body}, mechanism, ffr.TimeInterval(2.0), ffr.IntegralCompliance())
 
 levelset = ffr.LevelSet(rod)
-result = ffr.optimize(problem, levelset, volume=0.5, iterations=60, output="results/short")
+result = ffr.optimize(problem, levelset, volume=0.5, iterations=36, output="results/short")
 
 print(result.finish("results/short"))  # files for CAD, a picture, psi of the part
 plotting.animate_motion(problem, result.evaluation, "results/short/motion.gif")

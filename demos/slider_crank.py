@@ -100,7 +100,7 @@ def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
-    defaults = {"elements": (200, 20), "iterations": 60, "steps": None, "order": 1}
+    defaults = {"elements": (200, 20), "iterations": 36, "steps": None, "order": 1}
     options = parse(arguments, "slider_crank", **defaults, mesh="", boundary=None, resume=False)
     comm, output, start = MPI.COMM_WORLD, options.output, perf_counter()
     given = ffr.Domain.from_gmsh(comm, options.mesh, order=options.order) if options.mesh else None

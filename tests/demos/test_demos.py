@@ -167,7 +167,7 @@ def test_short_program(tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (TOP / "README.md").read_text(), re.DOTALL)
     own = text.split('"""\n', 1)[1].strip()
     assert any(block.strip() == own for block in blocks)
-    coarse = text.replace("(200, 20)", "(40, 6)").replace("iterations=60", "iterations=2")
+    coarse = text.replace("(200, 20)", "(40, 6)").replace("iterations=36", "iterations=2")
     assert coarse != text
     program = tmp_path / "short.py"
     program.write_text(coarse)

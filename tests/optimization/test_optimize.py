@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from shared.problems import Copy, slider_crank
 import dolfinx_ffr as ffr
 from dolfinx_ffr import io
 from dolfinx_ffr.optimization.loop import COLUMNS, GRADIENT_COLUMNS
+from dolfinx_ffr.optimization.moved_parts import with_loose_pieces
 
 
 def disc(c: np.ndarray) -> np.ndarray:
@@ -380,6 +382,26 @@ def test_a_gray_result_is_said_with_the_remedy(comm: MPI.Intracomm) -> None:
     with pytest.warns(ffr.DesignWarning, match="'plate' is gray.*take smaller elements"):
         result = ffr.optimize(problem, design, optimizer=ffr.MMA(move=1e-3), **options)
     assert result.summary()["gray"] > 0.5 and result.summary()["feasible"]
+
+
+@pytest.mark.mpi
+def test_loose_pieces_are_no_feasible_design(comm: MPI.Intracomm) -> None:
+    """An island in a hole, which densities hold by next to nothing, and the part has not."""
+    problem = slider_crank(comm, elements=(120, 12))
+    levelset = ffr.LevelSet(problem.flexible["rod"].domain)
+
+    def island(p: np.ndarray) -> np.ndarray:
+        r = np.linalg.norm(p - [0.2, 0.0], axis=1)
+        return np.maximum(0.007 - r, r - 0.016)
+
+    start = levelset.from_distance(island)
+    begun = quiet(problem, levelset, start, volume=1.0, iterations=0, optimizer=STEPS)
+    assert begun.feasible  # it is not crisp
+    crisp = replace(begun, designs={"rod": levelset}, variables={"rod": start})
+    with pytest.warns(ffr.DesignWarning, match="1 loose pieces.*take smaller elements"):
+        result = with_loose_pieces(crisp)
+    assert not result.feasible and result.reason == "infeasible"
+    assert 0.001 < result.violations["loose pieces of rod"] < 0.02
 
 
 @pytest.mark.mpi

@@ -61,6 +61,7 @@ def test_steps_that_do_no_more_are_chosen_anew(comm: MPI.Intracomm, tmp_path: Pa
     assert error <= TOLERANCE
     folder = comm.bcast(tmp_path)
     options = {"volume": 0.6, "output": folder, "progress": False, "mode_tolerance": None}
+    options["boundary"] = 0
     design = ffr.DensityDesign(problem.flexible["rod"].domain, radius=0.02)
     with pytest.warns(ffr.DesignWarning):  # gray after so few iterations
         found = ffr.optimize(problem, design, iterations=2, **options)

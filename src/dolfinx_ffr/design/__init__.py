@@ -20,6 +20,7 @@ from .mirrors import mirror_planes as mirror_planes
 from .node_motion import DimensionMotion as DimensionMotion
 from .parameter_design import ParameterDesign as ParameterDesign
 from .parametrization import CRISP as CRISP
+from .parametrization import SHARP as SHARP
 from .parametrization import DensityDesign as DensityDesign
 from .parametrization import Design as Design
 from .parametrization import Variables as Variables

@@ -98,8 +98,9 @@ class LevelSet(Design):
     Args:
         domain: The body.
         minimum_member: Width that no member may fall below [m]. By default the mesh's least,
-            0.64 mean elements, and at least a quarter of `minimum_gap`. A penalty asks for it; that
-            of the finished part is `Part.thinnest_member`.
+            0.64 mean elements, and at least a quarter of `minimum_gap`. On the elements a penalty
+            asks for it, or for the mesh's least if that is larger; in steps of the boundary it is a
+            bound. That of the finished part is `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default the mesh's
             least, and at least a quarter of `minimum_member`.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
@@ -111,8 +112,8 @@ class LevelSet(Design):
         quadrature: Points in each direction of an element, by default four, in space three.
 
     Raises:
-        ValueError: On every rank, if the mesh does not resolve a size, one is less than a quarter
-            of the other, a mirror is none of the body, or the knots are fewer than three across
+        ValueError: On every rank, if a size is not positive, one is less than a quarter of the
+            other, a mirror is none of the body, or the knots are fewer than three across
             the body or do not cover it.
     """
 

@@ -79,9 +79,11 @@ class MMA(Optimizer):
         move: Largest change of a variable in an iteration, in shares of its range.
         tolerance: The run has converged when, with a crisp design, log psi and the penalty fall by
             less than this over eight iterations. Zero makes use of all iterations.
-        length: Iterations over which the design becomes crisp; by default those of the run that
-            begins. A number makes the path of a design independent of the number of iterations; a
-            run that is resumed keeps the length it began with.
+        length: Iterations over which the design becomes crisp and its sizes settle; by default
+            those of the run that begins, or, where steps of the boundary follow, so many that it is
+            crisp at their end, which is at 0.55 of the length. A number makes the path of a design
+            independent of the number of iterations; a run that is resumed keeps the length it began
+            with.
     """
 
     move: float = 0.1

@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 from ..boundary import Boundary, Surface
-from ..design import Design, LevelSet
+from ..design import SHARP, Design, LevelSet
 from ..dynamics import SimulationError
-from ..part import Part
+from ..part import Part, PartWarning
 from .boundary_steps import moved
 from .result import Result, warn
 from .steps_checkpoint import StepsCheckpoint
 
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
-#: Accuracy of the curves that the boundary is fitted to, in mean elements: it smooths more than that
+#: Accuracy in mean elements of curves that are smoothed by more, or only looked at
 _ROUGH = 1e-2
+#: Share of the material that may be in loose pieces, which the densities count and the part has not
+_LOOSE = 1e-3
 
 
 def with_moved_boundaries(
@@ -61,6 +64,43 @@ def with_moved_boundaries(
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
     return replace(result, moved=found, violations=found.violations, reason=reason)
+
+
+def with_loose_pieces(result: Result) -> Result:
+    """The result, its loose pieces a violation: the part has not what its psi counts; collective.
+
+    A level set that is crisp may have them where elements are wider than the gaps beside them.
+
+    Warns:
+        DesignWarning: Of loose pieces, or if no part comes of the design.
+    """
+    found = {}
+    for name, design in result.designs.items():
+        if not isinstance(design, LevelSet) or design.domain.dimension != 2:
+            continue
+        if design.sharpness < SHARP:
+            continue
+        why = "nothing is held by its interfaces"
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", PartWarning)
+                part = result.enclosed(name, tolerance=_ROUGH)
+        except ValueError as error:
+            share, why = 1.0, str(error)
+        else:
+            assert isinstance(part, Part)
+            share = sum(piece.area for piece in part.loose) / part.area
+            why = f"{len(part.loose)} loose pieces of it touch no interface"
+        if share > _LOOSE:
+            found[f"loose pieces of {name}"] = share
+            warn(
+                f"optimize: psi is not that of a part of {name!r}: {why}; take smaller elements, "
+                "steps of the boundary, or another start"
+            )
+    if not found:
+        return result
+    reason = "infeasible" if result.reason != "interrupted" else result.reason
+    return replace(result, violations={**result.violations, **found}, reason=reason)
 
 
 def _sizes(design: Design) -> tuple[float, float]:

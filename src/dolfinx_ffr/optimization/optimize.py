@@ -22,7 +22,7 @@ from ..problem import Problem
 from .gradient import ExactAdjoint, GradientMethod
 from .loop import Callback, DesignLoop, Optimizer
 from .mma import MMA
-from .moved_parts import with_moved_boundaries
+from .moved_parts import with_loose_pieces, with_moved_boundaries
 from .result import Result, ranks_of, warn
 from .running import alone_in
 from .sizing import sized
@@ -99,7 +99,7 @@ def optimize(
 
     Warns:
         DesignWarning: Names violated constraints (`Result.violations`), bodies more than a tenth of
-            which is gray, why a boundary was not moved, and, before the loop, interfaces along
+            which is gray, loose pieces, why a boundary was not moved, and, before the loop, interfaces along
             which no cell stays solid.
 
     Raises:
@@ -208,6 +208,8 @@ def optimize(
                 result = with_moved_boundaries(
                     result, steps, mode_tolerance, progress, loop.checkpoint
                 )
+            elif isinstance(problem, Problem):
+                result = with_loose_pieces(result)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
 

@@ -121,7 +121,8 @@ class Result(Shown):
     #: The problem that evaluates the design: for a crisp level set with the law of cut elements
     problem: Problem = field(repr=False)
     #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume);
-    #: those of the parts, where boundaries were moved
+    #: those of the parts, where boundaries were moved, and else the share of material in "loose
+    #: pieces of rod", which psi counts and the part has not
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for, NaN where it cannot be estimated
