@@ -99,8 +99,8 @@ def optimize(
 
     Warns:
         DesignWarning: Names violated constraints (`Result.violations`), bodies more than a tenth of
-            which is gray, loose pieces, why a boundary was not moved, and, before the loop, interfaces along
-            which no cell stays solid.
+            which is gray, loose pieces, why a boundary was not moved, and, before the loop,
+            interfaces along which no cell stays solid.
 
     Raises:
         ValueError: On every rank, if the arguments do not fit each other.
@@ -208,7 +208,7 @@ def optimize(
                 result = with_moved_boundaries(
                     result, steps, mode_tolerance, progress, loop.checkpoint
                 )
-            elif isinstance(problem, Problem):
+            elif isinstance(problem, Problem) and result.feasible:
                 result = with_loose_pieces(result)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
