@@ -272,6 +272,6 @@ def test_formulas_and_gallery(monkeypatch: pytest.MonkeyPatch) -> None:
         assert set_formula.startswith("<math") and not formulas.raw(set_formula)
     assert formulas.raw("<p>where $f &gt; 1$</p><pre>$HOME</pre>") == ["$f &gt; 1$"]
     assert formulas.raw(r"<p>\(f\)</p>") == [r"\(f\)</p>"[:-4]]
-    cards = gallery.cards(TOP)
-    for demo in gallery.demos(TOP):
+    cards = gallery.cards()
+    for demo in gallery.demos() + gallery.examples():
         assert f"gallery/{demo.name}.md" in cards and demo.sentence and demo.time and demo.picture

@@ -45,7 +45,6 @@ html_title = f"dolfinx_ffr {release}"
 html_extra_path = ["index.html"]  # leads to the first page
 html_static_path = ["static"]
 html_css_files = ["site.css"]
-html_theme_options = {"light_css_variables": {"code-font-size": "var(--font-size--small--2)"}}
 html_copy_source = False
 
 default_role = "py:obj"  # single backticks: code, and a link where it names something public
@@ -108,7 +107,7 @@ def write_pages(app: Sphinx) -> None:
     """Write what is made at each build; pages that stay the same are left alone."""
     made = {
         "reference": reference(),
-        "gallery": gallery.pages(TOP),
+        "gallery": gallery.pages(),
         "notebooks": notebooks.pages(TOP / "docs" / "notebooks"),
     }
     for name, pages in made.items():
@@ -120,7 +119,7 @@ def write_pages(app: Sphinx) -> None:
             path = folder / page
             if not path.exists() or path.read_text() != text:
                 path.write_text(text)
-    gallery.write_thumbnails(TOP, TOP / "docs" / "gallery")
+    gallery.write_thumbnails(TOP / "docs" / "gallery")
 
 
 def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
@@ -128,7 +127,7 @@ def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
     if page == "docs/tutorial/index":
         source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n[1-9]_*\n```\n"
     if page == "docs/gallery":
-        source[0] += gallery.cards(TOP)
+        source[0] += gallery.cards()
     if page == "docs/notebooks":
         source[0] += notebooks.listed(TOP / "docs" / "notebooks")
 
