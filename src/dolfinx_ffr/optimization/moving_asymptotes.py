@@ -132,10 +132,12 @@ class _Subproblem:
             direction = np.zeros_like(multipliers)
             if self.bounded:
                 direction[free] = _ascent(hessian, gradient[free], multipliers[free])
-                if gradient @ direction <= 1e-15 * max(1.0, abs(dual)):
-                    break  # as exact as round-off allows
             else:
                 direction[free] = np.linalg.solve(hessian, gradient[free])
+            if gradient @ direction <= 1e-15 * max(1.0, abs(dual)):
+                # what is left to gain is round-off of the dual, but not of its gradient
+                multipliers = np.maximum(multipliers + direction, 0.0)
+                return self._minimiser(multipliers), multipliers
             size = 1.0
             for _ in range(80):
                 trial = np.maximum(multipliers + size * direction, 0.0)
