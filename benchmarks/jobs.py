@@ -118,10 +118,10 @@ def run_jobs(
 ) -> Iterator[tuple[Job, dict[str, Any] | None]]:
     """Run jobs one after the other, and yield each with its result, None for one that failed.
 
-    A failure does not stop the others; its messages are on standard error. ``together``: jobs that
-    follow each other on as many ranks share a process; what they say of memory is then rough.
+    A failure does not stop the others; its messages are on standard error. ``together``: jobs on as
+    many ranks share a process; what they say of memory is then rough.
     """
-    jobs = list(jobs)
+    jobs = sorted(jobs, key=lambda job: job.ranks) if together else list(jobs)
     form = "{desc:32s} {percentage:3.0f}% |{bar}| {elapsed}, {remaining} left"
     with tqdm(total=sum(job.seconds for job in jobs), bar_format=form) as bar:
         batches = [list(some) for _, some in groupby(jobs, lambda job: job.ranks)]

@@ -7,6 +7,7 @@ import ast
 import importlib.util
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -57,10 +58,16 @@ VERSION_QUESTION = re.compile(
 )
 
 
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """The syntax of a module."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def imports(path: Path) -> Iterator[tuple[str, str]]:
     """Imported modules of this package: the name of the folder, and the rest of the path."""
     parts = path.relative_to(ROOT).with_suffix("").parts
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = [*parts[: len(parts) - node.level]]
             names = [node.module] if node.module else [alias.name for alias in node.names]
@@ -121,7 +128,7 @@ def test_names_from_other_folders_are_on_offer_there() -> None:
     private = []
     for path in SOURCES:
         parts = path.relative_to(ROOT).with_suffix("").parts
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if not (isinstance(node, ast.ImportFrom) and node.level and node.module):
                 continue
             folder, *rest = [*parts[: len(parts) - node.level], *node.module.split(".")]

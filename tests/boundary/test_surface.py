@@ -217,8 +217,10 @@ def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:boundary. psi")
 def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surface_module, "_TETRAHEDRA", 2000)
+    monkeypatch.setattr(surface_module, "_DEAREST", 13_000)  # as fine as it takes is tested above
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}
