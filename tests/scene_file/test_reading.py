@@ -185,6 +185,19 @@ weights = { slow = 16.0, fast = 1.0 }
 """
 
 
+def test_motions_have_the_unit_of_their_users(tmp_path: Path) -> None:
+    """An angle, a length, a force over time."""
+    force = '[[forces]]\nkind = "Force"\nmarker = "rod.right"\nx = "pull"\n[motions.pull]\n'
+    force += 'kind = "fourier"\nperiod = "1 s"\nmean = "2 kN"\nsines = ["30 N"]\n[optimize]'
+    file = written(tmp_path, ("[optimize]", force))
+    pull = of(read_scene(file).cases[""]["mechanism"]).forces[0].x
+    assert pull.value(np.array(0.25)) == pytest.approx(2030.0)
+    for old, new, said in (("2 kN", "2 kg", "takes N$"), ("5 rev", "5 m", "takes rad$")):
+        file = written(tmp_path, ("[optimize]", force), (old, new))
+        with pytest.raises(SceneError, match=said):
+            read_scene(file)
+
+
 def test_load_cases_give_what_differs(tmp_path: Path) -> None:
     file = written(tmp_path, ("[optimize]", f"{CASES}\n[optimize]"))
     scene = read_scene(file)

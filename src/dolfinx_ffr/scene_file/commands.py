@@ -221,8 +221,8 @@ def _estimate(scene: Scene, problem: Problem) -> str:
     each, iterations = COMM.bcast(min(seconds)), scene.run.arguments.get("iterations", 100)
     return (
         f"a gradient takes {each:.2g} s: the {iterations} iterations about "
-        f"{_time(each * iterations)}; steps of the boundary, verification and pictures come on "
-        "top, together about as much again"
+        f"{_time(each * iterations)}, more where it needs more modes; steps of the boundary, "
+        "verification and pictures come on top, together about as much again"
     )
 
 

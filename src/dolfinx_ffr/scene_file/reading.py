@@ -76,7 +76,7 @@ class Reader:
         variable: Callable[[str], str],
     ) -> None:
         self.file, self.named, self.bodies, self.variable = file, named, list(bodies), variable
-        self._made: dict[tuple[str, str], Call | None] = {}
+        self._made: dict[tuple[str, str, tuple[str, ...]], Call | None] = {}
 
     def refuse(self, where: str, problem: str) -> NoReturn:
         """Raise the error of a place in the file."""
@@ -95,11 +95,17 @@ class Reader:
     # ------------------------------------------------------------------ tables
 
     def call(
-        self, kinds: Mapping[str, Callable[..., Any]], table: object, where: str, **given: Any
+        self,
+        kinds: Mapping[str, Callable[..., Any]],
+        table: object,
+        where: str,
+        of: tuple[str, ...] = (),
+        **given: Any,
     ) -> Call:
         """The call that a table describes: one of some kinds, with its keys as arguments.
 
-        Arguments that are ``given`` by their names are no keys of the table.
+        Arguments that are ``given`` by their names are no keys of the table. A motion is ``of`` the
+        unit that its user needs.
         """
         if not isinstance(table, dict):
             self.refuse(where, f"must be a table, but it is {validation.described(table)}")
@@ -111,6 +117,8 @@ class Reader:
         own = {n: p for n, p in parameters.items() if n not in given and p.hint is not MPI.Comm}
         self.check_keys(where, keys, own, label)
         units = stated_units(target)
+        if of and Motion in (getattr(target, "__self__", None), _returned(target)):
+            units = {n: _of_unit(stated, of) for n, stated in units.items()}
         if target is Constraint and "objective" in keys:
             keys = dict(keys)
             bounded = self.value(own["objective"].hint, keys["objective"], f"{where}.objective")
@@ -182,7 +190,7 @@ class Reader:
         mapping = [o for o in options if typing.get_origin(o) is collections.abc.Mapping]
         kinds = kinds_of(options)
         if kinds and not (mapping and "kind" not in raw):
-            return self.call(kinds, raw, where)
+            return self.call(kinds, raw, where, units)
         if not mapping:
             self.refuse(where, f"a table is {self.none_of(options)}")
         inner = typing.get_args(mapping[0])[1]
@@ -232,7 +240,7 @@ class Reader:
         tables = [name for name, own in NAMED.items() if set(own) & set(options)]
         for table in tables:
             if raw in self.named[table]:
-                return self.shared(table, raw)
+                return self.shared(table, raw, units)
         if _QUANTITY.fullmatch(raw.strip()) and numeric(options):
             try:
                 return in_si(raw, units)
@@ -261,13 +269,13 @@ class Reader:
         if body not in self.bodies:
             self.refuse(where, f"there is no body {body!r}; {near(body, self.bodies)}")
 
-    def shared(self, table: str, name: str) -> Call:
-        """The object of a name in a table, the same for all its users."""
-        key, where = (table, name), f"{table}.{name}"
+    def shared(self, table: str, name: str, units: tuple[str, ...]) -> Call:
+        """The object of a name in a table, the same for all users that need the same ``units``."""
+        key, where = (table, name, units if table == "motions" else ()), f"{table}.{name}"
         if key not in self._made:
             self._made[key] = None
             hint = functools.reduce(operator.or_, NAMED[table])
-            found = self.value(hint, self.named[table][name], where)
+            found = self.value(hint, self.named[table][name], where, key[2])
             self._made[key] = replace(found, variable=self.variable(name))
         known = self._made[key]
         if known is None:
@@ -451,6 +459,13 @@ def in_si(text: str, units: tuple[str, ...]) -> float:
         needed = " or ".join("no unit" if known == "-" else known for known in units)
         raise ValueError(f"{text!r} has a wrong unit: it takes {needed}")
     return number * factor
+
+
+def _of_unit(stated: tuple[str, ...], of: tuple[str, ...]) -> tuple[str, ...]:
+    """Units of a number of a motion, [m or rad] in general, that is ``of`` others."""
+    if set(stated) == {"m", "rad"}:
+        return of
+    return stated if "m" not in stated or set(of) <= {"m", "rad"} else ()
 
 
 def _kinds(units: tuple[str, ...]) -> set[str]:

@@ -209,7 +209,7 @@ class _Tables:
         settings = self._table(self.data, "optimize")
         known = [name for name in arguments_of(optimize) if name not in _GIVEN]
         self.reader.check_keys("optimize", settings, known, "optimize")
-        given = {"problem": problem, "design": designs, "output": Name("output", None)}
+        given: Table = {"problem": problem, "design": designs, "output": Name("output", None)}
         return self.reader.call({"optimize": optimize}, settings, "optimize", **given)
 
 
