@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The Debian package: built in a root of Debian 13 and installed there, among nothing but what it depends on, then
-# used by the short program with few elements. Called by `make test-deb`. All happens in a layer that is thrown away.
+# used by the short program and by the command on a scene file, with few elements. Called by `make test-deb`. All happens in a layer that is thrown away.
 set -euo pipefail
 
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -26,7 +26,7 @@ apt-get -q -o APT::AutoRemove::RecommendsImportant=false autoremove -y --purge >
 echo "deb: installed with $(dpkg-query -f '.\n' -W | wc -l) packages on $(. /etc/os-release && echo "$PRETTY_NAME")"
 
 away=$(mktemp -d)
-AUTOPKGTEST_TMP=$away debian/tests/short-program
+for test in short-program scene-file; do AUTOPKGTEST_TMP=$away debian/tests/$test; done
 apt-get -q purge -y python3-dolfinx-ffr >/dev/null
 left=$(find /usr /etc -path '*dolfinx_ffr*' -print -quit)
 [ -z "$left" ] || { echo "deb: $left stays behind when the package is removed" >&2; exit 1; }

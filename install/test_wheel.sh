@@ -28,9 +28,8 @@ from pathlib import Path
 
 wheel, sources = zipfile.ZipFile(sys.argv[1]), Path(sys.argv[2])
 packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
-wanted = {str(path.relative_to(sources)) for path in sources.glob("dolfinx_ffr/**/*.py")}
-wanted.add("dolfinx_ffr/py.typed")
-wanted |= {str(path.relative_to(sources)) for path in sources.glob("dolfinx_ffr/report/templates/*")}
+files = (path for path in sources.glob("dolfinx_ffr/**/*") if path.is_file())
+wanted = {str(path.relative_to(sources)) for path in files if "__pycache__" not in path.parts}
 if packed != wanted:
     sys.exit(f"the wheel lacks {sorted(wanted - packed)} and has beside {sorted(packed - wanted)}")
 if not any(name.endswith("licenses/LICENSE") for name in wheel.namelist()):
