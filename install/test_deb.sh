@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The Debian package: built in a root of Debian 13 and installed there, among nothing but what it depends on, then
-# used by the short program and by the command on a scene file, with few elements. Called by `make test-deb`. All happens in a layer that is thrown away.
+# used by the short program and by the command on a scene file, with few elements. Called by `make test-deb`. All
+# happens in a layer that is thrown away. Another suite may be named: install/test_deb.sh sid
 set -euo pipefail
 
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
