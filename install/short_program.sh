@@ -6,7 +6,7 @@ set -euo pipefail
 
 source=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)/demos/short.py
 sed -e 's/elements=(200, 20)/elements=(40, 4)/' -e 's/TimeInterval(2.0)/TimeInterval(2.0, 1e-2)/' \
-    -e 's/iterations=60/iterations=3/' -e 's#"results/short/motion.gif"#&, frames=3#' "$source" >short.py
+    -e 's/iterations=[0-9]*/iterations=3/' -e 's#"results/short/motion.gif"#&, frames=3#' "$source" >short.py
 [ "$(diff "$source" short.py | grep -c '^>')" = 4 ] ||
     { echo "demos/short.py has changed; adapt what $0 shortens in it" >&2; exit 1; }
 cat >>short.py <<PROGRAM
