@@ -166,9 +166,9 @@ def test_derivatives_beside_densities(comm: MPI.Comm, scene: Any) -> None:
 
 
 @pytest.mark.mpi
-def test_parameters_and_a_body_on_several_ranks(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_parameters_and_a_body_on_several_ranks(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Together they come lower than the body alone; history and summary tell the parameters."""
-    folder = comm.bcast(tmp_path)
+    folder = shared_tmp_path
     problem = crank_problem(comm)
     level = ffr.DensityDesign(problem.flexible["rod"].domain)
     run: dict[str, Any] = {"iterations": 6, "progress": False, "boundary": 0, "volume": 0.6}
