@@ -45,7 +45,7 @@ SOLIDS: dict[str, Table] = tomllib.loads(
     (files(__package__) / "materials.toml").read_text(encoding="utf-8")
 )
 COMM = Name("comm", MPI.COMM_WORLD)
-_ARRAYS = set(typing.get_args(ArrayLike))
+_ARRAYS = set(typing.get_args(ArrayLike)) or {ArrayLike}
 #: Stands for arrays among what a hint allows
 _ARRAY = "array"
 #: A number and what follows it
