@@ -20,6 +20,7 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 import dolfinx_ffr
+from dolfinx_ffr.documentation import Shown
 
 sys.path.insert(0, str(Path(__file__).parent))
 import formulas
@@ -79,7 +80,8 @@ def directive(name: str) -> str:
     module, _, attribute = name.rpartition(".")
     thing = getattr(importlib.import_module(module), attribute)
     if inspect.isclass(thing):
-        bases = "   :show-inheritance:\n" if thing.__bases__ != (object,) else ""
+        alone = thing.__bases__ in ((object,), (Shown,))
+        bases = "" if alone else "   :show-inheritance:\n"
         return f".. autoclass:: {name}\n   :members:\n{bases}"
     return f".. auto{'function' if callable(thing) else 'data'}:: {name}\n"
 
