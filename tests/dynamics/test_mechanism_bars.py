@@ -316,6 +316,7 @@ def test_many_parameters_take_few_calls() -> None:
 
 
 AT = 0.05
+SINE = ffr.Motion.fourier(1.0, sines=[1.0])
 NO = "parameter 'p': no derivative: "
 REFUSED = {
     NO + "the times of jumps depend on it": driven,
@@ -335,6 +336,20 @@ REFUSED = {
 def test_what_has_no_derivative_is_refused(said: str) -> None:
     with pytest.raises(ValueError, match=said):
         weighed(REFUSED[said], p=(AT, 0.01, 0.08))
+
+
+def test_signals_may_be_of_another_kind_at_other_values() -> None:
+    def pushed(p: float, q: float, *, plain: bool) -> ffr.Mechanism:
+        push = p if plain or p == AT else lambda t: np.full(t.size, p)
+        turn = ffr.Motion.fourier(1.0, sines=[p]) if plain or p == AT else SINE * p
+        angle = ffr.PrescribedAngle(("arm", "pin"), turn)
+        return pendulum(joints=[angle], forces=[ffr.Force(END, push, q)])
+
+    given = {"p": (AT, 0.01, 0.08), "q": (1.0, 0.0, 2.0)}
+    found, plain = (
+        weighed(lambda p, q, s=s: pushed(p, q, plain=s), **given) for s in (False, True)
+    )
+    np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)
 
 
 def test_slope_at_a_bound_is_one_sided() -> None:
