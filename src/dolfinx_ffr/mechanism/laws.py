@@ -247,8 +247,8 @@ class OnCircle:
 
     def pullback(self, t: Array, bars: Array) -> Array:
         phi, rate, growth = (np.broadcast_to(part(t), t.shape) for part in _parts(self.angle))
-        c, s, first = np.cos(phi), np.sin(phi), self._slope(t)
-        second = -_wave(self.cosine, self.sine, phi)
+        c, s = np.cos(phi), np.sin(phi)
+        first, second = self.sine * c - self.cosine * s, -self.cosine * c - self.sine * s
         # Value, velocity, acceleration are g, g' phi', g'' phi'^2 + g' phi'' of g = c, s
         by_cosine = bars[0] * c - bars[1] * s * rate - bars[2] * (c * rate**2 + s * growth)
         by_sine = bars[0] * s + bars[1] * c * rate + bars[2] * (c * growth - s * rate**2)
