@@ -49,7 +49,8 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
         result = scene.optimized(maker, output=folder, resume=resume)
         if (result.moved or result).reason in ("interrupted", "terminated"):
             code = TERMINATED if result.terminated else INTERRUPTED
-            _say(f"interrupted; to go on: dolfinx_ffr design {file} --resume")
+            elsewhere = f" --output {output}" if output else ""
+            _say(f"interrupted; to go on: dolfinx_ffr design {file}{elsewhere} --resume")
             return code
         found = result.finish(folder)
         _say("drawing")
