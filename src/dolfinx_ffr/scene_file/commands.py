@@ -66,7 +66,9 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
     write_summary(COMM, folder / "summary.json", record)
     report = write_report(COMM, folder)
     share = f", {result.psi / full['full']:.1%} of the full bodies'" if full.get("full") else ""
-    _say(f"psi = {result.psi:.6g} {_unit(result)} after {result.iterations} iterations{share}")
+    ended = "" if result.reason == "iterations" else f" ({result.reason})"
+    count = f"{result.iterations} iterations{ended}"
+    _say(f"psi = {result.psi:.6g} {_unit(result)} after {count}{share}")
     if found is None:
         raise SceneError(f"{file}: the design encloses no part; {report} tells what was found")
     _say(f"{found}\nthe part and the report are in {folder} ({report.name})")
