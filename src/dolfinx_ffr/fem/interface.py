@@ -143,13 +143,18 @@ def _moments(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[float, Array
     tags = mesh.meshtags(domain, dim - 1, np.sort(facets), np.ones(len(facets), dtype=np.int32))
     ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)(1)
     x, n = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
-    one = fem.Constant(domain, np.float64(1.0))
-    parts = [one, *(one * x[i] for i in range(dim))]
+    parts = [1.0, *(x[i] for i in range(dim))]
     if dim == 3:
-        parts += [one * n[i] for i in range(dim)]
-        parts += [one * n[i] * n[j] for i in range(dim) for j in range(i, dim)]
-    comm: MPI.Comm = domain.comm
-    size, *moments = (comm.allreduce(fem.assemble_scalar(fem.form(part * ds))) for part in parts)
+        parts += [n[i] for i in range(dim)]
+        parts += [n[i] * n[j] for i in range(dim) for j in range(i, dim)]
+    # one form for all of them: each would be compiled by itself
+    weights = fem.Constant(domain, np.zeros(len(parts)))
+    form = fem.form(sum(weights[k] * part for k, part in enumerate(parts)) * ds)
+    moments = []
+    for row in np.eye(len(parts)):
+        weights.value = row
+        moments.append(domain.comm.allreduce(fem.assemble_scalar(form)))
+    size, *moments = moments
     spread = np.zeros((dim, dim))
     if dim == 3:
         spread[np.triu_indices(3)] = moments[6:]
