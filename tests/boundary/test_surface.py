@@ -206,12 +206,13 @@ def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
     assert result.history["volume"][-1] < 0.9 * 1.01
     solid = result.part()
     assert result.history["narrowest"][-1] > 0.998 * MEMBER
+    if comm.size > 1:  # verification and files on several ranks are tested in tests/part
+        return
     found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
     assert found.fitted[0].psi == pytest.approx(result.psi, rel=1e-6)
     assert found.fitted[1].bodies["beam"].cells > 2 * found.fitted[0].bodies["beam"].cells
     (path,) = solid.write(shared_tmp_path / "beam.stl")
-    if comm.rank == 0:
-        assert pyvista.read(path).clean().is_manifold
+    assert pyvista.read(path).clean().is_manifold
     told = result.summary()["volume"]
     assert found.fitted[0].bodies["beam"].volume == pytest.approx(told, rel=1e-9)
 

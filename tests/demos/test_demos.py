@@ -215,7 +215,7 @@ SCENES = {
 
 #: Those that draw, also of parameters and of several load cases; the others call the same
 #: functions, whose pictures tests/plotting looks at
-DRAWN = ("connecting_rod", "balanced_arm", "several_load_cases")
+DRAWN = ("balanced_arm", "several_load_cases")
 
 
 @pytest.mark.parametrize(
