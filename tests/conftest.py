@@ -42,7 +42,7 @@ HANGING = 600.0
 GRACE = 60.0
 
 #: Folders of tests of fields and matrices that the ranks share. With more than two ranks, of what
-#: is made of these (motions, parts, whole loops) those run that say so in their names.
+#: is made of these (motions, parts, whole loops) those run that say so in their names, no demos.
 SHARED = ("design", "fem", "paper", "reduction")
 RANKS = re.compile(r"_ranks?(_|\b)")
 
@@ -89,7 +89,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         first: dict[str, pytest.Item] = {}
         for item in chosen:
             name = item.nodeid.partition("[")[0]
-            if item.path.parent.name in SHARED or RANKS.search(name):
+            folder = item.path.parent.name
+            if folder in SHARED or (folder != "demos" and RANKS.search(name)):
                 first.setdefault(name, item)
         chosen = list(first.values())
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
