@@ -17,13 +17,12 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csc_matrix, csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..design import Isometry, Mirror, images
-from ..fem import Curve, Domain, Drawing, Face, polygon
+from ..fem import Curve, Domain, Drawing, Face, connected, polygon
 from ..part import Part, PartWarning
 from .curve import FreeCurve
 from .sides import Loops, Run, Side, sides_of
@@ -390,11 +389,10 @@ class Boundary:
         tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
         where = tree.data[[keys.index(key) for key in pair]]
         edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
-        rows, columns = np.array(sorted(edges)).T
-        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(keys), len(keys)))
-        number = connected_components(graph, directed=False)[1]
+        pairs = np.array(sorted(edges))
+        number = connected(pairs, len(keys))
         runs, gone = [], []
-        for group in np.unique(number[rows]):
+        for group in np.unique(number[pairs[:, 0]]):
             among = [keys[i] for i in np.flatnonzero(number == group)]
             union = shapely.union_all([self.hole(key) for key in among])
             union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..design import Isometry
+from ..fem import connected
 from .curve import FreeCurve
 from .sides import Run
 
@@ -48,9 +47,8 @@ def fitted(
     rows = np.concatenate([np.zeros(0, int), *(first[j] + a for j, a, _, _ in pairs)])
     columns = np.concatenate([np.zeros(0, int), *(first[k] + b for _, _, k, b in pairs)])
     n = int(first[-1])
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    _, number = connected_components(graph, directed=False)
-    return curves, {k: number[first[k] : first[k + 1]].astype(np.int64) for k in curves}
+    number = connected(np.column_stack([rows, columns]), n).astype(np.int64)
+    return curves, {k: number[first[k] : first[k + 1]] for k in curves}
 
 
 def _images(
