@@ -48,6 +48,7 @@ FLOORS = (
     "files",
     "surroundings",
     "documentation",
+    "arrays",
 )
 #: What knows nothing of finite elements and of other ranks.
 MECHANICAL = ("body", "dynamics", "interchange", "mechanical_problem", "mechanism", "objective")

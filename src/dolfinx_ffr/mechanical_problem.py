@@ -17,9 +17,10 @@ from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from . import validation
+from .arrays import Array
 from .body import VolumeIntegrals
 from .documentation import explain_fields
 from .dynamics import (
@@ -58,7 +59,6 @@ from .objective import (
 )
 
 Bodies = Mapping[str, VolumeIntegrals]
-Array = NDArray[np.float64]
 Key = TypeVar("Key", bound=Hashable)
 
 #: Relative error to which numbers are certified for an estimate of the error by the steps, at least

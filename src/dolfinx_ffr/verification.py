@@ -24,11 +24,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .documentation import explain_fields
-
-Array = NDArray[np.float64]
 
 #: Steps of :func:`taylor_test` where none are given: four halvings.
 DEFAULT_STEPS: tuple[float, ...] = tuple(1e-2 / 2.0**k for k in range(5))

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 #: Rotation by a quarter turn, the matrix J of the equations of motion.
 QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])

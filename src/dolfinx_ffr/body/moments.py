@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from ..interchange import axial
-from .marker import ASYMMETRY, Array, largest_share
+from .marker import ASYMMETRY, largest_share
 
 #: Smallest eigenvalue of a matrix at unit diagonal that passes for zero.
 _ROUND_OFF = 1e-9

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from .volume_integrals import Array, VolumeIntegrals
+from ..arrays import Array
+from .volume_integrals import VolumeIntegrals
 
 
 class ParametricBody:

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from ..interchange import (
     MARKERS,
     STIFFENING,
@@ -47,7 +48,6 @@ from .marker import (
     ASYMMETRY,
     LOADS,
     QUARTER_TURN,
-    Array,
     BodyMarker,
     as_array,
     check_body_marker,

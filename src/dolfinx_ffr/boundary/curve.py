@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, lil_matrix
 from scipy.sparse.linalg import spsolve
 
+from ..arrays import Array
 from ..fem import Spline
-
-Array = NDArray[np.float64]
 
 #: Weight of the second differences of the controls when a curve is fitted to points: steps along
 #: the elements of a mesh go, members stay where they are

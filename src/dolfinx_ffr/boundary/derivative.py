@@ -9,10 +9,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from ..fem import Domain, gathered_nodes, laplace
 from .outline import Boundary
-
-Array = NDArray[np.float64]
 
 #: Middles of the sides of a triangle of order 2 and the ends of these sides, by local number
 _SIDES = ((3, (1, 2)), (4, (0, 2)), (5, (0, 1)))

@@ -9,9 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Generic, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Array
 from ..fem import Domain
 from ..part import Solid
 from .derivative import NodeMotion
@@ -19,7 +17,6 @@ from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .surface import Surface, SurfaceMotion
 
-Array = NDArray[np.float64]
 B = TypeVar("B", Boundary, Surface)
 #: What the minimum width of the strut between two curves costs, as share of psi
 Costs = dict[tuple[int, int], float]

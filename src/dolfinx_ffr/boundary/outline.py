@@ -21,6 +21,7 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..design import Isometry, Mirror, images
 from ..fem import Curve, Domain, Drawing, Face, connected, polygon
 from ..part import Part, PartWarning
@@ -29,7 +30,6 @@ from .sides import Loops, Run, Side, sides_of
 from .spurs import spurs
 from .symmetry import fitted
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 #: Accuracy of polygons, in minimum members

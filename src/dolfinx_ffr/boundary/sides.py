@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..fem import Drawing
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

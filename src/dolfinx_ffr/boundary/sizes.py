@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from .outline import Boundary
-
-Array = NDArray[np.float64]
 
 #: By how much members are kept wider than the minimum
 SPARE = 1.02

@@ -7,12 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from ..design import Isometry
-
-Array = NDArray[np.float64]
 
 #: Width of spurs at most, and way around one at least, in minimum members
 _WIDE, _AROUND = 3.0, 5.0

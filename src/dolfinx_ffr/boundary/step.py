@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 #: Violations beyond this are mended in several steps
 _AT_ONCE = 0.25

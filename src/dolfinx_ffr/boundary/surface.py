@@ -22,6 +22,7 @@ from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..design import Mirror, images
 from ..fem import Domain, Tetrahedra, gathered_nodes
 from ..limits import PAIR, check_count
@@ -30,8 +31,6 @@ from ..part import PartWarning, Solid
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
 from .walls import Field, Sides, Walls
-
-Array = NDArray[np.float64]
 
 #: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
 _SPACING = 0.5

@@ -9,12 +9,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..design import Isometry
 from ..fem import connected
 from .curve import FreeCurve
 from .sides import Run
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 

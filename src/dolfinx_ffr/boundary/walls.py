@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Integers
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
 from ..part import outer_faces, spread
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Field = Callable[[Array], Array]
 
 #: Product of the normals of both sides, below which they are those of a wall, and no wedge

@@ -23,8 +23,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from .density_filter import check_neighbours
-from .level_set import Array, LevelSet
+from .level_set import LevelSet
 from .parametrization import check_volume, filled_share, volume_multiplier
 from .rbf import Wendland, kernel_matrix
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
+from ..arrays import Integers
 from ..fem import Array, laplace
 
 #: Distance of a node from a curve or face on which it lies, in sizes of the body
 _ON = 1e-7
-Integers = NDArray[np.int64]
 
 
 class NodesOnGeometry:

@@ -29,8 +29,7 @@ from scipy.spatial import cKDTree
 from scipy.special import xlogy
 
 from .. import validation
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 
 class Kernel(Protocol):

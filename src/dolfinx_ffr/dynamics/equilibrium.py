@@ -17,12 +17,10 @@ import math
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .kinematics import Kinematics, equations_pullback
 from .model import FlatModel, without
-
-Array = NDArray[np.float64]
 
 _MAX_ITERATIONS = 300
 #: Longest step, in parts of the mechanism's size and in radians.

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..mechanism import RowKind
 from .equilibrium import equilibrium_pullback, static_equilibrium
 from .kinematics import (
@@ -17,8 +17,6 @@ from .kinematics import (
     reversed_row,
 )
 from .model import FlatModel
-
-Array = NDArray[np.float64]
 
 _MAX_ITERATIONS = 100
 #: Joints that stay open by more than this share of the mechanism's size cannot be assembled.

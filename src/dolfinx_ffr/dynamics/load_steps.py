@@ -19,9 +19,8 @@ from itertools import islice, pairwise, takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from .tables import BESIDE_JUMP, TimeTables, once_for_a_mechanism
-
-Array = NDArray[np.float64]
 
 #: Samples of all cells together, and of one cell at least. A blow that lasts less than a hundred
 #: thousandth of the motion may be missed: it must be named (`Mechanism.jumps`).

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
@@ -25,8 +26,6 @@ from .model import FlatModel
 from .stated import Numbers, OtherLawError
 from .trajectory import Trajectory
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Bodies = Mapping[str, VolumeIntegrals]
 
 #: Fields of the arrays that a mechanism and the markers of its bodies set.

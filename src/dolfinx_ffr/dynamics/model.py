@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
 from ..mechanism import Element, Mechanism, Row, Undeformed, is_zero, marker_name
 from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
 from .tables import TimeTables
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 #: Rows of all joints and elements of all forces, with the names of these
 Connected = tuple[list[tuple[Row, str]], list[tuple[Element, str]]]
 

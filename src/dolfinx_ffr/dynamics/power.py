@@ -16,14 +16,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..mechanism import Moving, RowKind
 from .equations import CONSTRAINTS, ROWS
 from .kinematics import Kinematics, marker_bar
 from .model import FlatModel
 from .trajectory import Trajectory, TrajectoryBar
-
-Array = NDArray[np.float64]
 
 
 def drives(model: FlatModel) -> list[str]:

@@ -12,14 +12,11 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..mechanism import Ground, Motion, Moving, Signal, Triple, VectorKind, sample
 from .model import FlatModel
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Fields of the arrays that are numbers themselves
 _CONSTANTS = ("alpha", "beta", "shapes", "vector_stiffening", "law", "normal", "ratio")

@@ -10,12 +10,10 @@ from functools import cached_property, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..mechanism import Element, Mechanism, Motion, Moving, Row, sample
 from .kinematics import Lowering
-
-Array = NDArray[np.float64]
 
 #: Relative distance from a jump at which the values on its sides are taken.
 BESIDE_JUMP = 1e-15

@@ -9,16 +9,13 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from ..arrays import Array, Integers
 from ..documentation import Shown
 from .compilation import Compiled
 from .kinematics import Momenta, Samples, applied_forces, momenta_of, turned_between
 from .model import FlatModel
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Arrays of a trajectory with one row for each instant.
 OVER_TIME = ("t", "y", "v", "w", "a", "multipliers", "stabilization", "turns")

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Container, Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..mechanism import PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
@@ -17,7 +16,6 @@ from .load_steps import FEWER_SAMPLES, load_steps
 from .trajectory import Trajectory
 from .vibrations import lost_vibrations
 
-Array = NDArray[np.float64]
 #: Kinds and texts of warnings.
 Warnings = Iterator[tuple[type[UserWarning], str]]
 

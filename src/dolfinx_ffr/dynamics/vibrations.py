@@ -18,16 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .equations import CONSTRAINTS, FORCES, TANGENT
 from .integration.start import accelerations_at_jump, start_accelerations
 from .kinematics import Kinematics, mass_norm, norm_floors
 from .model import FlatModel, without
 from .tables import BESIDE_JUMP
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Share of the largest singular value below which a row of the joints counts as redundant
 _REDUNDANT = 1e-10

@@ -9,11 +9,11 @@ from ..surroundings import working_with_numpy
 with working_with_numpy("petsc4py"):
     from petsc4py import PETSc  # noqa: F401
 
+from ..arrays import Array as Array
 from .circles import fit_circle as fit_circle
 from .circles import fit_cylinder as fit_cylinder
 from .circles import nearest_circle as nearest_circle
 from .curves import Arc as Arc
-from .curves import Array as Array
 from .curves import Curve as Curve
 from .curves import Line as Line
 from .curves import Spline as Spline

@@ -10,10 +10,9 @@ minimises the squared distances of its points.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 #: Fewer points lie on a circle by chance: any three do, and the corners of a rectangle
 FEWEST = 5

@@ -16,10 +16,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 #: Gauss' rule by which an arc of at most a quarter circle is integrated, exact to round-off
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)

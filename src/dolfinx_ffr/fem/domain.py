@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..parallel import gathered, on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
-from .interface import Array, Interface, find_interfaces
+from .interface import Interface, find_interfaces
 from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
 from .mesh_copy import MeshCopy
 from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ..arrays import Array
 from ..limits import MOST_CURVES, check_count
-from .curves import Arc, Array, Curve, Drawn, Line, Spline
+from .curves import Arc, Curve, Drawn, Line, Spline
 
 #: Units by their code in the header: inch, foot, mm, cm, m, yard, micrometre, decimetre [m]
 _INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 13: 1e-6, 14: 0.1}

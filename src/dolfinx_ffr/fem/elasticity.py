@@ -26,9 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from .. import validation
+from ..arrays import Array
 from ..parallel import on_every_rank
 from . import _compat
-from .domain import Array, Domain
+from .domain import Domain
 from .material import ElasticMaterial, Interpolation
 from .nodes import MeshNodes, add_ghosts
 

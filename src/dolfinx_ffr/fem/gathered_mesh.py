@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..parallel import announce
 from . import _compat
-from .domain import Array, Domain
+from .domain import Domain
 
 if TYPE_CHECKING:
     import pyvista
 
-Integers = NDArray[np.int64]
 
 #: Corners of a cell of DOLFINx in the order of VTK
 CORNERS = {"tetrahedron": [0, 1, 2, 3], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}

@@ -15,8 +15,9 @@ from dolfinx import fem, mesh
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from .circles import fit_circle, fit_cylinder
-from .mesh_checks import Array, facet_nodes, facet_points
+from .mesh_checks import facet_nodes, facet_points
 from .regions import Predicate, located
 
 #: Largest deviation of normals from each other that counts as none

@@ -17,9 +17,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from . import _compat
-
-Array = NDArray[np.float64]
 
 #: Sides of a facet by its number of corners; quadrilaterals are numbered as tensor products
 _SIDES = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}

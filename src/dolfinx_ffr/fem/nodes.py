@@ -26,9 +26,8 @@ from dolfinx import fem, mesh
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..arrays import Array
 from . import _compat
-
-Array = NDArray[np.float64]
 
 
 class MeshNodes:

@@ -18,9 +18,10 @@ import shapely
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..limits import MOST_CURVES, check_count
 from ..parallel import on_rank_0
-from .curves import Arc, Array, Curve, Drawn, Line, Spline, enclosed, polygon
+from .curves import Arc, Curve, Drawn, Line, Spline, enclosed, polygon
 from .dxf_file import read_dxf
 from .mesh_checks import connected
 from .mesh_file import TaggedMesh, read_gmsh_model

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from ..limits import MOST_CURVES, check_count
-from .curves import Arc, Array, Curve, Line, Spline, enclosed
+from .curves import Arc, Curve, Line, Spline, enclosed
 
 _numbers = count()
 #: Smallest Jacobian determinant of a curved cell over that of the straight cell

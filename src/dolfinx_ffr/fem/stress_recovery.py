@@ -18,9 +18,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from ..arrays import Array
 from . import _compat
 from .domain import quadrature
-from .elasticity import Array, Block, Elasticity
+from .elasticity import Block, Elasticity
 from .material import ElasticMaterial
 
 #: Components of the stress by dimension

@@ -17,8 +17,9 @@ from xml.etree.ElementTree import Element, ParseError, SubElement, parse, tostri
 
 import numpy as np
 
+from ..arrays import Array
 from ..limits import MOST_CURVES, check_count
-from .curves import Arc, Array, Curve, Drawn, Line, Spline
+from .curves import Arc, Curve, Drawn, Line, Spline
 
 #: Physical units, and pixels [mm]
 _PHYSICAL = {"mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72.0, "pc": 25.4 / 6.0}

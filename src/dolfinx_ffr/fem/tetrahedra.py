@@ -15,10 +15,11 @@ from mpi4py import MPI
 import basix
 import numpy as np
 
+from ..arrays import Array, Integers
 from ..parallel import on_every_rank
 from . import _compat
 from .domain import Domain
-from .gathered_mesh import CORNERS, Array, GatheredMesh, Integers
+from .gathered_mesh import CORNERS, GatheredMesh
 from .mesh_checks import vertex_nodes
 
 #: Regions of a body

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from .assembled import (
-    Array,
     AssembledMatrices,
     from_entries,
     read_table,

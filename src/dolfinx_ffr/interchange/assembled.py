@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from .. import validation
+from ..arrays import Array
 
-Array = NDArray[np.float64]
 #: Largest force or mass by which matrices may miss a property, relative to their entries: files
 #: have seven digits and more
 _SAME = 1e-6

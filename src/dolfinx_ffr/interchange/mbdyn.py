@@ -22,13 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..files import replace_file
 from .format import SEAL, Arrays, elastic, markers, number, sealed, unsealed
 from .moments import axial, of_theta, theta
 
-Array = NDArray[np.float64]
 _TITLES = {
     2: "FINITE ELEMENT NODE LIST",
     3: "INITIAL MODAL DISPLACEMENTS",

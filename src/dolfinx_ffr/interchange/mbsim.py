@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..files import replace_file
 from .format import FEATURES, SEAL, Arrays, elastic, markers, sealed, unsealed
 from .moments import axial, centrifugal, of_parts
 
-Array = NDArray[np.float64]
 _BODY = "{http://www.mbsim-env.de/MBSimFlexibleBody}"
 _VALUES = "{http://www.mbsim-env.de/MBXMLUtils}"
 _GEOMETRIC = "geometricStiffnessMatrixDueTo{}Array"

@@ -40,8 +40,8 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..files import replace_file
 from .format import (
     FEATURES,
@@ -56,7 +56,6 @@ from .format import (
 )
 from .moments import axial, centrifugal, cross_matrix, of_parts, of_theta, theta
 
-Array = NDArray[np.float64]
 #: Terms of order zero, and of order one with the index of q before that of the column
 Taylor = tuple[Array, Array | None]
 _J = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

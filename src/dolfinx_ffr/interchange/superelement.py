@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .format import Arrays, elastic, markers
 from .moments import axial, cross_matrix, theta
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

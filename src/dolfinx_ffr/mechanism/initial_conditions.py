@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from .marker import Pair, Triple, check_position
 from .rotation import (
     RotationLike,
@@ -23,8 +24,6 @@ from .rotation import (
     rotation_matrix,
     rotation_vector,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

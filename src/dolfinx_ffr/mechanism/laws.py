@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from .. import validation
+from ..arrays import Array
 
-Array = NDArray[np.float64]
 #: Numbers of which something is made, (numbers,), and all else, or None where they are not known
 Stated: TypeAlias = tuple[Array, Hashable]
 _Found = tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]

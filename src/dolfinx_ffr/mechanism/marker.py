@@ -20,9 +20,10 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from .motion import Motion, tabulated
 from .rotation import (
     RotationLike,
@@ -32,7 +33,6 @@ from .rotation import (
     upright_matrix,
 )
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from .laws import (
     KNOWN,
     Combined,
@@ -29,7 +30,6 @@ from .laws import (
 )
 from .table import read_motion
 
-Array = NDArray[np.float64]
 TimeFunction = Callable[[Array], ArrayLike]
 _Made: TypeAlias = KnownLaw | Composed
 

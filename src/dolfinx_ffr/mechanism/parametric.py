@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from .mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 #: Share of the ranges by which the values differ at which vectors are compared a second time.
 _APART = 1e-4

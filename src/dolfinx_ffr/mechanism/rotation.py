@@ -8,14 +8,14 @@ import warnings
 from typing import TYPE_CHECKING, TypeAlias, Union
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
 
 #: A rotation: a vector along its axis whose length is the angle [rad], shape (3,); a matrix, shape
 #: (3, 3), whose columns are the turned axes; or a rotation of SciPy.

@@ -10,11 +10,9 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 #: Units of times in seconds, of angles in radians, of lengths in metres.
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}

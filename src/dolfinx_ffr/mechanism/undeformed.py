@@ -9,14 +9,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from .initial_conditions import Placement
 from .marker import BodyPoint, Ground, Marker, Pair, Triple
 from .motion import sample
 from .rotation import rotation_matrix, rotation_vector, upright_matrix
-
-Array = NDArray[np.float64]
 
 #: Components in which an axis of rotations is zero, by dimension.
 _NO_AXES = {2: (0, 1), 3: ()}

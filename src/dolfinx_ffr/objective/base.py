@@ -10,14 +10,11 @@ from dataclasses import dataclass, field, replace
 from operator import add
 from typing import Any, ClassVar, Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .. import validation
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory, TrajectoryBar
 
-Array = NDArray[np.float64]
 Bodies = Mapping[str, VolumeIntegrals]
 T = TypeVar("T")
 

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import TrajectoryBar
 from .base import Derivatives, Inventory, Objective, Response, no_body
 from .time_average import power_mean, time_weights
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import drives, driving_power, driving_power_pullback
 from .base import Derivatives, Response
 from .joints import OfJoints
 from .time_average import MeanOverTime, check_window, time_weights
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory, TrajectoryBar, forces_on_frame
 from .base import Derivatives, Inventory, Objective, Response
 from .time_average import MeanOverTime, time_weights
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

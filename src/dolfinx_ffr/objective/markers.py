@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..body import BodyMarker
 from ..dynamics import (
     MarkerMotion,
@@ -29,7 +30,6 @@ from ..mechanism import Motion, check_signal, evaluated
 from .base import Derivatives, Inventory, Objective, Response, no_body
 from .time_average import check_window, time_weights
 
-Array = NDArray[np.float64]
 #: Coordinates, velocities and accelerations of a body over time
 State = tuple[Array, Array, Array]
 

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
 from .base import DensityField, Derivatives, Inventory, Objective, Response, no_body
-
-Array = NDArray[np.float64]
 
 #: Relative distance of two eigenvalues below which they count as equal.
 _EQUAL = 1e-6

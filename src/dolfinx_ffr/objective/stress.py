@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory
 from .base import Derivatives, Inventory, Objective, Response, StressField
 from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
 from .time_average import time_weights
-
-Array = NDArray[np.float64]
 
 #: Numbers in one block of stresses over time.
 BLOCK = 1_000_000

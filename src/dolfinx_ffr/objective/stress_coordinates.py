@@ -21,11 +21,9 @@ accelerations, D. Rixen, AIAA 2001-1300, doi:10.2514/6.2001-1300).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..dynamics import Trajectory, TrajectoryBar
-
-Array = NDArray[np.float64]
 
 
 def stress_coordinates(

@@ -12,13 +12,11 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory, stage_integrals
 from .base import Objective, Response
-
-Array = NDArray[np.float64]
 
 
 def check_window(what: str, window: tuple[float, float] | None) -> None:

@@ -12,13 +12,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.sparse import block_diag as sparse_block_diag
 from scipy.sparse import csc_matrix
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Array
 from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
@@ -36,7 +36,6 @@ from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
 from .steps_checkpoint import Kept, Learnt, StepsCheckpoint
 
-Array = NDArray[np.float64]
 #: By the dimension of the bodies
 _KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
 

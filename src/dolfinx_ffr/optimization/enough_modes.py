@@ -11,10 +11,10 @@ import math
 import warnings
 from collections.abc import Iterable, Mapping
 
+from ..arrays import Array
 from ..dynamics import SimulationError, TimeStepWarning, recorded, restored_method
 from ..postprocessing import mode_error, propose_modes
 from ..problem import Evaluation, Problem
-from .gradient import Array
 from .result import of_problem, warn
 
 #: Iterations from one estimate to the next: it costs about as much as a value

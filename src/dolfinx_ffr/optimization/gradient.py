@@ -14,9 +14,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..problem import Evaluation, Problem
 
-Array = NDArray[np.float64]
 Distance = Callable[[str], Array | None]
 
 

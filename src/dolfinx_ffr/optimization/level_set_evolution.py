@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from .. import validation
+from ..arrays import Array
 from ..design import Evolution, LevelSet
 from ..dynamics import SimulationError
 from ..problem import Evaluation
-from .gradient import Array
 from .loop import Arrays, Bounds, DesignLoop, Designs, Optimizer
 from .result import Result, warn
 

@@ -20,6 +20,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Array
 from ..design import Design, Variables
 from ..fem import Domain
 from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
@@ -32,7 +33,7 @@ from .enough_modes import (
     with_methods,
     with_steps_for,
 )
-from .gradient import Array, Distance, GradientErrors, GradientMethod, GradientReport
+from .gradient import Distance, GradientErrors, GradientMethod, GradientReport
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import interruptible, warnings_above
 from .steps_checkpoint import StepsCheckpoint

@@ -34,10 +34,10 @@ from typing import Any
 import numpy as np
 
 from .. import validation
+from ..arrays import Array
 from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..problem import Evaluation
-from .gradient import Array
 from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
 from .moving_asymptotes import Asymptotes
 from .result import Result

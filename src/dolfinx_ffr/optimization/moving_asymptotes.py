@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from .gradient import Array
+from ..arrays import Array
 
 #: Distance of the asymptotes in shares of the range: at first, at least, at most
 FIRST, LEAST, MOST = 0.5, 0.01, 10.0

@@ -15,6 +15,7 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from .. import validation
+from ..arrays import Array
 from ..boundary import Boundary, Surface
 from ..design import Design, DimensionDesign, Variables
 from ..documentation import Shown
@@ -25,7 +26,6 @@ from ..part import Part, Solid, Verification, verify
 from ..plotting import animate_boundary, plot_part, plot_stress
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
-from .gradient import Array
 from .running import alone_in
 
 

@@ -13,12 +13,12 @@ from typing import Any
 
 from mpi4py import MPI
 
+from ..arrays import Array
 from ..design import DimensionDesign, DimensionMotion, Variables
 from ..dynamics import SimulationError
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
-from .gradient import Array
 from .result import Result, of_problem
 
 

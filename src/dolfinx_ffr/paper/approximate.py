@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Mask
 from ..design import ExponentialSpline, Kernel, ThinPlate, check_kernel
 from ..fem import Array, Domain
 from ..optimization import Distance, GradientErrors, GradientReport
@@ -37,8 +38,6 @@ from .elementwise import elementwise_gradient
 from .mode_derivatives import SOLVERS, Solver
 from .rbf_interpolation import ScatteredInterpolation, best_length
 from .sampling import GradientElements
-
-Mask = NDArray[np.bool_]
 
 #: Share of the selected elements beside which one more is selected in a round of refinement
 REFINED = 0.25

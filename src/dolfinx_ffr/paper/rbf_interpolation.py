@@ -21,16 +21,15 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from .. import validation
+from ..arrays import Array
 from ..design import Kernel, check_kernel
-
-Array = NDArray[np.float64]
 
 #: Condition number above which interpolation is stabilised, with a warning
 LARGEST_CONDITION = 1e13

@@ -13,15 +13,11 @@ stands, which is right to about a spacing.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from ..arrays import Array, Integers, Mask
 from .widths import Width, least_width
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 #: Most points of a lattice
 MOST_POINTS = 200_000

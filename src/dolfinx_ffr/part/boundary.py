@@ -10,9 +10,10 @@ from itertools import count, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..fem import Arc, Curve, Line, nearest_circle
 from .cut import Segments
-from .field import Array, Field, Integers, cross, turns
+from .field import Field, cross, turns
 from .fitting import corners, fitted, followed, thinned
 from .lattice import Lattice
 

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..fem import connected
-from .field import Array, Field, Integers, evaluated, refuse_zero, zeros_between
+from .field import Field, evaluated, refuse_zero, zeros_between
 from .lattice import DESIGN, SOLID, VOID, Lattice
 
 #: Values of less than this distance from the zero line count as material, in units of the spacing

@@ -19,14 +19,13 @@ from mpi4py import MPI
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..fem import Arc, Curve, Drawing, Face, Line, Spline, gmsh_model, quiet, surfaces
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 
-Array = NDArray[np.float64]
 #: Curves that follow each other, each with the interface that it is, "" for none
 Loop = list[tuple[Curve, str]]
 

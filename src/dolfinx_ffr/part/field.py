@@ -6,12 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Array, Integers
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 #: Of positions (n, d) [m], gives (n,) numbers
 Field = Callable[[Array], Array]
 

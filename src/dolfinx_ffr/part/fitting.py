@@ -12,8 +12,9 @@ import warnings
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
+from ..arrays import Array
 from ..fem import Curve, Line, Spline
-from .field import Array, Field, cross, evaluated, turns
+from .field import Field, cross, evaluated, turns
 
 #: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
 _CORNER = 0.7

@@ -10,10 +10,11 @@ from mpi4py import MPI
 import basix
 import numpy as np
 
+from ..arrays import Array, Integers
 from ..fem import Domain, _compat
 from ..limits import check_count
 from ..parallel import announce, on_every_rank
-from .field import Array, Integers, cross
+from .field import cross
 
 #: Most points, which take a minute without those of the field
 MOST_POINTS = 20_000_000

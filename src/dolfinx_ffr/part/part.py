@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..fem import (
     Curve,
     Domain,
@@ -45,7 +46,7 @@ from ..parallel import on_rank_0
 from .boundary import boundary
 from .cut import cut
 from .export import Sheet, write
-from .field import Array, Field, evaluated
+from .field import Field, evaluated
 from .lattice import Lattice
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .verify import Enclosed, Found, PartWarning

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from ..arrays import Array
 from ..fem import Curve, Drawing, Face, connected, enclosed, polygon
 from .boundary import Side, loops
-from .field import Array
 from .lattice import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}

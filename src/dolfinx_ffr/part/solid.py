@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Array
 from ..fem import (
     DESIGNED,
     Domain,
@@ -35,7 +36,7 @@ from ..files import check_room, whole_file
 from ..parallel import on_rank_0
 from .ball_widths import thinnest_in_space
 from .export import UNITS
-from .field import Array, Field
+from .field import Field
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
 from .verify import Enclosed, Found, PartWarning
 from .widths import Width

@@ -16,8 +16,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
+from ..arrays import Array, Integers
 from ..fem import DESIGNED, SOLID, VOID, Tetrahedra, connected
-from .field import Array, Field, Integers, evaluated, refuse_zero, zeros_between
+from .field import Field, evaluated, refuse_zero, zeros_between
 
 #: Corners closer than this to the surface are moved onto it, in units of the edge on which it is
 _NEAR = 0.25

@@ -24,7 +24,7 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from .field import Array
+from ..arrays import Array
 
 #: Relative accuracy of a width
 ACCURACY = 2e-3

@@ -15,6 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..design import density_field
 from ..fem import Domain, GatheredMesh, surface_of
 from ..part import Solid
@@ -22,8 +23,6 @@ from ..reduction import FlexibleBody, ReducedBody
 from . import style
 from .mechanism_view import VOID
 from .rendering import Rendering, feature_edges
-
-Array = NDArray[np.float64]
 
 _MATERIAL = "#b9c0c8"
 #: Largest displacement shown, relative to the body's extent

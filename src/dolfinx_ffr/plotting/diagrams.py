@@ -15,15 +15,14 @@ from mpi4py import MPI
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory
 from ..io import read_history
 from ..mechanism import Motion, Moving, Parameters
 from . import style
-
-Array = NDArray[np.float64]
 
 #: Heading and unit of each panel, by the name of the column
 _COLUMNS = {

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING
 import basix
 import numpy as np
 from dolfinx import mesh
-from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from ..fem import Domain, _compat
 from ..parallel import announce
 
 if TYPE_CHECKING:
     import pyvista
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

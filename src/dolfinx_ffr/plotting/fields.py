@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..fem import Domain
 from ..parallel import announce, on_every_rank
 from ..postprocessing import StressEnvelope
 from ..reduction import FlexibleBody, ReducedBody
 from . import style
 from .body_in_space import designs_in_space, modes_in_space, stress_in_space
-from .drawn_mesh import Array, DrawnMesh
+from .drawn_mesh import DrawnMesh
 from .mechanism_view import VOID
 from .scene import gathered_mesh
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..arrays import Array
 from ..fem import surface_of
 from ..mechanism import Joint, Line, Marker, Slider, Spring, Symbol
-from .drawn_mesh import Array
 from .mechanism_view import VOID, MechanismView
 from .rendering import Rendering, feature_edges
 from .scene import Arm, DrawnBody, across

@@ -14,8 +14,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
+from ..arrays import Array
 from ..mechanism import Ground, Joint, Line, Slider, Spring, Symbol
-from .drawn_mesh import Array
 from .scene import Arm, DrawnBody, Scene
 from .style import DARK, GRAY, LABEL, LIGHT, STEEL
 

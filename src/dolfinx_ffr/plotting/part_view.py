@@ -19,11 +19,12 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from .. import validation
+from ..arrays import Array
 from ..fem import polygon
 from ..part import Part, Solid, Width
 from . import style
 from .body_in_space import solid_in_space
-from .drawn_mesh import Array, DrawnMesh
+from .drawn_mesh import DrawnMesh
 
 #: Void, zero line and material of the field
 _FIELD = LinearSegmentedColormap.from_list("field", ["#f3efe6", "#ffffff", "#dbe7f3"])

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..fem import surface_of
-from .drawn_mesh import Array
 
 #: Pixels of an inch of the page, twice those of the page for smooth edges
 _PER_INCH = 220

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..arrays import Array
 from ..body import BodyMarker
 from ..dynamics import Trajectory
 from ..fem import Domain, GatheredMesh
 from ..mechanism import Ground, Marker, Mechanism, Moving
 from ..problem import Evaluation, Problem
-from .drawn_mesh import Array, DrawnMesh
+from .drawn_mesh import DrawnMesh
 
 
 @dataclass(frozen=True, eq=False)

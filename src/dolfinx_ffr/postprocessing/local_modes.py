@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory
 from ..fem import floating_cells
 from ..parallel import announce
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody, ReducedBody
-
-Array = NDArray[np.float64]
 
 #: Density relative to the body's mean by mass below which a cell counts as almost void. At 0.3 of
 #: the solid, SIMP with exponent 3 leaves a tenth of its stiffness by mass.

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, TimeStepWarning
 from ..problem import Evaluation, Problem
 from ..reduction import CLUSTER, BodyStress, ReducedBody, with_residual_modes
-from .local_modes import Array, trajectories_of, warn_of_local_modes
+from .local_modes import trajectories_of, warn_of_local_modes
 
 #: Bodies by name, flexible ones with their shape functions.
 Bodies = dict[str, ReducedBody | VolumeIntegrals]

@@ -15,11 +15,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg
 
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..fem import Domain
 from ..problem import Evaluation, Problem
 from ..reduction import MARKERS
-from .local_modes import Array, trajectories_of
+from .local_modes import trajectories_of
 from .mode_truncation import (
     psi_with,
     relative_change,

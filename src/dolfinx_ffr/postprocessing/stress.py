@@ -36,14 +36,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array
 from ..dynamics import Trajectory
 from ..fem import Domain
 from ..objective import stress_coordinates, von_mises_root
 from ..parallel import gathered, on_every_rank
 from ..problem import Evaluation
 from ..reduction import BodyStress, FlexibleBody, ReducedBody
-
-Array = NDArray[np.float64]
 
 #: Cells of less density are void
 VOID = 0.3

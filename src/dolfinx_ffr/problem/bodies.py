@@ -9,16 +9,16 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..fem import Domain
 from ..mechanism import Mechanism
 from ..objective import DensityField, Derivatives, Inventory, Response
 from ..reduction import BodyStress, FlexibleBody, ReducedBody
 
-Array = NDArray[np.float64]
 Body = FlexibleBody | VolumeIntegrals
 Densities = ArrayLike | Mapping[str, ArrayLike]
 Reduced = Mapping[str, ReducedBody]

@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .. import validation
+from ..arrays import Array
 from ..body import VolumeIntegrals
 from ..documentation import Shown
 from ..dynamics import Trajectory
@@ -18,7 +16,6 @@ from ..mechanical_problem import ConstraintValue
 from ..mechanism import Parameters
 from ..reduction import ReducedBody
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 

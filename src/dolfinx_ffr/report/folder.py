@@ -11,14 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from ..arrays import Array
 from ..files import file_names
 from ..io import read_history
-
-Array = NDArray[np.float64]
 
 #: Pictures that demos leave, what they show, and the function of `plotting` that draws them
 PICTURES = {
