@@ -284,14 +284,6 @@ class _Way(NamedTuple):
     degrees: tuple[int, int, int]
     matrices: tuple[Array, Array, Array]  #: (coefficients, values) each
 
-    def parts(self, values: Array) -> tuple[BSpline, BSpline, BSpline]:
-        """The spline through the values, and its derivatives."""
-        one, two, three = (
-            BSpline.construct_fast(t, matrix @ values, k)
-            for t, matrix, k in zip(self.knots, self.matrices, self.degrees, strict=True)
-        )
-        return one, two, three
-
 
 @dataclass(frozen=True, eq=False)
 class Spline:
@@ -307,12 +299,13 @@ class Spline:
     _known: dict[int, tuple[Array, _Found]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def parts(self) -> tuple[BSpline, BSpline, BSpline]:
+    def parts(self) -> list[BSpline]:
         """The spline and its derivatives by the variable."""
-        if self.way is not None:
-            return self.way.parts(np.asarray(self.given))
-        assert isinstance(self.given, BSpline)
-        return self.given, self.given.derivative(1), self.given.derivative(2)
+        if self.way is None:
+            assert isinstance(self.given, BSpline)
+            return [self.given, self.given.derivative(1), self.given.derivative(2)]
+        _, *each = self.way
+        return [BSpline.construct_fast(t, m @ self.given, k) for t, k, m in zip(*each, strict=True)]
 
     def stated(self) -> Stated:
         if self.way is None:
@@ -322,25 +315,27 @@ class Spline:
     def pullback(self, t: Array, bars: Array) -> Array:
         assert self.way is not None
         own = np.zeros(self.way.matrices[0].shape[1])
-        edges = (self.start, self.start + self.length * self.unit)
         for order, (bar, matrix) in enumerate(zip(bars, self.way.matrices, strict=True)):
             _, *sides = self._at(order, t)
             bar = np.where(self._still(order, sides), 0.0, bar)
             rows = self._rows(order, t)
             own += (rows.T @ bar) @ matrix[: rows.shape[1]] / self.unit**order
-            for end, beyond, edge in zip(self.ends, sides, edges, strict=True):
+            for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
                 if order == 0 and end == "uniform" and np.any(bar[beyond]):
                     far = np.array([bar[beyond] @ (np.asarray(t)[beyond] - edge)])
                     own += self.pullback(np.array([edge]), np.array([0.0 * far, far, 0.0 * far]))
         return own
 
     @property
+    def _edges(self) -> tuple[float, float]:
+        """Times of the ends [s]."""
+        return self.start, self.start + self.length * self.unit
+
+    @property
     def jumps(self) -> tuple[float, ...]:
         """Times at which the law changes over to rest or to a uniform motion [s]."""
-        times = (self.start, self.start + self.length * self.unit)
-        return tuple(
-            t for t, end in zip(times, self.ends, strict=True) if end in ("rest", "uniform")
-        )
+        both = zip(self._edges, self.ends, strict=True)
+        return tuple(t for t, end in both if end in ("rest", "uniform"))
 
     def _at(self, order: int, t: Array) -> _Found:
         """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
@@ -370,9 +365,9 @@ class Spline:
         slack = _SLACK * self.length
         for end, beyond in zip(self.ends, (x < -slack, x > self.length + slack), strict=True):
             if end == "natural" and np.any(beyond):
+                first, last = self._edges
                 raise OutsideError(
-                    f"is known from {self.start:.6g} s to "
-                    f"{self.start + self.length * self.unit:.6g} s alone, not at t = "
+                    f"is known from {first:.6g} s to {last:.6g} s alone, not at t = "
                     f"{np.asarray(t)[beyond][0]:.6g} s; give more of it, or ends of rest, uniform "
                     "or periodic motion, which go on"
                 )
@@ -385,16 +380,12 @@ class Spline:
         return found, x < 0.0, x > self.length
 
     def value(self, t: Array) -> Array:
-        found, before, after = self._at(0, t)
-        first, last = self.start, self.start + self.length * self.unit
-        for end, beyond, edge in zip(self.ends, (before, after), (first, last), strict=True):
+        found, *sides = self._at(0, t)
+        for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
             if end == "uniform" and np.any(beyond):
-                found[beyond] += self._edge(edge) * (np.asarray(t)[beyond] - edge)
+                speed = self._at(1, np.array([edge]))[0][0]
+                found[beyond] += speed * (np.asarray(t)[beyond] - edge)
         return found
-
-    def _edge(self, edge: float) -> float:
-        """Velocity at an end."""
-        return float(self._at(1, np.array([edge]))[0][0])
 
     def velocity(self, t: Array) -> Array:
         # Beyond an end of uniform motion the velocity is that at the end.
@@ -420,7 +411,6 @@ class Spline:
 
 #: Laws that know their numbers
 KnownLaw: TypeAlias = SmoothStep | Polynomial | Fourier | Combined | OnCircle | Spline
-KNOWN = (SmoothStep, Polynomial, Fourier, Combined, OnCircle, Spline)
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from .. import validation
 from ..arrays import Array
 from .laws import (
-    KNOWN,
     Combined,
     Composed,
     Fourier,
@@ -241,7 +240,7 @@ class Motion:
     def _law(self) -> KnownLaw | None:
         """The law behind the three functions, if it knows its numbers."""
         own, parts = getattr(self.value, "__self__", None), (self.velocity, self.acceleration)
-        same = isinstance(own, KNOWN) and all(getattr(f, "__self__", None) is own for f in parts)
+        same = isinstance(own, KnownLaw) and all(getattr(f, "__self__", None) is own for f in parts)
         return own if same else None
 
     def stated(self) -> Stated:

@@ -15,8 +15,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
-
 from .. import plotting
 from ..dynamics import SimulationError
 from ..io import write_density, write_summary
@@ -25,7 +23,7 @@ from ..optimization import Result
 from ..parallel import on_rank_0
 from ..part import Part
 from ..postprocessing import model_report
-from ..problem import Evaluation, Problem
+from ..problem import DesignedBodies, Evaluation, Problem
 from ..report import recorded_warnings, run_record, write_report
 from .calls import SceneError
 from .reading import near
@@ -81,7 +79,7 @@ def check(file: Path, *, output: Path | None) -> int:
     folder = output or scene.output
     with _plain_warnings():
         problem, _ = scene.made()
-        full = problem.value(_filled(problem, 1.0))
+        full = problem.value(DesignedBodies(problem.bodies).filled(1.0))
         _say(f"{scene.title}: {_sizes(problem)}")
         for name, body in problem.integrals(full).items():
             text = f"  {name}: {body.mass:.4g} kg"
@@ -148,14 +146,6 @@ def _plain_warnings() -> Iterator[None]:
         warnings.showwarning = usual
 
 
-def _filled(problem: Problem, share: float) -> Any:
-    """Densities of full bodies, or even ones."""
-    return {
-        name: np.where(body.domain.design_cells, share, body.domain.passive_density)
-        for name, body in problem.flexible.items()
-    }
-
-
 def _sizes(problem: Problem) -> str:
     """Elements and degrees of freedom of the flexible bodies."""
     told = []
@@ -202,7 +192,7 @@ def _full(result: Result) -> dict[str, float]:
     modes = {n: body.modes for n, body in (result.moved or result).problem.flexible.items()}
     with suppress(SimulationError):
         problem = result.problem.with_modes(modes)
-        return {"full": problem.value(_filled(problem, 1.0)).psi}
+        return {"full": problem.value(DesignedBodies(problem.bodies).filled(1.0)).psi}
     return {}
 
 
@@ -216,7 +206,7 @@ def _forces(problem: Problem, evaluation: Evaluation) -> Iterator[str]:
 
 def _estimate(scene: Scene, problem: Problem) -> str:
     """How long a design takes, by gradients that are measured."""
-    even, seconds = _filled(problem, 0.5), []
+    even, seconds = DesignedBodies(problem.bodies).filled(0.5), []
     for _ in range(2):  # the first one compiles forms
         began = perf_counter()
         problem.gradient(even)
