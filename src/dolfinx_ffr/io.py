@@ -27,6 +27,7 @@ from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
 from . import validation
+from .arrays import Array
 from .fem import Domain
 from .files import check_room, named_in_errors, replace_file, whole_file
 from .parallel import check_alike, on_every_rank, on_rank_0
@@ -100,7 +101,7 @@ def write_history(
     on_rank_0(comm, lambda: _replace(path, text.getvalue().encode()))
 
 
-def read_history(path: str | Path) -> dict[str, NDArray[np.float64]]:
+def read_history(path: str | Path) -> dict[str, Array]:
     """The columns of the history file at a ``path``, arrays of shape (iterations,) by name.
 
     Raises:
@@ -148,7 +149,7 @@ def load_checkpoint(comm: MPI.Comm, path: Path) -> dict[str, NDArray[Any]]:
     return on_rank_0(comm, read)
 
 
-def write_density(domain: Domain, x: NDArray[np.float64], path: str | Path) -> None:
+def write_density(domain: Domain, x: Array, path: str | Path) -> None:
     """Write mesh and density ``x`` (cells,) of a ``domain`` to a ``path``, see `write_fields`.
 
     Raises:

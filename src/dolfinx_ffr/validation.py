@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+from .arrays import Array
 
 T = TypeVar("T")
 
@@ -169,7 +170,7 @@ def real_array(
     shape: tuple[int | None, ...] | None = None,
     *,
     expected: str = "",
-) -> NDArray[np.float64]:
+) -> Array:
     """An array of finite real numbers of a shape, in which None stands for any length.
 
     The message says what is ``expected`` instead of the shape.
@@ -187,7 +188,7 @@ def real_array(
     return array
 
 
-def numbers(what: str, value: Any) -> NDArray[np.float64]:
+def numbers(what: str, value: Any) -> Array:
     """An array of real numbers, of any shape, NaN and infinity included."""
     try:
         given = np.asarray(value)
@@ -211,7 +212,7 @@ def direction(what: str, value: Any, dimension: int, *, expected: str = "") -> t
     return tuple(found.tolist())
 
 
-def rotation(what: str, value: Any) -> NDArray[np.float64]:
+def rotation(what: str, value: Any) -> Array:
     """The matrix of a rotation, shape (3, 3); of a rounded one that of the nearest rotation."""
     given = nearest_rotation(real_array(what, value, (3, 3)))
     if np.max(np.abs(given.T @ given - np.eye(3))) > _ROUNDED or np.linalg.det(given) < 0.0:
@@ -222,7 +223,7 @@ def rotation(what: str, value: Any) -> NDArray[np.float64]:
     return given
 
 
-def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def nearest_rotation(matrix: Array) -> Array:
     """The rotation nearest to a matrix that is one but for rounding; any other as it is."""
     defect = float(np.max(np.abs(matrix.T @ matrix - np.eye(3))))
     if not _EXACT < defect < _ROUNDED:

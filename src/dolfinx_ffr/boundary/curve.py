@@ -6,11 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, lil_matrix
 from scipy.sparse.linalg import spsolve
 
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..fem import Spline
 
 #: Weight of the second differences of the controls when a curve is fitted to points: steps along
@@ -42,14 +41,14 @@ class FreeCurve:
         return len(self.control) if self.closed else len(self.control) + 1
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> Mask:
         """Whether a control stays, shape (n,)."""
         found = np.zeros(len(self.control), dtype=bool)
         if not self.closed:
             found[[0, -1]] = True
         return found
 
-    def _shares(self, s: Array, derivative: int) -> tuple[Array, NDArray[np.int64]]:
+    def _shares(self, s: Array, derivative: int) -> tuple[Array, Integers]:
         """Shares of the controls that count at parameters, and their numbers, (points, 4) each."""
         n, m = len(self.control), self.spans
         k = np.clip(np.floor(s).astype(np.int64), 0, m - 1)

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..fem import Domain, gathered_nodes, laplace
 from .outline import Boundary
 
@@ -41,7 +40,7 @@ class NodeMotion:
         if domain.comm.rank == 0:
             self._prepare(boundary, x, cells)
 
-    def _prepare(self, boundary: Boundary, x: Array, cells: NDArray[np.int64]) -> None:
+    def _prepare(self, boundary: Boundary, x: Array, cells: Integers) -> None:
         corners = cells[:, :3]
         sides = np.concatenate([corners[:, [1, 2]], corners[:, [0, 2]], corners[:, [0, 1]]])
         key = np.sort(sides, axis=1) @ np.array([len(x), 1])
@@ -87,9 +86,7 @@ class NodeMotion:
         return np.asarray(comm.bcast(found))
 
 
-def _followers(
-    boundary: Boundary, x: Array, candidates: NDArray[np.int64]
-) -> tuple[csr_matrix, NDArray[np.bool_]]:
+def _followers(boundary: Boundary, x: Array, candidates: Integers) -> tuple[csr_matrix, Mask]:
     """Shares of the controls in nodes, (nodes, controls); which nodes are on free curves."""
     on = np.zeros(len(x), dtype=bool)
     rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]

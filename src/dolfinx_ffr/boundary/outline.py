@@ -21,7 +21,7 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
 from ..fem import Curve, Domain, Drawing, Face, connected, polygon
 from ..part import Part, PartWarning
@@ -29,8 +29,6 @@ from .curve import FreeCurve
 from .sides import Loops, Run, Side, sides_of
 from .spurs import spurs
 from .symmetry import fitted
-
-Numbers = NDArray[np.int64]
 
 #: Accuracy of polygons, in minimum members
 _FINE = 5e-3
@@ -58,7 +56,7 @@ class Samples:
     points: Array  #: (points, 2) [m]
     normals: Array  #: (points, 2) out of the material
     rows: csr_matrix  #: Shares of the controls, (points, controls); zero where the curve stays
-    curves: Numbers  #: (points,) number of the curve that moves, -1 where it stays
+    curves: Integers  #: (points,) number of the curve that moves, -1 where it stays
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,7 @@ class Boundary:
     free: dict[int, FreeCurve]  #: The curves that move, by number
     faces: Loops  #: Group and loops of each face, material on the left
     #: Of each control of each curve the number of its master: those of one number move alike
-    masters: dict[int, Numbers]
+    masters: dict[int, Integers]
     isometries: tuple[Isometry, ...]  #: That leave the boundary, the identity first
     room: shapely.Geometry  #: The body
     member: float  #: Minimum member [m]
@@ -187,7 +185,7 @@ class Boundary:
         return np.vstack([curve.control_normals for curve in self.free.values()])
 
     @cached_property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> Mask:
         """Whether a control stays, shape (controls,)."""
         return np.concatenate([curve.held for curve in self.free.values()])
 
@@ -199,7 +197,7 @@ class Boundary:
         return csr_matrix((np.ones(len(column)), (np.arange(len(column)), column)))
 
     @cached_property
-    def leads(self) -> NDArray[np.bool_]:
+    def leads(self) -> Mask:
         """Whether a control is the first one of its number, shape (controls,)."""
         found = np.zeros(self.n_controls, dtype=bool)
         found[np.asarray(self.shares.argmax(axis=0)).ravel()] = True

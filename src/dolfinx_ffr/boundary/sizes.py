@@ -6,11 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Integers
 from .outline import Boundary
 
 #: By how much members are kept wider than the minimum
@@ -30,7 +29,7 @@ class Rows(NamedTuple):
     slopes: Array  #: (m, controls) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
     #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
-    members: NDArray[np.int64]
+    members: Integers
 
     @staticmethod
     def none(controls: int) -> Rows:

@@ -6,12 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 
 #: Violations beyond this are mended in several steps
 _AT_ONCE = 0.25
@@ -33,7 +32,7 @@ def best_step(
     gradient: Array,
     values: Array,
     slopes: Array,
-    held: NDArray[np.bool_],
+    held: Mask,
     reach: float,
 ) -> Step:
     """The step a that minimises 1/2 a.M a + mu g.a within values + slopes a <= 0.

@@ -15,14 +15,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.sparse import csc_matrix, csr_matrix, diags, eye, kron
 from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..design import Mirror, images
 from ..fem import Domain, Tetrahedra, gathered_nodes
 from ..limits import PAIR, check_count
@@ -63,7 +63,7 @@ _KEPT = 0.05
 class _Points(NamedTuple):
     """Points of a solid's surface that move with the field."""
 
-    numbers: NDArray[np.int64]  #: Among the points of the surface, (n,)
+    numbers: Integers  #: Among the points of the surface, (n,)
     inward: Array  #: Unit normals into the material, (n, 3)
     ways: Array  #: By how much a point moves where the surface moves inwards by one, (n, 3)
     rows: csr_matrix  #: Its motion outwards by the variables of the field, (n, variables)

@@ -9,18 +9,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..design import Isometry
 from ..fem import connected
 from .curve import FreeCurve
 from .sides import Run
 
-Numbers = NDArray[np.int64]
-
 
 def fitted(
     runs: Sequence[Run], spacing: float, isometries: Sequence[Isometry]
-) -> tuple[dict[int, FreeCurve], dict[int, Numbers]]:
+) -> tuple[dict[int, FreeCurve], dict[int, Integers]]:
     """Curves along the runs, and of each control the number of those that it moves with.
 
     Controls of holes are the ``spacing`` [m] apart, those of outlines twice that. Controls of one
@@ -30,7 +28,7 @@ def fitted(
     lines = np.array([_line(run) for run in runs])
     image = [_images(run, lines, others, spacing) for run in runs]
     curves: dict[int, FreeCurve] = {}
-    pairs: list[tuple[int, Numbers, int, Numbers]] = []
+    pairs: list[tuple[int, Integers, int, Integers]] = []
     for j, run in enumerate(runs):
         if j in curves:
             continue
@@ -78,7 +76,7 @@ def _line(run: Run) -> shapely.LineString:
     return shapely.LineString(run.points if run.nodes else np.vstack([run.points, run.points[:1]]))
 
 
-def _alone(run: Run, spacing: float, own: Sequence[Isometry]) -> tuple[FreeCurve, list[Numbers]]:
+def _alone(run: Run, spacing: float, own: Sequence[Isometry]) -> tuple[FreeCurve, list[Integers]]:
     """A curve that these isometries leave, and where each takes its controls."""
     points, closed = run.points, run.nodes is None
     line = next((g for g in own if np.linalg.det(g.turn) < 0.0), None)
@@ -97,7 +95,7 @@ def _alone(run: Run, spacing: float, own: Sequence[Isometry]) -> tuple[FreeCurve
     return curve.moved(control), taken
 
 
-def _taken(control: Array, g: Isometry, closed: bool) -> Numbers:
+def _taken(control: Array, g: Isometry, closed: bool) -> Integers:
     """The number of the control at the image of each."""
     n = len(control)
     turned = np.linalg.det(g.turn) < 0.0
@@ -109,7 +107,7 @@ def _taken(control: Array, g: Isometry, closed: bool) -> Numbers:
     return np.asarray((order + int(np.argmin(far))) % n)
 
 
-def _image(curve: FreeCurve, g: Isometry, run: Run) -> tuple[FreeCurve, Numbers]:
+def _image(curve: FreeCurve, g: Isometry, run: Run) -> tuple[FreeCurve, Integers]:
     """The image of a curve, which ends where the run does, and the number of each control there."""
     turned = np.linalg.det(g.turn) < 0.0
     control = g(curve.control)

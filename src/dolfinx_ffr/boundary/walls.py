@@ -13,10 +13,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
 from ..part import outer_faces, spread
 
@@ -37,7 +36,7 @@ class Walls(NamedTuple):
     inward: Array  #: Unit normals into the material there, (n, 3)
     ends: Array  #: On the other side, (n, 3) [m]
     across: Array  #: Unit normals into the material there, (n, 3)
-    moving: NDArray[np.bool_]  #: Whether the other side moves, too, (n,)
+    moving: Mask  #: Whether the other side moves, too, (n,)
     thickness: Array  #: (n,) [m]
 
     @property
@@ -153,7 +152,7 @@ def tangent_balls(
     return radius, end
 
 
-def _samples(body: Tetrahedra, chosen: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
+def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Array]:
     """Points of the sides of chosen tetrahedra, and normals inwards, (n, 3) each."""
     faces, _, _ = outer_faces(body.cells[chosen])
     corners = body.points[faces]

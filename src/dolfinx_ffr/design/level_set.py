@@ -44,11 +44,12 @@ from typing import Any, ClassVar
 import contourpy
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Integers
 from ..fem import Array, Domain, summed
 from ..limits import PAIR, check_count
 from ..parallel import ROUND_OFF, on_every_rank
@@ -488,7 +489,7 @@ class LevelSet(Design):
         }
 
 
-def _lines(domain: Domain, counts: NDArray[np.int64]) -> list[Array]:
+def _lines(domain: Domain, counts: Integers) -> list[Array]:
     """As many coordinates along each axis over the box of a body."""
     return [np.linspace(*ends) for ends in zip(*domain.bounding_box, counts, strict=True)]
 

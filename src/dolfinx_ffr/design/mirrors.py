@@ -9,11 +9,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Integers
 from ..fem import Array, Domain
 
 #: Images of a point at most: more are needed only by lines whose angles have no common measure
@@ -91,7 +91,7 @@ def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
     return found
 
 
-def image_cells(domain: Domain, mirror: Mirror) -> NDArray[np.int64] | str:
+def image_cells(domain: Domain, mirror: Mirror) -> Integers | str:
     """The cell nearest to the image of each, shape (cells of all ranks,), or why there is none."""
     found = domain.centroids, domain.cell_volumes, domain.design_cells
     centroids, volumes, designed = map(domain.everywhere, found)

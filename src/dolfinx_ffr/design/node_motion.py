@@ -15,11 +15,10 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-from ..arrays import Integers
+from ..arrays import Integers, Mask
 from ..fem import Array, laplace
 
 #: Distance of a node from a curve or face on which it lies, in sizes of the body
@@ -98,7 +97,7 @@ def extended(
     x: Array,
     cells: Integers,
     rates: Array,
-    known: NDArray[np.bool_],
+    known: Mask,
     faces: tuple[Integers, Array] | None,
 ) -> Array:
     """Motions (nodes, dimension, k) of all nodes from those, in ``rates``, of the ``known`` ones.
@@ -128,7 +127,7 @@ def extended(
     return rates
 
 
-def _fill(x: Array, simplices: Integers, rates: Array, known: NDArray[np.bool_]) -> None:
+def _fill(x: Array, simplices: Integers, rates: Array, known: Mask) -> None:
     """Solve Laplace's equation for the vertices of simplices that are not known yet."""
     there = np.unique(simplices)
     free, held = there[~known[there]], there[known[there]]

@@ -17,9 +17,8 @@ from functools import lru_cache
 from itertools import islice, pairwise, takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from .tables import BESIDE_JUMP, TimeTables, once_for_a_mechanism
 
 #: Samples of all cells together, and of one cell at least. A blow that lasts less than a hundred
@@ -52,7 +51,7 @@ class LoadSteps:
     corners: Array
     #: Ends of the cells that were divided, and jumps that were not named, shape (special,) [s].
     special: Array
-    fast: NDArray[np.bool_]  #: Cells that were divided because of fast changes, shape (cells,).
+    fast: Mask  #: Cells that were divided because of fast changes, shape (cells,).
     #: Whether each cell resolves loads and motions; not where there would be too many.
     resolved: bool
 

@@ -16,9 +16,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
@@ -365,7 +364,7 @@ class _Differences:
         return self._start_inputs(self.model)
 
     @cached_property
-    def _start_numbers(self) -> NDArray[np.bool_]:
+    def _start_numbers(self) -> Mask:
         """Which inputs of the start depend on parameters beyond round-off, shape (inputs,)."""
         twin = self.model.stated_by(parametric(self.model).twin, tabulated=False)
         arrays, allowed = self.model.arrays, np.zeros(self._inputs.size)
@@ -377,7 +376,7 @@ class _Differences:
         return np.abs(self._start_inputs(twin) - self._inputs) > allowed
 
 
-def _groups(count: int) -> NDArray[np.int64]:
+def _groups(count: int) -> Integers:
     """Which parameters are in which groups, (parameters, groups): each in another half of them.
 
     So many groups that there are enough halves; none is a part of another one (E. Sperner,
@@ -396,9 +395,7 @@ def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
     return replace(body, markers={name: own.scaled(0.0) for name, own in body.markers.items()})
 
 
-def _bends(
-    bend: Array, change: Array, here: Array, where: Integers, count: int
-) -> NDArray[np.bool_]:
+def _bends(bend: Array, change: Array, here: Array, where: Integers, count: int) -> Mask:
     """Of each part whether second differences exceed a share of first ones and round-off, (count,).
 
     Both and the values are given number by number, and the part ``where`` these belong.
@@ -406,7 +403,7 @@ def _bends(
     most = np.zeros((3, count))
     for own, values in zip(most, (bend, change, here), strict=True):
         np.maximum.at(own, where, np.abs(values))
-    bent: NDArray[np.bool_] = most[0] > _BENT * most[1] + _ROUND_OFF * (most[2] + 1.0)
+    bent: Mask = most[0] > _BENT * most[1] + _ROUND_OFF * (most[2] + 1.0)
     return bent
 
 

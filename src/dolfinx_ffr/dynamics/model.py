@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..body import VolumeIntegrals
 from ..mechanism import Element, Mechanism, Row, Undeformed, is_zero, marker_name
 from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
@@ -84,7 +83,7 @@ class FlatModel:
         return len(self.angular)
 
     @cached_property
-    def angular(self) -> NDArray[np.bool_]:
+    def angular(self) -> Mask:
         """Which scalar constraints count angles, their multipliers moments, shape (rows,)."""
         return np.array([row.angular for row, _ in self.tables.rows], dtype=bool)
 
@@ -111,7 +110,7 @@ class FlatModel:
         return np.concatenate([every[self.coordinates(name).rigid] for name in self.bodies])
 
     @cached_property
-    def rotations(self) -> NDArray[np.bool_]:
+    def rotations(self) -> Mask:
         """Which coordinates are those of rotations of the bodies' frames, shape (size,)."""
         angles = np.zeros(self.size, dtype=bool)
         for name in self.bodies:

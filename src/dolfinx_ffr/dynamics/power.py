@@ -14,9 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
 from ..mechanism import Moving, RowKind
 from .equations import CONSTRAINTS, ROWS
@@ -81,7 +80,7 @@ def _prepared(trajectory: Trajectory, joints: Sequence[str]) -> tuple[Kinematics
     return Kinematics(model.arrays, trajectory.turns), driving
 
 
-def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[NDArray[np.int64], Array]:
+def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, Array]:
     """Forces of bodies on the frame by joints, for multipliers of 1.
 
     The rows of the joints that carry forces, shape (rows,), and the forces in the global axes,

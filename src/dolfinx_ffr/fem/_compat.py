@@ -21,6 +21,8 @@ import ufl
 from dolfinx import fem, mesh
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
+
 
 def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
     """The Lagrange or DG space of scalars (``shape=()``) or vectors."""
@@ -35,7 +37,7 @@ def function_space(domain: mesh.Mesh, family: str, degree: int, shape: tuple[int
     return fem.VectorFunctionSpace(domain, (name, degree), dim=shape[0])
 
 
-def interpolation_points(space: Any) -> NDArray[np.float64]:
+def interpolation_points(space: Any) -> Array:
     """The reference points of an element's interpolation operator."""
     points = space.element.interpolation_points
     return points() if callable(points) else points
@@ -62,7 +64,7 @@ def quadrature_space(domain: mesh.Mesh, degree: int, shape: tuple[int, ...] = ()
     return made(domain, element)
 
 
-def tabulate(element: Any, domain: mesh.Mesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def tabulate(element: Any, domain: mesh.Mesh, points: Array) -> Array:
     """Values of a Lagrange element's scalar shape functions, shape (points, functions)."""
     import basix
 
@@ -118,13 +120,13 @@ def coordinate_element(domain: mesh.Mesh) -> Any:
 
 
 def compiled_expression(
-    expression: ufl.core.expr.Expr, points: NDArray[np.float64], domain: mesh.Mesh
-) -> Callable[[NDArray[np.int32]], NDArray[np.float64]]:
+    expression: ufl.core.expr.Expr, points: Array, domain: mesh.Mesh
+) -> Callable[[NDArray[np.int32]], Array]:
     """A UFL expression at reference points, a function of cells to (cells, points, components)."""
     compiled = fem.Expression(expression, points)
     components = int(np.prod(expression.ufl_shape))
 
-    def evaluate(cells: NDArray[np.int32]) -> NDArray[np.float64]:
+    def evaluate(cells: NDArray[np.int32]) -> Array:
         try:
             values = compiled.eval(domain, cells)
         except TypeError:  # before 0.7 the mesh was not an argument
@@ -165,9 +167,7 @@ def set_form_cache(directory: Path) -> None:
     defaults["cache_dir"] = (directory, defaults["cache_dir"][1])
 
 
-def create_mesh(
-    comm: MPI.Comm, cells: NDArray[np.int64], x: NDArray[np.float64], cell: str, degree: int
-) -> mesh.Mesh:
+def create_mesh(comm: MPI.Comm, cells: Integers, x: Array, cell: str, degree: int) -> mesh.Mesh:
     """A mesh of cells (cells, nodes per cell) in DOLFINx's order and positions (nodes, d) [m]."""
     import inspect
 

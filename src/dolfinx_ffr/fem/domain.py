@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..parallel import gathered, on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
@@ -441,7 +441,7 @@ class Domain:
         return found
 
     @cached_property
-    def _order(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _order(self) -> tuple[Integers, Integers]:
         """Positions of all cells among those gathered from the ranks, and of this rank's cells."""
         number = np.asarray(self.mesh.topology.original_cell_index)[: self.n_cells]
         parts = self.comm.allgather(number)
@@ -532,26 +532,26 @@ class Domain:
         """Interfaces along which no cell stays solid: a design may empty them; collective."""
         return self._not_along(self._with_ghosts(self.solid_cells))
 
-    def _rim(self, width: float) -> NDArray[np.bool_]:
+    def _rim(self, width: float) -> Mask:
         """Cells of this rank within a width of the interfaces, shape (cells,)."""
         width = validation.number("domain: solid_rim", width, least=self.cell_size, unit="m")
         held = [facet_points(self.mesh, part.facets) for part in self.interfaces.values()]
         nodes, d = cKDTree(np.vstack(held)), self.dimension
         most = width + _BETWEEN * self.cell_size  # as there are no nodes between those of a facet
 
-        def near(x: Array) -> NDArray[np.bool_]:
+        def near(x: Array) -> Mask:
             return np.asarray(nodes.query(x[:d].T)[0] <= most)
 
         return located_cells(self.mesh, "domain: solid_rim", near)
 
-    def _with_ghosts(self, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _with_ghosts(self, cells: Mask) -> Mask:
         """A mask over this rank's cells, extended to ghosts."""
         marked = fem.Function(self.density_space)
         marked.x.array[: self.n_cells] = cells
         marked.x.scatter_forward()
         return np.asarray(marked.x.array > 0.5)
 
-    def _not_along(self, cells: NDArray[np.bool_]) -> list[str]:
+    def _not_along(self, cells: Mask) -> list[str]:
         """Interfaces along which none of the cells is, ghosts included."""
         cells_of = self.mesh.topology.connectivity(self.dimension - 1, self.dimension)
         return [

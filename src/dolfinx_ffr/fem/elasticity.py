@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ufl.core.expr import Expr
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..parallel import on_every_rank
 from . import _compat
 from .domain import Domain
@@ -236,7 +236,7 @@ class Elasticity:
             result[..., i] = values.reshape(-1, self.dimension)[nodes]
         return result
 
-    def from_cells(self, cells: NDArray[np.int64], columns: Iterable[Array]) -> Block:
+    def from_cells(self, cells: Integers, columns: Iterable[Array]) -> Block:
         """A block summed from fields on cells, the transpose of `at_cells`; collective.
 
         The ``columns`` are values on the dofs of ``cells`` (k,) of this rank, of the size
@@ -252,7 +252,7 @@ class Elasticity:
             found.append(array[: self.n_dofs].copy())
         return np.array(found).reshape(len(found), self.n_dofs).T
 
-    def dofs_of(self, nodes: NDArray[np.int32]) -> NDArray[np.int64]:
+    def dofs_of(self, nodes: NDArray[np.int32]) -> Integers:
         """Dofs of the locally owned nodes among the local ``nodes``, in the given order."""
         own = nodes[nodes < self.n_dofs // self.dimension].astype(np.int64)
         return np.asarray(self.dimension * own[:, None] + np.arange(self.dimension)).ravel()

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..parallel import announce
 from . import _compat
 from .domain import Domain
@@ -30,7 +29,7 @@ class GatheredMesh:
 
     points: Array  #: (points, 3) undeformed [m]
     cells: Integers  #: (cells, 4 or 8) points of each cell, in the order of VTK
-    interfaces: dict[str, NDArray[np.bool_]]  #: (points,) points of each interface
+    interfaces: dict[str, Mask]  #: (points,) points of each interface
     domain: Domain  #: The body
     _first: Integers  #: (points,) one of the corners of the ordered cells for each point
 

@@ -17,7 +17,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from . import _compat
 
 #: Sides of a facet by its number of corners; quadrilaterals are numbered as tensor products
@@ -67,7 +67,7 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
 
 
 def check_held(
-    domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]], void: NDArray[np.bool_] | None = None
+    domain: mesh.Mesh, facets: Sequence[NDArray[np.int32]], void: Mask | None = None
 ) -> None:
     """Refuse pieces of a mesh, without ``void`` cells, that touch no interface and would float."""
     n_cells = domain.topology.index_map(domain.topology.dim).size_local
@@ -84,8 +84,8 @@ def check_held(
 
 
 def floating_cells(
-    domain: mesh.Mesh, cells: NDArray[np.bool_], facets: Sequence[NDArray[np.int32]]
-) -> tuple[NDArray[np.bool_], int, int]:
+    domain: mesh.Mesh, cells: Mask, facets: Sequence[NDArray[np.int32]]
+) -> tuple[Mask, int, int]:
     """Those of ``cells`` without an interface; numbers of such pieces and of all; collective."""
     whole = _compat.entity_vertices(domain, domain.topology.dim)
     table = whole[: len(cells)][cells]
@@ -115,7 +115,7 @@ def floating_cells(
     return result, int(np.count_nonzero(floats)), len(pieces)
 
 
-def connected(pairs: NDArray[np.integer], count: int) -> NDArray[np.int64]:
+def connected(pairs: NDArray[np.integer], count: int) -> Integers:
     """Number of the connected component, from 0, of each of ``count`` things, by pairs (n, 2)."""
     ones = np.ones(len(pairs), dtype=bool)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))

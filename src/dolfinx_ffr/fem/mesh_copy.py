@@ -12,6 +12,7 @@ import numpy as np
 from dolfinx import mesh
 from numpy.typing import NDArray
 
+from ..arrays import Array, Integers
 from . import _compat
 from .form_cache import claim_form_cache
 
@@ -20,11 +21,11 @@ from .form_cache import claim_form_cache
 class MeshCopy:
     """A serial mesh in input numbering, with the permutation that DOLFINx applied to it."""
 
-    cells: NDArray[np.int64]  #: (cells, nodes per cell) in input numbering
-    points: NDArray[np.float64]  #: (nodes, dimension) in input numbering [m]
+    cells: Integers  #: (cells, nodes per cell) in input numbering
+    points: Array  #: (nodes, dimension) in input numbering [m]
     cell: str  #: Name of the cells, "triangle" and so on
     degree: int  #: Of the geometry
-    order: NDArray[np.int64]  #: (cells,) input number of each cell of DOLFINx
+    order: Integers  #: (cells,) input number of each cell of DOLFINx
     corners: NDArray[np.int32]  #: (cells, vertices per cell) of the cells of DOLFINx
 
     @staticmethod

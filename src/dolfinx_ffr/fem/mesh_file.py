@@ -18,6 +18,7 @@ import numpy as np
 from dolfinx import mesh
 from numpy.typing import NDArray
 
+from ..arrays import Integers
 from ..parallel import on_every_rank
 from . import _compat
 from .plane_mesh import gmsh_model
@@ -163,7 +164,7 @@ def _parts(model: Any, dim: int) -> Iterator[tuple[int, str]]:
             yield int(part), model.getPhysicalName(dim, group)
 
 
-def _checked_cells(model: Any, dim: int, source: str) -> NDArray[np.int64]:
+def _checked_cells(model: Any, dim: int, source: str) -> Integers:
     """The nodes of the cells; cells of several kinds, or of a damaged file, are refused."""
     kinds: dict[str, str] = {}
     nodes, corners, sides = [], [], []
@@ -206,7 +207,7 @@ def _checked_cells(model: Any, dim: int, source: str) -> NDArray[np.int64]:
     return np.unique(np.concatenate(nodes))
 
 
-def _check_facets(model: Any, dim: int, source: str, nodes: NDArray[np.int64]) -> None:
+def _check_facets(model: Any, dim: int, source: str, nodes: Integers) -> None:
     """Refuse facets in physical groups that are no facets of cells, by the nodes of the cells."""
     facet, cell = KINDS[dim - 1 : dim + 1]
     for part, name in _parts(model, dim - 1):

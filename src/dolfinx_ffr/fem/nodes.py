@@ -23,10 +23,9 @@ from petsc4py import PETSc
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from . import _compat
 
 
@@ -97,7 +96,7 @@ def add_ghosts(function: fem.Function) -> None:
 
 def gathered_nodes(
     domain: Any,
-) -> tuple[Array, NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.bool_]]]:
+) -> tuple[Array, Integers, tuple[Integers, Mask]]:
     """All nodes (nodes, dimension) and cells (cells, nodes per cell) of a mesh, on rank 0 alone.
 
     The last pair has the number there of each node of this rank, and whether this rank owns it.
@@ -115,7 +114,7 @@ def gathered_nodes(
     return nodes, every, (numbers, local < count)
 
 
-def laplace(x: Array, simplices: NDArray[np.int64]) -> csr_matrix:
+def laplace(x: Array, simplices: Integers) -> csr_matrix:
     """The matrix of Laplace's equation on straight simplices, shape (nodes, nodes).
 
     They are triangles or tetrahedra by the numbers of their vertices among ``x``, also a surface.

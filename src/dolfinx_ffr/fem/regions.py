@@ -10,9 +10,10 @@ from dolfinx import mesh
 from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
+from ..arrays import Array, Mask
 from ..parallel import on_every_rank
 
-Predicate = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Predicate = Callable[[Array], Mask]
 
 
 def located(
@@ -33,9 +34,7 @@ def located(
     return found
 
 
-def located_cells(
-    domain: mesh.Mesh, what: str, where: Predicate | ArrayLike | None
-) -> NDArray[np.bool_]:
+def located_cells(domain: mesh.Mesh, what: str, where: Predicate | ArrayLike | None) -> Mask:
     """Mask over the cells owned by this rank, true where they are selected; None selects none."""
     dim = domain.topology.dim
     n = int(domain.topology.index_map(dim).size_local)
@@ -46,7 +45,7 @@ def located_cells(
     return chosen
 
 
-def _check_predicate(what: str, predicate: Predicate, points: NDArray[np.float64]) -> None:
+def _check_predicate(what: str, predicate: Predicate, points: Array) -> None:
     """Refuse a predicate that does not say yes or no for each point, shape (3, points)."""
     try:
         given = predicate(points)

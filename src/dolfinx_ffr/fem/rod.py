@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx import mesh
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Mask
 from ..limits import check_count
 from ..parallel import agreed_memory, on_every_rank
 from .regions import Predicate, located_cells
@@ -30,7 +30,7 @@ def rod_mesh(
     cell: str,
     layers: int,
     solid: Predicate | None,
-) -> tuple[mesh.Mesh, dict[str, Predicate], NDArray[np.bool_]]:
+) -> tuple[mesh.Mesh, dict[str, Predicate], Mask]:
     """A rod along x: mesh, interfaces ``"left"`` and ``"right"``, mask of cells that stay solid."""
     dim = len(sizes)
     validation.instance(f"{what}: comm", comm, MPI.Comm, "an MPI communicator")

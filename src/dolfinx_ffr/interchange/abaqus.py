@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from .assembled import (
     AssembledMatrices,
     from_entries,
@@ -110,7 +110,7 @@ class InputFile:
         self._names.setdefault(name.upper(), name)
         return self._sets.setdefault(name.upper(), [])
 
-    def rows(self, what: str, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    def rows(self, what: str, labels: Integers) -> Integers:
         """The rows of nodes with some labels; ``what`` has them, for messages."""
         at = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
         if np.any(wrong := self.labels[at] != labels):

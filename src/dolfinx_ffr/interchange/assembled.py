@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 
 #: Largest force or mass by which matrices may miss a property, relative to their entries: files
 #: have seven digits and more
@@ -41,10 +41,10 @@ class AssembledMatrices:
     mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
     nodes: Array  #: Positions (nodes, 3) [m]
     #: Nodes by name of the set, as rows of ``nodes``
-    node_sets: Mapping[str, NDArray[np.int64]]
+    node_sets: Mapping[str, Integers]
     #: Triangles (k, 3) of nodes at the corners of elements, which cover the surface; by them the
     #: centers of node sets are found as on a mesh. Without them a center is the mean of the nodes
-    faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    faces: Integers = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
 
     def __post_init__(self) -> None:
         """Check all, and turn lists and other numbers into arrays."""
@@ -97,7 +97,7 @@ def _matrix(what: str, given: Any, size: int) -> scipy.sparse.csr_matrix:
     return 0.5 * (matrix + matrix.T)
 
 
-def _nodes(what: str, given: ArrayLike, n: int) -> NDArray[np.int64]:
+def _nodes(what: str, given: ArrayLike, n: int) -> Integers:
     """Different rows of the nodes."""
     found = np.unique(np.asarray(given, dtype=np.int64))
     if len(found) < 3 or found[0] < 0 or found[-1] >= n:
@@ -149,7 +149,7 @@ def _check_rigid(stiffness: scipy.sparse.csr_matrix, nodes: Array) -> None:
 
 
 def from_entries(
-    what: str, rows: NDArray[np.int64], columns: NDArray[np.int64], values: Array, n: int
+    what: str, rows: Integers, columns: Integers, values: Array, n: int
 ) -> scipy.sparse.csr_matrix:
     """A symmetric matrix (n, n) from entries of one triangle or of both, counted from zero."""
     if len(rows) and (min(rows.min(), columns.min()) < 0 or max(rows.max(), columns.max()) >= n):
@@ -180,7 +180,7 @@ def read_table(path: Path, columns: int | tuple[int, ...]) -> Array:
     return np.asarray(table)
 
 
-def whole_numbers(path: Path, table: Array) -> NDArray[np.int64]:
+def whole_numbers(path: Path, table: Array) -> Integers:
     """Columns of a table as whole numbers."""
     if not np.all((table == np.round(table)) & (table >= 0) & (table < 2**53)):
         raise ValueError(f"{path}: numbers of rows, nodes or directions must be whole")
@@ -197,7 +197,7 @@ _FACES: dict[int, Sequence[Sequence[int]]] = {
 _CORNERS = {4: 4, 10: 4, 6: 6, 15: 6, 8: 8, 20: 8, 27: 8}
 
 
-def surface(elements: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+def surface(elements: Sequence[Integers]) -> Integers:
     """Triangles (k, 3) that cover the faces of blocks of elements (m, nodes) which only one has."""
     triangles, keys = [], []
     for block in elements:

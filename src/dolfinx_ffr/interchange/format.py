@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..arrays import Array
 
 #: A body by key, see `numpy_file`; ``damping`` (modes, modes) may stand there, too
 Arrays = Mapping[str, Any]
@@ -82,14 +83,14 @@ def number(text: str, line: int) -> float:
     return value
 
 
-def elastic(arrays: Arrays) -> tuple[NDArray[np.float64], ...]:
+def elastic(arrays: Arrays) -> tuple[Array, ...]:
     """Mass, S, P and K of a body."""
     S = arrays["S"]
     r = len(S) - 1
     return np.asarray(arrays["mass"]), S, arrays["P"], arrays.get("K", np.zeros((r, r)))
 
 
-def markers(arrays: Arrays) -> tuple[list[str], dict[str, NDArray[np.float64]]]:
+def markers(arrays: Arrays) -> tuple[list[str], dict[str, Array]]:
     """Names of the markers, and their arrays without the prefix; none where they are missing."""
     r = len(arrays["S"]) - 1
     names = [str(name) for name in arrays.get("markers", np.zeros(0, dtype=np.str_)).ravel()]

@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Integers
 from ..files import replace_file
 from .assembled import AssembledMatrices, from_entries
 from .format import Arrays
@@ -140,7 +141,7 @@ def read_nastran(
         raise ValueError(f"{source} with {path.name}: {type(error).__name__}: {error}") from error
 
 
-def _of_dmig(dmig: Any, labels: NDArray[np.int64], n: int) -> scipy.sparse.csr_matrix:
+def _of_dmig(dmig: Any, labels: Integers, n: int) -> scipy.sparse.csr_matrix:
     """A matrix in the order of the nodes."""
     index = []
     for pairs in (dmig.GCi, dmig.GCj):
@@ -152,7 +153,7 @@ def _of_dmig(dmig: Any, labels: NDArray[np.int64], n: int) -> scipy.sparse.csr_m
     return from_entries(dmig.name, rows, columns, np.array(dmig.Real, dtype=np.float64), n)
 
 
-def _known(what: str, given: ArrayLike, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+def _known(what: str, given: ArrayLike, labels: Integers) -> Integers:
     found = np.asarray(given, dtype=np.int64).ravel()
     if missing := np.setdiff1d(found, labels)[:5].tolist():
         raise ValueError(f"{what} names the nodes {missing}, which are not there")

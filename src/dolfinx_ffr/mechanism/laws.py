@@ -15,15 +15,15 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import scipy.linalg
 from numpy.polynomial import polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Mask
 
 #: Numbers of which something is made, (numbers,), and all else, or None where they are not known
 Stated: TypeAlias = tuple[Array, Hashable]
-_Found = tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]
+_Found = tuple[Array, Mask, Mask]
 
 #: What a spline may do at an end.
 ENDS = ("rest", "uniform", "natural")
@@ -400,7 +400,7 @@ class Spline:
         found[self._still(order, sides)] = 0.0
         return found
 
-    def _still(self, order: int, sides: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    def _still(self, order: int, sides: Sequence[Mask]) -> Mask:
         """Where a derivative is zero, of what is beyond the two ends, (n,) each."""
         still = np.zeros(sides[0].shape, dtype=bool)
         for end, beyond in zip(self.ends, sides, strict=True):

@@ -12,10 +12,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Mask
 from .mechanism import Mechanism
 
 #: Share of the ranges by which the values differ at which vectors are compared a second time.
@@ -149,7 +149,7 @@ class Parameters:
         return np.array([(e.lower, e.upper) for e in self.entries.values()]).T
 
     @property
-    def _log(self) -> NDArray[np.bool_]:
+    def _log(self) -> Mask:
         return np.array([entry.scale == "log" for entry in self.entries.values()])
 
     def _scaled(self, values: Array) -> Array:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..dynamics import Trajectory, TrajectoryBar, forces_on_frame
 from .base import Derivatives, Inventory, Objective, Response
 from .time_average import MeanOverTime, time_weights
@@ -98,11 +97,11 @@ class JointForce(OfJoints, MeanOverTime):
         size = np.linalg.norm(self._force(trajectory, *self._along(response)), axis=1)
         return size, time_weights(trajectory, self.window, "joint force")
 
-    def _force(self, trajectory: Trajectory, rows: NDArray[np.int64], along: Array) -> Array:
+    def _force(self, trajectory: Trajectory, rows: Integers, along: Array) -> Array:
         """The force over time, shape (steps + 1, components)."""
         return np.asarray(np.einsum("tr,trc->tc", trajectory.multipliers[:, rows], along))
 
-    def _along(self, response: Response) -> tuple[NDArray[np.int64], Array]:
+    def _along(self, response: Response) -> tuple[Integers, Array]:
         """Rows whose multipliers count, and their forces for 1, (steps + 1, rows, components)."""
         model = response.trajectory.model
         self.validate(response.inventory)

@@ -14,10 +14,10 @@ from types import SimpleNamespace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..body import BodyMarker
 from ..dynamics import (
     MarkerMotion,
@@ -332,7 +332,7 @@ class ResidualVibration(_SquareOverTime):
         return self._pullback(response, position=w * self.vectors(response), velocity=velocity)
 
 
-def _columns_in_space(size: int) -> NDArray[np.int64]:
+def _columns_in_space(size: int) -> Integers:
     """Places in space of a planar body's ``size`` coordinates: x, y, rotation about z, elastic."""
     return np.array([0, 1, 5, *range(6, size + 3)])
 

@@ -11,11 +11,11 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..body import QUARTER_TURN, VolumeIntegrals, axial, cross_matrix, theta
 from .base import DensityField, Derivatives, Inventory, Objective, Response, no_body
 
@@ -84,9 +84,7 @@ class Volume(_WithoutTrajectory):
     #: Cells that count: a predicate on coordinates of shape (3, cells), those of the centroids in
     #: the undeformed body [m], or a mask over the cells of this rank, shape (cells,). Regions cut
     #: at a line so share no cell and leave none out. None takes all.
-    region: Callable[[Array], ArrayLike] | NDArray[np.bool_] | None = field(
-        default=None, repr=False
-    )
+    region: Callable[[Array], ArrayLike] | Mask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         validation.name("volume: body", self.body)
@@ -135,7 +133,7 @@ class Volume(_WithoutTrajectory):
             )
         return areas, total
 
-    def _chosen(self, density: DensityField) -> NDArray[np.bool_]:
+    def _chosen(self, density: DensityField) -> Mask:
         """Which cells lie in the region, shape (cells,)."""
         n, region = len(density.areas), self.region
         if region is None:

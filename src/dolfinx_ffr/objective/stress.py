@@ -19,10 +19,9 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..dynamics import Trajectory
 from .base import Derivatives, Inventory, Objective, Response, StressField
 from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
@@ -84,7 +83,7 @@ class PeakStress(Objective):
     #: an edge begins at one the stress grows without limit as meshes are refined
     clear: float = 0.0
     #: Of one mesh the points that count, (cells, points) of this rank; None for all
-    counted: NDArray[np.bool_] | None = field(default=None, repr=False, compare=False)
+    counted: Mask | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         what = "peak stress"
@@ -256,12 +255,12 @@ class _Parts:
     modes: Array  #: (3 or 6, points of all cells, coordinates) R times the stress of the solid [Pa]
     coordinates: Array  #: (steps + 1, coordinates)
     times: Array  #: (steps + 1,) share of each instant in the time
-    cell: NDArray[np.int64]  #: (points of all cells,) of each point
+    cell: Integers  #: (points of all cells,) of each point
     areas: Array  #: (points of all cells,) share of each point in the area of the body
     area: float  #: Area of the body, in space volume [m^2], [m^3]
     share: Array  #: (points of all cells,) x^(2 s), zero beside interfaces
 
-    def blocks(self, chosen: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    def blocks(self, chosen: Integers) -> Iterator[tuple[Integers, Array]]:
         """Some of the chosen points, and R times their stress, (3 or 6, points, steps + 1)."""
         history = np.ascontiguousarray(self.coordinates.T)
         several = max(1, BLOCK // (len(self.modes) * history.shape[1]))

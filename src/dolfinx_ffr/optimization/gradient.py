@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..problem import Evaluation, Problem
 
 Distance = Callable[[str], Array | None]
@@ -35,7 +34,7 @@ class GradientReport:
 
     elements: int  #: Elements with exact values, on all ranks
     share: float  #: Their share of the designed elements
-    selected: NDArray[np.bool_] = field(repr=False)  #: Which of this rank's cells they are
+    selected: Mask = field(repr=False)  #: Which of this rank's cells they are
     #: Estimated relative error (Euclidean norm) over the designed elements; 0 for exact gradients
     estimate: float = 0.0
     errors: GradientErrors | None = None  #: True errors over the designed elements, where asked for

@@ -24,11 +24,10 @@ from time import perf_counter
 from typing import Any, ClassVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Mask
+from ..arrays import Integers, Mask
 from ..design import ExponentialSpline, Kernel, ThinPlate, check_kernel
 from ..fem import Array, Domain
 from ..optimization import Distance, GradientErrors, GradientReport
@@ -177,7 +176,7 @@ class _Interpolated:
             condition=through.condition,
         )
 
-    def worst(self, free: int) -> NDArray[np.int64]:
+    def worst(self, free: int) -> Integers:
         """Which elements to add where the expected error is largest, ``free`` at most."""
         count = self.report.elements
         total = np.bincount(self._nearest, self._expected**2, minlength=count)

@@ -32,10 +32,11 @@ from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Integers
 from ..body import VolumeIntegrals
 from ..fem import Array, rotated
 from ..problem import Evaluation, Problem
@@ -47,7 +48,7 @@ from .mode_derivatives import Solver, cell_numbers, check_reduced, mode_derivati
 class IntegralDerivatives:
     """Derivatives of a body's volume integrals with respect to the densities of some elements."""
 
-    cells: NDArray[np.int64]  #: (cells,) elements of this rank
+    cells: Integers  #: (cells,) elements of this rank
     mass: Array  #: (cells,) [kg]
     S: Array  #: (cells, r + 1, 2) [kg m]
     G: Array  #: (cells, r + 1, r + 1) [kg m^2]
@@ -77,7 +78,7 @@ class IntegralDerivatives:
 class ElementGradient:
     """Exact derivatives of psi with respect to the densities of some elements of one body."""
 
-    cells: NDArray[np.int64]  #: (cells,) elements of this rank
+    cells: Integers  #: (cells,) elements of this rank
     objective: Array  #: (cells,) share of T_OF
     kinematics: Array  #: (cells,) share of T_KR
     motion: Array  #: (cells,) share of T_EM

@@ -41,9 +41,10 @@ from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Integers
 from ..fem import Block, dense_matrix
 from ..reduction import FactoredBody, FlexibleBody, ReducedBasis, ReducedBody, solved
 
@@ -58,7 +59,7 @@ class ModeDerivative:
 
     shape: int  #: Number of the shape function, constraint modes first
     #: (k, 2) for the batch's elements on this rank: number among the cells asked for, and column
-    cells: NDArray[np.int64]
+    cells: Integers
     fields: Block  #: (dofs of this rank, columns) one column an element of the batch
 
 
@@ -130,7 +131,7 @@ def check_reduced(what: str, body: FlexibleBody, reduced: ReducedBody) -> None:
     validation.instance(f"{what}: reduced", reduced, ReducedBody, needed)
 
 
-def cell_numbers(body: FlexibleBody, cells: ArrayLike | None) -> NDArray[np.int64]:
+def cell_numbers(body: FlexibleBody, cells: ArrayLike | None) -> Integers:
     """Numbers of elements of this rank, given as such, as a mask, or as None for all."""
     domain = body.domain
     given = np.arange(domain.n_cells) if cells is None else np.asarray(cells)

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from .. import validation
+from ..arrays import Integers, Mask
 from ..fem import Array, Domain
 
 #: Part of the share that goes to the grid where no spacing is given; the band takes the rest
@@ -73,7 +74,7 @@ class GradientElements:
                 "band or a share"
             )
 
-    def select(self, domain: Domain, distance: ArrayLike | None = None) -> NDArray[np.bool_]:
+    def select(self, domain: Domain, distance: ArrayLike | None = None) -> Mask:
         """Which cells of a ``domain`` on this rank are selected, shape (cells,); collective.
 
         The signed or absolute ``distance`` of their centroids from the active boundary, shape
@@ -143,7 +144,7 @@ class GradientElements:
         return None
 
 
-def _nearest_cells(domain: Domain, spacing: float, eps: float) -> NDArray[np.int64]:
+def _nearest_cells(domain: Domain, spacing: float, eps: float) -> Integers:
     """The cells nearest to points of the grid in or near the body, ties within ``eps`` broken."""
     low, high = domain.bounding_box
     counts = np.maximum(np.rint((high - low) / spacing), 1.0).astype(int)

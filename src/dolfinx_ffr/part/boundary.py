@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import count, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..fem import Arc, Curve, Line, nearest_circle
 from .cut import Segments
 from .field import Field, cross, turns
@@ -121,7 +120,7 @@ def _side_of_mesh(
 def _zero_line(
     points: Array,
     chain: list[int],
-    zero: NDArray[np.bool_],
+    zero: Mask,
     numbers: Iterator[int],
     field: Field,
     step: float,
@@ -179,7 +178,7 @@ def _primitives(lattice: Lattice) -> tuple[Integers, dict[int, Array]]:
 
 
 def _runs(
-    x: Array, halves: Array, straight: NDArray[np.bool_], curved: bool
+    x: Array, halves: Array, straight: Mask, curved: bool
 ) -> Iterable[tuple[int, int, Array | None]]:
     """Runs of sides of a chain that make up one line, circle (which is given) or smooth curve."""
     n = len(x) - 1
@@ -202,7 +201,7 @@ def _runs(
 
 
 def _longest_circle(
-    x: Array, halves: Array, smooth: NDArray[np.bool_], first: int, curved: bool
+    x: Array, halves: Array, smooth: Mask, first: int, curved: bool
 ) -> tuple[int, Array | None]:
     """The end of the longest run of sides from ``first`` on a circle, and the circle, if any.
 

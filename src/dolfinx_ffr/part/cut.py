@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Integers
+from ..arrays import Array, Integers, Mask
 from ..fem import connected
 from .field import Field, evaluated, refuse_zero, zeros_between
 from .lattice import DESIGN, SOLID, VOID, Lattice
@@ -35,7 +34,7 @@ class Segments:
     left: Integers  #: (segments,) DESIGN or SOLID
     right: Integers  #: (segments,) VOID, or SOLID right of DESIGN
     edge: Integers  #: (segments,) edge of the mesh, -1 on the zero line of the field
-    zero: NDArray[np.bool_]  #: (nodes,) where the field is zero to round-off
+    zero: Mask  #: (nodes,) where the field is zero to round-off
 
 
 class Directed(NamedTuple):
@@ -110,7 +109,7 @@ def _edge_of(pairs: Integers, lattice: Lattice) -> Integers:
 
 
 def _around(
-    corner: Integers, on: Integers, edge: Integers, inside: NDArray[np.bool_], kind: Integers
+    corner: Integers, on: Integers, edge: Integers, inside: Mask, kind: Integers
 ) -> Directed:
     """The sides of the material in triangles of some kinds, material on the left.
 

@@ -25,11 +25,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..fem import (
     Curve,
     Domain,
@@ -372,7 +371,7 @@ def _find(
     sides = boundary(lattice, segments, field, step, share * spacing)
     found = pieces(sides, accuracy)
 
-    def lengths(points: Array, interface: NDArray[np.int64]) -> dict[str, float]:
+    def lengths(points: Array, interface: Integers) -> dict[str, float]:
         """Length of each interface, of chains (n, points, 2) on them."""
         along = np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1)
         on = interface >= 0

@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..fem import (
     DESIGNED,
     Domain,
@@ -64,12 +63,12 @@ class _Found(Found):
     """The surface and warnings, found on rank 0 and sent to all ranks."""
 
     points: Array  #: (points, 3) vertices of the surface [m]
-    triangles: NDArray[np.int64]  #: (triangles, 3)
+    triangles: Integers  #: (triangles, 3)
     volume: float  #: [m^3]
     loose: list[float]  #: Volumes of what is left out [m^3]
     cavities: list[Cavity]
-    inner: NDArray[np.int64]  #: (points,) number of the cavity on which a point lies, -1 on none
-    designed: NDArray[np.bool_]  #: (points,) of a designed part
+    inner: Integers  #: (points,) number of the cavity on which a point lies, -1 on none
+    designed: Mask  #: (points,) of a designed part
 
 
 class Solid(Enclosed):
@@ -333,7 +332,7 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     return left, found
 
 
-def _cavities(points: Array, triangles: NDArray[np.int64]) -> tuple[list[Cavity], Any]:
+def _cavities(points: Array, triangles: Integers) -> tuple[list[Cavity], Any]:
     """Pieces of a closed surface that are turned inwards, and on which of them each point lies."""
     piece = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
     a, b, c = np.moveaxis(points[triangles], 1, 0)

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from .. import validation
+from ..arrays import Array
 from ..design import Design
 from ..documentation import Shown
 from ..fem import Domain, ElasticMaterial
@@ -221,9 +222,9 @@ class BodyFigures:
     cells: int  #: Of its mesh
     mass: float  #: [kg]
     volume: float  #: Material, as a share of the area of the body that was designed
-    frequencies: NDArray[np.float64]  #: With all interfaces fixed [Hz]
+    frequencies: Array  #: With all interfaces fixed [Hz]
     stress: float | None  #: Largest von Mises stress over the trajectory [Pa]; None without one
-    place: NDArray[np.float64] | None  #: Where it is, in the mesh (dimension,) [m]
+    place: Array | None  #: Where it is, in the mesh (dimension,) [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..design import density_field
 from ..fem import Domain, GatheredMesh, surface_of
 from ..part import Solid
@@ -61,7 +60,7 @@ def solid_in_space(solid: Solid, path: Path, title: str) -> Path:
 
 
 def stress_in_space(
-    domain: Domain, stress: Array, solid: NDArray[np.bool_], path: Path, title: str, note: str
+    domain: Domain, stress: Array, solid: Mask, path: Path, title: str, note: str
 ) -> Path:
     """Draw the stress [Pa] of this rank's solid cells; the note says when it is largest."""
     mesh = GatheredMesh.of(domain)

@@ -10,10 +10,11 @@ import numpy as np
 import shapely
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from .. import validation
+from ..arrays import Array
 from ..fem import Domain
 from . import style
 from .motion_pictures import check_film, write_film
@@ -84,7 +85,7 @@ def animate_boundary(
     return style.written(body.comm, path, draw)
 
 
-def _curve(figure: Figure, values: NDArray[np.float64], step: int, width: float) -> None:
+def _curve(figure: Figure, values: Array, step: int, width: float) -> None:
     """The history of psi, relative to its start, with a dot at a step."""
     axes = style.axes_at(figure, _MARGIN + 0.2, _MARGIN, width - 0.6 - _MARGIN, _CURVE)
     axes.plot(values, color=style.BLUE, linewidth=1.2)

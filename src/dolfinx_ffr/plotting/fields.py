@@ -14,10 +14,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..fem import Domain
 from ..parallel import announce, on_every_rank
 from ..postprocessing import StressEnvelope
@@ -321,7 +321,7 @@ def _draw_body(
     drawn: DrawnMesh,
     *,
     points: Array | None = None,
-    shown: NDArray[np.bool_] | None = None,
+    shown: Mask | None = None,
     outline: str = style.GRAY,
     **colors: Any,
 ) -> None:

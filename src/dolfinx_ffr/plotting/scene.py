@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..body import BodyMarker
 from ..dynamics import Trajectory
 from ..fem import Domain, GatheredMesh
@@ -103,15 +102,13 @@ class Scene:
 
     mechanism: Mechanism
     trajectory: Trajectory  #: The whole motion
-    steps: NDArray[np.int64]  #: (instants,) time steps that are drawn
+    steps: Integers  #: (instants,) time steps that are drawn
     times: Array  #: (instants,) [s]
     bodies: dict[str, DrawnBody]
     arms: dict[int, Arm]  #: By number of the joint that the crank drives
 
     @staticmethod
-    def gather(
-        problem: Problem, evaluation: Evaluation, steps: NDArray[np.int64], *, energy: bool
-    ) -> Scene:
+    def gather(problem: Problem, evaluation: Evaluation, steps: Integers, *, energy: bool) -> Scene:
         """Gather the bodies at some time steps, with strain energies if asked for; collective."""
         trajectory = evaluation.trajectory
         mechanism = trajectory.model.mechanism

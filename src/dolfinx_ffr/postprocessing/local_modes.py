@@ -17,11 +17,10 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..dynamics import Trajectory
 from ..fem import floating_cells
 from ..parallel import announce
@@ -43,7 +42,7 @@ class LocalModesWarning(UserWarning):
 class LocalModes:
     """Normal modes of one body that are local, in ascending order."""
 
-    numbers: NDArray[np.int64]  #: (k,) of the modes, counted from 1
+    numbers: Integers  #: (k,) of the modes, counted from 1
     frequencies: Array  #: (k,) [Hz]
     places: Array  #: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m]
     share: float  #: Of the body's strain energy over all load cases that they hold, in [0, 1]
@@ -105,7 +104,7 @@ def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
         )
 
 
-def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[NDArray[np.int64], Array]:
+def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[Integers, Array]:
     """Numbers of a body's local modes, from 0, and the centres of their kinetic energies."""
     domain, basis, x = body.domain, reduced.basis, reduced.density
     mass = x * domain.cell_volumes

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, TimeStepWarning
 from ..problem import Evaluation, Problem
@@ -268,7 +268,7 @@ def _least(holds: Callable[[int], bool], most: int, first: int) -> int:
     return high
 
 
-def _uncut(reduced: ReducedBody) -> NDArray[np.int64]:
+def _uncut(reduced: ReducedBody) -> Integers:
     """The numbers of modes, of 0, 1, 2, ... and all, that keep close frequencies together."""
     eigenvalues = np.append(reduced.basis.eigenvalues, reduced.basis.first_truncated_eigenvalue)
     return np.flatnonzero(np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]))

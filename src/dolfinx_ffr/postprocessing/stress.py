@@ -33,10 +33,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Integers, Mask
 from ..dynamics import Trajectory
 from ..fem import Domain
 from ..objective import stress_coordinates, von_mises_root
@@ -64,7 +64,7 @@ class StressModes:
     #: 6, coordinates) s_x, s_y, s_z, t_xy, t_yz, t_xz [Pa]
     values: Array
     out_of_plane: float  #: s_z / (s_x + s_y) [-]
-    solid: NDArray[np.bool_]  #: (cells,) cells that are not void; the others have no stress
+    solid: Mask  #: (cells,) cells that are not void; the others have no stress
     n_elastic: int  #: Number of elastic coordinates
     n_constraint: int  #: Number of constraint modes among them
     domain: Domain  #: The body's mesh
@@ -177,9 +177,9 @@ class StressEnvelope:
     """The largest von Mises stress of each cell over a motion, and where and when it is largest."""
 
     stress: Array  #: (cells,) of the cells owned by this rank; 0 in void [Pa]
-    step: NDArray[np.int64]  #: (cells,) time step at which it occurs
+    step: Integers  #: (cells,) time step at which it occurs
     time: Array  #: (cells,) time at which it occurs [s]
-    solid: NDArray[np.bool_]  #: (cells,) cells that are not void
+    solid: Mask  #: (cells,) cells that are not void
     largest: float  #: Of all cells, the same on every rank [Pa]
     largest_time: float  #: When it occurs [s]
     largest_step: int  #: Time step at which it occurs

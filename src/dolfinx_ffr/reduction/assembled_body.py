@@ -15,9 +15,9 @@ from petsc4py import PETSc
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
 from .. import validation
+from ..arrays import Integers
 from ..body import VolumeIntegrals
 from ..fem import Array, Elasticity, Interface, Matrices, kept_by, surface_reference
 from ..interchange import AssembledMatrices
@@ -174,7 +174,7 @@ def _interfaces(
     return found
 
 
-def _reference(matrices: AssembledMatrices, nodes: NDArray[np.int64]) -> tuple[Array, Array | None]:
+def _reference(matrices: AssembledMatrices, nodes: Integers) -> tuple[Array, Array | None]:
     """Reference point and axis of the faces between some nodes."""
     faces = matrices.faces[np.all(np.isin(matrices.faces, nodes), axis=1)]
     if not len(faces):

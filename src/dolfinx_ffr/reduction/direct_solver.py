@@ -17,6 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Integers
 from ..fem import Block, Elasticity, by_dense, dense_matrix
 from ..parallel import agreed_memory
 
@@ -150,7 +151,7 @@ class CopiedFactor(LinearSolver):
         if failed:
             raise PETSc.Error(failed)
 
-    def _gathered(self, part: NDArray, counts: NDArray[np.int64]) -> NDArray:
+    def _gathered(self, part: NDArray, counts: Integers) -> NDArray:
         """The parts of all ranks, one after the other."""
         whole = np.empty(int(counts.sum()), dtype=part.dtype)
         self._comm.Allgatherv(np.ascontiguousarray(part), (whole, counts))

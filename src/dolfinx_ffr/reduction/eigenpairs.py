@@ -8,9 +8,9 @@ from collections.abc import Callable
 from petsc4py import PETSc
 
 import numpy as np
-from numpy.typing import NDArray
 from slepc4py import SLEPc
 
+from ..arrays import Array
 from ..fem import Block
 
 #: Iterations after which the solvers with an exact and with an approximate inverse give up
@@ -40,7 +40,7 @@ def lowest_eigenpairs(
     inverse: Callable[[Block], Block],
     exact: bool,
     tolerance: float,
-) -> tuple[NDArray[np.float64], Block]:
+) -> tuple[Array, Block]:
     """At least ``number`` lowest eigenpairs, (k,) and (dofs, k), M-orthogonal to ``known`` ones."""
     eps = SLEPc.EPS().create(stiffness.comm)
     transform = eps.getST()

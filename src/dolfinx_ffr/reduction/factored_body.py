@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Mask
 from ..fem import Block, Elasticity, Matrices
 from .direct_solver import ITERATIVE, LinearSolver, direct_solver
 from .multigrid import MultigridSolver
@@ -32,9 +33,7 @@ class ClampedMatrices:
     _analysis: list[Any] = field(default_factory=list)
 
     @staticmethod
-    def of(
-        elasticity: Elasticity, clamped: NDArray[np.bool_], solver: str, tolerance: float
-    ) -> ClampedMatrices:
+    def of(elasticity: Elasticity, clamped: Mask, solver: str, tolerance: float) -> ClampedMatrices:
         """Matrices without values yet; ``clamped`` has shape (dofs of this rank,)."""
         stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
         if solver == ITERATIVE:

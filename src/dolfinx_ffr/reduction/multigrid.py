@@ -25,8 +25,8 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Integers, Mask
 from ..fem import Array, Block, Elasticity, by_dense, dense_matrix, rigid_fields
 from .direct_solver import LinearSolver
 from .eigenpairs import lowest_eigenpairs, vectors
@@ -56,9 +56,7 @@ SHARE = 1e-2
 class MultigridSolver(LinearSolver):
     """Solution and lowest modes of a clamped body without a factor, by a tolerance of energy."""
 
-    def __init__(
-        self, elasticity: Elasticity, clamped: NDArray[np.bool_], tolerance: float
-    ) -> None:
+    def __init__(self, elasticity: Elasticity, clamped: Mask, tolerance: float) -> None:
         self._elasticity = elasticity
         self._tolerance = SHARE * tolerance
         self._free = np.flatnonzero(~clamped)
@@ -153,7 +151,7 @@ class MultigridSolver(LinearSolver):
 
     def _conjugate_gradients(
         self,
-        image_of: Callable[[Block, NDArray[np.int64]], Block],
+        image_of: Callable[[Block, Integers], Block],
         preconditioned: Callable[[Block], Block],
         loads: Block,
     ) -> tuple[Block | None, int]:
@@ -201,7 +199,7 @@ class MultigridSolver(LinearSolver):
         (stiffness, mass), (fields, images) = matrices, modes
         elasticity = self._elasticity
 
-        def image_of(block: Block, columns: NDArray[np.int64]) -> Block:
+        def image_of(block: Block, columns: Integers) -> Block:
             image = elasticity.apply(stiffness, block)
             image -= shifts[columns] * elasticity.apply(mass, block)
             return image

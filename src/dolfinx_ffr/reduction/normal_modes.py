@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ..arrays import Mask
 from ..fem import Array, Block, Elasticity
 from .eigenpairs import lowest_eigenpairs
 from .factored_body import FactoredBody
@@ -48,9 +48,7 @@ GUARDS = 2
 class EigenSolver:
     """Lowest eigenpairs of a clamped body, from starts that no partition of the mesh changes."""
 
-    def __init__(
-        self, elasticity: Elasticity, clamped: NDArray[np.bool_], tolerance: float
-    ) -> None:
+    def __init__(self, elasticity: Elasticity, clamped: Mask, tolerance: float) -> None:
         self.elasticity = elasticity
         self.tolerance = tolerance  # relative residual
         self._clamped = clamped

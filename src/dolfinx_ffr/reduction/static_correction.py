@@ -16,8 +16,8 @@ AIAA 2001-1300, doi:10.2514/6.2001-1300).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..fem import Block, rotated
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
@@ -84,7 +84,7 @@ def _loads(reduction: CraigBampton, factored: FactoredBody, fields: Block) -> Bl
 
 def _static(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis, loads: Block
-) -> tuple[Block, NDArray[np.float64]]:
+) -> tuple[Block, Array]:
     """K^-1 L, and Lambda^-1 Phi^T L."""
     modal = reduction.elasticity.inner(basis.normal, loads) / basis.eigenvalues[:, None]
     return factored.solve(loads), modal
