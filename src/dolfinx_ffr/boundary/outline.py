@@ -261,12 +261,9 @@ class Boundary:
         return self.room.difference(solid.buffer(_OFF_SOLID * self.member))
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
-        rings = [polygon([self.curve(side) for side in loop], self._fine) for loop in loops]
+        fine = _FINE * self.member
+        rings = [polygon([self.curve(side) for side in loop], fine) for loop in loops]
         return shapely.Polygon(rings[0], rings[1:])
-
-    @property
-    def _fine(self) -> float:
-        return _FINE * self.member
 
     # ------------------------------------------------------------------ in a checkpoint
 

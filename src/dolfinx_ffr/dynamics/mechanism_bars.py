@@ -146,7 +146,7 @@ def influence(model: FlatModel) -> list[str]:
     own, idle = _Differences(model), list[str]()
     start = _start_of(model.mechanism, model)
     for k, (name, below, above) in enumerate(parametric(model).parameters.ranges):
-        shift = _shift(k, 1e-3 * (above if above >= below else -below))
+        shift = 1e-3 * (above if above >= below else -below) * np.eye(k + 1)[k]
         try:
             other = own.state(shift)
         except OtherLawError:
@@ -161,12 +161,6 @@ def parametric(model: FlatModel) -> ParametricMechanism:
     """The mechanism of a model, which has parameters."""
     assert isinstance(model.mechanism, ParametricMechanism)
     return model.mechanism
-
-
-def _shift(k: int, step: float) -> Array:
-    shift = np.zeros(k + 1)
-    shift[k] = step
-    return shift
 
 
 def _start_of(mechanism: Mechanism, model: FlatModel) -> Array:
@@ -290,7 +284,7 @@ class _Differences:
         steps += [_STEP * _SHORTER**n for n in range(_TIMES)]
 
         def at(h: float, offsets: Sequence[int]) -> list[_State]:
-            return [self.started(_shift(k, side * s * h)) for s in offsets]
+            return [self.started(side * s * h * np.eye(k + 1)[k]) for s in offsets]
 
         for h in (step * width for step in steps):
             try:
