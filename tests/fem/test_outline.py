@@ -278,6 +278,21 @@ def test_triangles_larger_than_the_outline(comm: MPI.Comm) -> None:
         Domain.from_outline(comm, bar, interfaces={"a": left}, size=0.03)
 
 
+def test_a_wall_that_is_thinner_than_chords_bend(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Cells that cross are refused with the place before gmsh would divide them without end."""
+
+    def draw(drawing: Any, space: Any) -> None:
+        space.add_circle((0, 0), 100)
+        space.add_circle((49.5 * np.cos(0.3), 49.5 * np.sin(0.3)), 50)
+
+    path = drawn(tmp_path / "disc.dxf", draw)
+    place = r"almost touch, near \(0\.0\d+, -?0\.0\d+\) m where cells of 0\.05 m"
+    with pytest.raises(ValueError, match=place):
+        Domain.from_outline(comm, path, interfaces={"a": left}, size=0.05)
+    fine = Domain.from_outline(comm, path, interfaces={"a": lambda x: x[0] > 0.09}, size=0.003)
+    assert fine.cell_volumes.sum() == pytest.approx(np.pi * (0.1**2 - 0.05**2), rel=2e-3)
+
+
 @pytest.mark.mpi
 def test_what_is_missing(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """Errors come on every rank, before anything is meshed."""

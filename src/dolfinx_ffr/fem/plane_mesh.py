@@ -19,6 +19,7 @@ from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
+import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
@@ -320,6 +321,7 @@ def mesh_faces(
     """Mesh a drawing with its physical groups by triangles of a ``size``, or smaller [m]."""
     model = gmsh.model
     divided = [_divided(curve, size, local) for curve in drawing.curves]
+    _refuse_crossed(drawing, divided, size)
     tags = _polygons(gmsh, drawing, divided)
     found = [tag for _, tag in model.getEntities(2)]
     for group in dict.fromkeys(face.group for face in drawing.faces):
@@ -373,6 +375,25 @@ def _set_sizes(gmsh: Any, stack: ExitStack, local: LocalSizes, size: float) -> N
     number = field.add("PostView")
     field.setNumber(number, "ViewTag", view)
     field.setAsBackgroundMesh(number)
+
+
+def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) -> None:
+    """Refuse cells along curves that cross, which gmsh (4.13) would divide without end."""
+    ends = np.concatenate([own.vertices[[0, -1]] for own in divided])
+    at = dict(zip(np.ravel(drawing.nodes).tolist(), ends, strict=True))
+    # where curves meet, their cells must share a point to the last bit
+    chains = [
+        np.vstack([at[first], own.vertices[1:-1], at[last]])
+        for (first, last), own in zip(drawing.nodes, divided, strict=True)
+    ]
+    cells = shapely.linestrings(np.concatenate([np.stack([x[:-1], x[1:]], 1) for x in chains]))
+    crossed = shapely.STRtree(cells).query(cells, predicate="crosses")
+    if crossed.size:
+        x, y = shapely.get_coordinates(shapely.intersection(*cells[crossed[:, 0]]))[0]
+        raise ValueError(
+            f"parts of the outline cross, or almost touch, near ({x:.4g}, {y:.4g}) m where cells "
+            f"of {size:.4g} m follow it: give a smaller size, or move them apart"
+        )
 
 
 def _refuse_unmeshed(model: Any, drawing: Drawing, found: Sequence[int], size: float) -> None:
