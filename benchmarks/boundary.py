@@ -72,7 +72,7 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
         common |= {"iterations": 8, "steps": 50, "boundary": 1, "elements": [40, 4]}
     some = STARTS[:1] + STARTS[5:6]
     wanted: list[dict[str, Any]] = [{"start": start} for start in (some if quick else STARTS)]
-    fewer = {"iterations": 16} if quick else {"elements": [100, 12]}
+    fewer = {"iterations": 24} if quick else {"elements": [100, 12]}
     tasks = [{"task": "stress limit", "start": start} for start in STIFF[: 1 if quick else None]]
     least = ["least compliance", "least stress"]
     tasks += [{"task": task} for task in least[: 1 if quick else None]]

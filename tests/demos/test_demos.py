@@ -140,7 +140,7 @@ def test_files_of_the_slider_crank(serial: Path) -> None:
     assert found["part_pieces"] == 1
     assert found["part_change"] < 0.01
     told = found["boundary"]["psi"] / final  # by the steps of the boundary
-    assert found["boundary"]["steps"] == 2 and 0.5 < told < 1.5
+    assert found["boundary"]["steps"] == 3 and 0.5 < told < 1.5
     relative = told * found["compliance_final_relative"] * (1.0 + found["part_difference"])
     assert found["compliance_part_relative"] == pytest.approx(relative, rel=1e-9)
     with Image.open(serial / "motion.gif") as film:

@@ -341,7 +341,8 @@ class Scene:
         yield row(ffr.Volume, "", rod, body=TEXT)
         yield row(ffr.Frequency, "number cluster free", rod, body=TEXT)
         power = (*NUMBER, 1.0)
-        yield row(ffr.JointForce, "joint moment window", {"joint": "pin"}, power=power)
+        joints = [value for value in TEXT if value != ("rod",)]  # several are a tuple of names
+        yield row(ffr.JointForce, "moment window", {"joint": "pin"}, joint=joints, power=power)
         place = {"body": "rod", "marker": "left"}
         for objective in (ffr.MarkerAcceleration, ffr.MarkerVelocity):
             yield row(objective, "window", place, body=TEXT, marker=TEXT)

@@ -125,7 +125,8 @@ def test_pickled_result_goes_on() -> None:
     problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=2, steps=100)
     levelset = ffr.LevelSet(problem.flexible["rod"].domain)
     start = levelset.with_holes(4, 1, 0.004)
-    options = {"volume": 0.85, "progress": False, "optimizer": ffr.LevelSetEvolution()}
+    options = {"volume": 0.85, "boundary": 0, "progress": False}
+    options["optimizer"] = ffr.LevelSetEvolution()
     result = ffr.optimize(problem, levelset, start, iterations=2, **options)
     found, twin, again = pickle.loads(pickle.dumps((result, problem, levelset)))
     np.testing.assert_array_equal(found.x, result.x)

@@ -109,7 +109,8 @@ def test_record_and_page_of_several_load_cases(comm: MPI.Comm, shared_tmp_path: 
     weights = {"slow": 1.5, "fast": 1.0, "lever": 0.5}
     problem = three_load_cases(comm, ffr.WorstCase(weights))
     rod = problem.flexible["rod"]
-    how = {"iterations": 2, "progress": False, "mode_tolerance": None, "output": shared_tmp_path}
+    how = {"iterations": 2, "boundary": 0, "progress": False, "mode_tolerance": None}
+    how["output"] = shared_tmp_path
     design = ffr.DensityDesign(rod.domain)
     result = ffr.optimize(problem, design, optimizer=ffr.MMA(length=40), **how)
     part = ffr.Part(rod.domain, lambda x: np.ones(len(x)), material=rod.material)
