@@ -215,7 +215,7 @@ def _estimate(scene: Scene, problem: Problem) -> str:
     return (
         f"a gradient takes {each:.2g} s: the {iterations} iterations about "
         f"{_time(each * iterations)}, more where it needs more modes; steps of the boundary, "
-        "verification and pictures come on top, together about as much again"
+        "verification and pictures come on top, which in all may be several times as long"
     )
 
 

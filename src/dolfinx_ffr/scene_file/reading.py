@@ -452,6 +452,8 @@ def in_si(text: str, units: tuple[str, ...]) -> float:
         return number
     try:
         factor, kind = _base(unit)
+    except ImportError as error:
+        raise ValueError(f"units need pint ({error}): install it, or write SI numbers") from error
     except Exception as error:  # what a reader of units meets within a text
         raise ValueError(f"{unit!r} is no unit that is known (in {text!r})") from error
     allowed = _kinds(units)
