@@ -86,8 +86,11 @@ class Kind(ABC, Generic[B]):
         """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
 
-    def simpler(self, boundary: B, costs: Costs) -> Iterator[tuple[B, int]]:
-        """The boundary without what may not pay, and how many holes and struts that were."""
+    def simpler(self, boundary: B, costs: Costs, walls: bool) -> Iterator[tuple[B, int]]:
+        """The boundary without what may not pay, and how many holes and struts that were.
+
+        Struts that are wider than they must be are among that if ``walls`` are asked for.
+        """
         return iter(())
 
     def said(self, boundary: B) -> list[str]:
@@ -123,7 +126,9 @@ class InThePlane(Kind[Boundary]):
         each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
         return min(_SIZE * boundary.member, math.sqrt(each))
 
-    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
+    def simpler(
+        self, boundary: Boundary, costs: Costs, walls: bool
+    ) -> Iterator[tuple[Boundary, int]]:
         """Without small holes, what ends free, and the struts whose minimum width costs most."""
         small = [boundary.specks, *boundary.pockets[:_TRIED]]
         for holes in small:
@@ -132,8 +137,9 @@ class InThePlane(Kind[Boundary]):
         every = set(boundary.holes)
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
+        dear = dear[:_TRIED] + (boundary.walls[:_TRIED] if walls else [])
         tried = [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
-        for without, what in [*tried, *((boundary.joined, pair) for pair in dear[:_TRIED])]:
+        for without, what in [*tried, *((boundary.joined, pair) for pair in dear)]:
             try:
                 found = without(what)
             except ValueError:

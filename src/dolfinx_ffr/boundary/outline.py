@@ -35,9 +35,11 @@ _FINE = 5e-3
 #: Area of the smallest hole, and of the smallest that is not tried without, in squares of the
 #: minimum member
 _SPECK, _POCKET = 5.0, 20.0
-#: Half the width of what goes between holes that are joined, and of bays that are filled then, in
-#: minimum members
-_BETWEEN, _OPENED = 0.9, 0.5
+#: How far from the strut between them holes that are joined are made convex, so that no noses stay,
+#: and half the widths of bays that go and of bays that are filled then, in minimum members
+_CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
+#: Greatest distance of holes between which a wall is tried without, in minimum members
+_WALL = 6.0
 #: Distance of the controls from what must stay solid, in minimum members: what they leave there is
 #: no member, as it is one piece with the solid
 _OFF_SOLID = 0.25
@@ -377,19 +379,17 @@ class Boundary:
     def joined(self, pair: tuple[int, int]) -> Boundary:
         """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
 
-        What is between them goes. ValueError if that is wider than members may be, or the holes
-        are not both of one face.
+        What is between them goes. ValueError if they are not both of one face.
         """
         keys = self.holes
-        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
-        where = tree.data[[keys.index(key) for key in pair]]
-        edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
-        pairs = np.array(sorted(edges))
+        pairs = np.array(self._images(pair))
         number = connected(pairs, len(keys))
         runs, gone = [], []
         for group in np.unique(number[pairs[:, 0]]):
             among = [keys[i] for i in np.flatnonzero(number == group)]
-            union = shapely.union_all([self.hole(key) for key in among])
+            own = pairs[number[pairs[:, 0]] == group]
+            between = [self._between(keys[i], keys[j]) for i, j in own.tolist()]
+            union = shapely.union_all([*between, *(self.hole(key) for key in among)])
             union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)
             # no bays that curves so coarse could not follow
             union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
@@ -399,6 +399,34 @@ class Boundary:
             runs.append(Run(np.asarray(ring.coords)[:-1], None))
             gone += among
         return self._with_holes(gone, runs)
+
+    def _between(self, i: int, j: int) -> shapely.Geometry:
+        """What goes between two holes that are joined, and parts of these."""
+        a, b = self.hole(i), self.hole(j)
+        way = a.distance(b) + _CONVEX * self.member
+        facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
+        return shapely.union_all(facing).convex_hull
+
+    def _images(self, pair: tuple[int, int]) -> list[tuple[int, ...]]:
+        """The places among `holes` of a ``pair`` and its mirror images."""
+        keys = self.holes
+        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
+        where = tree.data[[keys.index(key) for key in pair]]
+        return sorted({tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries})
+
+    @property
+    def walls(self) -> list[tuple[int, int]]:
+        """Pairs of holes that are near each other, of mirror images one, with most in between."""
+        keys, found = self.holes, dict[tuple[int, ...], float]()
+        holes = [self.hole(key) for key in keys]
+        near = _WALL * self.member
+        tree = shapely.STRtree(holes)
+        for i, j in tree.query(holes, predicate="dwithin", distance=near).T.tolist():
+            if i < j:
+                images = self._images((keys[i], keys[j]))
+                gone = self._between(keys[i], keys[j]).difference(holes[i]).difference(holes[j])
+                found.setdefault(images[0], len(images) * gone.area)
+        return [(keys[i], keys[j]) for i, j in sorted(found, key=lambda pair: -found[pair])]
 
     @property
     def spurs(self) -> list[shapely.Geometry]:

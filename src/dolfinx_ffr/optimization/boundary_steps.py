@@ -7,8 +7,9 @@ import math
 import signal
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,12 @@ _FIRST, _LONGEST, _LONGER = 0.5, 0.65, 1.2
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
 _TIGHTENED, _TIGHTEST = 0.4, 0.08
-#: By how much stress is kept below its bounds: it differs as much from mesh to mesh
-_SPARE = 0.01
+#: By how much stress is kept below its bounds in steps, and where it is told: it differs as much
+#: from mesh to mesh
+_SPARE, _SPARED = 0.01, 5e-3
+#: Steps that follow where a bound is kept by the mesh of the steps and not by finer ones, and how
+#: often
+_MENDING, _ROUNDS = 4, 3
 #: Size of triangles in notches, in radii, where the stress counts, and where the result is told:
 #: by coarser ones it is up to 5 % off, and a limit that the steps keep is missed by what is told
 _TURN = 0.25
@@ -73,12 +78,12 @@ class Trial:
     sizes: dict[str, Rows]  #: Of members and gaps
     radii: dict[str, Rows]
     excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
-    stress: frozenset[str]  #: Those of the stress, which is kept a little below its bounds
+    spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
 
     @property
     def kept(self) -> dict[str, float]:
         """What the steps keep below zero, by the names of the constraints."""
-        return {n: v + (_SPARE if n in self.stress else 0.0) for n, v in self.excesses.items()}
+        return {name: value + self.spare.get(name, 0.0) for name, value in self.excesses.items()}
 
     @property
     def excess(self) -> float:
@@ -145,6 +150,7 @@ class _Descent:
     sizes: dict[str, float]  #: Of the triangles [m]
     others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
+    spare: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
 
     @property
     def kind(self) -> Kind[Any]:
@@ -183,8 +189,7 @@ class _Descent:
             excesses[f"volume of {name}"] = share / most - 1.0
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
-        stress = _of_stress(problem)
-        return Trial(boundaries, problem, found, sizes, radii, excesses, stress)
+        return Trial(boundaries, problem, found, sizes, radii, excesses, self.spare)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> _Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
@@ -209,12 +214,12 @@ class _Descent:
             return np.asarray(block_diag(*own))
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
-        spare = dict.fromkeys(_of_stress(problem), _SPARE)
-        excesses = [
-            float(bound.value) + spare.get(name, 0.0) + margin
-            for name, bound in evaluation.constraints.items()
-        ]
-        excesses += [trial.excesses[f"volume of {name}"] for name in self.volume]
+        excesses = []
+        for name, bound in evaluation.constraints.items():
+            # of several parts of a bound each is kept as that
+            own = [v for n, v in trial.spare.items() if name == n or name.startswith(f"{n}, part")]
+            excesses.append(float(bound.value) + max(own, default=0.0) + margin)
+        excesses += [trial.kept[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]
             areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
@@ -265,12 +270,12 @@ class _Descent:
         modes = {name: body.modes for name, body in self.problem.flexible.items()}
         also = None if best is trial else best.boundaries
         methods = chosen_methods(self.problem)
-        return Kept(learnt, trial.boundaries, also, modes, methods, *others)
+        return Kept(learnt, self.spare, trial.boundaries, also, modes, methods, *others)
 
     def restored(self, kept: Kept) -> tuple[_Descent, Trial, Trial]:
         """The descent, its boundaries and the best ones in an earlier state; collective."""
         problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
-        descent = replace(self, problem=problem)
+        descent = replace(self, problem=problem, spare=kept.spare)
         trial = descent.tried(kept.now)
         return descent, trial, descent.tried(kept.best) if kept.best else trial
 
@@ -299,7 +304,9 @@ class _Descent:
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries on meshes that resolve notches or walls; collective."""
         fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
-        return replace(self, turn=_TURN).tried(fine)
+        sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
+        told = {name: min(more, _SPARED) for name, more in self.spare.items()}
+        return replace(self, turn=_TURN, sizes=sizes, spare=told).tried(fine)
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
         """The same on such meshes, if these can be made, and how much psi changed at last.
@@ -318,6 +325,16 @@ class _Descent:
                 break
         return trial, change
 
+    def tightened(self, best: Trial, fine: Trial) -> dict[str, float]:
+        """What to `spare` where bounds are kept by the ``best``, and not on its ``fine`` meshes.
+
+        Empty where they are kept on these, or on neither.
+        """
+        if fine.excess <= _HELD or best.excess > _HELD:
+            return {}
+        off = {name: fine.kept[name] - value for name, value in best.excesses.items()}
+        return {name: max(value, self.spare.get(name, 0.0)) for name, value in off.items()}
+
     def simpler(
         self, trial: Trial, costs: dict[str, Costs], weight: float, last: bool
     ) -> tuple[Trial, int]:
@@ -328,7 +345,8 @@ class _Descent:
         removed, most = 0, max(trial.missed, _HELD) if last else math.inf
         for name, boundary in trial.boundaries.items():
             best, fewer = None, 0
-            for changed, count in self.kind.simpler(boundary, costs[name]):
+            # bounds of stress make struts wider than they must be, also where these carry nothing
+            for changed, fewest in self.kind.simpler(boundary, costs[name], self.turn < math.inf):
                 try:
                     other = self.tried({**trial.boundaries, name: changed})
                 except (ValueError, SimulationError):
@@ -336,7 +354,7 @@ class _Descent:
                 if other.missed > most:
                     continue
                 if best is None or other.carries(weight) < best.carries(weight):
-                    best, fewer = other, count
+                    best, fewer = other, fewest
             if best is not None and best.carries(weight) < trial.carries(weight) + _GONE:
                 removed += fewer
                 trial = best
@@ -350,11 +368,6 @@ class _Step:
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: float  #: Sum of the multipliers of all bounds, in units of log psi
-
-
-def _of_stress(problem: Problem) -> frozenset[str]:
-    """The names of constraints that bound a largest stress."""
-    return frozenset(c.label for c in problem.constraints if _is_stress(c.objective))
 
 
 def _is_stress(objective: Objective) -> bool:
@@ -456,7 +469,8 @@ def moved(
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = _TURN if any(map(_is_stress, objectives)) else math.inf
-    descent = _Descent(problem, bounds, sizes, others, turn)
+    spare = {c.label: _SPARE for c in problem.constraints if _is_stress(c.objective)}
+    descent = _Descent(problem, bounds, sizes, others, turn, spare)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress, checkpoint)
 
@@ -493,7 +507,19 @@ def _descended(
             reach, weight, margin = _FIRST, _OF_BOUNDS, 0.0
             told = [trial.told(0.0, 0, 0)]
             shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
-        for number in range(len(told), steps + 1):
+        last = max(steps, len(told) - 1)
+        last += -(last - steps) % _MENDING
+        ends: list[tuple[Trial, float]] = []
+        for number in count(len(told)):
+            if number > last:
+                ends.append(descent.finer(best))
+                tighter = descent.tightened(best, ends[-1][0])
+                if not tighter or last >= steps + _ROUNDS * _MENDING:
+                    break
+                descent = replace(descent, spare=tighter)
+                trial = best = replace(best, spare=tighter)
+                last += _MENDING
+                bar.total = last
             if asked := interrupted():
                 reason = "terminated" if asked == signal.SIGTERM else "interrupted"
                 break
@@ -520,8 +546,8 @@ def _descended(
                 late = _TIGHTENED * found.excess if found.excess > _HELD else -0.2 * margin
                 margin = min(margin + late, _TIGHTEST)
             trial, removed = found, 0
-            if number % EVERY == 0 or number == steps:
-                trial, removed = descent.simpler(trial, step.costs, weight, number == steps)
+            if number % EVERY == 0 or number == last:
+                trial, removed = descent.simpler(trial, step.costs, weight, number >= steps)
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
                     descent, best = grown, trial
@@ -537,7 +563,9 @@ def _descended(
             if checkpoint:
                 learnt = Learnt(trial.evaluation.psi, reach, weight, margin)
                 checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
-        best, change = descent.finer(best)
+        if reason != "iterations":
+            ends.append(descent.finer(best))
+        best, change = min(ends, key=lambda end: end[0].rank(weight))
         told.append(best.told(0.0, 0, 0))
         if checkpoint:
             checkpoint.tell(told)

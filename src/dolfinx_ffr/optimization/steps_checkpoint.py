@@ -48,6 +48,7 @@ class Kept:
     """All that the next step depends on, beside the start."""
 
     learnt: Learnt
+    spare: dict[str, float]  #: By how much more than to their bounds constraints are kept, by name
     now: Boundaries
     best: Boundaries | None  #: None where it is the present one
     modes: dict[str, int]
@@ -63,6 +64,7 @@ class Kept:
             **asdict(self.learnt),
             **_named("now", self.now),
             **_named("best", self.best or {}),
+            **{f"spare {n}": more for n, more in self.spare.items()},
             **{f"modes {n}": count for n, count in self.modes.items()},
             **{f"error {n}": error for n, error in self.errors.items()},
             "methods": self.methods,
@@ -83,6 +85,7 @@ class Kept:
         best = any(key.startswith("best ") for key in data)
         return Kept(
             Learnt(**{name: float(data[name]) for name in Learnt.__dataclass_fields__}),
+            {n: float(more) for n, more in _under("spare ", data).items()},
             {n: b.restored(_under(f"now {n} ", data)) for n, b in start.items()},
             {n: b.restored(_under(f"best {n} ", data)) for n, b in start.items()} if best else None,
             {n: int(count) for n, count in _under("modes ", data).items()},

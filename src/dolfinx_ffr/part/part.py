@@ -175,7 +175,9 @@ class Part(Enclosed):
         names = [[name for _, name in loop] for loop in around]
         made.drawing, made.outlines = drawing, [curves]
         found = replace(self._found, drawing=drawing, outlines=[curves], interfaces=[names])
-        made._found = replace(found, loose=[], deviation=0.0)
+        # the first warning is of pieces that were left out, and are none of it
+        said = found.warnings[1:] if found.loose else found.warnings
+        made._found = replace(found, loose=[], deviation=0.0, warnings=said)
         # the curves are exact; the field that they came from is another one
         made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
         return made

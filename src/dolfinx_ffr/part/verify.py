@@ -30,6 +30,8 @@ from .widths import Width
 #: Share by which psi of the parts may exceed the reported one, and a constraint its bound, before
 #: that is said
 SOFTER = 0.02
+#: Meshes at most where psi stands still and a bound is neither kept nor exceeded for sure
+_FOR_BOUNDS = 3
 #: Frequencies that the summary shows
 _SHOWN = 3
 
@@ -321,6 +323,14 @@ class Verification:
         return self.change <= self.tolerance
 
     @property
+    def decided(self) -> bool:
+        """Whether constraints stand still, or changed at last by less than they are off bounds."""
+        if len(self.fitted) < 2:
+            return False
+        before, last = (row.excesses for row in self.fitted[-2:])
+        return all(abs(v - before[n]) <= max(self.tolerance, abs(v)) for n, v in last.items())
+
+    @property
     def violations(self) -> dict[str, float]:
         """Constraints and volumes that are more than 2 % beyond their bounds, by how much."""
         # what is not a number is no value below a bound
@@ -428,7 +438,8 @@ def verify(
 
     Each part is meshed by triangles, each solid by tetrahedra that fit its boundary, all of full
     density, and the whole motion is computed again; on finer meshes, until psi stands still. Its
-    difference to the reported psi is then that between the densities and the part.
+    difference to the reported psi is then that between the densities and the part. A third mesh
+    tells of constraints that are nearer to their bounds than they have changed.
 
     Objectives that stand for other numbers are corrected at the densities and anew at each mesh
     (`Problem.calibrated`): a `PeakStress` is the largest stress of the part itself.
@@ -515,7 +526,7 @@ def verify(
         fitted.append(_figures(max(sizes.values()), *own, parts, bounds))
         last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
         found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
-        if found.converged:
+        if found.converged and (found.decided or len(fitted) >= _FOR_BOUNDS):
             break
     for text in _doubts(found):
         warnings.warn(f"verify: {text}", PartWarning, stacklevel=2)
