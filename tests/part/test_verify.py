@@ -254,6 +254,11 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
             assert f"at most {limit:.4g}" in found.summary()
         assert found.record()["part_violations"] == pytest.approx(found.violations)
         assert set(found.violations) == set(last.constraints)
+        # bounds that are exceeded by less than they changed are not decided
+        assert found.decided
+        near = dataclasses.replace(last, excesses=dict.fromkeys(last.excesses, 1e-3))
+        unsure = dataclasses.replace(found, fitted=[*found.fitted[:-1], near], tolerance=2e-3)
+        assert not unsure.decided
 
 
 def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:

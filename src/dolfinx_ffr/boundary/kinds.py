@@ -24,9 +24,9 @@ Costs = dict[tuple[int, int], float]
 #: Size of triangles, in minimum members, and at most in widths of members; and their number at
 #: least, so that psi of a part with few members is told as well
 _SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
-#: What the minimum width of a strut must cost to be tried without it, as share of psi, and how many
-#: are tried at once: most that cost less carry a tenth of psi
-_PRICE, _TRIED = 0.01, 3
+#: What the minimum width of a strut must cost to be tried without it, as share of psi (most that
+#: cost less carry a tenth of it), how many are tried at once, and how many that may be wider
+_PRICE, _TRIED, _WALLS = 0.01, 3, 2
 
 #: Share of the minimum below which a member of a solid is told, by balls on a lattice
 _THINNER = 0.9
@@ -137,7 +137,7 @@ class InThePlane(Kind[Boundary]):
         every = set(boundary.holes)
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
-        dear = dear[:_TRIED] + (boundary.walls[:_TRIED] if walls else [])
+        dear = dear[:_TRIED] + (boundary.walls[:_WALLS] if walls else [])
         tried = [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
         for without, what in [*tried, *((boundary.joined, pair) for pair in dear)]:
             try:

@@ -379,7 +379,8 @@ class Boundary:
     def joined(self, pair: tuple[int, int]) -> Boundary:
         """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
 
-        What is between them goes. ValueError if they are not both of one face.
+        What is between them goes. ValueError if that is wider than a wall that is tried without, or
+        the holes are not both of one face.
         """
         keys = self.holes
         pairs = np.array(self._images(pair))
@@ -393,7 +394,8 @@ class Boundary:
             union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)
             # no bays that curves so coarse could not follow
             union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
-            if not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
+            far = self.hole(pair[0]).distance(self.hole(pair[1])) > _WALL * self.member
+            if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
                 raise ValueError("boundary: the holes are too far apart to be made one")
             ring = shapely.geometry.polygon.orient(union, -1.0).exterior
             runs.append(Run(np.asarray(ring.coords)[:-1], None))

@@ -305,8 +305,8 @@ class _Descent:
         """Boundaries on meshes that resolve notches or walls; collective."""
         fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
-        told = {name: min(more, _SPARED) for name, more in self.spare.items()}
-        return replace(self, turn=_TURN, sizes=sizes, spare=told).tried(fine)
+        spare = _of_stress(self.problem, _SPARED)
+        return replace(self, turn=_TURN, sizes=sizes, spare=spare).tried(fine)
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
         """The same on such meshes, if these can be made, and how much psi changed at last.
@@ -332,7 +332,7 @@ class _Descent:
         """
         if fine.excess <= _HELD or best.excess > _HELD:
             return {}
-        off = {name: fine.kept[name] - value for name, value in best.excesses.items()}
+        off = {name: fine.kept[name] - value + _HELD for name, value in best.excesses.items()}
         return {name: max(value, self.spare.get(name, 0.0)) for name, value in off.items()}
 
     def simpler(
@@ -370,6 +370,11 @@ class _Step:
     of_bounds: float  #: Sum of the multipliers of all bounds, in units of log psi
 
 
+def _of_stress(problem: Problem, spare: float) -> dict[str, float]:
+    """What to ``spare`` of bounds of a largest stress, by their names."""
+    return {c.label: spare for c in problem.constraints if _is_stress(c.objective)}
+
+
 def _is_stress(objective: Objective) -> bool:
     return any(isinstance(term, PeakStress) for _, term in objective._summands())
 
@@ -399,13 +404,16 @@ def move_boundary(
     costs more than they carry, and holes that close, are tried without, and normal modes are added
     where they do not suffice. Ctrl-C ends the run after the step at hand.
 
+    The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
+    is tightened by the difference, and four more steps follow, up to three times.
+
     Args:
         problem: As the parts were designed.
         boundary: Of the part; of several designed bodies a mapping from their names to one each.
         volume: Upper bound of the filled share of the body, of several one for each, or None.
         variables: Values of designs without a domain by name, shape (size,), and densities of
             bodies that stay as they are, (cells,).
-        iterations: Number of gradients, at most.
+        iterations: Number of gradients, at most, but for those that then mend a bound.
         size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
             which it gets more; None leaves the modes as they are.
@@ -469,7 +477,7 @@ def moved(
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = _TURN if any(map(_is_stress, objectives)) else math.inf
-    spare = {c.label: _SPARE for c in problem.constraints if _is_stress(c.objective)}
+    spare = _of_stress(problem, _SPARE)
     descent = _Descent(problem, bounds, sizes, others, turn, spare)
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress, checkpoint)
@@ -518,6 +526,7 @@ def _descended(
                     break
                 descent = replace(descent, spare=tighter)
                 trial = best = replace(best, spare=tighter)
+                reach = min(reach, 2.0 * _NOISE)  # what is near its best moves little
                 last += _MENDING
                 bar.total = last
             if asked := interrupted():
