@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from growth import exponents
 from matplotlib.image import imread
 from run import PEERS, STUDIES
 from shared import TOP, processes
+
+import dolfinx_ffr as ffr
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +29,7 @@ PAGES = [study for study in STUDIES if study != PEERS]
 MAY_BE_ZERO = set(
     "modes memory_value memory_gradient memory_direct memory_iterative rest error_psi estimated "
     "iterations error band_error estimate fixed each_ms difference difference_psi "
-    "difference_gradient".split()
+    "difference_gradient error_S error_P error_K".split()
 )
 #: Columns that hold words
 WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
@@ -42,7 +45,8 @@ differences 2, gradient 36, gradient_designs 3, gradient_growth 1, integration 2
 integration_summary 4, integration_orders 6, integration_damping 10, time_steps 3,
 boundary_starts 2, boundary_methods 1, boundary_outline 1, boundary_ways 1, boundary_meshes 1,
 boundary_stress_limit 1, boundary_stress 1, space 3, space_parts 3, space_solvers 1,
-space_steps 1"""
+space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11, arrays 2,
+arrays_scipy 1"""
 Rows = Callable[..., list[dict[str, str]]]
 
 
@@ -110,6 +114,20 @@ def test_pages_have_facts_and_a_picture(output: Path, page: str) -> None:
     picture = imread(output / f"{page}.png")
     assert picture.shape[0] > 400 and picture.shape[1] > 800
     assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 10
+
+
+def test_arrays_are_read_without_this_package(output: Path) -> None:
+    """Psi and slopes are those of the files, and the rod's file is one of this package, too."""
+    files = [str(output / f"arrays_plane_{part}.npz") for part in ("rod", "machine")]
+    reader = TOP / "benchmarks" / "read_arrays.py"
+    assert reader.read_text().count("\n") <= 50 and "dolfinx" not in reader.read_text()
+    command = [sys.executable, "-I", str(reader), *files, "1e-6"]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    for line in told.splitlines():
+        found, given = (float(part.split()[-1]) for part in line.split(", "))
+        assert found == pytest.approx(given, rel=1e-4)
+    rod, stored = ffr.VolumeIntegrals.load(files[0]), np.load(files[0])
+    assert rod.dimension == 3 and np.array_equal(rod.K, stored["K"])
 
 
 def test_meshes_that_take_no_memory_have_an_exponent() -> None:
