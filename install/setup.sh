@@ -119,7 +119,7 @@ pip() {
 # progress bar it needs Debian's packages alone, and pip keeps one core busy: both at a time.
 compile() { (cd "$venv" && PYTHONPATH="$clone/src" "$venv/bin/python" -m dolfinx_ffr compile --all); }
 pip tqdm
-say "compiling the time integration beside it, half a minute"
+say "compiling the time integration beside it, about two minutes of processor time"
 compile &
 compilation=$!
 pip --editable "$clone[test,lint,docs]"

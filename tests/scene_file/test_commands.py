@@ -67,10 +67,13 @@ def example(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.filterwarnings("ignore")
-def test_examples_and_their_programs(name: str, example: Callable[[str], Path]) -> None:
+def test_examples_and_their_programs(
+    name: str, example: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Each is checked and drawn, and is the same problem as the program that it becomes."""
     file = example(name)
     assert scene_file.check(file, output=None) == 0
+    assert "; a design about " in capsys.readouterr().out
     assert Path("results", name, "check.png").stat().st_size > 5_000
     scene = scene_file.read_scene(file)
     problem = scene.made()[0]

@@ -172,7 +172,7 @@ def optimize(
         flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
         steps = boundary or 0
         if boundary is None and flat and (gradient is None or gradient.exact):
-            steps = min(iterations // 2, _BOUNDARY)
+            steps = default_steps(iterations)
         if steps and not (isinstance(problem, Problem) and domains):
             raise ValueError(
                 "optimize: a boundary moves after a design of densities, of a Problem; give "
@@ -212,6 +212,11 @@ def optimize(
                 result = with_loose_pieces(result)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
+
+
+def default_steps(iterations: int) -> int:
+    """Steps of the boundary that follow so many iterations, where their number is not given."""
+    return min(iterations // 2, _BOUNDARY)
 
 
 def _with_parameters(

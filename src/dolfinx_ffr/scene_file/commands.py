@@ -19,7 +19,7 @@ from .. import plotting
 from ..dynamics import SimulationError
 from ..io import write_density, write_summary
 from ..objective import JointForce
-from ..optimization import Result
+from ..optimization import Result, default_steps
 from ..parallel import on_rank_0
 from ..part import Part
 from ..postprocessing import model_report
@@ -33,6 +33,10 @@ from .scene import Scene, read_scene
 INTERRUPTED, TERMINATED = 130, 143
 COMM = MPI.COMM_WORLD
 _EXAMPLES = files(__package__) / "examples"
+#: Gradients of an even density that an iteration, a step of the boundary, and all that comes after
+#: them take as long as, by dimension: measured on the examples, see docs/command.md; steps of a
+#: surface in space were not measured
+_GRADIENTS = {2: (2.0, 10.0, 170.0), 3: (5.0, 0.0, 170.0)}
 #: Files that belong to an example
 _COMPANIONS = {"outline": ("lever.dxf", "angles.csv")}
 
@@ -211,11 +215,18 @@ def _estimate(scene: Scene, problem: Problem) -> str:
         began = perf_counter()
         problem.gradient(even)
         seconds.append(perf_counter() - began)
-    each, iterations = COMM.bcast(min(seconds)), scene.run.arguments.get("iterations", 100)
+    each, given = COMM.bcast(min(seconds)), scene.run.arguments
+    iterations = given.get("iterations", 100)
+    dimension = max(body.domain.dimension for body in problem.flexible.values())
+    steps = given.get("boundary", default_steps(iterations) if dimension == 2 else 0)
+    iteration, step, rest = _GRADIENTS[dimension]
+    loop, moved, rest = (each * n for n in (iteration * iterations, step * steps, rest))
+    boundary = f", {steps} steps of the boundary {_time(moved)}" if moved else ""
+    boundary = ", with steps of the surface on top" if steps and not moved else boundary
     return (
-        f"a gradient takes {each:.2g} s: the {iterations} iterations about "
-        f"{_time(each * iterations)}, more where it needs more modes; steps of the boundary, "
-        "verification and pictures come on top, which in all may be several times as long"
+        f"a gradient takes {each:.2g} s; a design about {_time(loop + moved + rest)}: {iterations} "
+        f"iterations {_time(loop)}{boundary}, verification and pictures {_time(rest)}; more where "
+        "it needs more modes"
     )
 
 
