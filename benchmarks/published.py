@@ -319,10 +319,9 @@ def meshed_rod(
     def row(name: str, rod: ffr.VolumeIntegrals) -> dict[str, Any]:
         motion = turning(rod, method, start)
         bent = motion.elastic("rod") @ rod.markers["middle"].displacement[1]
-        shapes = np.flatnonzero(np.abs(rod.markers["middle"].displacement[1]) > 0.0)
         squares = np.linalg.eigvals(np.linalg.solve(rod.G[1:, 1:], rod.K)).real
-        first = float(np.sqrt(squares.min())) if shapes.size else np.nan
-        found = {"rod_text": name, "modes": rod.modes, "frequency": first / (2 * np.pi)}
+        first = float(np.sqrt(squares.min())) / (2 * np.pi)
+        found = {"rod_text": name, "modes": rod.modes, "frequency": first}
         found |= {"deflection": 1e3 * float(np.abs(bent).max())}
         found |= {"rms": 1e3 * float(np.sqrt(trapezoid(bent**2, motion.t) / CRANK_END))}
         return {**found, "t": motion.t[::15].tolist(), "bent": bent[::15].tolist()}
@@ -354,83 +353,28 @@ def report_published(results: Results, directory: Path) -> list[Table]:
     words = {"steps": f"{squeezed['steps'][-2]:,}", "apart": apart, "ours": ours, "twice": twice}
     study.table("published_squeezer", squeezed["rows"], **words)
     caption = "Published solutions, marked by crosses, and what is computed here"
+    low, ms = {"scales": "", "legend": "upper left"}, 1e3
     with study.picture(caption, 1, 3, (12.0, 3.6)) as (bending, angles, errors):
-        t = 1e3 * np.array(crank["t"])
-        bending.plot(t, 1e3 * np.array(crank["bent"]), color=BLUE, label="from their arrays")
-        last = meshed["rows"][-1]
-        bent = 1e3 * np.array(last["bent"])
-        bending.plot(
-            1e3 * np.array(last["t"]),
-            bent,
-            color=GRAY,
-            lw=0.8,
-            label="as a mesh, straight at first",
-        )
+        beside = (meshed["rows"][-1], GRAY, 0.8, "as a mesh, straight at first")
+        for found, color, width, label in ((crank, BLUE, 1.8, "from their arrays"), beside):
+            t, bent = ms * np.array(found["t"]), 1e3 * np.array(found["bent"])
+            bending.plot(t, bent, color=color, lw=width, label=label)
         theirs = CRANK_SOLUTION["first bending coordinate [m]"]
-        bending.plot(1e3 * CRANK_END, 1e3 * theirs, "x", color=ORANGE, ms=9, mew=2)
-        title = "flexible slider-crank"
-        plot(
-            bending,
-            title,
-            "time [ms]",
-            "deflection of the middle [mm]",
-            scales="",
-            room=0.3,
-            legend="upper left",
-        )
-        t = 1e3 * np.array(squeezed["t"])
-        found, solution = np.array(squeezed["angles"]), list(SQUEEZER_SOLUTION.items())[:7]
-        for number in range(2, 7):
-            name, end = solution[number]
-            (drawn,) = angles.plot(t, found[:, number], label=name.partition(" ")[0])
-            angles.plot(1e3 * SQUEEZER_END, end, "x", color=drawn.get_color(), ms=9, mew=2)
-        plot(
-            angles,
-            "squeezing mechanism",
-            "time [ms]",
-            "angle [rad]",
-            scales="",
-            room=0.7,
-            legend="upper left",
-        )
-        for color, mark, label, steps, values in (
-            (
-                BLUE,
-                "o-",
-                "slider-crank: bending, to the published",
-                crank["steps"],
-                [e[0] for e in crank["errors"]],
-            ),
-            (
-                GREEN,
-                "v-",
-                "slider-crank: bending, to SciPy's",
-                crank["steps"],
-                [e[1] for e in crank["errors"]],
-            ),
-            (
-                GRAY,
-                "s-",
-                "squeezer: angles, to the published",
-                squeezed["steps"],
-                [e[0] for e in squeezed["errors"]],
-            ),
-            (
-                ORANGE,
-                "^-",
-                "squeezer: angles, to SciPy's",
-                squeezed["steps"],
-                [e[1] for e in squeezed["errors"]],
-            ),
-        ):
-            rows = [{"n": n, "e": e} for n, e in zip(steps, values, strict=True)]
-            line(errors, rows, "n", "e", mark, color, label=label)
-        plot(
-            errors,
-            "differences",
-            "steps of Radau IIA",
-            "relative; of angles [rad]",
-            room=0.45,
-            legend="upper right",
-        )
+        bending.plot(ms * CRANK_END, 1e3 * theirs, "x", color=ORANGE, ms=9, mew=2)
+        words = ("flexible slider-crank", "time [ms]", "deflection of the middle [mm]")
+        plot(bending, *words, room=0.3, **low)
+        t, turns = ms * np.array(squeezed["t"]), np.array(squeezed["angles"])
+        for number, (name, end) in list(enumerate(SQUEEZER_SOLUTION.items()))[2:7]:
+            (drawn,) = angles.plot(t, turns[:, number], label=name.partition(" ")[0])
+            angles.plot(ms * SQUEEZER_END, end, "x", color=drawn.get_color(), ms=9, mew=2)
+        plot(angles, "squeezing mechanism", "time [ms]", "angle [rad]", room=0.7, **low)
+        looks = iter([(BLUE, "o-"), (GREEN, "v-"), (GRAY, "s-"), (ORANGE, "^-")])
+        for what, found in (("slider-crank: bending", crank), ("squeezer: angles", squeezed)):
+            for column, other in enumerate(("the published", "SciPy's")):
+                color, mark = next(looks)
+                pairs = zip(found["steps"], found["errors"], strict=True)
+                rows = [{"n": n, "e": each[column]} for n, each in pairs]
+                line(errors, rows, "n", "e", mark, color, label=f"{what}, to {other}")
+        words = ("differences", "steps of Radau IIA", "relative; of angles [rad]")
+        plot(errors, *words, room=0.45, legend="upper right")
     return study.write()
