@@ -65,10 +65,10 @@ def size_rows(boundary: Boundary) -> Rows:
     x, n, owner = samples.points, samples.normals, samples.curves
     widest = SEEN * max(boundary.member, boundary.gap)
     pairs = cKDTree(x).query_pairs(widest, output_type="ndarray")
+    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < _FACING]
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     way = x[j] - x[i]
     distance = np.linalg.norm(way, axis=1)
-    facing = (np.einsum("ij,ij->i", n[i], n[j]) < _FACING) & (distance > 0.0)
     moves = np.diff(samples.rows.indptr) > 0
     values, slopes = [np.zeros(0)], [np.zeros((0, boundary.n_controls))]
     beside, minima = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
@@ -76,7 +76,7 @@ def size_rows(boundary: Boundary) -> Rows:
     for side, least in ((-1.0, SPARE * boundary.member), (1.0, SPARE * boundary.gap)):
         met = side * np.einsum("ij,ij->i", way, n[i]) > _ACROSS * distance
         near = distance < SEEN * least
-        chosen = np.flatnonzero(met & near & facing & moves[i])
+        chosen = np.flatnonzero(met & near & (distance > 0.0) & moves[i])
         chosen = chosen[np.argsort(distance[chosen], kind="stable")]
         # of each point the nearest, and of all points at which a control weighs most
         chosen = chosen[np.unique(i[chosen], return_index=True)[1]]

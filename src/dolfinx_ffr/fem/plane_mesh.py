@@ -31,11 +31,8 @@ _numbers = count()
 _FLATTEST = 0.2
 #: Memory that gmsh takes for a triangle, at least [bytes]
 _BYTES = 800
-#: Points of the lattice of sizes at most, and how much sizes grow by the distance from a narrow
-#: member, of which so many are looked at
-_MOST_SIZES, _GROWTH, _NEAREST = 100_000, 0.3, 8
-#: The corners of a quadrilateral of the lattice
-_AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
+#: How much sizes grow by the distance from a narrow member, of which so many are looked at
+_GROWTH, _NEAREST = 0.3, 8
 #: How often cells next to straightened ones are looked at again
 _ROUNDS = 10
 #: A curve turns by so much along one cell, at most [rad], and points along it for each break
@@ -335,7 +332,8 @@ def mesh_faces(
         "Mesh.MeshSizeMin": 0.0,
         "Mesh.MeshSizeMax": size,
         "Mesh.MeshSizeFromPoints": 0,
-        "Mesh.MeshSizeExtendFromBoundary": 0,
+        # narrow members and notches have short cells along their sides, from which triangles grow
+        "Mesh.MeshSizeExtendFromBoundary": int(local is not None),
         # an error would be thrown within a parallel loop of gmsh, which ends the program
         "General.AbortOnError": 0,
     }
@@ -343,38 +341,11 @@ def mesh_faces(
         for name, value in options.items():
             stack.callback(gmsh.option.setNumber, name, gmsh.option.getNumber(name))
             gmsh.option.setNumber(name, value)
-        if local is not None:
-            _set_sizes(gmsh, stack, local, size)
         with quiet():
             model.mesh.generate(2)
         _refuse_unmeshed(model, drawing, found, size)
         if order > 1:
             _bend(model, divided)
-
-
-def _set_sizes(gmsh: Any, stack: ExitStack, local: LocalSizes, size: float) -> None:
-    """Give gmsh the sizes of triangles on a lattice, within which it interpolates."""
-    low, high = local.points.min(axis=0) - size, local.points.max(axis=0) + size
-    extent, finest = high - low, float(np.min(local.sizes))
-    pitch = max(0.5 * finest, math.sqrt(extent[0] * extent[1] / _MOST_SIZES))
-    x, y = (
-        np.linspace(a, b, math.ceil((b - a) / pitch) + 1) for a, b in zip(low, high, strict=True)
-    )
-    lattice = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    # from a narrow member on triangles may grow; between the points of the lattice is the smallest
-    sizes = local.at(lattice.reshape(-1, 2)) - _GROWTH * 0.7 * pitch
-    sizes = np.clip(sizes, finest, size).reshape(lattice.shape[:2])
-    around = [(slice(i, i + len(x) - 1), slice(j, j + len(y) - 1)) for i, j in _AROUND]
-    columns = [np.stack([lattice[at][..., k] for at in around], axis=-1) for k in (0, 1)]
-    columns += [np.zeros_like(columns[0]), np.stack([sizes[at] for at in around], axis=-1)]
-    data = np.concatenate(columns, axis=-1).reshape(-1, 16)
-    view = gmsh.view.add("sizes")
-    stack.callback(gmsh.view.remove, view)
-    gmsh.view.addListData(view, "SQ", len(data), data.ravel())
-    field = gmsh.model.mesh.field
-    number = field.add("PostView")
-    field.setNumber(number, "ViewTag", view)
-    field.setAsBackgroundMesh(number)
 
 
 def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) -> None:

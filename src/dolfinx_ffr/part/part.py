@@ -66,8 +66,9 @@ _ACROSS = 0.7
 _TURN = 0.25
 #: Sizes that are tried where gmsh fails, in units of what was asked for
 _SMALLER = (1.0, 0.5, 0.25)
-#: Smallest size of triangles, in units of what was asked for
-_SMALLEST = 0.03
+#: Smallest size of triangles, and accuracy of the polygons in which narrow members and notches are
+#: looked for, in units of what was asked for
+_SMALLEST, _FINE = 0.03, 2e-3
 #: Angle between sides of a polygon from which on it is a corner, rather than part of a curve
 _CORNER = 0.5
 
@@ -312,8 +313,10 @@ class Part(Enclosed):
 
     def _local_sizes(self, size: float, across: float, turn: float) -> LocalSizes | None:
         """Sizes in narrow members and in notches; None where there are none."""
-        rings = [polygon(loop, self.accuracy) for loops in self.outlines for loop in loops]
-        positions, widths = member_widths(rings, 0.1 * size, 1.5 * size)
+        fine = max(self.accuracy, _FINE * size)
+        rings = [polygon(loop, fine) for loops in self.outlines for loop in loops]
+        # where members are wider than that, triangles are as large as anywhere
+        positions, widths = member_widths(rings, 0.1 * size, min(1.5, 1.0 / across) * size)
         sizes = across * widths
         if turn < math.inf:
             notches, radii = zip(*map(_notches, rings), strict=True)

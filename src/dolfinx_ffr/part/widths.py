@@ -164,11 +164,10 @@ def member_widths(rings: Sequence[Array], step: float, largest: float) -> tuple[
     x, n = np.vstack(points), np.vstack(inward)
     widths = np.full(len(x), largest)
     pairs = cKDTree(x).query_pairs(largest, output_type="ndarray")
+    pairs = pairs[np.einsum("ij,ij->i", n[pairs[:, 0]], n[pairs[:, 1]]) < -0.5]
     for i, j in (pairs.T, pairs.T[::-1]):
         way = x[j] - x[i]
         distance = np.linalg.norm(way, axis=1)
-        across = np.einsum("ij,ij->i", way, n[i]) > 0.7 * distance
-        facing = np.einsum("ij,ij->i", n[i], n[j]) < -0.5
-        met = across & facing
+        met = np.einsum("ij,ij->i", way, n[i]) > 0.7 * distance
         np.minimum.at(widths, i[met], distance[met])
     return x, widths
