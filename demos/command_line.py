@@ -22,6 +22,7 @@ HELP = {
     "order": "of the displacements",
     "boundary": "steps of the boundary after them; by default half as many",
     "resume": "go on from the last checkpoint",
+    "bare": "only verify the part, and write it for CAD",
     "output": "folder for the results",
 }
 #: What is as fine as a default

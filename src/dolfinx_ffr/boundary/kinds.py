@@ -22,8 +22,9 @@ B = TypeVar("B", Boundary, Surface)
 Costs = dict[tuple[int, int], float]
 
 #: Size of triangles, in minimum members, and at most in widths of members; and their number at
-#: least, so that psi of a part with few members is told as well
-_SIZE, _ACROSS, _CELLS = 3.2, 1.2, 800
+#: least, so that psi of a part with few members is told as well; how much larger they may be in
+#: steps in which no stress counts, as psi differs by no more than 0.1 % by them
+_SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: What the minimum width of a strut must cost to be tried without it, as share of psi (most that
 #: cost less carry a tenth of it), how many are tried at once, and how many that may be wider
 _PRICE, _TRIED, _WALLS = 0.01, 3, 2
@@ -106,7 +107,11 @@ class InThePlane(Kind[Boundary]):
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
-        return boundary.part.domain(size, across=_ACROSS, turn=turn)
+        across = _ACROSS
+        if turn == math.inf:
+            across *= _LARGER
+            size = max(size, min(_LARGER * size, _enough(boundary)))
+        return boundary.part.domain(size, across=across, turn=turn)
 
     def motion(self, boundary: Boundary, domain: Domain) -> NodeMotion:
         return NodeMotion(boundary, domain)
@@ -123,8 +128,7 @@ class InThePlane(Kind[Boundary]):
     def size(self, boundary: Boundary, given: float | None) -> float:
         if given is not None:
             return given
-        each = 4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS
-        return min(_SIZE * boundary.member, math.sqrt(each))
+        return min(_SIZE * boundary.member, _enough(boundary))
 
     def simpler(
         self, boundary: Boundary, costs: Costs, walls: bool
@@ -146,6 +150,11 @@ class InThePlane(Kind[Boundary]):
                 continue
             if found.valid:
                 yield found, max(len(boundary.holes) - len(found.holes), 1)
+
+
+def _enough(boundary: Boundary) -> float:
+    """The size of triangles of which there are just enough [m]."""
+    return math.sqrt(4.0 / math.sqrt(3.0) * boundary.material.area / _CELLS)
 
 
 class InSpace(Kind[Surface]):

@@ -128,7 +128,7 @@ class Boundary:
                 f"boundary: the part has {part.pieces} pieces and has lost the interfaces "
                 f"{part.lost_interfaces}; take a design in one piece that all interfaces hold"
             )
-        whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing)
+        whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2)
         rings = [[polygon(loop, _FINE * member) for loop in loops] for loops in whole.outlines]
         room = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
         runs, faces = sides_of(part.drawing, room.boundary, 1e-3 * member, outline)

@@ -166,10 +166,10 @@ def kernel_matrix(kernel: Kernel, points: Array, knots: cKDTree) -> csr_matrix:
 @cache
 def _strip(d: int) -> tuple[Array, Array]:
     """Share of the kernel on one side of a line, in space a plane, over its distance in radii."""
-    r = np.linspace(-1.0, 1.0, 2001)
-    kernel = Wendland(1.0)
-    table = kernel(np.hypot(r[:, None], r[None, :]))
-    across = table.sum(axis=1) if d == 2 else table @ np.abs(r)
+    r = np.linspace(0.0, 1.0, 1001)
+    table = Wendland(1.0)(np.hypot(r[:, None], r[None, :]))
+    across = table @ np.where(r > 0.0, 2.0, 1.0) if d == 2 else table @ r
+    r, across = np.r_[-r[:0:-1], r], np.r_[across[:0:-1], across]
     share = cumulative_trapezoid(across, r, initial=0.0)
     return r, share / share[-1]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from typing import Any
 
 from ..boundary import Boundary, Surface
 from ..design import SHARP, Design, LevelSet
@@ -16,8 +17,8 @@ from .steps_checkpoint import StepsCheckpoint
 
 #: Minimum member and gap of densities, in mean elements: those of a level set by default
 _LEAST = 0.64
-#: Accuracy in mean elements of curves that are smoothed by more, or only looked at
-_ROUGH = 1e-2
+#: How parts are made whose curves are smoothed by more, or only looked at
+_ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
 #: Share of the material that may be in loose pieces, which the densities count and the part has not
 _LOOSE = 1e-3
 
@@ -50,7 +51,7 @@ def with_moved_boundaries(
             with warnings.catch_warnings():
                 # the steps begin without loose pieces, and psi that is told is without them
                 warnings.filterwarnings("ignore", ".* touch no interface", PartWarning)
-                part = result.enclosed(name, **({"tolerance": _ROUGH} if flat else {}))
+                part = result.enclosed(name, **(_ROUGHLY if flat else {}))
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)
             if isinstance(part, Part):
@@ -87,7 +88,7 @@ def with_loose_pieces(result: Result) -> Result:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PartWarning)
-                part = result.enclosed(name, tolerance=_ROUGH)
+                part = result.enclosed(name, **_ROUGHLY)
         except ValueError as error:
             share, why = 1.0, str(error)
         else:
