@@ -44,16 +44,10 @@ STARTS = "even,full,one hole,6x2,6x3,10x3,12x2,16x2,strip,flanges,random 1,rando
 STIFF = "even,full,one hole,6x2,6x3,10x3,12x2,flanges,random 1,random 2".split(",")
 #: Ways from the even density to a design
 METHODS = ["level set, moving asymptotes", "level set, explicit steps", "densities"]
-#: Elements, iterations on them, and steps of the boundary
-WAYS: list[tuple[list[int], int, int]] = [
-    ([200, 20], 60, 0),
-    ([200, 20], 36, 8),
-    ([200, 20], 36, 18),
-    ([200, 20], 60, 25),
-    ([160, 16], 36, 18),
-    ([120, 12], 36, 18),
-    ([200, 20], 0, 40),
-]
+#: Iterations and steps of the boundary of a short run, with which every start is measured, too
+SHORT = {"iterations": 30, "boundary": 8}
+#: Iterations, and steps of the boundary, beside the default and the short run
+WAYS = [(60, 0), (60, 25), (0, 40)]
 #: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
 MEMBER = 1.28e-3
 #: Meshes from which the boundary starts
@@ -61,18 +55,20 @@ MESHES: list[dict[str, Any]] = [
     {"elements": [120, 12]},
     {"elements": [300, 30]},
     {"elements": [150, 15], "cell": "triangle"},
+    {"elements": [100, 10], "cell": "triangle", "order": 2},
 ]
 
 
 def boundary_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one process for each design."""
-    common: dict[str, Any] = {"iterations": 36, "steps": 2000, "boundary": 18}
+    common: dict[str, Any] = {"iterations": 36, "steps": None, "boundary": 18}
     common |= {"elements": [200, 20], "cell": "quadrilateral"}
     if quick:
         common |= {"iterations": 8, "steps": 50, "boundary": 1, "elements": [40, 4]}
     some = STARTS[:1] + STARTS[5:6]
     wanted: list[dict[str, Any]] = [{"start": start} for start in (some if quick else STARTS)]
-    fewer = {"iterations": 24} if quick else {"elements": [100, 12]}
+    wanted += [] if quick else [{"start": start, **SHORT} for start in STARTS]
+    fewer = {"iterations": 24} if quick else {"elements": [100, 12], "steps": 2000}
     tasks = [{"task": "stress limit", "start": start} for start in STIFF[: 1 if quick else None]]
     least = ["least compliance", "least stress"]
     tasks += [{"task": task} for task in least[: 1 if quick else None]]
@@ -82,10 +78,7 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     if not quick:
         wanted += [{"method": method} for method in METHODS[1:]]
         wanted += [{**mesh, "member": MEMBER} for mesh in MESHES]
-        for elements, iterations, steps in WAYS:
-            own = {"elements": elements, "iterations": iterations, "boundary": steps}
-            other = {} if elements == common["elements"] else {"member": MEMBER}
-            wanted.append({**own, **other, "start": "10x3"})
+        wanted += [{"iterations": n, "boundary": steps, "start": "10x3"} for n, steps in WAYS]
     every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
     seconds = 6.0 if quick else 70.0
     return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
@@ -114,9 +107,9 @@ def _start(levelset: ffr.LevelSet, name: str) -> Array:
     return levelset.with_holes(columns, rows, 0.2 * height)
 
 
-def _problem(elements: list[int], cell: str, steps: int, task: str) -> ffr.Problem:
+def _problem(elements: list[int], task: str, **rod: Any) -> ffr.Problem:
     """The rod of the slider-crank with what it is designed for."""
-    problem = slider_crank(MPI.COMM_SELF, elements, cell=cell, steps=steps)
+    problem = slider_crank(MPI.COMM_SELF, elements, **rod)
     peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
     limit = ffr.Constraint(peak, upper=STRESS, name="stress")
     loose = [replace(limit, upper=1e3 * STRESS), ffr.Constraint(compliance, 1.0, name="compliance")]
@@ -131,9 +124,9 @@ def _problem(elements: list[int], cell: str, steps: int, task: str) -> ffr.Probl
     return ffr.Problem(problem.bodies, heavy, problem.integrator, *wanted[task])
 
 
-def _mirrors(elements: list[int], cell: str, steps: int) -> list[ffr.design.Mirror]:
+def _mirrors(elements: list[int], **rod: Any) -> list[ffr.design.Mirror]:
     """The lines about which the loads are symmetric."""
-    problem = slider_crank(MPI.COMM_SELF, elements, cell=cell, steps=steps)
+    problem = slider_crank(MPI.COMM_SELF, elements, **rod)
     domain = problem.flexible["rod"].domain
     found = problem.gradient(np.full(domain.n_cells, VOLUME)).gradient
     assert found is not None
@@ -171,10 +164,11 @@ def design(
     progress: Progress,
     *,
     iterations: int,
-    steps: int,
+    steps: int | None,
     elements: list[int],
     cell: str,
     boundary: int,
+    order: int = 1,
     start: str = "even",
     method: str = METHODS[0],
     outline: bool = True,
@@ -183,10 +177,11 @@ def design(
 ) -> dict[str, Any]:
     """One design from nothing to a verified part, on one rank."""
     began, clock = process_time(), [process_time()]
-    problem = _problem(elements, cell, steps, task)
+    rod_of: dict[str, Any] = {"cell": cell, "steps": steps, "order": order}
+    problem = _problem(elements, task, **rod_of)
     domain = problem.flexible["rod"].domain
     sizes = {"minimum_member": member, "minimum_gap": member}
-    levelset = ffr.LevelSet(domain, **sizes, mirrors=_mirrors(elements, cell, steps))
+    levelset = ffr.LevelSet(domain, **sizes, mirrors=_mirrors(elements, **rod_of))
     bound = {"volume": 1.0 if task == "stress limit" else VOLUME}
 
     def callback(iteration: int, *_: Any) -> None:
@@ -194,6 +189,7 @@ def design(
         clock.append(process_time())
 
     mesh = "x".join(map(str, elements)) + (" triangles" if cell == "triangle" else "")
+    mesh += f" of order {order}" if order > 1 else ""
     found = {"start": start, "method": method, "mesh": mesh, "iterations": iterations}
     found |= {"boundary": boundary, "task": task}
     with warnings.catch_warnings():
@@ -219,7 +215,7 @@ def design(
                     raise
         told = told or result
         rod = told.problem.flexible["rod"]
-        whole = _problem(elements, cell, steps, task).with_modes({"rod": rod.modes})
+        whole = _problem(elements, task, **rod_of).with_modes({"rod": rod.modes})
         full = _compliance(whole.value(np.ones(domain.n_cells)))
         found |= {"psi": _compliance(result.evaluation) / full if result else np.nan}
         found |= {"moved": _compliance(told.evaluation) / full, "modes": rod.modes}
@@ -269,6 +265,7 @@ def report_boundary(results: Results, directory: Path) -> list[Table]:
     common = {**jobs[0][0], "start": None}
     same = {key: common[key] for key in ("elements", "cell", "iterations", "boundary")}
     study.table("boundary_starts", starts := of(**plain, **same, outline=True))
+    study.table("boundary_short", of(**plain, **{**same, **SHORT}, outline=True))
     study.table(
         "boundary_methods", methods := of(**same, task="compliance", start="even", outline=True)
     )
@@ -286,7 +283,7 @@ def report_boundary(results: Results, directory: Path) -> list[Table]:
     ) as (axes,):
         for row in ways:
             axes.plot(row["seconds"], row.get("part", np.nan), "o", color=BLUE)
-            label = f"{row['mesh']}: {row['iterations']} + {row['boundary']}"
+            label = f"{row['iterations']} + {row['boundary']}"
             axes.annotate(label, (row["seconds"], row.get("part", np.nan)), fontsize=7)
         axes.set_xlabel("processor time [s]")
         axes.set_ylabel("psi of the part / full rod")
