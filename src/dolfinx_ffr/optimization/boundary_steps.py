@@ -414,8 +414,7 @@ def move_boundary(
         variables: Values of designs without a domain by name, shape (size,), and densities of
             bodies that stay as they are, (cells,).
         iterations: Number of gradients, at most, but for those that then mend a bound.
-        size: Of the triangles [m], up to 1.3 times as much in steps in which no stress counts; by
-            default 3.2 minimum members, or what gives 800 triangles.
+        size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
             which it gets more; None leaves the modes as they are.
         progress: Show a progress bar on rank 0.
