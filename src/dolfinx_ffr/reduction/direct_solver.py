@@ -50,12 +50,18 @@ class LinearSolver(ABC):
 def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
     """The solver for the matrices of a body, all like ``matrix``; collective."""
     comm = elasticity.comm
-    if any(map(PETSc.Sys.hasExternalPackage, CHOLMOD)):
-        if comm.size == 1:
-            return SharedFactor(elasticity, "cholmod")
-        if copies_fit(matrix, elasticity.dimension):
-            return CopiedFactor(elasticity)
-    return SharedFactor(elasticity, "mumps")
+    if comm.size > 1 and _has_cholmod() and copies_fit(matrix, elasticity.dimension):
+        return CopiedFactor(elasticity)
+    return SharedFactor(elasticity, factor_package(comm))
+
+
+def factor_package(comm: MPI.Comm) -> str:
+    """The library for a factor whose rows all ranks share."""
+    return "cholmod" if comm.size == 1 and _has_cholmod() else "mumps"
+
+
+def _has_cholmod() -> bool:
+    return any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
 
 
 def copies_fit(matrix: PETSc.Mat, dimension: int) -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -101,3 +102,17 @@ def vectors(like: PETSc.Vec, block: Block) -> list[PETSc.Vec]:
     for vector, column in zip(found, block.T, strict=True):
         vector.setArray(column)
     return found
+
+
+def by_columns(
+    function: Callable[[Any, Any], None], right: PETSc.Vec, left: PETSc.Vec, block: Block
+) -> Block:
+    """A function of one vector for each column; the vectors that it works with are destroyed."""
+    result = np.empty((left.getLocalSize(), block.shape[1]), order="F")
+    for i in range(block.shape[1]):
+        right.setArray(block[:, i])
+        function(right, left)
+        result[:, i] = left.getArray(readonly=True)
+    left.destroy()
+    right.destroy()
+    return result

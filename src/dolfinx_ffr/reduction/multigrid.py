@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Solution by conjugate gradients with algebraic multigrid, for bodies whose factor is too large.
+"""Solution by conjugate gradients with multigrid, for bodies whose factor is too large.
 
 A factor of a body in space has some n^(4/3) entries, a hierarchy of coarser systems has as many as
-the matrix. PETSc's smoothed aggregation (GAMG) builds it out of the rigid motions of the body.
-Nodes of interfaces, which are clamped, do not take part: alone in their aggregates they would make
-coarse systems singular. The cycles are done here, for all columns of a block at once, several times
-faster than one vector after the other.
+the matrix (`coarse_systems`). The cycles are done here, for all columns of a block at once, several
+times faster than one vector after the other.
 
 References:
-    P. Vanek, J. Mandel, M. Brezina, Algebraic multigrid by smoothed aggregation for second and
-    fourth order elliptic problems, Computing 56 (1996), doi:10.1007/BF02238511.
     A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block
     preconditioned conjugate gradient method, SIAM Journal on Scientific Computing 23 (2001),
     doi:10.1137/S1064827500366124.
@@ -20,35 +16,23 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from petsc4py import PETSc
 
 import numpy as np
 
 from ..arrays import Integers, Mask
-from ..fem import Array, Block, Elasticity, by_dense, dense_matrix, rigid_fields
+from ..fem import Array, Block, Elasticity, by_dense, dense_matrix
+from .coarse_systems import coarse_systems
 from .direct_solver import LinearSolver
-from .eigenpairs import lowest_eigenpairs, vectors
+from .eigenpairs import by_columns, lowest_eigenpairs
 
-#: Prefix of the solver's options in PETSc's database, in which a user's own come first. Aggregates
-#: that do not reach across the contrast of void and solid take a third of the iterations in void,
-#: and two thirds elsewhere. The smoothers are not PETSc's own, whose bounds of eigenvalues break
-#: down on that contrast.
-PREFIX = "dolfinx_ffr_multigrid_"
-OPTIONS = {
-    "mg_levels_ksp_type": "richardson",
-    "mg_levels_pc_type": "jacobi",
-    "pc_gamg_threshold": "0.05",
-}
 #: Degree of a smoother's polynomial
 DEGREE = 3
 #: Iterations for the largest eigenvalue of the scaled matrix of a level, and a factor of safety
 POWER_ITERATIONS, MARGIN = 15, 1.1
 #: Iterations after which conjugate gradients give up
 MAX_ITERATIONS = 2000
-#: Entry of a diagonal, relative to the largest, below which it is round-off of zero
-NOTHING = 1e-14
 #: Tolerance of solutions, relative to that of modes and adjoints
 SHARE = 1e-2
 
@@ -59,78 +43,16 @@ class MultigridSolver(LinearSolver):
     def __init__(self, elasticity: Elasticity, clamped: Mask, tolerance: float) -> None:
         self._elasticity = elasticity
         self._tolerance = SHARE * tolerance
-        self._free = np.flatnonzero(~clamped)
+        self._systems = coarse_systems(elasticity, clamped)
+        self._free = self._systems.rows
         self._stiffness: PETSc.Mat | None = None
         self._mass: PETSc.Mat | None = None
-        database = PETSc.Options()
-        for name, value in OPTIONS.items():
-            if not database.hasName(PREFIX + name):
-                database[PREFIX + name] = value
         self._levels: list[_Level] = []  # from the coarsest
-        self._ksp = ksp = PETSc.KSP().create(elasticity.comm)
-        ksp.setOptionsPrefix(PREFIX)
-        ksp.setType("preonly")
-        ksp.getPC().setType("gamg")
-        ksp.setFromOptions()
 
     def factor(self, matrix: PETSc.Mat) -> None:
-        first = self._stiffness is None
-        self._stiffness = self._interior(matrix, self._stiffness)
-        if first:
-            rigid = self._rigid()
-            self._stiffness.setNearNullSpace(rigid)
-            rigid.destroy()
-        self._ksp.setOperators(self._stiffness)
-        self._ksp.setUp()
-        self._fill_diagonals()
-        pc, sum_ = self._ksp.getPC(), self._elasticity.sum
-        self._levels = [
-            _Level(pc.getMGSmoother(k).getOperators()[0], pc.getMGInterpolation(k), sum_)
-            for k in range(1, pc.getMGLevels())
-        ]
-
-    def _fill_diagonals(self) -> None:
-        """Give coarse systems a diagonal where an aggregate has fewer dofs than rigid motions."""
-        # superfluous motions are zero on finer levels, but a smoother divides by the diagonal
-        pc = self._ksp.getPC()
-        for level in range(pc.getMGLevels() - 1):
-            matrix = pc.getMGSmoother(level).getOperators()[0]
-            diagonal = matrix.getDiagonal()
-            largest = diagonal.max()[1]
-            values = diagonal.getArray()
-            empty = values <= NOTHING * largest
-            if self._elasticity.comm.allreduce(int(np.count_nonzero(empty))):
-                values[empty] = largest
-                matrix.setDiagonal(diagonal)
-            diagonal.destroy()
-
-    def _interior(self, matrix: PETSc.Mat, before: PETSc.Mat | None) -> PETSc.Mat:
-        """The rows and columns that are not clamped, in the matrix of the density before."""
-        d = self._elasticity.dimension
-        rows = matrix.getOwnershipRange()[0] + self._free
-        index = PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=self._elasticity.comm)
-        index.setBlockSize(d)
-        interior = matrix.createSubMatrix(index, index, before)
-        index.destroy()
-        if before is None:
-            interior.setBlockSize(d)
-        return interior
-
-    def _rigid(self) -> PETSc.NullSpace:
-        """The rigid motions, on the nodes that are not clamped."""
-        assert self._stiffness is not None
-        elasticity = self._elasticity
-        center = elasticity.domain.bounding_box.mean(axis=0)
-        fields = rigid_fields(elasticity.coordinates(), center)[self._free]
-        for _ in range(2):  # orthonormal to round-off, as PETSc demands
-            gram = elasticity.inner(fields, fields)
-            fields = fields @ np.linalg.inv(np.linalg.cholesky(gram)).T
-        like = self._stiffness.createVecRight()
-        columns = vectors(like, fields)
-        space = PETSc.NullSpace().create(vectors=columns, comm=elasticity.comm)
-        for vector in (like, *columns):
-            vector.destroy()
-        return space
+        self._stiffness = self._systems.part(matrix, self._stiffness)
+        levels = self._systems.levels(self._stiffness)
+        self._levels = [_Level(*level, self._elasticity.sum) for level in levels]
 
     def solve(self, block: Block) -> Block:
         """The inverse times right-hand sides, or RuntimeError on every rank."""
@@ -225,9 +147,7 @@ class MultigridSolver(LinearSolver):
 
     def _cycle_from(self, k: int, block: Block) -> Block:
         if k < 0:  # the coarsest system, which is small
-            solver = self._ksp.getPC().getMGCoarseSolve()
-            solution, right = solver.getOperators()[0].createVecs()
-            return _by_columns(solver.solve, right, solution, block)
+            return self._systems.solve(block)
         level = self._levels[k]
         found, residual = level.smooth(None, block)
         coarse = _product(level.interpolation, residual, transposed=True)
@@ -241,7 +161,7 @@ class MultigridSolver(LinearSolver):
     ) -> tuple[Array, Block]:
         """At least ``number`` lowest eigenpairs, M-orthogonal to known ones, (k,) and (dofs, k)."""
         assert self._stiffness is not None
-        self._mass = self._interior(mass, self._mass)
+        self._mass = self._systems.part(mass, self._mass)
         eigenvalues, free_fields = lowest_eigenpairs(
             self._stiffness,
             self._mass,
@@ -257,9 +177,7 @@ class MultigridSolver(LinearSolver):
         return eigenvalues, fields
 
     def destroy(self) -> None:
-        for item in (self._ksp, self._stiffness, self._mass):
-            if item is not None:
-                item.destroy()
+        self._systems.destroy()
 
 
 class _Level:
@@ -311,19 +229,5 @@ def _product_by_columns(matrix: PETSc.Mat, block: Block, *, transposed: bool) ->
     """The same by one vector after the other."""
     right, left = matrix.createVecs()
     if transposed:
-        return _by_columns(matrix.multTranspose, left, right, block)
-    return _by_columns(matrix.mult, right, left, block)
-
-
-def _by_columns(
-    function: Callable[[Any, Any], None], right: PETSc.Vec, left: PETSc.Vec, block: Block
-) -> Block:
-    """A function of one vector for each column; the vectors that it works with are destroyed."""
-    result = np.empty((left.getLocalSize(), block.shape[1]), order="F")
-    for i in range(block.shape[1]):
-        right.setArray(block[:, i])
-        function(right, left)
-        result[:, i] = left.getArray(readonly=True)
-    left.destroy()
-    right.destroy()
-    return result
+        return by_columns(matrix.multTranspose, left, right, block)
+    return by_columns(matrix.mult, right, left, block)

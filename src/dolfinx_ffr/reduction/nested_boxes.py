@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""Interpolation between nested boxes, for meshes whose nodes stand on a lattice.
+
+Such are the meshes of `Domain.rectangle` and `Domain.box` but for crossed triangles. A coarse
+lattice keeps every second plane of nodes and the last one, so its nodes are some of the finer ones,
+on whose ranks they are. Between them displacements are linear along each axis, on any planes.
+"""
+
+from __future__ import annotations
+
+import math
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from ..arrays import Array, Integers, Mask
+from ..fem import Elasticity
+
+#: Relative difference of coordinates up to which nodes stand on one plane
+SAME = 1e-8
+#: Least number of planes across which is halved: with fewer the coarse boxes are too stiff in
+#: bending
+LEAST = 5
+
+
+def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | None:
+    """Matrices from the second finest lattice to the dofs of the body, and on, or None.
+
+    Fields vanish at ``clamped`` dofs (dofs of this rank,); None is for nodes on no lattice.
+    """
+    planes = _planes(elasticity)
+    if planes is None:
+        return None
+    comm = elasticity.comm
+    places = _places(elasticity.coordinates(), planes)
+    free = ~clamped[:: elasticity.dimension]
+    found: list[PETSc.Mat] = []
+    while min(map(len, planes)) >= LEAST:
+        kept = [_halved(len(p)) for p in planes]
+        shape = tuple(map(len, kept))
+        # of each plane of the finer lattice, that of the coarse one, or -1
+        numbers = [np.full(len(p), -1) for p in planes]
+        for number, k in zip(numbers, kept, strict=True):
+            number[k] = np.arange(len(k))
+        coarse = np.column_stack([n[p] for n, p in zip(numbers, places.T, strict=True)])
+        coarse = coarse[free & np.all(coarse >= 0, axis=1)]
+        # where each node of the coarse lattice stands among the rows; -1 where it is clamped
+        rows = np.full(math.prod(shape), -1, dtype=np.int64)
+        parts = comm.allgather(np.ravel_multi_index(tuple(coarse.T), shape))
+        order = np.concatenate(parts)
+        rows[order] = np.arange(len(order))
+        found.append(_interpolation(elasticity, (planes, kept), places, free, rows, len(coarse)))
+        places, planes = coarse, [p[k] for p, k in zip(planes, kept, strict=True)]
+        free = np.ones(len(places), dtype=bool)
+    return found
+
+
+def _planes(elasticity: Elasticity) -> list[Array] | None:
+    """The coordinates of the planes of nodes along each axis, or None if there is no lattice."""
+    comm, coordinates = elasticity.comm, elasticity.coordinates()
+    own = [_distinct(x) for x in coordinates.T]
+    nodes = elasticity.n_dofs_global // elasticity.dimension
+    if comm.allreduce(int(math.prod(map(len, own)) > nodes)):
+        return None
+    planes = [_distinct(np.concatenate(comm.allgather(x))) for x in own]
+    return planes if math.prod(map(len, planes)) == nodes else None
+
+
+def _distinct(x: Array) -> Array:
+    """Sorted numbers without those that equal the one before to round-off."""
+    x = np.sort(x)
+    return x[np.diff(x, prepend=-np.inf) > SAME * np.ptp(x)] if len(x) else x
+
+
+def _places(coordinates: Array, planes: list[Array]) -> Integers:
+    """The numbers of the planes on which nodes stand, shape (nodes, dimension)."""
+    between = [0.5 * (p[1:] + p[:-1]) for p in planes]
+    return np.column_stack(
+        [np.searchsorted(b, x) for b, x in zip(between, coordinates.T, strict=True)]
+    )
+
+
+def _halved(number: int) -> Integers:
+    """Every second plane and the last one."""
+    return np.union1d(np.arange(0, number, 2), [number - 1])
+
+
+def _interpolation(
+    elasticity: Elasticity,
+    lattice: tuple[list[Array], list[Integers]],
+    places: Integers,
+    free: Mask,
+    rows: Integers,
+    own: int,
+) -> PETSc.Mat:
+    """Displacements at ``places`` of a lattice from those at the rows of the coarser one.
+
+    By the planes of the ``lattice`` and which of them are kept; ``own`` coarse nodes are here.
+    """
+    d, (planes, kept) = elasticity.dimension, lattice
+    shape = tuple(map(len, kept))
+    numbers, weights = np.zeros((len(places), 1), dtype=np.int64), np.ones((len(places), 1))
+    for axis, (x, k) in enumerate(zip(planes, kept, strict=True)):
+        place = places[:, axis]
+        right = np.clip(np.searchsorted(k, place), 1, len(k) - 1)
+        low, high = x[k[right - 1]], x[k[right]]
+        share = (x[place] - low) / (high - low)
+        both, shares = np.stack([right - 1, right], axis=1), np.stack([1.0 - share, share], axis=1)
+        numbers = (numbers[:, :, None] * shape[axis] + both[:, None]).reshape(len(places), -1)
+        weights = (weights[:, :, None] * shares[:, None]).reshape(len(places), -1)
+    columns = rows[numbers]
+    there = free[:, None] & (columns >= 0) & (weights > 0.0)
+    # each node's row stands d times in turn, one time for each displacement
+    ends = np.cumsum(np.repeat(np.count_nonzero(there, axis=1), d))
+    columns = (d * columns[:, None] + np.arange(d)[:, None])[np.repeat(there[:, None], d, axis=1)]
+    matrix = PETSc.Mat().createAIJ(
+        ((d * len(places), PETSc.DETERMINE), (d * own, PETSc.DETERMINE)),
+        csr=(
+            np.concatenate([[0], ends]).astype(PETSc.IntType),
+            columns.astype(PETSc.IntType),
+            np.repeat(weights[:, None], d, axis=1)[np.repeat(there[:, None], d, axis=1)],
+        ),
+        comm=elasticity.comm,
+    )
+    matrix.assemble()
+    return matrix
