@@ -15,15 +15,20 @@ from shared.rods import rod
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.reduction import multigrid
+from dolfinx_ffr.reduction.nested_boxes import interpolations
 
 pytestmark = pytest.mark.mpi
 
 
 def pair(comm: MPI.Intracomm, dimension: int) -> tuple[ffr.FlexibleBody, ffr.FlexibleBody]:
-    """The same rod by factors and by multigrid; in space of a square section, with equal pairs."""
-    elements, modes = ((24, 4), 3) if dimension == 2 else ((14, 3, 3), 2)
+    """The same rod by factors and by multigrid; in space of a square section, with equal pairs.
+
+    Multigrid goes by aggregates in the plane, where nodes stand on no lattice, by boxes in space.
+    """
+    elements, modes = ((12, 2), 3) if dimension == 2 else ((13, 4, 4), 2)
+    own = {"cell": "triangle"} if dimension == 2 else {}
     direct, iterative = (
-        rod(comm, elements, (0.4, 0.04, 0.04), modes=modes, solver=solver)
+        rod(comm, elements, (0.4, 0.04, 0.04), modes=modes, solver=solver, **own)
         for solver in ("direct", "iterative")
     )
     return direct, iterative
@@ -51,6 +56,32 @@ def test_the_same_as_by_factors(comm: MPI.Intracomm, dimension: int) -> None:
         assert_allclose(iterative.reduce(x).basis.frequencies, frequencies, rtol=1e-9)
         if dimension == 3:  # bending in both planes
             assert frequencies[1] == pytest.approx(frequencies[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(("elements", "order"), [((11, 5), 2), ((9, 5, 4), 1)])
+def test_boxes_interpolate_linear_fields(
+    comm: MPI.Intracomm, elements: tuple[int, ...], order: int
+) -> None:
+    """But where clamped nodes, which do not move, are near."""
+    body = rod(comm, elements, order=order)
+    clamped = body.reduction.clamped
+    matrices = interpolations(body.elasticity, clamped)
+    assert matrices
+    exact = body.elasticity.coordinates().ravel()
+    # coarse nodes are those that are interpolated by weight one
+    coarse, found = matrices[0].createVecs()
+    indptr, columns, weights = matrices[0].getValuesCSR()
+    nodes = weights == 1.0
+    rows = np.repeat(np.arange(len(exact)), np.diff(indptr))[nodes]
+    coarse.setValues(columns[nodes], exact[rows])
+    coarse.assemble()
+    matrices[0].mult(coarse, found)
+    assert not np.any(found.getArray()[clamped])
+    x = np.repeat(exact[:: len(elements)], len(elements))
+    far = np.abs(x - 0.2) < 0.2 - 0.8 / elements[0]
+    assert_allclose(found.getArray()[far], exact[far], atol=1e-14)
+    for item in (coarse, found, *matrices):
+        item.destroy()
 
 
 def test_the_solver_stays_with_the_body(comm: MPI.Intracomm) -> None:

@@ -14,8 +14,8 @@ from slepc4py import SLEPc
 from ..arrays import Array
 from ..fem import Block
 
-#: Iterations after which the solvers with an exact and with an approximate inverse give up
-MAX_ITERATIONS = {True: 200, False: 500}
+#: Iterations after which the solver gives up
+MAX_ITERATIONS = 200
 
 
 class _Preconditioner:
@@ -27,9 +27,6 @@ class _Preconditioner:
     def apply(self, _: PETSc.PC, right: PETSc.Vec, solution: PETSc.Vec) -> None:
         solution.setArray(self._function(right.getArray(readonly=True)[:, None])[:, 0])
 
-    def matApply(self, _: PETSc.PC, right: PETSc.Mat, solution: PETSc.Mat) -> None:
-        solution.getDenseArray()[:] = self._function(right.getDenseArray(readonly=True))
-
 
 def lowest_eigenpairs(
     stiffness: PETSc.Mat,
@@ -39,7 +36,6 @@ def lowest_eigenpairs(
     starts: Block,
     known: Block | None,
     inverse: Callable[[Block], Block],
-    exact: bool,
     tolerance: float,
 ) -> tuple[Array, Block]:
     """At least ``number`` lowest eigenpairs, (k,) and (dofs, k), M-orthogonal to ``known`` ones."""
@@ -52,20 +48,12 @@ def lowest_eigenpairs(
         eps.setOperators(stiffness, mass)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setDimensions(number)
-        eps.setTolerances(tolerance, MAX_ITERATIONS[exact])
-        if exact:
-            eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-            eps.setTarget(0.0)
-            transform.setType(SLEPc.ST.Type.SINVERT)
-            transform.setShift(0.0)
-            eps.setPurify(False)  # left to the caller, who does it for all at once
-        else:
-            eps.setType(SLEPc.EPS.Type.LOBPCG)
-            eps.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
-            eps.setLOBPCGBlockSize(len(begin))
-            transform.setType(SLEPc.ST.Type.PRECOND)
-            # all at once: one by one, each inner product by mass takes a product with the matrix
-            eps.getBV().setOrthogonalization(block=SLEPc.BV.OrthogBlockType.SVQB)
+        eps.setTolerances(tolerance, MAX_ITERATIONS)
+        eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        eps.setTarget(0.0)
+        transform.setType(SLEPc.ST.Type.SINVERT)
+        transform.setShift(0.0)
+        eps.setPurify(False)  # left to the caller, who does it for all at once
         ksp.setType("preonly")
         ksp.getPC().setType("python")
         ksp.getPC().setPythonContext(_Preconditioner(inverse))
@@ -80,7 +68,6 @@ def lowest_eigenpairs(
                 f"reduction: only {before + converged} of {before + number} normal modes "
                 f"converged in {eps.getIterationNumber()} iterations; the mesh may be too coarse "
                 "for so many modes, or the design may have fallen apart"
-                + ("" if exact else '; else take solver="direct"')
             )
         eigenvalues, fields = np.empty(converged), np.empty((len(starts), converged))
         for i in range(converged):

@@ -6,9 +6,6 @@ the matrix (`coarse_systems`). The cycles are done here, for all columns of a bl
 times faster than one vector after the other.
 
 References:
-    A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block
-    preconditioned conjugate gradient method, SIAM Journal on Scientific Computing 23 (2001),
-    doi:10.1137/S1064827500366124.
     J. Lottes, Optimal polynomial smoothers for multigrid V-cycles, Numerical Linear Algebra with
     Applications 30 (2023), doi:10.1002/nla.2518.
 """
@@ -16,6 +13,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from petsc4py import PETSc
 
@@ -25,7 +23,8 @@ from ..arrays import Integers, Mask
 from ..fem import Array, Block, Elasticity, by_dense, dense_matrix
 from .coarse_systems import coarse_systems
 from .direct_solver import LinearSolver
-from .eigenpairs import by_columns, lowest_eigenpairs
+from .eigenpairs import by_columns
+from .lobpcg import lobpcg
 
 #: Degree of a smoother's polynomial
 DEGREE = 3
@@ -162,16 +161,26 @@ class MultigridSolver(LinearSolver):
         """At least ``number`` lowest eigenpairs, M-orthogonal to known ones, (k,) and (dofs, k)."""
         assert self._stiffness is not None
         self._mass = self._systems.part(mass, self._mass)
-        eigenvalues, free_fields = lowest_eigenpairs(
-            self._stiffness,
-            self._mass,
+        products = partial(_product, self._stiffness), partial(_product, self._mass)
+        deflated = None
+        if known is not None:
+            deflated = known[self._free], products[1](known[self._free])
+        found = lobpcg(
+            self._elasticity,
+            products,
+            self._cycle,
+            starts[self._free],
             number,
-            starts=starts[self._free],
-            known=None if known is None else known[self._free],
-            inverse=self._cycle,
-            exact=False,
+            known=deflated,
             tolerance=self._tolerance,
         )
+        if found is None:
+            raise RuntimeError(
+                f"reduction: {number} normal modes did not converge by multigrid; the mesh may be "
+                "too coarse for so many modes, or the design may have fallen apart; else take "
+                'solver="direct"'
+            )
+        eigenvalues, free_fields = found
         fields = np.zeros((len(starts), len(eigenvalues)))
         fields[self._free] = free_fields
         return eigenvalues, fields

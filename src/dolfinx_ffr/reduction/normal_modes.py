@@ -135,7 +135,6 @@ class EigenSolver:
             starts=start,
             known=known,
             inverse=factored.solve,
-            exact=True,
             tolerance=self.tolerance,
         )
         # In void and in clamped rows there is no mass, and round-off grows there without bound as
