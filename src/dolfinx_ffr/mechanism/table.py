@@ -46,7 +46,8 @@ def read_motion(
     rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
     numbers = [k for k, _ in lines[1:]]
     kinds: tuple[Mapping[str, float], ...] = (_TIMES, {**_ANGLES, **_LENGTHS})
-    places = [_column(what, rows[0], name) for name in columns]
+    kept = zip(("time", "value"), columns, strict=True)
+    places = [_column(what, rows[0], name, key) for key, name in kept]
     if places[0] == places[1]:
         raise ValueError(f"{what}: column {columns[0]!r} cannot be both times and values")
     chosen = [
@@ -72,14 +73,16 @@ def read_motion(
     return t, c
 
 
-def _column(what: str, titles: Sequence[str], name: str) -> int:
-    """Place of the column of a name."""
+def _column(what: str, titles: Sequence[str], name: str, key: str) -> int:
+    """Place of the column of a name, which is that of an argument."""
     wanted = validation.name(f"{what}: the name of a column", name).strip()
     names = [_split(title)[0] for title in titles]
     found = [k for k, own in enumerate(names) if wanted in (own, titles[k].strip())]
     if len(found) != 1:
         number = "is no column" if not found else f"are {len(found)} columns"
-        raise ValueError(f"{what}: there {number} {wanted!r}; the columns are {names}")
+        raise ValueError(
+            f"{what}: there {number} {wanted!r}; the columns are {names}; name one by {key}="
+        )
     return found[0]
 
 
