@@ -20,7 +20,7 @@ reference: M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0.
 The time steps are those by which psi is known to 1e-4, 50 of the Radau IIA method.
 Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`; it
 takes about a minute. `--iterations 30 --boundary 8 --bare` has a part that is hardly worse, and no
-pictures, in 20 seconds.
+pictures, in less than half of that.
 """
 
 from __future__ import annotations
