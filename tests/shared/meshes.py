@@ -61,6 +61,24 @@ def star(comm: MPI.Intracomm, blades: int, nx: int = 12, ny: int = 2) -> Domain:
     return _domain(comm, np.vstack(points), np.vstack(cells), hub)
 
 
+def bar(comm: MPI.Intracomm, n: int, *, circular: bool) -> Domain:
+    """A bar along x on a rigid root, of square or round section: it bends equally in all planes."""
+    shape = 3 * n + 1, n + 1, n + 1
+    i, y, z = (index.ravel() for index in np.meshgrid(*map(range, shape), indexing="ij"))
+    y, z = 2.0 * y / n - 1.0, 2.0 * z / n - 1.0
+    if circular:  # the square's edges become the circle
+        y, z = y * np.sqrt(1.0 - 0.5 * z**2), z * np.sqrt(1.0 - 0.5 * y**2)
+    number = np.arange(len(i)).reshape(shape)
+    layers = (number[:-1], number[1:])
+    cells = np.hstack([np.vstack([_quadrilaterals(k) for k in layer]) for layer in layers])
+    order = [0, 4, 1, 5, 2, 6, 3, 7]  # x first, as DOLFINx counts corners
+    return _domain(comm, np.column_stack([i / n, y, z]), cells[:, order], {"root": _at_root})
+
+
+def _at_root(x: np.ndarray) -> np.ndarray:
+    return x[0] < 1e-9
+
+
 def _quadrilaterals(number: np.ndarray) -> np.ndarray:
     """Cells between the nodes of a grid."""
     corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
@@ -68,12 +86,13 @@ def _quadrilaterals(number: np.ndarray) -> np.ndarray:
 
 
 def _domain(comm: MPI.Intracomm, points: np.ndarray, cells: np.ndarray, interfaces: dict) -> Domain:
-    """A domain of quadrilaterals; points without cells are left out."""
+    """A domain of quadrilaterals or hexahedra; points without cells are left out."""
+    corners, kind = cells.shape[1], "quadrilateral" if points.shape[1] == 2 else "hexahedron"
     used, cells = np.unique(cells, return_inverse=True)
-    cells, points = cells.reshape(-1, 4), points[used]
+    cells, points = cells.reshape(-1, corners), points[used]
     if comm.rank > 0:
         cells, points = cells[:0], points[:0]
-    return Domain(_compat.create_mesh(comm, cells, points, "quadrilateral", 1), interfaces)
+    return Domain(_compat.create_mesh(comm, cells, points, kind, 1), interfaces)
 
 
 def write_rod(

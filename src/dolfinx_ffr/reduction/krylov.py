@@ -95,10 +95,22 @@ class KrylovSpace:
         """V^T M K^-1 M V of the complete part V, shape (complete, complete)."""
         return self._projected[: self._last, : self._last]
 
+    @property
+    def coupling(self) -> Array:
+        """The same with the last block W, W^T M K^-1 M V, shape (size - complete, complete)."""
+        return self._projected[self._last :, : self._last]
+
     def residual_norms(self, coefficients: Array) -> Array:
         """Norms by mass of K^-1 M V c outside the complete part V, for each column c."""
-        coupling = self._projected[self._last :, : self._last]
-        return np.asarray(np.linalg.norm(coupling @ coefficients, axis=0))
+        return np.asarray(np.linalg.norm(self.coupling @ coefficients, axis=0))
+
+    def join(self, fields: Block) -> Array:
+        """Add ``fields`` (dofs, b) to the last block; their coefficients in it, (its fields, b)."""
+        last = self._mass_last
+        known = self._factored.elasticity.inner(last, fields)
+        new = self._append(fields.copy(order="F"), 0.0)
+        self._mass_last = np.hstack([last, self._mass_last])
+        return np.vstack([known, new])
 
     def grow(self) -> None:
         """Apply K^-1 M to the last block, and add what is new."""
@@ -138,7 +150,7 @@ class KrylovSpace:
                 image = elasticity.apply(mass, rest)
                 gram, shares, directions, clear = self._directions(image, rest, floor)
             largest = float(np.sqrt(shares[-1]))
-            scale = max(scale, largest)
+            scale = max(scale, largest, float(np.linalg.norm(along, 2)) if along.size else 0.0)
             if largest <= max(NOTHING * scale, floor):
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
 """The lowest fixed-interface normal modes of a body, with all copies of repeated frequencies.
 
-They are found in a block Krylov space of K^-1 M: two vectors at a time cost little more than one,
+They are found in a block Krylov space of K^-1 M: a few vectors at a time cost little more than one,
 and the images of the space under K^-1 M make eigenvectors clean at no further solution. A space
 that grows from two vectors holds two vectors of each eigenspace: further copies of an eigenvalue
-come in by round-off, late or not at all. So the modes are certified by a count. As long as some are
-missing, as of equal blades on a hub, SLEPc's Krylov-Schur method goes on from a scattered start in
-the complement of those found. It also takes over where the space would grow too large.
+come in by round-off, late or not at all. So noise joins the space, which brings in the copies that
+are missing, as of equal blades on a hub, and proves at a risk of 1e-10 that there are no more
+(`Certificate`). Where the space would grow too large, SLEPc's Krylov-Schur method takes over from a
+scattered start, and modes are counted by another factor.
 
 Without a factor, by multigrid, a block of scattered fields is iterated, which holds as many copies
-as it has fields; nothing is counted then.
+as it has fields; nothing is proved then.
 
 References:
     R. G. Grimes, J. G. Lewis, H. D. Simon, A shifted block Lanczos algorithm for solving sparse
@@ -24,6 +25,7 @@ import scipy.linalg
 
 from ..arrays import Mask
 from ..fem import Array, Block, Elasticity
+from .certificate import Certificate, noise
 from .eigenpairs import lowest_eigenpairs
 from .factored_body import FactoredBody
 from .krylov import KrylovSpace, projected
@@ -35,8 +37,9 @@ CLUSTER = 1e-3
 #: How far below the first truncated eigenvalue is counted, relative to it: more than the round-off
 #: of ill-conditioned bodies
 ROOM = 1e-2
-#: Vectors of a block: more of them make larger spaces
-BLOCK = 2
+#: Vectors of a block in the plane and in space: more of them make larger spaces, but in space the
+#: time to read a factor hardly depends on how many are solved for
+BLOCK = {2: 2, 3: 4}
 #: Most vectors of a space, and how many more for each mode
 MOST, MOST_EACH = 100, 6
 #: Share by which a space grows between two looks at its modes
@@ -57,7 +60,8 @@ class EigenSolver:
         box = elasticity.domain.bounding_box
         self._positions = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
         self._smooth = self._without_clamped(_smooth_field(self._positions))
-        self._block = np.hstack([self._smooth, *map(self._scattered, range(1, BLOCK))])
+        width = BLOCK[elasticity.dimension]
+        self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
     def lowest(self, factored: FactoredBody, number: int) -> tuple[Array, Block, tuple[int, int]]:
         """The ``number`` lowest modes, and more to the end of the last one's cluster and beyond.
@@ -67,16 +71,17 @@ class EigenSolver:
         """
         iterative = isinstance(factored.clamped.solver, MultigridSolver)
         # where solutions are approximate, a Krylov space loses its recurrence
-        first = None if iterative else self._in_krylov_space(factored, number + 1)
-        eigenvalues, fields = first or self._search(factored, self._smooth, number + 1)
+        certified = None if iterative else self._in_krylov_space(factored, number)
+        if certified is not None:
+            return (*certified, cluster(certified[0], number))
+        eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
             if end == self.freedoms:
                 break
             missing, below = len(eigenvalues), np.inf
             if end < len(eigenvalues):
-                following = eigenvalues[end]
-                below = following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following)
+                below = _below(eigenvalues, end)
                 missing = 0 if iterative else factored.count_below(below) - end
             if missing == 0:
                 break
@@ -96,24 +101,37 @@ class EigenSolver:
         return eigenvalues, fields, (last, end)
 
     def _in_krylov_space(self, factored: FactoredBody, number: int) -> tuple[Array, Block] | None:
-        """At least ``number`` lowest eigenpairs, or None if that takes too many vectors."""
+        """The modes of `lowest`, certified, or None if that takes too many vectors."""
         # K^-1 M V y, unlike V y, is free of fields that the mass does not see, in void
         space = KrylovSpace(factored, self._block, images=True)
-        looked = 0
-        while not space.invariant and space.size <= MOST + MOST_EACH * number:
-            space.grow()
-            if space.complete < max(number, (1.0 + LOOK) * looked):
-                continue
+        certificate: Certificate | None = None
+        rounds = looked = found = 0
+        while space.size <= MOST + MOST_EACH * max(number, found):
+            if not space.invariant:
+                space.grow()
+                if space.complete < max(number + 1, (1.0 + LOOK) * looked):
+                    continue
             looked = space.complete
             # all ranks decide by the same numbers, to the last bit
             inverses, vectors = self.elasticity.comm.bcast(np.linalg.eigh(space.projected))
             inverses, vectors = inverses[::-1].copy(), vectors[:, ::-1].copy()
             open_ = space.residual_norms(vectors) > self.tolerance * np.abs(inverses)
             found = int(np.argmax(open_)) if np.any(open_) else len(open_)
-            if found >= number:
+            eigenvalues = 1.0 / inverses[:found]
+            end = cluster(eigenvalues, number)[1] if found > number else found
+            holds = None if certificate else False
+            if certificate and end < found:
+                limit = 1.0 / _below(eigenvalues, end)
+                holds = self.elasticity.comm.bcast(certificate.holds(limit, end))
+            if holds or end == self.freedoms:
                 # column by column in memory, as the solver takes them
                 fields = (vectors[:, :found].T @ space.images.T).T
-                return 1.0 / inverses[:found], self._normalized(factored, fields)
+                return eigenvalues, self._normalized(factored, fields)
+            if space.invariant or (end < found and holds is False):
+                certificate = Certificate(space, noise(factored, self._clamped, rounds))
+                rounds += 1
+                if space.invariant and end == found:
+                    return None  # there is nothing else
         return None
 
     def _search(
@@ -174,6 +192,12 @@ def cluster(eigenvalues: Array, number: int) -> tuple[int, int]:
     apart = np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]
     ends = np.array([0, *(np.flatnonzero(apart) + 1), len(eigenvalues)])
     return int(ends[ends < number][-1]), int(ends[ends >= number][0])
+
+
+def _below(eigenvalues: Array, end: int) -> float:
+    """Where eigenvalues are counted: between the ``end``-th one and the following one, near it."""
+    following = eigenvalues[end]
+    return float(following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following))
 
 
 def _smooth_field(position: Array) -> Array:

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""Proof with a known small risk that a Krylov space has missed no eigenvalue.
+
+A space that grows from b fields holds b copies of an eigenvalue at most. So fields of noise join
+it, which do not depend on what it has found. Let C be the fields to which T = K^-1 M was applied
+before, u the eigenvector of the largest eigenvalue theta of T in the M-complement of C, and A that
+restriction of T, which the space goes on to project to H. The parts of u along its blocks follow
+the recurrence of A, so that, with the last coupling B and theta above the eigenvalues of H,
+
+    (parts along the first block) = E_1^T (theta - H)^-1 E_j B^T (parts along the next block),
+
+and the latter have norm one at most. So if the right-hand side is small for all theta above a
+bound, u is nearly orthogonal to the noise, or theta is below the bound. The noise is K^-1 f with
+normally distributed forces f of a covariance that is at least M, so its part along u has a standard
+deviation of theta at least in each of s columns, and is smaller than epsilon theta in all of them
+with a probability of (epsilon^2 / 2)^(s / 2) / Gamma(s / 2 + 1) at most. With theta below the bound
+the eigenvalues of T above are those of a small matrix, by Sylvester's law.
+
+References:
+    J. Kuczynski, H. Wozniakowski, Estimating the largest eigenvalue by the power and Lanczos
+    algorithms with a random start, SIAM Journal on Matrix Analysis and Applications 13 (1992),
+    doi:10.1137/0613066, for single vectors.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..arrays import Mask
+from ..fem import Block
+from .factored_body import FactoredBody
+from .krylov import KrylovSpace, symmetric
+
+#: Fields of noise. In space twice as many cost little more, but those of the plane do
+COLUMNS = 4
+#: Probability with which a missing mode remains unseen, at most
+RISK = 1e-10
+#: Part of the noise along a mode, relative to its standard deviation, that has this probability
+SMALL = math.sqrt(2.0) * (RISK * math.gamma(COLUMNS / 2 + 1)) ** (1 / COLUMNS)
+#: Distances from the eigenvalues of H at which theta is tried, relative to that of the bound: they
+#: are poles, from which the norms fall off smoothly
+DISTANCES = 2.0 ** np.arange(0.0, 12.0, 0.5)
+
+
+class Certificate:
+    """Noise that has joined a ``space``, by fields such as `noise` makes."""
+
+    def __init__(self, space: KrylovSpace, fields: Block) -> None:
+        self._space = space
+        self._first = space.complete  # fields of C
+        self._shares = space.join(fields)
+
+    def holds(self, limit: float, number: int) -> bool | None:
+        """Whether T has no more than ``number`` eigenvalues above a ``limit``.
+
+        None as long as the space has to grow to tell. False says that some were outside of C.
+        """
+        space, first = self._space, self._first
+        if space.complete == first:
+            return True if space.invariant else None  # noise has added nothing
+        projected = space.projected
+        values, vectors = np.linalg.eigh(projected[first:, first:])
+        if values[-1] >= limit:
+            return False
+        bound = 0.5 * (limit + values[-1])
+        coupling = space.coupling
+        left = self._shares.T @ vectors[: len(self._shares)]
+        right = vectors.T @ coupling[:, first:].T
+        for theta in values[-1] + DISTANCES * (bound - values[-1]):
+            part = (left / (theta - values)) @ right
+            if np.linalg.norm(part) > SMALL * theta:
+                return None
+        # the most that the rest of T, whose eigenvalues are below the bound, adds by the coupling
+        whole = projected + symmetric(coupling.T @ coupling) / (limit - bound)
+        return True if np.count_nonzero(np.linalg.eigvalsh(whole) > limit) <= number else None
+
+
+def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
+    """Fields K^-1 f of normally distributed forces f, others for each ``number``, (dofs, s)."""
+    elasticity = factored.elasticity
+    diagonal = factored.clamped_mass.getDiagonal()
+    # an element's mass is at most its diagonal times its nodes
+    nodes = elasticity.domain.space.dofmap.dof_layout.num_dofs
+    variances = nodes * np.maximum(diagonal.getArray(readonly=True), 0.0)
+    diagonal.destroy()
+    generator = np.random.default_rng([number, elasticity.comm.rank])
+    forces = generator.standard_normal((elasticity.n_dofs, COLUMNS))
+    forces *= np.where(clamped, 0.0, np.sqrt(variances))[:, None]
+    return factored.solve(forces)
