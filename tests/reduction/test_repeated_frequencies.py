@@ -111,8 +111,15 @@ def test_modes_that_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> Non
     count = FactoredBody.count_below
     monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
     body = reduction(BODIES["coarse square"](MPI.COMM_SELF), 5)
-    with pytest.raises(RuntimeError, match=r"5 normal modes were found below .* 6 were counted"):
-        body.basis(factor(body))
+    factored, told = factor(body), r"5 normal modes were found below .* 6 were counted"
+    with pytest.raises(RuntimeError, match=told):
+        body.basis(factored)
+    monkeypatch.undo()
+    basis = body.basis(factored)
+    body.warn_of_missing_modes(factored, basis)
+    monkeypatch.setattr(FactoredBody, "count_below", lambda *args: count(*args) + 1)
+    with pytest.warns(UserWarning, match=told):
+        body.warn_of_missing_modes(factored, basis)
 
 
 @pytest.mark.mpi

@@ -525,6 +525,8 @@ def verify(
         own = again.calibrated(again.value(densities))
         fitted.append(_figures(max(sizes.values()), *own, parts, bounds))
         last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
+        for body, reduced in last.values():
+            body.warn_of_missing_modes(reduced)
         found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
         if found.converged and (found.decided or len(fitted) >= _FOR_BOUNDS):
             break

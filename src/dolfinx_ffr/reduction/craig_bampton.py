@@ -32,7 +32,7 @@ from .factored_body import ClampedMatrices, FactoredBody
 from .frame import Frame
 from .krylov import KrylovSpace
 from .multigrid import MultigridSolver
-from .normal_modes import CLUSTER, EigenSolver, cluster
+from .normal_modes import CLUSTER, EigenSolver, below_following, cluster
 
 #: Bounds of the solvers' tolerance: round-off leaves no less, and beyond no digit would be right.
 TIGHTEST, LOOSEST = 1e-14, 1e-2
@@ -357,6 +357,31 @@ class CraigBampton:
     def _possible(self, bounds: tuple[int, int]) -> str:
         """The numbers of modes around a cluster that the body can have, for a message."""
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
+
+    def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
+        """Count the modes of a ``basis`` by a factor more, for results that are told.
+
+        Warns:
+            UserWarning: If there are others than those found, or they cannot be counted.
+        """
+        values = np.append(basis.eigenvalues, basis.truncated_eigenvalues)
+        end = cluster(values, self.modes)[1] if self.modes else len(values)
+        if end == len(values) or self.solver != DIRECT:  # all that there are, or no factor
+            return
+        limit = below_following(values, end)
+        try:
+            counted = factored.count_below(limit)
+        except RuntimeError as error:
+            warnings.warn(f"{error}; they are as certain as noise makes them", stacklevel=2)
+            return
+        if counted != end:
+            warnings.warn(
+                f"reduction: {end} normal modes were found below "
+                f"{np.sqrt(limit) / (2.0 * np.pi):.6g} Hz, and {counted} were counted: psi may "
+                "lack one, or the body is too ill-conditioned to count; a void with more "
+                "stiffness, or another number of modes, may help",
+                stacklevel=2,
+            )
 
     def check_gap(self, factored: FactoredBody, basis: ReducedBasis) -> None:
         """Refuse a ``basis`` whose span has no derivative, for its ``factored`` body.

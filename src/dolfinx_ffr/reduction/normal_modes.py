@@ -81,7 +81,7 @@ class EigenSolver:
                 break
             missing, below = len(eigenvalues), np.inf
             if end < len(eigenvalues):
-                below = _below(eigenvalues, end)
+                below = below_following(eigenvalues, end)
                 missing = 0 if iterative else factored.count_below(below) - end
             if missing == 0:
                 break
@@ -121,7 +121,7 @@ class EigenSolver:
             end = cluster(eigenvalues, number)[1] if found > number else found
             holds = None if certificate else False
             if certificate and end < found:
-                limit = 1.0 / _below(eigenvalues, end)
+                limit = 1.0 / below_following(eigenvalues, end)
                 holds = self.elasticity.comm.bcast(certificate.holds(limit, end))
             if holds or end == self.freedoms:
                 # column by column in memory, as the solver takes them
@@ -194,7 +194,7 @@ def cluster(eigenvalues: Array, number: int) -> tuple[int, int]:
     return int(ends[ends < number][-1]), int(ends[ends >= number][0])
 
 
-def _below(eigenvalues: Array, end: int) -> float:
+def below_following(eigenvalues: Array, end: int) -> float:
     """Where eigenvalues are counted: between the ``end``-th one and the following one, near it."""
     following = eigenvalues[end]
     return float(following - min(0.5 * (following - eigenvalues[end - 1]), ROOM * following))
