@@ -359,7 +359,7 @@ class CraigBampton:
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
 
     def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Count the modes of a ``basis`` by a factor more, for results that are told.
+        """Count the modes of a ``factored`` body with its ``basis`` by one factor more.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.
