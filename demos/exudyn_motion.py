@@ -1,18 +1,37 @@
 # SPDX-License-Identifier: MIT
-"""Let Exudyn integrate a system, and read the elastic coordinates of a reduced body in it."""
+"""A reduced body in Exudyn: from its file, on a bearing, in motion."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 
-def elastic_coordinates(mbs: Any, body: dict[str, Any], end: float, steps: int) -> np.ndarray:
-    """Those at equal steps until ``end`` [s], shape (steps + 1, r), by generalised-alpha.
+def body_from(path: Path, **start: Any) -> tuple[Any, dict[str, Any]]:
+    """A system with the body of a file, and what `AddObjectFFRFreducedOrder` returns of it."""
+    import exudyn
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
-    ``body`` is what `AddObjectFFRFreducedOrder` has returned.
-    """
+    mbs, body = exudyn.SystemContainer().AddSystem(), ObjectFFRFreducedOrderInterface()
+    body.LoadFromFile(str(path))
+    return mbs, body.AddObjectFFRFreducedOrder(mbs, **start)
+
+
+def hold(mbs: Any, body: dict[str, Any], node: int, axes: list[int]) -> None:
+    """Hold a node of a body at the origin, along those of the axes whose number is 1."""
+    import exudyn.itemInterface as items
+
+    ground = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=mbs.AddObject(items.ObjectGround())))
+    one = {"meshNodeNumbers": [node], "weightingFactors": [1.0]}
+    held = items.MarkerSuperElementPosition(bodyNumber=body["oFFRFreducedOrder"], **one)
+    ends = [ground, mbs.AddMarker(held)]
+    mbs.AddObject(items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=axes))
+
+
+def elastic_coordinates(mbs: Any, body: dict[str, Any], end: float, steps: int) -> np.ndarray:
+    """Those of a body at equal steps until ``end`` [s], (steps + 1, r), by generalised-alpha."""
     import exudyn
     import exudyn.itemInterface as items
 

@@ -33,20 +33,17 @@ from dolfinx_ffr.program import run
 BAR, TOOL, TURN = 1.2, 0.5, 0.5  # mass of the bars [kg/m], of the tool [kg], time of a turn [s]
 KNOWN = {"crank": 0.1, "coupler": 0.28, "rocker": 0.24, "pin_x": 0.3, "pin_y": 0.05}  # [m]
 KNOWN |= {"tool_x": 0.16, "tool_y": 0.12}  # on the coupler, from the crank's pin [m]
-START = {"crank": 0.085, "coupler": 0.3, "rocker": 0.26, "pin_x": 0.33, "pin_y": 0.02}
-START |= {"tool_x": 0.13, "tool_y": 0.09}
-PARAMETERS = ffr.Parameters(
-    **{name: (value, value - 0.05, value + 0.05, "m") for name, value in START.items()},
-    stiffness=(0.1, 0.05, 20.0, "N m/rad", "log"),
-)
+START = dict(zip(KNOWN, (0.085, 0.3, 0.26, 0.33, 0.02, 0.13, 0.09), strict=True))
+ranges = {name: (value, value - 0.05, value + 0.05, "m") for name, value in START.items()}
+PARAMETERS = ffr.Parameters(**ranges, stiffness=(0.1, 0.05, 20.0, "N m/rad", "log"))
+BOUNDS = {"crank's bearing": 26.0, "rocker's bearing": 14.0, "motor": 0.5}  # [N], [N], [N m]
 
 
 # %% The machine, a function of what is to be designed
 def bar(length: float, **markers: tuple[float, float]) -> ffr.VolumeIntegrals:
     """A bar from its left to its right end, along x."""
-    mass, ends = BAR * length, {"left": (0.0, 0.0), "right": (length, 0.0)}
-    own = (0.5 * length, 0.0), mass * length**2 / 12.0  # centre and inertia
-    return ffr.VolumeIntegrals.rigid(mass, *own, {**ends, **markers})
+    m, ends = BAR * length, {"left": (0.0, 0.0), "right": (length, 0.0)}
+    return ffr.VolumeIntegrals.rigid(m, (0.5 * length, 0.0), m * length**2 / 12.0, ends | markers)
 
 
 def machine(
@@ -89,22 +86,18 @@ def main(arguments: list[str] | None = None) -> None:
     known = ffr.simulate(*machine(**KNOWN), times)
     line = CubicSpline(known.t, known.marker_path("coupler", "tool"))
     path = tuple(lambda t, k=k: line(t)[:, k] for k in range(2))
-    error, peak = ffr.PathTracking("coupler", "tool", path), {"peak": True, "power": 8.0}
-    limits = {"crank's bearing": (26.0, peak), "rocker's bearing": (14.0, peak), "motor": (0.5, {})}
-    bounds = [
-        ffr.Constraint(ffr.JointForce(joint, **kind), upper=most, name=joint)
-        for joint, (most, kind) in limits.items()
-    ]
+    error, force = ffr.PathTracking("coupler", "tool", path), ffr.JointForce
+    of = {n: force(n, peak=True, power=8.0) for n in BOUNDS} | {"motor": force("motor")}
+    limits = [ffr.Constraint(of[n], upper=most, name=n) for n, most in BOUNDS.items()]
     results, curves = {}, {"asked for": tuple(1e3 * line(known.t).T)}
-    for name, each in (("free", ()), ("bounded", bounds)):
+    for name, each in (("free", ()), ("bounded", limits)):
         problem = ffr.Problem({}, PARAMETERS.mechanism(machine), times, error, each)
-        run_of = {"iterations": options.iterations, "output": output / name}
-        found = ffr.optimize(problem, PARAMETERS, **run_of)
-        tool = found.evaluation.trajectory.marker_path("coupler", "tool")
-        results[name], curves[name] = found, tuple(1e3 * tool.T)
+        one = ffr.optimize(problem, PARAMETERS, iterations=options.iterations, output=output / name)
+        tool = one.evaluation.trajectory.marker_path("coupler", "tool")
+        results[name], curves[name] = one, tuple(1e3 * tool.T)
     off = {name: 1e3 * float(np.sqrt(found.psi / TURN)) for name, found in results.items()}
     best, panels = results["bounded"], {"path of the tool, y [mm]": curves}
-    reached = {c.name: best.evaluation.constraints[c.name].psi for c in bounds}
+    reached = {c.name: best.evaluation.constraints[c.name].psi for c in limits}
     say(f"off the path [mm]: {off}", f"forces [N, N, N m]: {reached}", best.parameters, sep="\n")
     plotting.plot_curves(panels, output / "path.png", xlabel="x [mm]")
     leave_machine(best, output, "The path of a four-bar linkage", time=0.1, off_path=off)

@@ -37,12 +37,10 @@ BOUND, MODES = 0.5, 6  # share of the design, of each link
 
 
 # %% The motors, and where they take the tip of a rigid arm
-def motor(start: float, end: float) -> ffr.Motion:
-    """An angle over time, from rest to rest."""
-    return start + ffr.Motion.smooth_step(end - start, MOVE, BEGIN)
-
-
-SHOULDER, ELBOW = map(motor, PICK, PLACE)
+SHOULDER, ELBOW = (  # angles from rest to rest
+    start + ffr.Motion.smooth_step(end - start, MOVE, BEGIN)
+    for start, end in zip(PICK, PLACE, strict=True)
+)
 PATH = tuple(
     lambda t, f=f: UPPER * f(SHOULDER.value(t)) + FORE * f(SHOULDER.value(t) + ELBOW.value(t))
     for f in (np.cos, np.sin)

@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 import numpy as np
 from command_line import parse, say
-from exudyn_motion import elastic_coordinates
+from exudyn_motion import body_from, elastic_coordinates, hold
 from slider_crank import CRANK, HEIGHT, LENGTH, slider_crank
 
 import dolfinx_ffr as ffr
@@ -45,15 +45,12 @@ TURN = ffr.Motion.smooth_step(2.0 * np.pi, MOVED)
 # %% Exudyn knows the file and the crank
 def by_exudyn(path: Path, steps: int) -> np.ndarray:
     """Elastic coordinates of the rod in a file at equal steps, shape (steps + 1, r)."""
-    import exudyn
     import exudyn.itemInterface as items
-    from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
-    mbs, rod = exudyn.SystemContainer().AddSystem(), ObjectFFRFreducedOrderInterface()
-    rod.LoadFromFile(str(path))
     start = {"positionRef": [CRANK, 0.0, 0.0], "stiffnessProportionalDamping": DAMPED.beta}
-    made = rod.AddObjectFFRFreducedOrder(mbs, **start)
-    ground, origin = mbs.AddObject(items.ObjectGround()), mbs.AddNode(items.NodePointGround())
+    mbs, made = body_from(path, **start)
+    hold(mbs, made, 4, [0, 1, 1])  # the slider, the first node of the second marker
+    origin = mbs.AddNode(items.NodePointGround())
     fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=origin, coordinate=0))
 
     def pin(t: float) -> tuple[complex, complex]:  # displacement from the start, and velocity
@@ -69,11 +66,6 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
         )
         offsets = {"offsetUserFunction": shift, "offsetUserFunction_t": speed}
         mbs.AddObject(items.ObjectConnectorCoordinate(markerNumbers=ends, **offsets))
-    end = {"meshNodeNumbers": [4], "weightingFactors": [1.0]}  # first node of the second marker
-    slider = items.MarkerSuperElementPosition(bodyNumber=made["oFFRFreducedOrder"], **end)
-    line = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground))
-    ends = [line, mbs.AddMarker(slider)]
-    mbs.AddObject(items.ObjectJointSpherical(markerNumbers=ends, constrainedAxes=[0, 1, 1]))
     return elastic_coordinates(mbs, made, MOVED, steps)
 
 
@@ -106,9 +98,7 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Pictures and numbers
     t = np.linspace(0.0, MOVED, ROWS + 1)
     both = {"here": ours, "Exudyn": theirs}
-    curves = {
-        f"elastic coordinate {k + 1}": {n: (t, q[:, k]) for n, q in both.items()} for k in (0, 3)
-    }
+    curves = {f"coordinate {k + 1}": {n: (t, q[:, k]) for n, q in both.items()} for k in (0, 3)}
     plotting.plot_curves(curves, output / "coordinates.png", xlabel="time [s]")
     ffr.write_summary(comm, output / "summary.json", {"difference": apart, "psi": found.psi})
 

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-from exudyn_motion import elastic_coordinates
+from exudyn_motion import body_from, elastic_coordinates, hold
 from numpy.typing import NDArray
 from shared.rods import rod, solid
 
@@ -25,23 +24,8 @@ DURATION = 0.1
 
 def swing(path: Path, steps: int) -> Array:
     """Elastic coordinates of a file's body that turns about its first marker, (steps + 1, r)."""
-    import exudyn.itemInterface as items
-    from exudyn.FEM import ObjectFFRFreducedOrderInterface
-
-    mbs = exudyn.SystemContainer().AddSystem()
-    interface = ObjectFFRFreducedOrderInterface()
-    interface.LoadFromFile(str(path))
-    made: dict[str, Any] = interface.AddObjectFFRFreducedOrder(
-        mbs, initialAngularVelocity=list(SPIN)
-    )
-    ground = mbs.AddObject(items.ObjectGround())
-    hinge = mbs.AddMarker(
-        items.MarkerSuperElementPosition(
-            bodyNumber=made["oFFRFreducedOrder"], meshNodeNumbers=[0], weightingFactors=[1.0]
-        )
-    )
-    fixed = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground))
-    mbs.AddObject(items.ObjectJointSpherical(markerNumbers=[fixed, hinge]))
+    mbs, made = body_from(path, initialAngularVelocity=list(SPIN))
+    hold(mbs, made, 0, [1, 1, 1])
     return elastic_coordinates(mbs, made, DURATION, steps)
 
 
