@@ -52,7 +52,7 @@ def modes_jobs(*, quick: bool) -> list[Job]:
         "meshes": [[20, 2]] if quick else [[60, 6], [100, 10], [200, 20]],
         "settings": [0, 4] if quick else [0, 1, 2, 4, 6, 8, 12],
         "tolerances": [1e-3] if quick else [1e-2, 1e-3, 1e-4],
-        **{"reference": 40 if quick else 60, "steps": steps},
+        **{"reference": 24 if quick else 60, "steps": steps},
     }
     return [
         Job("modes", "kinds", 5.0 if quick else 55.0, number),

@@ -46,7 +46,7 @@ STEPS = 2000  # close enough to each other to show the largest stress
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"size": SIZE, "order": 2, "iterations": 60, "mesh": "", "resume": False}
-    options = parse(arguments, "connecting_rod", **defaults)
+    options = parse(arguments, "connecting_rod", **defaults, boundary=None)
     comm, output = MPI.COMM_WORLD, options.output
     if options.mesh:
         domain = ffr.Domain.from_gmsh(comm, options.mesh, order=options.order)

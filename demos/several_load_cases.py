@@ -68,7 +68,7 @@ def six_load_cases(comm: MPI.Comm, elements: tuple[int, int], steps: int | None)
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod for the worst of its load cases, and leave numbers and pictures."""
     defaults = {"elements": (120, 12), "iterations": 60, "steps": None, "resume": False}
-    options = parse(arguments, "several_load_cases", **defaults)
+    options = parse(arguments, "several_load_cases", **defaults, boundary=None)
     comm, output = MPI.COMM_WORLD, options.output
     every = six_load_cases(comm, options.elements, options.steps)
     domain = every.flexible["rod"].domain

@@ -10,7 +10,8 @@ Every rank runs the same session, so that collective calls meet:
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
   by an exception. After a grace time the run is aborted and every rank prints where it stood.
 
-After each test garbage is collected on all ranks together: PETSc's destructors are collective.
+After each test on several ranks garbage is collected on all of them together: PETSc's destructors
+are collective. On one rank it is collected after each module.
 
 Serial tests may run in several workers of pytest-xdist at once, each of which is an MPI process by
 itself. The tests of a module stay together there, with what they share.
@@ -162,8 +163,9 @@ def _frozen() -> None:
 def _collect_garbage() -> Iterator[None]:
     """Destroy what the test has left, on all ranks together."""
     yield
-    gc.collect()
-    MPI.COMM_WORLD.Barrier()
+    if AGREEMENT.size > 1:
+        gc.collect()
+        MPI.COMM_WORLD.Barrier()
 
 
 @pytest.fixture

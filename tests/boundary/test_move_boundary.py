@@ -451,7 +451,12 @@ def test_a_design_ends_with_steps_of_its_boundary(shared_tmp_path: Path) -> None
 def test_steps_go_on_where_they_were_ended(
     shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Killed after its second step, a run ends as one that was not; others' steps are refused."""
+    """From its checkpoint after two steps, a run ends as it did; others' steps are refused.
+
+    On one rank exactly. On several MUMPS adds up in an order that changes from run to run, and the
+    mesh of a boundary follows its last bits: the first step after the checkpoint, whose gradient is
+    that of the same mesh, leads to the same boundary, and psi ends at the same value.
+    """
     domain = ffr.Domain.rectangle(MPI.COMM_WORLD, 0.4, 0.04, elements=(40, 4))
     problem = reference_problem(domain.comm, domain=domain, steps=60, modes=3)
     options = {"volume": 0.6, "iterations": 4, "progress": False, "output": shared_tmp_path}
@@ -461,31 +466,29 @@ def test_steps_go_on_where_they_were_ended(
         assert result.moved is not None
         return result.moved
 
-    whole = run()
-    save, saved = StepsCheckpoint.save, []
+    save, saved, path = StepsCheckpoint.save, [], shared_tmp_path / "checkpoint"
 
-    def last(self: StepsCheckpoint, kept: Kept) -> None:
+    def kept_too(self: StepsCheckpoint, kept: Kept) -> None:
         save(self, kept)
-        saved.append(kept)
-        if len(saved) == 2:
-            raise KeyboardInterrupt
+        saved.append((kept, load_checkpoint(domain.comm, path)))
 
-    monkeypatch.setattr(StepsCheckpoint, "save", last)
-    with pytest.raises(KeyboardInterrupt):
-        run()
+    monkeypatch.setattr(StepsCheckpoint, "save", kept_too)
+    whole, steps = run(), list(saved)
+    save_checkpoint(domain.comm, path, steps[1][1])
     rest = run(resume=True)
-    assert len(saved) == len(whole.history["psi"]) - 2  # those before are not made again
-    near = 1e-9 if domain.comm.size == 1 else 1e-4
+    assert len(saved) == 2 * len(steps) - 2  # those before are not made again
+    one, near = domain.comm.size == 1, 1e-4
+    exact = slice(None if one else 3)
     for name, column in whole.history.items():
-        # on several ranks meshes follow last bits, by a cell or two more
-        bound = near if name != "cells" or domain.comm.size == 1 else 0.01
-        assert rest.history[name] == pytest.approx(column, rel=bound, abs=near), name
+        np.testing.assert_array_equal(rest.history[name][exact], column[exact], name)
+        if name != "cells":
+            assert rest.history[name] == pytest.approx(column, rel=near, abs=near), name
+    there, here = (kept.now["rod"].state() for kept, _ in (steps[2], saved[len(steps)]))
+    np.testing.assert_allclose(here["control"], there["control"], rtol=0.0, atol=1e-10)
     assert len(rest.materials["rod"]) == len(whole.materials["rod"])
-    assert rest.psi == pytest.approx(whole.psi, rel=near)
     # once it has ended, nothing is left to do
     again = run(resume=True)
-    assert again.psi == pytest.approx(whole.psi, rel=near)
-    path = shared_tmp_path / "checkpoint"
+    assert again.psi == pytest.approx(whole.psi, rel=1e-12 if one else near)
     data = load_checkpoint(domain.comm, path)
     for key, value, why in (
         ("boundary start rod control", 1.001, "the boundaries with which its steps began"),

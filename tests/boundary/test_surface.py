@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from mpi4py import MPI
 
@@ -188,7 +190,7 @@ def test_balls_that_touch_a_surface() -> None:
 
 @pytest.mark.slow
 @pytest.mark.mpi
-def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
+def test_steps_lower_psi_and_tell_what_the_solid_is(
     comm: MPI.Comm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On any number of ranks alike, beside a finer mesh; the file is closed."""
@@ -215,6 +217,28 @@ def test_steps_on_any_number_of_ranks_lower_psi_and_tell_what_the_solid_is(
     assert pyvista.read(path).clean().is_manifold
     told = result.summary()["volume"]
     assert found.fitted[0].bodies["beam"].volume == pytest.approx(told, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("finer", "told"), [((1.2, 1.3), 1.3), ((1.2, MemoryError()), 1.2), ((1.0001, 9.9), 1.0001)]
+)
+def test_solids_are_cut_finer_until_psi_stands(
+    monkeypatch: pytest.MonkeyPatch, finer: tuple[Any, ...], told: float
+) -> None:
+    """Twice at most, and no finer than there is memory for."""
+    results = iter(finer)
+
+    def cut(*_: Any) -> Any:
+        if isinstance(psi := next(results), Exception):
+            raise psi
+        return SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=psi))
+
+    monkeypatch.setattr(_Descent, "resolved", cut)
+    start = SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=1.0))
+    found, change = _Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(start)
+    assert found.evaluation.psi == told
+    steps = [1.0, *(psi for psi in finer[: 1 + (told == 1.3)])]
+    assert change == pytest.approx(abs(steps[-2] / steps[-1] - 1.0))
 
 
 @pytest.mark.slow

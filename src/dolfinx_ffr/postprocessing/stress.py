@@ -132,8 +132,9 @@ class StressModes:
 
     def von_mises(self, z: ArrayLike) -> Array:
         """The von Mises stress at the points for ``z`` as of `stress`, (cells, points) [Pa]."""
-        stress = np.moveaxis(self.stress(z), -1, 0)
-        return np.sqrt(self._squared(stress[: self.values.shape[2]]))
+        components = self.values.shape[2]
+        root = von_mises_root(self.out_of_plane, components)
+        return np.linalg.norm(self.stress(z)[..., :components] @ root.T, axis=-1)
 
     def worst(self, z: Array, times: Array) -> StressEnvelope:
         """The largest von Mises stress of each cell over time; collective.
@@ -142,15 +143,15 @@ class StressModes:
         """
         cells, points, components, n = self.values.shape
         worst, step = np.zeros((cells, points)), np.zeros((cells, points), dtype=np.int64)
-        chosen = np.flatnonzero(self.solid)
+        chosen, root = np.flatnonzero(self.solid), von_mises_root(self.out_of_plane, components)
         several = max(1, _BLOCK // (components * points * len(z)))
         history = np.ascontiguousarray(z.T)
         for first in range(0, len(chosen), several):
             part = chosen[first : first + several]
-            # component by component, so that each is contiguous in time
-            modes = np.moveaxis(self.values[part], 2, 0).reshape(-1, n)
-            stress = (modes @ history).reshape(components, len(part), points, len(z))
-            squared = self._squared(stress)
+            # of the modes, which are fewer than the steps; each row is contiguous in time
+            modes = np.tensordot(root, self.values[part], axes=(1, 2)).reshape(-1, n)
+            rooted = (modes @ history).reshape(len(root), len(part), points, len(z))
+            squared = np.einsum("cept,cept->ept", rooted, rooted)
             step[part] = np.argmax(squared, axis=2)
             worst[part] = np.take_along_axis(squared, step[part][..., None], axis=2)[..., 0]
         at = np.arange(cells), np.argmax(worst, axis=1)
@@ -165,11 +166,6 @@ class StressModes:
         return StressEnvelope(
             stress, step, when[step], self.solid, largest, float(when[first]), first, position
         )
-
-    def _squared(self, stress: Array) -> Array:
-        """The square of the von Mises stress, of the components along the first axis."""
-        root = von_mises_root(self.out_of_plane, len(stress))
-        return np.asarray(np.sum(np.tensordot(root, stress, axes=1) ** 2, axis=0))
 
 
 @dataclass(frozen=True)
