@@ -301,6 +301,23 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     assert result.psi < 0.8 * result.history["psi"][0]
 
 
+def test_controls_that_crowd_are_set_apart() -> None:
+    """There a curve may crease within less than a step at which radii are looked at otherwise."""
+    _, boundary = scene(alone=True)
+    key = boundary.holes[2]
+    curve = boundary.free[key]
+    control = curve.control.copy()
+    control[[-1, 1]] = control[0] + 0.02 * (control[[-1, 1]] - control[0])
+    control[0] += 5e-6 * boundary.normals[boundary.first[key]]
+    creased = replace(boundary, free={**boundary.free, key: curve.moved(control)})
+    told = radius_rows(creased)
+    assert told.smallest == pytest.approx(creased.smallest_radius, rel=1e-9)
+    assert told.missed > 0.1 and creased.crowded == [key] and not boundary.crowded
+    ((without, count),) = InThePlane().simpler(creased, {}, walls=False)
+    assert count == 0 and not without.crowded and radius_rows(without).missed == 0.0
+    assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
+
+
 def test_a_bound_that_only_finer_meshes_exceed_is_tightened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

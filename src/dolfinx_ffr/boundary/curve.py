@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,9 @@ from ..fem import Spline
 #: Weight of the second differences of the controls when a curve is fitted to points: steps along
 #: the elements of a mesh go, members stay where they are
 SMOOTHING = 1.0
+#: Parameters in a span, its ends among them, at which the curvature is looked at: where controls
+#: are near each other it changes within a small share of a radius
+BENDS = 32
 #: Points to which a curve is fitted for each of its controls, at least
 _DENSE = 16
 
@@ -92,7 +96,7 @@ class FreeCurve:
     @property
     def smallest_radius(self) -> float:
         """The smallest radius of curvature [m]."""
-        s = np.linspace(0.0, self.spans, 32 * self.spans + 1)
+        s = np.linspace(0.0, self.spans, BENDS * self.spans + 1)
         return 1.0 / max(float(np.max(np.abs(self.turn(s)[0]))), 1e-300)
 
     @property
@@ -104,11 +108,11 @@ class FreeCurve:
             s[[0, -1]] = 0.0, self.spans
         return self.normals(s)
 
-    def sampled(self, step: float) -> Array:
-        """Parameters at which points are at most about ``step`` [m] apart."""
+    def sampled(self, step: float, each: int = 4) -> Array:
+        """Parameters, ``each`` of a span or more, of points at most about ``step`` [m] apart."""
         fine = self.at(np.linspace(0.0, self.spans, 8 * self.spans + 1))
         length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
-        count = max(int(np.ceil(length / step)), 4 * self.spans)
+        count = max(math.ceil(length / step), each * self.spans)
         return np.linspace(0.0, self.spans, count, endpoint=False)
 
     def nearest(self, points: Array, near: Array) -> Array:

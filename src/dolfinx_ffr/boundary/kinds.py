@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from ..arrays import Array
 from ..fem import Domain
@@ -133,23 +133,25 @@ class InThePlane(Kind[Boundary]):
     def simpler(
         self, boundary: Boundary, costs: Costs, walls: bool
     ) -> Iterator[tuple[Boundary, int]]:
-        """Without small holes, what ends free, and the struts whose minimum width costs most."""
+        """Without small holes, crowds of controls, what ends free, and struts that cost most."""
         small = [boundary.specks, *boundary.pockets[:_TRIED]]
         for holes in small:
             if holes and len(holes) < len(boundary.holes):
                 yield boundary.without(holes), len(holes)
-        every = set(boundary.holes)
+        every, crowded = set(boundary.holes), boundary.crowded
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
         dear = dear[:_TRIED] + (boundary.walls[:_WALLS] if walls else [])
-        tried = [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
+        tried: list[tuple[Callable[[Any], Boundary], Any]]
+        tried = [(boundary.evened, crowded)] if crowded else []
+        tried += [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
         for without, what in [*tried, *((boundary.joined, pair) for pair in dear)]:
             try:
                 found = without(what)
             except ValueError:
                 continue
             if found.valid:
-                yield found, max(len(boundary.holes) - len(found.holes), 1)
+                yield found, max(len(boundary.holes) - len(found.holes), int(what is not crowded))
 
 
 def _enough(boundary: Boundary) -> float:

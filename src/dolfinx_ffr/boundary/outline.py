@@ -47,6 +47,8 @@ _OFF_SOLID = 0.25
 _RADIUS = 0.5
 #: How far around a spur its curve is drawn anew, in minimum members, and points of a curve at least
 _TRIMMED, _FEWEST = 0.3, 12
+#: Distance of controls that have come too near each other, in those that they were made with
+_CROWDED = 0.2
 #: Steps along the boundary at which members and gaps are measured, in minimum members
 _STEP = 0.2
 
@@ -456,6 +458,26 @@ class Boundary:
                 runs[key] = Run(points[~gone], curve.nodes)
                 if len(runs[key].points) < _FEWEST:
                     raise ValueError("boundary: nothing is left of a curve without its spur")
+        return self._anew(runs)
+
+    @property
+    def crowded(self) -> list[int]:
+        """The numbers of curves whose controls have come near each other, where they may crease."""
+        found = []
+        for key, curve in self.free.items():
+            x = curve.control if curve.closed else curve.control[1:-1]
+            way = x - np.roll(x, 1, axis=0) if curve.closed else np.diff(x, axis=0)
+            least = _CROWDED * self.spacing * (1.0 if curve.closed else 2.0)
+            if np.min(np.linalg.norm(way, axis=1), initial=np.inf) < least:
+                found.append(key)
+        return found
+
+    def evened(self, keys: Iterable[int]) -> Boundary:
+        """The boundary with some curves fitted anew, by their numbers, controls apart again."""
+        return self._anew({k: Run(self._points(self.free[k]), self.free[k].nodes) for k in keys})
+
+    def _anew(self, runs: dict[int, Run]) -> Boundary:
+        """With curves along runs in the place of those of their numbers."""
         curves, masters = fitted(list(runs.values()), self.spacing, self.isometries)
         alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())
         own = dict(zip(runs, curves.values(), strict=True))

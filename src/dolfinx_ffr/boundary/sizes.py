@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers
+from .curve import BENDS
 from .outline import Boundary
 
 #: By how much members are kept wider than the minimum
@@ -107,7 +108,7 @@ def radius_rows(boundary: Boundary) -> Rows:
     for key, curve in boundary.free.items():
         if not least:
             break
-        s = curve.sampled(_STEP * least)
+        s = curve.sampled(_STEP * least, BENDS)
         turn, a, b, size = curve.turn(s)
         tight = np.flatnonzero(np.abs(turn) * SEEN * least > 1.0)
         # of the points at which a control weighs most the tightest
