@@ -250,9 +250,9 @@ def test_small_holes_are_tried_without() -> None:
 
     given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
     assert len(given.holes) == len(boundary.holes) + 1
-    ((without, count),) = InThePlane().simpler(given, {}, walls=False)
+    ((without, count),) = InThePlane().simpler(given, {})
     assert count == 1 and len(without.holes) == len(boundary.holes)
-    assert not list(InThePlane().simpler(boundary, {}, walls=False))
+    assert not list(InThePlane().simpler(boundary, {}))
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_controls_that_crowd_are_set_apart() -> None:
     told = radius_rows(creased)
     assert told.smallest == pytest.approx(creased.smallest_radius, rel=1e-9)
     assert told.missed > 0.1 and creased.crowded == [key] and not boundary.crowded
-    ((without, count),) = InThePlane().simpler(creased, {}, walls=False)
+    ((without, count),) = InThePlane().simpler(creased, {})
     assert count == 0 and not without.crowded and radius_rows(without).missed == 0.0
     assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
 

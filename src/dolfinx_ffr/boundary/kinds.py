@@ -25,9 +25,9 @@ Costs = dict[tuple[int, int], float]
 #: least, so that psi of a part with few members is told as well; how much larger they may be in
 #: steps in which no stress counts, as psi differs by no more than 0.1 % by them
 _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
-#: What the minimum width of a strut must cost to be tried without it, as share of psi (most that
-#: cost less carry a tenth of it), how many are tried at once, and how many that may be wider
-_PRICE, _TRIED, _WALLS = 0.01, 3, 2
+#: What the minimum width of a strut must cost to be tried without it, as share of psi, and how many
+#: are tried at once: most that cost less carry a tenth of psi
+_PRICE, _TRIED = 0.01, 3
 
 #: Share of the minimum below which a member of a solid is told, by balls on a lattice
 _THINNER = 0.9
@@ -87,11 +87,8 @@ class Kind(ABC, Generic[B]):
         """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
 
-    def simpler(self, boundary: B, costs: Costs, walls: bool) -> Iterator[tuple[B, int]]:
-        """The boundary without what may not pay, and how many holes and struts that were.
-
-        Struts that are wider than they must be are among that if ``walls`` are asked for.
-        """
+    def simpler(self, boundary: B, costs: Costs) -> Iterator[tuple[B, int]]:
+        """The boundary without what may not pay, and how many holes and struts that were."""
         return iter(())
 
     def said(self, boundary: B) -> list[str]:
@@ -130,9 +127,7 @@ class InThePlane(Kind[Boundary]):
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
 
-    def simpler(
-        self, boundary: Boundary, costs: Costs, walls: bool
-    ) -> Iterator[tuple[Boundary, int]]:
+    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
         """Without small holes, crowds of controls, what ends free, and struts that cost most."""
         small = [boundary.specks, *boundary.pockets[:_TRIED]]
         for holes in small:
@@ -141,11 +136,10 @@ class InThePlane(Kind[Boundary]):
         every, crowded = set(boundary.holes), boundary.crowded
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
-        dear = dear[:_TRIED] + (boundary.walls[:_WALLS] if walls else [])
         tried: list[tuple[Callable[[Any], Boundary], Any]]
         tried = [(boundary.evened, crowded)] if crowded else []
         tried += [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
-        for without, what in [*tried, *((boundary.joined, pair) for pair in dear)]:
+        for without, what in [*tried, *((boundary.joined, pair) for pair in dear[:_TRIED])]:
             try:
                 found = without(what)
             except ValueError:

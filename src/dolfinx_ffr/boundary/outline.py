@@ -38,8 +38,8 @@ _SPECK, _POCKET = 5.0, 20.0
 #: How far from the strut between them holes that are joined are made convex, so that no noses stay,
 #: and half the widths of bays that go and of bays that are filled then, in minimum members
 _CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
-#: Greatest distance of holes between which a wall is tried without, in minimum members
-_WALL = 6.0
+#: Greatest distance of holes that are joined, in minimum members
+_JOINED = 6.0
 #: Distance of the controls from what must stay solid, in minimum members: what they leave there is
 #: no member, as it is one piece with the solid
 _OFF_SOLID = 0.25
@@ -381,11 +381,14 @@ class Boundary:
     def joined(self, pair: tuple[int, int]) -> Boundary:
         """The boundary with a ``pair`` of holes made one, and their mirror images likewise.
 
-        What is between them goes. ValueError if that is wider than a wall that is tried without, or
-        the holes are not both of one face.
+        What is between them goes. ValueError if that is wider than six minimum members, or the
+        holes are not both of one face.
         """
         keys = self.holes
-        pairs = np.array(self._images(pair))
+        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
+        where = tree.data[[keys.index(key) for key in pair]]
+        edges = {tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries}
+        pairs = np.array(sorted(edges))
         number = connected(pairs, len(keys))
         runs, gone = [], []
         for group in np.unique(number[pairs[:, 0]]):
@@ -396,7 +399,7 @@ class Boundary:
             union = union.buffer(_BETWEEN * self.member).buffer(-_BETWEEN * self.member)
             # no bays that curves so coarse could not follow
             union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
-            far = self.hole(pair[0]).distance(self.hole(pair[1])) > _WALL * self.member
+            far = self.hole(pair[0]).distance(self.hole(pair[1])) > _JOINED * self.member
             if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
                 raise ValueError("boundary: the holes are too far apart to be made one")
             ring = shapely.geometry.polygon.orient(union, -1.0).exterior
@@ -410,27 +413,6 @@ class Boundary:
         way = a.distance(b) + _CONVEX * self.member
         facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
         return shapely.union_all(facing).convex_hull
-
-    def _images(self, pair: tuple[int, int]) -> list[tuple[int, ...]]:
-        """The places among `holes` of a ``pair`` and its mirror images."""
-        keys = self.holes
-        tree = cKDTree([self.hole(key).centroid.coords[0] for key in keys])
-        where = tree.data[[keys.index(key) for key in pair]]
-        return sorted({tuple(sorted(tree.query(g(where))[1].tolist())) for g in self.isometries})
-
-    @property
-    def walls(self) -> list[tuple[int, int]]:
-        """Pairs of holes that are near each other, of mirror images one, with most in between."""
-        keys, found = self.holes, dict[tuple[int, ...], float]()
-        holes = [self.hole(key) for key in keys]
-        near = _WALL * self.member
-        tree = shapely.STRtree(holes)
-        for i, j in tree.query(holes, predicate="dwithin", distance=near).T.tolist():
-            if i < j:
-                images = self._images((keys[i], keys[j]))
-                gone = self._between(keys[i], keys[j]).difference(holes[i]).difference(holes[j])
-                found.setdefault(images[0], len(images) * gone.area)
-        return [(keys[i], keys[j]) for i, j in sorted(found, key=lambda pair: -found[pair])]
 
     @property
     def spurs(self) -> list[shapely.Geometry]:
@@ -473,7 +455,7 @@ class Boundary:
         return found
 
     def evened(self, keys: Iterable[int]) -> Boundary:
-        """The boundary with some curves fitted anew, by their numbers, controls apart again."""
+        """The boundary with the curves of some ``keys`` fitted anew, their controls apart again."""
         return self._anew({k: Run(self._points(self.free[k]), self.free[k].nodes) for k in keys})
 
     def _anew(self, runs: dict[int, Run]) -> Boundary:

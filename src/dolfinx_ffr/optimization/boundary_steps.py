@@ -345,8 +345,7 @@ class _Descent:
         removed, most = 0, max(trial.missed, _HELD) if last else math.inf
         for name, boundary in trial.boundaries.items():
             best, fewer = None, 0
-            # bounds of stress make struts wider than they must be, also where these carry nothing
-            for changed, fewest in self.kind.simpler(boundary, costs[name], self.turn < math.inf):
+            for changed, fewest in self.kind.simpler(boundary, costs[name]):
                 try:
                     other = self.tried({**trial.boundaries, name: changed})
                 except (ValueError, SimulationError):
@@ -477,8 +476,7 @@ def moved(
     objectives = [case.objective for case in problem.load_cases.values()]
     objectives += [constraint.objective for constraint in problem.constraints]
     turn = _TURN if any(map(_is_stress, objectives)) else math.inf
-    spare = _of_stress(problem, _SPARE)
-    descent = _Descent(problem, bounds, sizes, others, turn, spare)
+    descent = _Descent(problem, bounds, sizes, others, turn, _of_stress(problem, _SPARE))
     ordered = {name: given[name] for name in names}
     return _descended(descent, ordered, steps, mode_tolerance, progress, checkpoint)
 
@@ -515,8 +513,7 @@ def _descended(
             reach, weight, margin = _FIRST, _OF_BOUNDS, 0.0
             told = [trial.told(0.0, 0, 0)]
             shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
-        last = max(steps, len(told) - 1)
-        last += -(last - steps) % _MENDING
+        last = steps - _MENDING * (min(0, steps + 1 - len(told)) // _MENDING)
         ends: list[tuple[Trial, float]] = []
         for number in count(len(told)):
             if number > last:
