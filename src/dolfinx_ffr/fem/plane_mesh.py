@@ -314,8 +314,12 @@ def mesh_faces(
     *,
     order: int = 1,
     local: LocalSizes | None = None,
+    grow: bool = False,
 ) -> None:
-    """Mesh a drawing with its physical groups by triangles of a ``size``, or smaller [m]."""
+    """Mesh a drawing with its physical groups by triangles of a ``size``, or smaller [m].
+
+    With ``grow`` they grow from the cells along the curves, whose sizes may be ``local``.
+    """
     model = gmsh.model
     divided = [_divided(curve, size, local) for curve in drawing.curves]
     _refuse_crossed(drawing, divided, size)
@@ -332,8 +336,7 @@ def mesh_faces(
         "Mesh.MeshSizeMin": 0.0,
         "Mesh.MeshSizeMax": size,
         "Mesh.MeshSizeFromPoints": 0,
-        # narrow members and notches have short cells along their sides, from which triangles grow
-        "Mesh.MeshSizeExtendFromBoundary": int(local is not None),
+        "Mesh.MeshSizeExtendFromBoundary": int(grow),
         # an error would be thrown within a parallel loop of gmsh, which ends the program
         "General.AbortOnError": 0,
     }

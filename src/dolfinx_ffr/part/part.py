@@ -303,7 +303,9 @@ class Part(Enclosed):
         for attempt in _SMALLER:
             try:
                 local = self._local_sizes(attempt * size, across, turn)
-                mesh_faces(gmsh, self.drawing, attempt * size, order=min(degree, 2), local=local)
+                # alike where no cell needs to be small, which the last bits of curves may decide
+                how: dict[str, Any] = {"order": min(degree, 2), "local": local, "grow": True}
+                mesh_faces(gmsh, self.drawing, attempt * size, **how)
                 return
             except ValueError:
                 if attempt == _SMALLER[-1]:
