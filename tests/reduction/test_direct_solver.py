@@ -75,9 +75,31 @@ def test_copies_are_made_where_the_memory_suffices(
     matrix = elasticity.new_matrix()
     expected: type[LinearSolver] = SharedFactor if comm.size == 1 else CopiedFactor
     many = module.direct_solver(elasticity, matrix)
-    monkeypatch.setattr(module, "agreed_memory", lambda comm, most: 100_000)
+    monkeypatch.setattr(module, "agreed_memory", lambda comm, most=None: 100_000)
     few = module.direct_solver(elasticity, matrix)
     assert type(many) is expected
     assert type(few) is SharedFactor
     for item in (many, few, matrix):
         item.destroy()
+
+
+@pytest.mark.mpi
+def test_a_factor_that_does_not_fit_is_refused_before_it_is_made(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the solver that would fit; a control group's limit counts as memory of the machine."""
+    flexible = rod(comm, (12, 4, 4))
+    monkeypatch.setattr(module, "agreed_memory", lambda *_: 10_000)
+    expected = r'factor .* 975 unknowns: .*entries are some .*GB, more than .*solver="iterative"'
+    with pytest.raises(ValueError, match=expected):
+        flexible.reduce(np.ones(flexible.domain.n_cells))
+
+
+def test_entries_of_a_factor_are_no_more_than_those_of_a_band() -> None:
+    """Of a rod a hundred times as long as high, by its sections."""
+    elasticity = rod(MPI.COMM_SELF, (400, 4, 4), (4.0, 0.04, 0.04)).elasticity
+    matrix = elasticity.new_matrix()
+    section = 3 * 5 * 5
+    entries = module.factor_entries(elasticity, matrix)
+    assert section <= entries / elasticity.n_dofs < 2 * section
+    matrix.destroy()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from copy import copy
 
 from mpi4py import MPI
@@ -14,7 +15,7 @@ from shared.body_compliance import body_compliance
 from shared.rods import rod
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.reduction import multigrid
+from dolfinx_ffr.reduction import direct_solver, multigrid
 from dolfinx_ffr.reduction.nested_boxes import interpolations
 
 pytestmark = pytest.mark.mpi
@@ -91,12 +92,28 @@ def test_the_solver_stays_with_the_body(comm: MPI.Intracomm) -> None:
     assert fewer.reduction.solver == copy(iterative.reduction).solver == "iterative"
 
 
-def test_no_convergence_is_told_with_the_remedy(
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_stall_is_told_and_a_factor_takes_over(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, dimension: int
+) -> None:
+    monkeypatch.setattr(multigrid, "MAX_ITERATIONS", 4)
+    direct, iterative = pair(comm, dimension)
+    x = holes(direct.domain)
+    with pytest.warns(UserWarning, match=r"stalls .* in 4 iterations.* goes on with a factor"):
+        found = iterative.reduce(x).basis.frequencies
+    assert_allclose(found, direct.reduce(x).basis.frequencies, rtol=1e-9)
+    with warnings.catch_warnings():  # told once
+        warnings.simplefilter("error")
+        iterative.reduce(np.sqrt(x))
+
+
+def test_a_stall_where_no_factor_fits_is_told_with_the_remedy(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(multigrid, "MAX_ITERATIONS", 2)
-    _, iterative = pair(comm, 2)
-    with pytest.raises(RuntimeError, match=r'not converge in 2 iterations: .*solver="direct"'):
+    monkeypatch.setattr(direct_solver, "agreed_memory", lambda *_: 10_000)
+    _, iterative = pair(comm, 3)
+    with pytest.raises(RuntimeError, match=r"in 2 iterations.* does not fit: .*more stiffness"):
         iterative.reduce(holes(iterative.domain))
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Integers
 from ..fem import Block, Elasticity, by_dense, dense_matrix
+from ..limits import check_count
 from ..parallel import agreed_memory
 
 #: How bodies are solved: by factors, or by conjugate gradients with multigrid
@@ -48,9 +49,14 @@ class LinearSolver(ABC):
 
 
 def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
-    """The solver for the matrices of a body, all like ``matrix``; collective."""
+    """The solver for the matrices of a body, all like ``matrix``; collective.
+
+    Raises:
+        ValueError: On every rank, if the memory of the machine does not hold a factor.
+    """
     comm = elasticity.comm
-    if comm.size > 1 and _has_cholmod() and copies_fit(matrix, elasticity.dimension):
+    check_memory(elasticity, matrix, 'take solver="iterative" for the body, or fewer elements')
+    if comm.size > 1 and _has_cholmod() and copies_fit(elasticity, matrix):
         return CopiedFactor(elasticity)
     return SharedFactor(elasticity, factor_package(comm))
 
@@ -64,15 +70,41 @@ def _has_cholmod() -> bool:
     return any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
 
 
-def copies_fit(matrix: PETSc.Mat, dimension: int) -> bool:
-    """Whether the memory lets a few ranks hold the whole factor each; the same on every rank."""
-    n = matrix.size[0]
-    entries = matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
+def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat) -> float:
+    """About how many entries a factor of a matrix of the body has."""
+    n, entries = matrix.size[0], _entries(matrix)
     # By nested dissection a factor has more entries than the matrix in proportion to log n in the
     # plane and to n^(1/3) in space; 0.23 log2(n) times as many were seen with 130,000 unknowns.
-    filled = 0.35 * entries * (math.log2(max(n, 2)) if dimension == 2 else n ** (1.0 / 3.0))
-    largest = 16.0 * filled + 12.0 * entries
+    growth = math.log2(max(n, 2)) if elasticity.dimension == 2 else n ** (1.0 / 3.0)
+    # of a slender body it has no more than the band that sections across it make
+    domain = elasticity.domain
+    length = float(np.ptp(domain.bounding_box, axis=0).max())
+    band = n * domain.cell_size / (domain.order * length)
+    return min(0.35 * entries * growth, n * max(band, entries / n))
+
+
+def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None:
+    """Refuse a factor that the memory of all ranks does not hold: ValueError on every rank."""
+    comm = matrix.comm.tompi4py()
+    check_count(
+        f"reduction: a factor of the stiffness of a body with {matrix.size[0]:,} unknowns",
+        factor_entries(elasticity, matrix),
+        "entries",
+        remedy,
+        each=8.0,
+        most=math.inf,
+        available=comm.size * agreed_memory(comm),
+    )
+
+
+def copies_fit(elasticity: Elasticity, matrix: PETSc.Mat) -> bool:
+    """Whether the memory lets a few ranks hold the whole factor each; the same on every rank."""
+    largest = 16.0 * factor_entries(elasticity, matrix) + 12.0 * _entries(matrix)
     return bool(largest <= SHARE * agreed_memory(matrix.comm.tompi4py(), HOLDERS))
+
+
+def _entries(matrix: PETSc.Mat) -> float:
+    return float(matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"])
 
 
 def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:

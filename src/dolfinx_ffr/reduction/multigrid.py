@@ -12,6 +12,7 @@ References:
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 
@@ -22,7 +23,7 @@ import numpy as np
 from ..arrays import Integers, Mask
 from ..fem import Array, Block, Elasticity, by_dense, dense_matrix
 from .coarse_systems import coarse_systems
-from .direct_solver import LinearSolver
+from .direct_solver import LinearSolver, SharedFactor, check_memory, factor_package
 from .eigenpairs import by_columns
 from .lobpcg import lobpcg
 
@@ -30,8 +31,8 @@ from .lobpcg import lobpcg
 DEGREE = 3
 #: Iterations for the largest eigenvalue of the scaled matrix of a level, and a factor of safety
 POWER_ITERATIONS, MARGIN = 15, 1.1
-#: Iterations after which conjugate gradients give up
-MAX_ITERATIONS = 2000
+#: Iterations after which conjugate gradients give up: a factor, if it fits, is made in less time
+MAX_ITERATIONS = 500
 #: Tolerance of solutions, relative to that of modes and adjoints
 SHARE = 1e-2
 
@@ -47,9 +48,14 @@ class MultigridSolver(LinearSolver):
         self._stiffness: PETSc.Mat | None = None
         self._mass: PETSc.Mat | None = None
         self._levels: list[_Level] = []  # from the coarsest
+        #: In the place of cycles, once these have stalled
+        self._direct: LinearSolver | None = None
 
     def factor(self, matrix: PETSc.Mat) -> None:
         self._stiffness = self._systems.part(matrix, self._stiffness)
+        if self._direct is not None:
+            self._direct.factor(self._stiffness)
+            return
         levels = self._systems.levels(self._stiffness)
         self._levels = [_Level(*level, self._elasticity.sum) for level in levels]
 
@@ -62,13 +68,28 @@ class MultigridSolver(LinearSolver):
             lambda fields, _: _product(self._stiffness, fields), self._cycle, result[self._free]
         )
         if found is None:
-            raise RuntimeError(
-                "reduction: conjugate gradients with multigrid did not converge in "
-                f"{iterations} iterations: the body is too ill-conditioned for them; take "
-                'solver="direct", or a void with more stiffness'
-            )
+            self._fall_back(f"conjugate gradients did not converge in {iterations} iterations")
+            return self.solve(block)
         result[self._free] = found
         return result
+
+    def _fall_back(self, why: str) -> None:
+        """Go on with a factor in the place of cycles; RuntimeError where that is no way out."""
+        what = (
+            f"reduction: multigrid stalls ({why}): the body is too ill-conditioned for it, as very "
+            "slender elements and void of next to no stiffness are"
+        )
+        remedy = "take a void with more stiffness, or elements whose edges are more alike"
+        if self._direct is not None:
+            raise RuntimeError(f"{what}, and so is it for a factor; {remedy}")
+        assert self._stiffness is not None
+        try:
+            check_memory(self._elasticity, self._stiffness, remedy)
+        except ValueError as error:
+            raise RuntimeError(f"{what}. A factor does not fit: {error}") from error
+        warnings.warn(f'{what}; it goes on with a factor, as solver="direct" does', stacklevel=2)
+        self._direct = SharedFactor(self._elasticity, factor_package(self._elasticity.comm))
+        self._direct.factor(self._stiffness)
 
     def _conjugate_gradients(
         self,
@@ -132,16 +153,21 @@ class MultigridSolver(LinearSolver):
             return found
 
         solution, iterations = self._conjugate_gradients(image_of, preconditioned, loads)
+        if solution is None and self._direct is None:
+            self._fall_back(f"the adjoint did not converge in {iterations} iterations")
+            return self.solve_shifted(matrices, loads, shifts, modes)
         if solution is None:
             raise RuntimeError(
                 "reduction: the adjoint of the normal modes did not converge in "
-                f"{iterations} iterations with multigrid; choose a number of modes that does not "
-                'cut through close frequencies, or take solver="direct"'
+                f"{iterations} iterations; choose a number of modes that does not cut through "
+                "close frequencies"
             )
         return solution, iterations
 
     def _cycle(self, block: Block) -> Block:
         """One cycle of multigrid, a symmetric approximation of the inverse, on free dofs."""
+        if self._direct is not None:
+            return self._direct.solve(block)
         return self._cycle_from(len(self._levels) - 1, block)
 
     def _cycle_from(self, k: int, block: Block) -> Block:
@@ -174,11 +200,13 @@ class MultigridSolver(LinearSolver):
             known=deflated,
             tolerance=self._tolerance,
         )
+        if found is None and self._direct is None:
+            self._fall_back(f"{number} normal modes did not converge")
+            return self.modes(mass, number, starts, known)
         if found is None:
             raise RuntimeError(
-                f"reduction: {number} normal modes did not converge by multigrid; the mesh may be "
-                "too coarse for so many modes, or the design may have fallen apart; else take "
-                'solver="direct"'
+                f"reduction: {number} normal modes did not converge; the mesh may be too coarse "
+                "for so many modes, or the design may have fallen apart"
             )
         eigenvalues, free_fields = found
         fields = np.zeros((len(starts), len(eigenvalues)))
@@ -187,6 +215,8 @@ class MultigridSolver(LinearSolver):
 
     def destroy(self) -> None:
         self._systems.destroy()
+        if self._direct is not None:
+            self._direct.destroy()
 
 
 class _Level:
