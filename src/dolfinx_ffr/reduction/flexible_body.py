@@ -119,9 +119,12 @@ class FlexibleBody:
             ``"rotation"``, ``"acceleration"``), and ``"markers"`` for the forces of joints, springs
             and others at markers, and the inertia of point masses there; none by default.
         solver: ``"direct"`` factors the stiffness (CHOLMOD, MUMPS). ``"iterative"`` takes conjugate
-            gradients with algebraic multigrid (PETSc's GAMG) to a hundredth of ``tolerance``, for
-            bodies in space whose factor is too large for the memory; it is slower, and does not
-            certify by a count that no mode is missing.
+            gradients with multigrid to a hundredth of ``tolerance``, for bodies in space whose
+            factor is too large for the memory: by nested boxes where the nodes stand on a lattice
+            (`Domain.rectangle`, `Domain.box`), else by aggregates (PETSc's GAMG). It takes half
+            the memory and more time, and does not certify by a count that no mode is missing.
+            Where it stalls it warns and goes on with a factor. A factor that the memory does not
+            hold is refused with the first density (ValueError on every rank).
 
     Raises:
         ValueError: On every rank, if frame, modes or markers do not fit the domain, or a number is
