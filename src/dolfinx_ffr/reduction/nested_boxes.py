@@ -22,6 +22,8 @@ SAME = 1e-8
 #: Least number of planes across which is halved: with fewer the coarse boxes are too stiff in
 #: bending
 LEAST = 5
+#: Ratio of pitches up to which axes are alike
+ALIKE = 1.5
 
 
 def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | None:
@@ -36,8 +38,15 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
     places = _places(elasticity.coordinates(), planes)
     free = ~clamped[:: elasticity.dimension]
     found: list[PETSc.Mat] = []
-    while min(map(len, planes)) >= LEAST:
-        kept = [_halved(len(p)) for p in planes]
+    while True:
+        # elements that are longer along an axis couple less there: first the others get as long
+        pitches = np.array([np.ptp(p) / (len(p) - 1) for p in planes])
+        halved = pitches <= ALIKE * pitches.min()
+        if any(len(p) < LEAST for p, h in zip(planes, halved, strict=True) if h):
+            return found
+        kept = [
+            _halved(len(p)) if h else np.arange(len(p)) for p, h in zip(planes, halved, strict=True)
+        ]
         shape = tuple(map(len, kept))
         # of each plane of the finer lattice, that of the coarse one, or -1
         numbers = [np.full(len(p), -1) for p in planes]
@@ -53,7 +62,6 @@ def interpolations(elasticity: Elasticity, clamped: Mask) -> list[PETSc.Mat] | N
         found.append(_interpolation(elasticity, (planes, kept), places, free, rows, len(coarse)))
         places, planes = coarse, [p[k] for p, k in zip(planes, kept, strict=True)]
         free = np.ones(len(places), dtype=bool)
-    return found
 
 
 def _planes(elasticity: Elasticity) -> list[Array] | None:
