@@ -147,6 +147,11 @@ class Elasticity:
         """A sum to which `density_form` adds, shape (cells of this rank, ghosts included)."""
         return np.zeros(len(self._density.x.array))
 
+    @property
+    def mass_over_diagonal(self) -> int:
+        """A number whose product with its diagonal is at least the mass: nodes of an element."""
+        return int(self.domain.space.dofmap.dof_layout.num_dofs)
+
     @cached_property
     def nodes(self) -> MeshNodes:
         """The nodes of the mesh, for derivatives with respect to their positions."""

@@ -433,8 +433,8 @@ class DesignLoop:
         problem, told = with_steps_for(problem, x, told)
         if self._calibrates:
             problem, told = problem.calibrated(told)
-        for name, reduced in told.bodies.items():
-            problem.flexible[name].warn_of_missing_modes(reduced)
+        for name, body in problem.flexible.items():
+            body.warn_of_missing_modes(told.bodies[name])
         bounds = dict(volume or {})
         over = {f"volume of {n}": told.volume[n] / bound - 1.0 for n, bound in bounds.items()}
         over |= {name: found.value for name, found in told.constraints.items()}

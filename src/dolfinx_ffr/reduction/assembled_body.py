@@ -36,6 +36,8 @@ class NodalDomain:
     interfaces: dict[str, Interface]
     bounding_box: Array  #: (2, 3) [m]
     dimension: int = 3
+    order: int = 1
+    cell_size: float = np.inf  #: Not known: no bound for the band of a factor
 
 
 class AssembledElasticity(Elasticity):
@@ -78,6 +80,11 @@ class AssembledElasticity(Elasticity):
         """Stiffness and mass."""
         found = (self._petsc(each) for each in (self._given.stiffness, self._given.mass))
         return Matrices(np.ones(1), *found)
+
+    @property
+    def mass_over_diagonal(self) -> int:
+        """As for a mesh; without elements it is the largest number of entries of a row."""
+        return int(np.diff(self._given.mass.tocsr().indptr).max())
 
     def coordinates(self) -> Array:
         return self._nodes

@@ -81,9 +81,7 @@ def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
     """Fields K^-1 f of normally distributed forces f, others for each ``number``, (dofs, s)."""
     elasticity = factored.elasticity
     diagonal = factored.clamped_mass.getDiagonal()
-    # an element's mass is at most its diagonal times its nodes
-    nodes = elasticity.domain.space.dofmap.dof_layout.num_dofs
-    variances = nodes * np.maximum(diagonal.getArray(readonly=True), 0.0)
+    variances = elasticity.mass_over_diagonal * np.maximum(diagonal.getArray(readonly=True), 0.0)
     diagonal.destroy()
     generator = np.random.default_rng([number, elasticity.comm.rank])
     forces = generator.standard_normal((elasticity.n_dofs, COLUMNS))
