@@ -433,8 +433,9 @@ class DesignLoop:
         problem, told = with_steps_for(problem, x, told)
         if self._calibrates:
             problem, told = problem.calibrated(told)
-        for name, body in problem.flexible.items():
-            body.warn_of_missing_modes(told.bodies[name])
+        for name, reduced in told.bodies.items():
+            if name in problem.flexible:  # the others have no density
+                problem.flexible[name].warn_of_missing_modes(reduced)
         bounds = dict(volume or {})
         over = {f"volume of {n}": told.volume[n] / bound - 1.0 for n, bound in bounds.items()}
         over |= {name: found.value for name, found in told.constraints.items()}
