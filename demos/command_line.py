@@ -13,7 +13,6 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
 
 HELP = {
     "elements": "of a body, along its axes",
@@ -101,11 +100,11 @@ def draw(
         told = f"{told or name + ': '}{result.evaluation.volume[name]:.0%} of its material"
         file = "design" if alone else file
         ffr.write_density(domain, x, output / f"{file}.xdmf")
-        plotting.plot_design(domain, {told: x}, output / f"{file}.png")
+        ffr.plotting.plot_design(domain, {told: x}, output / f"{file}.png")
     bounds: dict[str, Any] = {"psi_solid": full} if full else {"psi_unit": "m^2 s"}
-    plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
-    plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **scene)
-    plotting.animate_motion(result.problem, result.evaluation, output / "motion.gif")
+    ffr.plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
+    ffr.plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **scene)
+    ffr.plotting.animate_motion(result.problem, result.evaluation, output / "motion.gif")
 
 
 def leave_machine(
@@ -113,8 +112,8 @@ def leave_machine(
 ) -> None:
     """Draw scene and film of a machine that parameters have designed, write summary and report."""
     problem, evaluation = result.problem, result.evaluation
-    plotting.plot_scene(problem, evaluation, output / "scene.png", time=time)
-    plotting.animate_motion(problem, evaluation, output / "motion.gif")
+    ffr.plotting.plot_scene(problem, evaluation, output / "scene.png", time=time)
+    ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
     record = ffr.run_record(result, title=title, warnings=warnings)
     ffr.write_summary(problem.comm, output / "summary.json", {**record, **numbers})
     ffr.write_report(problem.comm, output)

@@ -37,7 +37,6 @@ from command_line import leave, mark, parse, say
 from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
 from dolfinx_ffr.program import run
 
 # %% Parameters
@@ -109,14 +108,16 @@ def pictures(
     """Draw the design beside the ``even`` start, its history beside psi of the ``solid`` rod."""
     domain, evaluation = problem.flexible["rod"].domain, result.evaluation
     ffr.write_density(domain, result.x, output / "design.xdmf")
-    plotting.plot_design(domain, {"start": even, "end": result.x}, output / "design.png")
+    ffr.plotting.plot_design(domain, {"start": even, "end": result.x}, output / "design.png")
     bounds = {"psi_solid": solid, "volume_bound": VOLUME, "comm": domain.comm}
-    plotting.plot_history(result.history, output / "history.png", **bounds)
+    ffr.plotting.plot_history(result.history, output / "history.png", **bounds)
     rod = result.problem.flexible["rod"]
-    plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
-    plotting.plot_crank_motion(evaluation.trajectory, output / "crank_motion.png", comm=domain.comm)
-    plotting.plot_scene(problem, evaluation, output / "scene.png")
-    plotting.animate_motion(problem, evaluation, output / "motion.gif")
+    ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
+    ffr.plotting.plot_crank_motion(
+        evaluation.trajectory, output / "crank_motion.png", comm=domain.comm
+    )
+    ffr.plotting.plot_scene(problem, evaluation, output / "scene.png")
+    ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
 
 
 # %% The program

@@ -5,6 +5,9 @@
 # Another Python's modules must not come before Debian's.
 unset PYTHONPATH PYTHONHOME
 
+# Modules are compiled once, not at every start.
+unset PYTHONDONTWRITEBYTECODE
+
 # The matrices are small: threads of the BLAS cost more than they bring, and MPI ranks share the cores.
 export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}"
 

@@ -23,7 +23,6 @@ from ..dynamics import SimulationError
 from ..fem import Domain
 from ..files import file_names
 from ..part import Part, Solid, Verification, verify
-from ..plotting import animate_boundary, plot_part, plot_stress
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from .running import alone_in
@@ -302,6 +301,8 @@ class Result(Shown):
                 2,
             )
             return None
+        from ..plotting import animate_boundary, plot_part  # takes a while
+
         with alone_in(ranks_of(self.problem), place, "finish: folder"):
             found = None
             try:
@@ -333,6 +334,8 @@ class Result(Shown):
         """Draw the stress of parts before and after the steps of their boundaries; collective."""
         if self.moved is None or not folders:
             return
+        from ..plotting import plot_stress
+
         try:
             for told, when, file in (
                 (self.moved.begun(), "before", "stress_before.png"),

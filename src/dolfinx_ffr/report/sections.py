@@ -15,7 +15,6 @@ from mpi4py import MPI
 import numpy as np
 
 from ..mechanism import Parameters
-from ..plotting import plot_history
 from . import model, results
 from .folder import PICTURES, Folder, data_uri
 from .numbers import Scale, fixed, percent, real
@@ -143,6 +142,8 @@ def _boundary(run: Run) -> dict[str, Any]:
 
 def _panels(run: Run, columns: Mapping[str, Any]) -> list[dict[str, str]]:
     """Curves over the iterations, as pictures with a text each."""
+    from ..plotting import plot_history  # takes a while
+
     iteration = columns.get("iteration", np.arange(float(len(next(iter(columns.values()))))))
     panels = []
     bound = next(iter(run.bounds.values())) if len(run.bounds) == 1 else None
