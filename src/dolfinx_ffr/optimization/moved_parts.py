@@ -10,7 +10,7 @@ from typing import Any
 from ..boundary import Boundary, Surface
 from ..design import SHARP, Design, LevelSet
 from ..dynamics import SimulationError
-from ..part import Part, PartWarning
+from ..part import LoosePieceWarning, Part, PartWarning
 from .boundary_steps import moved
 from .result import Result, warn
 from .steps_checkpoint import StepsCheckpoint
@@ -50,7 +50,7 @@ def with_moved_boundaries(
             flat = design.domain.dimension == 2
             with warnings.catch_warnings():
                 # the steps begin without loose pieces, and psi that is told is without them
-                warnings.filterwarnings("ignore", ".* touch no interface", PartWarning)
+                warnings.simplefilter("ignore", LoosePieceWarning)
                 part = result.enclosed(name, **(_ROUGHLY if flat else {}))
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)

@@ -13,6 +13,7 @@ from .tetrahedral_cut import outer_faces as outer_faces
 from .verify import BodyFigures as BodyFigures
 from .verify import Enclosed as Enclosed
 from .verify import Figures as Figures
+from .verify import LoosePieceWarning as LoosePieceWarning
 from .verify import PartWarning as PartWarning
 from .verify import Verification as Verification
 from .verify import verify as verify

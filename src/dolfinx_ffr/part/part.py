@@ -13,7 +13,6 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -48,7 +47,7 @@ from .export import Sheet, write
 from .field import Field, evaluated
 from .lattice import Lattice
 from .pieces import Piece, attached, drawing, outlines, pieces
-from .verify import Enclosed, Found, PartWarning
+from .verify import Enclosed, Found
 from .widths import Width, member_widths, narrowest_gap, thinnest_member
 
 #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
@@ -163,8 +162,7 @@ class Part(Enclosed):
         self.drawing = found.drawing
         #: For each piece the outer loop of curves, counterclockwise, then its holes, clockwise
         self.outlines = found.outlines
-        for text in found.warnings:
-            warnings.warn(f"part: {text}", PartWarning, stacklevel=2)
+        self._warn()
 
     def redrawn(self, drawing: Drawing) -> Part:
         """The part of the same body between the curves of a ``drawing``, one piece in all."""
@@ -176,9 +174,7 @@ class Part(Enclosed):
         names = [[name for _, name in loop] for loop in around]
         made.drawing, made.outlines = drawing, [curves]
         found = replace(self._found, drawing=drawing, outlines=[curves], interfaces=[names])
-        # the first warning is of pieces that were left out, and are none of it
-        said = found.warnings[1:] if found.loose else found.warnings
-        made._found = replace(found, loose=[], deviation=0.0, warnings=said)
+        made._found = replace(found, loose=[], deviation=0.0, left_out="")
         # the curves are exact; the field that they came from is another one
         made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
         return made
@@ -388,7 +384,7 @@ def _find(
     before = lengths(lattice.points[lattice.chains], lattice.interface)
     of = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
     left = lengths(segments.points[segments.ends], of)
-    stay, said = attached(found, before, left)
+    stay, left_out, said = attached(found, before, left)
 
     def curves_of(kept: Sequence[Piece]) -> tuple[Outlines, list[list[list[str]]]]:
         """The outlines of pieces, and the interface of each curve."""
@@ -405,6 +401,7 @@ def _find(
         outlines=around,
         interfaces=interfaces,
         deviation=_deviation(on_field, field, spacing),
+        left_out=left_out,
         warnings=said,
         loose=[LoosePiece(p.area, p.center, curves_of([p])[0][0]) for p in alone],
         lost=[name for name, length in left.items() if length == 0.0],

@@ -118,10 +118,11 @@ def drawing(sides: Sequence[Side], kept: Sequence[Piece], names: Sequence[str]) 
 
 def attached(
     found: Sequence[Piece], lengths: Mapping[str, float], kept: Mapping[str, float]
-) -> tuple[list[Piece], list[str]]:
-    """The pieces that touch an interface, and warnings, or refuse interfaces that nothing connects.
+) -> tuple[list[Piece], str, list[str]]:
+    """The pieces that touch an interface, what is said of the others, and other warnings.
 
-    The lengths of interfaces [m] in the body and in the pieces are by name, in their order.
+    A ValueError where nothing connects interfaces. The lengths of interfaces [m] in the body and in
+    the pieces are by name, in their order.
     """
     names = list(lengths)
     stay = [piece for piece in found if piece.interfaces]
@@ -130,11 +131,11 @@ def attached(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
-    said = []
+    left_out, said = "", []
     if loose := [piece for piece in found if not piece.interfaces]:
         shown = ", ".join(f"{1e6 * p.area:.3g} mm2 near {_point(p.center)}" for p in loose[:5])
         more = ", ..." if len(loose) > 5 else ""
-        said.append(
+        left_out = (
             f"{len(loose)} loose pieces touch no interface and are left out: {shown}{more}; the "
             "part has less material than the design"
         )
@@ -165,7 +166,7 @@ def attached(
             f"the material is in {len(stay)} pieces that only interfaces hold together, the "
             f"smallest of {1e6 * stay[-1].area:.3g} mm2 near {_point(stay[-1].center)}"
         )
-    return stay, said
+    return stay, left_out, said
 
 
 def _point(where: Array) -> str:

@@ -120,8 +120,7 @@ class Solid(Enclosed):
         self.points = self._found.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
         self.triangles = self._found.triangles
-        for text in self._found.warnings:
-            warnings.warn(f"solid: {text}", PartWarning, stacklevel=2)
+        self._warn()
 
     @property
     def loose(self) -> list[float]:
@@ -296,9 +295,9 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     surface = left.points[seen]
     lost = [name for i, name in enumerate(names) if not np.any(left.facets == i)]
     loose = [float(v) for v in np.bincount(piece, size)[~touches]]
-    said = []
+    left_out, said = "", []
     if loose:
-        said.append(
+        left_out = (
             f"{len(loose)} pieces of {sum(loose):.3g} m^3 touch no interface and are left out"
         )
     meeting = surface[touching(corners)]
@@ -327,6 +326,7 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
         inner=inner,
         designed=np.isin(seen, cells[left.regions == DESIGNED]),
         lost=lost,
+        left_out=left_out,
         warnings=said,
     )
     return left, found

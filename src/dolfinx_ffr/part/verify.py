@@ -40,13 +40,18 @@ class PartWarning(UserWarning):
     """What is drawn as a part is not all of the design, or not held as it should be."""
 
 
+class LoosePieceWarning(PartWarning):
+    """Pieces of a design touch no interface, and its part is without them."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
     """Found on rank 0, of a part or a solid, and sent to all ranks."""
 
     pieces: int
     lost: list[str]  #: Interfaces without material
-    warnings: list[str]
+    left_out: str  #: What is said of loose pieces
+    warnings: list[str]  #: What is said besides
 
 
 class Enclosed(Shown, ABC):
@@ -112,7 +117,13 @@ class Enclosed(Shown, ABC):
     @property
     def warnings(self) -> list[str]:
         """What was said of it as it was made."""
-        return self._found.warnings
+        return [self._found.left_out] * bool(self._found.left_out) + self._found.warnings
+
+    def _warn(self) -> None:
+        """Warn of what was found, at the line that makes the part or the solid."""
+        for text in self.warnings:
+            kind = LoosePieceWarning if text == self._found.left_out else PartWarning
+            warnings.warn(f"{self.kind}: {text}", kind, stacklevel=3)
 
     @property
     def lost_interfaces(self) -> list[str]:
