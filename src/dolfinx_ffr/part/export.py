@@ -23,7 +23,7 @@ import shapely
 from .. import validation
 from ..arrays import Array
 from ..fem import Arc, Curve, Drawing, Face, Line, Spline, gmsh_model, quiet, surfaces
-from ..files import check_room, whole_file
+from ..files import whole_file
 from ..parallel import on_rank_0
 
 #: Curves that follow each other, each with the interface that it is, "" for none
@@ -44,6 +44,8 @@ stroke-width="{line}" />\
 _SPANS = 12
 #: What names of layers may not have
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
+#: A triangle of an STL file
+_FACET = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,8 +245,6 @@ def _write_step(part: Sheet, path: Path, unit: str) -> None:
 
 
 def _write_stl(part: Sheet, path: Path, unit: str) -> None:
-    import pyvista  # takes a while
-
     scale, up = 1.0 / UNITS[unit], np.array([0.0, 0.0, part.thickness()])
 
     def flat(ring: shapely.Geometry) -> Array:
@@ -259,9 +259,13 @@ def _write_stl(part: Sheet, path: Path, unit: str) -> None:
             a, b = flat(ring)[:-1], flat(ring)[1:]
             triangles += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
     corners = scale * np.concatenate(triangles)
-    numbers = np.arange(3 * len(corners)).reshape(-1, 3)
-    check_room(path, 100 + 50 * len(corners))  # VTK says nothing of a full disk
-    pyvista.PolyData.from_regular_faces(corners.reshape(-1, 3), numbers).clean().save(path)
+    facets = np.zeros(len(corners), dtype=_FACET)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    facets["normal"] = normals / np.where(lengths > 0.0, lengths, 1.0)
+    facets["corners"] = corners
+    head = f"{PART} [{unit}]".ljust(80).encode("ascii")
+    path.write_bytes(head + len(facets).to_bytes(4, "little") + facets.tobytes())
 
 
 _WRITERS: dict[str, Callable[[Sheet, Path, str], None]] = {

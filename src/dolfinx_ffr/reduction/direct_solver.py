@@ -30,6 +30,12 @@ HOLDERS = 4
 SHARE = 0.25
 #: Names of CHOLMOD in PETSc, which depend on how that was built
 CHOLMOD = ("cholmod", "suitesparse")
+#: Options of CHOLMOD. Below so many operations for each entry of the factor its columns are taken
+#: one by one: dense blocks of them, of which CHOLMOD makes some from 40 on, are then too small, and
+#: at 55 take a quarter more time. By Cholesky's L L^T, which refuses what is not positive definite,
+#: as CHOLMOD's L D L^T does not
+_CHOLMOD = {"supernodal_switch": 64.0, "final_asis": False, "final_ll": True}
+_PREFIX = "dolfinx_ffr_"
 
 
 class LinearSolver(ABC):
@@ -115,6 +121,11 @@ def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:
     pc.setType("cholesky")
     pc.setFactorSolverType(package)
     ksp.setErrorIfNotConverged(True)
+    ksp.setOptionsPrefix(_PREFIX)
+    options = PETSc.Options(f"{_PREFIX}mat_cholmod_")
+    for name, value in _CHOLMOD.items():
+        if not options.hasName(name):  # else it is the user's
+            options[name] = value
     return ksp
 
 

@@ -33,10 +33,6 @@ from .factored_body import FactoredBody
 CLEAR = 1e-3
 #: Norm of a direction, relative to the fields from which it remains, below which it is round-off
 NOTHING = 1e-13
-#: Part along the basis, relative to the smallest direction that is taken, up to which mass times
-#: the directions is right without another product: round-off of such a product. A larger part grows
-#: from block to block where void makes directions small
-AGAIN = 1e-14
 #: Looks at a block, each for directions that are smaller by `CLEAR`
 LOOKS = 6
 
@@ -61,11 +57,11 @@ class KrylovSpace:
         self._factored = factored
         self._without = None if without is None else tuple(map(np.asfortranarray, without))
         self._basis = np.empty((len(start), 0), order="F")
+        self._masses = np.empty((len(start), 0), order="F")  # M times the basis
         self._images: list[Block] | None = [] if images else None
         self.size = 0  # number of fields of the basis
         self._before = self._last = 0  # where the last two blocks begin
         self._projected = np.zeros((0, 0))
-        self._mass_last = np.empty((len(start), 0))  # M times the last block
         #: V^T M times the fields of the start, shape (size, b), V their basis
         self.start = self._append(start.copy(order="F"), 0.0, floor)
 
@@ -83,6 +79,11 @@ class KrylovSpace:
     def basis(self) -> Block:
         """The complete part of the basis, shape (dofs, complete); not to be written to."""
         return self._basis[:, : self._last]
+
+    @property
+    def _mass_last(self) -> Block:
+        """M times the last block."""
+        return self._masses[:, self._last : self.size]
 
     @property
     def images(self) -> Block:
@@ -106,11 +107,8 @@ class KrylovSpace:
 
     def join(self, fields: Block) -> Array:
         """Add ``fields`` (dofs, b) to the last block; their coefficients in it, (its fields, b)."""
-        last = self._mass_last
-        known = self._factored.elasticity.inner(last, fields)
-        new = self._append(fields.copy(order="F"), 0.0)
-        self._mass_last = np.hstack([last, self._mass_last])
-        return np.vstack([known, new])
+        known = self._factored.elasticity.inner(self._mass_last, fields)
+        return np.vstack([known, self._append(fields.copy(order="F"), 0.0)])
 
     def grow(self) -> None:
         """Apply K^-1 M to the last block, and add what is new."""
@@ -134,35 +132,26 @@ class KrylovSpace:
         The ``rest`` (dofs, b), column by column, of fields of norm ``scale`` is changed.
         """
         elasticity, mass = self._factored.elasticity, self._factored.clamped_mass
-        images, coefficients = [self._mass_last[:, :0]], [np.zeros((0, rest.shape[1]))]
+        coefficients = [np.zeros((0, rest.shape[1]))]
         for _ in range(LOOKS):
             # round-off along what is there would grow
             if self._without is not None:
                 fields, masses = self._without
                 _subtract(rest, fields, elasticity.inner(masses, rest))
+            along = elasticity.inner(self._masses[:, : self.size], rest)
+            _subtract(rest, self._basis[:, : self.size], along)
             image = elasticity.apply(mass, rest)
-            basis = self._basis[:, : self.size]
-            along = elasticity.inner(basis, image)
-            _subtract(rest, basis, along)
             gram, shares, directions, clear = self._directions(image, rest, floor)
-            least = np.sqrt(np.min(shares[clear], initial=shares[-1]))
-            if np.max(np.abs(along), initial=0.0) > AGAIN * least:
-                image = elasticity.apply(mass, rest)
-                gram, shares, directions, clear = self._directions(image, rest, floor)
             largest = float(np.sqrt(shares[-1]))
             scale = max(scale, largest, float(np.linalg.norm(along, 2)) if along.size else 0.0)
             if largest <= max(NOTHING * scale, floor):
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])
-            # column by column in memory
-            new = (factors.T @ rest.T).T
-            images.append((factors.T @ image.T).T)
             coefficients.append(factors.T @ gram)
-            self._store(new)
+            new = self._store(rest, image, factors)
             if np.all(clear):
                 break
             _subtract(rest, new, coefficients[-1])
-        self._mass_last = np.hstack(images)
         return np.vstack(coefficients)
 
     def _directions(self, image: Block, rest: Block, floor: float) -> tuple[NDArray[Any], ...]:
@@ -174,15 +163,24 @@ class KrylovSpace:
         shares = np.maximum(shares, 0.0)
         return gram, shares, directions, shares > max(CLEAR**2 * shares[-1], floor**2)
 
-    def _store(self, new: Block) -> None:
-        size, room = self.size + new.shape[1], self._basis.shape[1]
-        if size > room:
-            larger = np.empty((len(new), max(size, 2 * room)), order="F")
-            larger[:, : self.size] = self._basis[:, : self.size]
-            self._basis = larger
-        self._basis[:, self.size : size] = new
-        self._projected = np.pad(self._projected, (0, new.shape[1]))
+    def _store(self, rest: Block, image: Block, factors: Array) -> Block:
+        """Add combinations of fields, M times which is the ``image``; the combinations."""
+        first, size = self.size, self.size + factors.shape[1]
+        if size > self._basis.shape[1]:
+            self._basis = _longer(self._basis, first, 2 * size)
+            self._masses = _longer(self._masses, first, 2 * size)
+        np.matmul(factors.T, rest.T, out=self._basis[:, first:size].T)
+        np.matmul(factors.T, image.T, out=self._masses[:, first:size].T)
+        self._projected = np.pad(self._projected, (0, size - first))
         self.size = size
+        return self._basis[:, first:size]
+
+
+def _longer(fields: Block, count: int, room: int) -> Block:
+    """The first ``count`` fields with ``room`` for more, column by column in memory."""
+    larger = np.empty((len(fields), room), order="F")
+    larger[:, :count] = fields[:, :count]
+    return larger
 
 
 def symmetric(matrix: Array) -> Array:
