@@ -292,8 +292,6 @@ class Result(Shown):
             DesignWarning: Where there is no verification, with the reason.
             PartWarning: As `verify`, of every bound that the parts exceed.
         """
-        from ..plotting import animate_boundary, plot_part  # takes a while
-
         place = validation.path("finish: folder", folder)
         validation.keywords("result.finish", options, verify)
         if self.terminated:
@@ -334,8 +332,6 @@ class Result(Shown):
 
     def _draw_stress(self, folders: Mapping[str, Path]) -> None:
         """Draw the stress of parts before and after the steps of their boundaries; collective."""
-        from ..plotting import plot_stress
-
         if self.moved is None or not folders:
             return
         from ..plotting import plot_stress
