@@ -19,9 +19,9 @@ from scipy.spatial import cKDTree
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Surface
 from dolfinx_ffr.boundary import surface as surface_module
-from dolfinx_ffr.boundary.walls import tangent_balls
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.boundary_steps import _Descent
+from dolfinx_ffr.part import tangent_balls
 
 SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 6e-3
 PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)

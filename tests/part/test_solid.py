@@ -22,9 +22,9 @@ pytestmark = pytest.mark.mpi
 
 
 @pytest.fixture(autouse=True)
-def coarse_lattice(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Members and gaps are looked for in a moment."""
-    monkeypatch.setattr(ball_widths, "MOST_POINTS", 20_000)
+    monkeypatch.setattr(ball_widths, "MOST_SAMPLES", 3_000)
 
 
 def enclosed(points: np.ndarray, triangles: np.ndarray) -> float:
@@ -152,6 +152,30 @@ def test_thinnest_member_and_narrowest_gap(
         if width is not None:
             assert width.value == pytest.approx(exact, rel=1e-9)
             assert np.linalg.norm(width.ends[1] - width.ends[0]) == pytest.approx(width.value)
+
+
+def post(x: np.ndarray) -> np.ndarray:
+    """A post between two blocks, its section a triangle of equal sides about a disc of 80 mm."""
+    turns = 2.0 * np.pi / 3.0 * np.arange(3) + 0.2
+    sides = 0.04 - x[:, 1:] @ np.stack([np.cos(turns), np.sin(turns)])
+    return np.maximum(sides.min(axis=1), np.abs(x[:, 0] - 0.4) - 0.22)
+
+
+def window(x: np.ndarray) -> np.ndarray:
+    """A plate of 70 mm with a window whose rims are bevelled."""
+    beside = np.hypot(x[:, 0] - 0.4, x[:, 1]) - 0.06 - np.maximum(x[:, 2] + 0.02, 0.0)
+    return np.minimum(0.035 - np.abs(x[:, 2]), beside)
+
+
+@pytest.mark.parametrize(("field", "member"), [(post, 0.08), (window, None)])
+def test_posts_are_members_and_rims_are_none(
+    comm: MPI.Comm, field: Callable[[np.ndarray], np.ndarray], member: float | None
+) -> None:
+    """No side of the post is opposite of another; the window has rims thinner than its plate."""
+    domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=0)
+    found = Solid(domain, field).thinnest_member
+    assert (found is None) == (member is None)
+    assert found is None or found.value == pytest.approx(member, rel=0.05)
 
 
 def test_gap_between_two_edges(comm: MPI.Comm) -> None:

@@ -191,7 +191,7 @@ def test_result_of_a_design_as_a_part(
     if plane:
         problem = slider_crank(comm, (40, 4), modes=2, steps=100)
     else:
-        monkeypatch.setattr(ball_widths, "MOST_POINTS", 20_000)
+        monkeypatch.setattr(ball_widths, "MOST_SAMPLES", 3_000)
         problem = spatial_problem(comm, (10, 2, 2), modes=2, steps=240)
     result = untouched(problem, ffr.LevelSet if plane else ffr.DensityDesign)
     part, rod = result.part(), problem.flexible["rod"].domain

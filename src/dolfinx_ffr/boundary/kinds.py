@@ -29,7 +29,7 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: are tried at once: most that cost less carry a tenth of psi
 _PRICE, _TRIED = 0.01, 3
 
-#: Share of the minimum below which a member of a solid is told, by balls on a lattice
+#: Share of the minimum below which a member of a solid is told
 _THINNER = 0.9
 
 

@@ -244,7 +244,7 @@ class Surface:
         member, shape, found = self.member, self.coefficients.shape, self
         nodes = self._low + self._spacing * np.indices(shape).reshape(3, -1).T
         for _ in range(_ROUNDS):
-            thin = self._sides.walls(found.field, found._slopes, SPARE * member)
+            thin = self._sides.walls(found.field, found._slopes, *(SPARE * member,) * 2)
             least = np.min(thin.thickness, initial=np.inf)
             if least > (1.0 - _ALMOST) * member:
                 break
@@ -264,7 +264,8 @@ class Surface:
 
         def found() -> Walls:
             assert self._sides is not None
-            return self._sides.walls(self.field, self._slopes, SEEN * SPARE * self.member)
+            least = SPARE * self.member
+            return self._sides.walls(self.field, self._slopes, least, SEEN * least)
 
         return on_rank_0(self.body.comm, found)
 

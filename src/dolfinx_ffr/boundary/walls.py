@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Walls of a solid by the largest balls that touch its surface, and a field without thin ones.
 
-At a point of the surface the ball shrinks until nothing of the surface is in it (J. Ma, S. W. Bae,
-S. Choi, 3D medial axis point approximation using nearest neighbors and the normal field, The Visual
-Computer 28, 2012, doi:10.1007/s00371-011-0594-7). Where it touches both sides of a wall its
-diameter is the thickness. Samples are those of the field, not of a mesh that was cut by it.
+Where a ball touches both sides of a wall its diameter is the thickness; in a post between sides
+that are not opposite, it is that of the ball which touches them. Samples are those of the field,
+not of a mesh that was cut by it.
 """
 
 from __future__ import annotations
@@ -15,16 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers, Mask
+from ..arrays import Array, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
-from ..part import outer_faces, spread
+from ..part import OPPOSITE, Balls, outer_faces, spread, tangent_balls
+from .sizes import SEEN
 
 Field = Callable[[Array], Array]
 
-#: Product of the normals of both sides, below which they are those of a wall, and no wedge
-_OPPOSITE = -np.cos(np.radians(20.0))
-#: Most times that balls shrink, and by which share at least
-_SHRINKS, _SHRUNK = 30, 1e-4
 #: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
 _SIDES = 4
 
@@ -93,15 +89,23 @@ class Sides:
         x = x[np.asarray(self._designed.find_containing_cell(x)).reshape(-1) >= 0]
         return x, _unit(slopes(x))
 
-    def walls(self, field: Field, slopes: Field, widest: float) -> Walls:
-        """Walls up to a thickness [m] of the solid where a field is positive."""
+    def walls(self, field: Field, slopes: Field, least: float, widest: float) -> Walls:
+        """Walls up to the ``widest``, and posts up to the ``least``, of where a field is positive.
+
+        Thicknesses in [m]; a post has sides that are not opposite.
+        """
         x, inward = self.surface(field, slopes)
-        bare = field(self.solid[0]) < 0.0
-        parts = (x, inward), self.outline, (self.solid[0][bare], self.solid[1][bare])
+        there, bare = field(self.outline[0]) > 0.0, field(self.solid[0]) < 0.0
+        still = ((self.outline, there), (self.solid, bare))
+        parts = (x, inward), *((sides[m], way[m]) for (sides, way), m in still)
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
-        radius, end = tangent_balls(x, inward, at, normals, 0.5 * widest)
-        facing = np.einsum("nd,nd->n", inward, normals[end]) < _OPPOSITE
-        chosen = np.flatnonzero((end >= 0) & facing & (2.0 * radius < widest))
+        most = 0.5 * max(widest, SEEN * least)
+        balls = Balls(at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing)
+        radius, end = balls.radius[: len(x)], balls.ends[: len(x)]
+        walls = (balls.cosine[: len(x)] < OPPOSITE) & (end >= 0)
+        posts = balls.thin(0.5 * least)
+        walls[posts[posts < len(x)]] = True
+        chosen = np.flatnonzero(walls & (2.0 * radius < widest))
         chosen = chosen[np.argsort(radius[chosen], kind="stable")]
         end = end[chosen]
         own = x[chosen], inward[chosen], at[end], normals[end], end < len(x)
@@ -117,39 +121,6 @@ class Sides:
             centers = centers + np.maximum(0.5 * thickness - depth, 0.0)[:, None] * normal
         balls = cKDTree(centers)
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
-
-
-def tangent_balls(
-    points: Array, inward: Array, at: Array, normals: Array, largest: float
-) -> tuple[Array, Integers]:
-    """Largest balls that touch a surface at points (n, 3), and where else they touch it.
-
-    The surface is known by samples ``at`` (m, 3) with ``normals``, all of them unit vectors into
-    the material. Radii (n,) [m] are at most the ``largest``; numbers of samples (n,) are -1 where
-    a ball as large as that fits.
-    """
-    tree = cKDTree(at)
-    radius, end = np.full(len(points), largest), np.full(len(points), -1)
-    live = np.arange(len(points))
-    for _ in range(_SHRINKS):
-        x, n, r = points[live], inward[live], radius[live]
-        away, near = tree.query(x + r[:, None] * n)
-        way = at[near] - x
-        along = np.einsum("nd,nd->n", way, n)
-        inside = (away < (1.0 - 1e-6) * r) & (along > 0.0)
-        live, near, before = live[inside], near[inside], r[inside]
-        new = 0.5 * np.sum(way[inside] ** 2, axis=1) / along[inside]
-        radius[live], end[live] = np.minimum(new, before), near
-        live = live[new < (1.0 - _SHRUNK) * before]
-        if not len(live):
-            break
-    # that which touches the plane at the sample, which is more accurate than the sample
-    met = end >= 0
-    n, m = inward[met], normals[end[met]]
-    deep = np.einsum("nd,nd->n", points[met] - at[end[met]], m)
-    cosine = np.einsum("nd,nd->n", n, m)
-    radius[met] = np.clip(deep / np.maximum(1.0 - cosine, 0.1), 0.0, largest)
-    return radius, end
 
 
 def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Array]:

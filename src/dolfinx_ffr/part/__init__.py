@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .ball_widths import OPPOSITE as OPPOSITE
+from .ball_widths import Balls as Balls
 from .ball_widths import spread as spread
+from .ball_widths import tangent_balls as tangent_balls
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part
 from .solid import Cavity as Cavity

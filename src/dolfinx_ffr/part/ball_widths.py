@@ -1,36 +1,123 @@
 # SPDX-License-Identifier: MIT
-"""Thinnest member and narrowest gap of a solid, by balls that do not fit.
+"""Thin members of a solid, and narrow gaps around it, by the largest balls that touch its surface.
 
-A member is what `widths` says, with balls for discs; a *finger* is farther than d from all balls
-that fit and still as wide as 0.7 d.
+At a point of the surface the ball shrinks until nothing of the surface is in it (J. Ma, S. W. Bae,
+S. Choi, 3D medial axis point approximation using nearest neighbors and the normal field, The Visual
+Computer 28, 2012, doi:10.1007/s00371-011-0594-7). A ball of a radius below R is *thin* if the
+centres of the balls of radius R that fit (the erosion) are not where they would be if it only stood
+near an edge or a corner, and
 
-The distance from the surface is sampled on a lattice, and how it hangs together is told by its
-pieces and its Euler number. Where the member is, the way across it is measured on the surface
-itself, which is more accurate than the lattice; where no way is near to the ball's diameter, that
-stands, which is right to about a spacing.
+* they are on both sides of it: it is in a neck or a post that joins thicker parts, or
+* they are farther away than 3 R: it is in a plate, a bar, or a finger that is longer than wide.
+
+So rims of holes, edges and small noses are no members. No lattice is needed, on which an erosion
+falls into pieces by chance where it is as thin as the spacing.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Integers, Mask
+from ..arrays import Array, Integers
 from .widths import Width, least_width
 
-#: Most points of a lattice
-MOST_POINTS = 200_000
-#: Least width that is looked for and accuracy of the search, in spacings
-LEAST, ACCURACY = 1.0, 0.25
-#: Ratio of the diameters among which the first one is looked for
-_RATIO = 1.2
-#: Width of a finger, in units of the ball's diameter
-_FULL = 0.7
-#: Spacings by which balls are smaller that show where a neck is
-_PASSING = 1.0
-#: Spacings by which the way across may differ from the ball's diameter, and points that are tried
-_NEAR, _TRIED = 2.0, 64
+#: Most samples of a surface
+MOST_SAMPLES = 100_000
+#: Product of the normals of both sides, below which they are those of a wall, and no wedge
+OPPOSITE = -np.cos(np.radians(20.0))
+#: Most times that balls shrink, and by which share at least
+_SHRINKS, _SHRUNK = 30, 1e-4
+#: Share of R below which a ball is thin: the surface is known by samples
+_BELOW = 0.97
+#: How much farther than in a wedge between two planes the erosion may be in a corner of three
+_CORNER = 2.0
+#: Distance in R from which the erosion is out of reach, and of a place opposite of it, in distances
+_FAR, _ACROSS = 3.0, 0.7
+#: Ratio of the radii of the balls whose inner parts stand for the erosion, and their number
+_LARGER, _LEVELS = 1.25, 5
+#: Distance in samples of centres that count once
+_SAME = 0.1
+#: Ratio of the diameters that are tried, and accuracy of the one above that of the member
+_RATIO, _ACCURACY = 1.15, 0.02
+#: Samples of a re-entrant edge in the directions between both normals; least angle of it
+_TURNS, _EDGE = 4, np.radians(20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Balls:
+    """The largest ball at each sample of a surface, up to some radius."""
+
+    points: Array  #: Samples, (n, 3) [m]
+    normals: Array  #: Unit vectors to the side on which the balls are, (n, 3)
+    radius: Array  #: (n,) [m]; zero where none is of interest
+    ends: Integers  #: Numbers of the samples that they touch, too; -1 where none is that near, (n,)
+    spacing: float  #: Of the samples, about [m]
+    _trees: dict[float, cKDTree | None] = field(default_factory=dict, init=False)
+
+    @property
+    def centers(self) -> Array:
+        """(n, 3) [m]."""
+        return self.points + self.radius[:, None] * self.normals
+
+    @property
+    def cosine(self) -> Array:
+        """Product of the normals at both places that a ball touches, (n,)."""
+        found = np.einsum("nd,nd->n", self.normals, self.normals[self.ends])
+        return np.where(self.ends >= 0, found, 1.0)
+
+    def fitting(self, radius: float) -> cKDTree | None:
+        """A tree of the centres of balls that are as large, None where there are none."""
+        if radius not in self._trees:
+            fits = self.centers[self.radius >= 0.999 * radius]
+            self._trees[radius] = cKDTree(_apart(fits, _SAME * self.spacing)) if len(fits) else None
+        return self._trees[radius]
+
+    def thin(self, radius: float) -> Integers:
+        """Numbers of thin balls, see the module."""
+        own, spacing = self.radius, self.spacing
+        numbers = np.flatnonzero((self.ends >= 0) & (own < _BELOW * radius) & (own > spacing))
+        at, cosine = self.centers[numbers], self.cosine[numbers]
+        away, near = np.full(len(at), np.inf), np.full(at.shape, np.inf)
+        first = int(np.ceil(np.log(radius) / np.log(_LARGER) + 1e-9))
+        for larger in (radius, *(_LARGER**k for k in range(first, first + _LEVELS))):
+            tree = self.fitting(larger)
+            if tree is None:
+                break
+            # all within the larger ball that is that much off its surface belongs to the erosion
+            found, which = tree.query(at, distance_upper_bound=_FAR * radius + larger)
+            share = np.minimum((larger - radius) / np.maximum(found, 1e-300), 1.0)
+            better = np.flatnonzero((1.0 - share) * found < away)
+            away[better] = ((1.0 - share) * found)[better]
+            there = tree.data[which[better]]
+            near[better] = there + share[better, None] * (at[better] - there)
+        sine = np.sqrt(0.5 * np.maximum(1.0 + cosine, 0.0))
+        wedge = _CORNER * (radius - own[numbers]) / np.maximum(sine, 1e-9) + spacing
+        bare = (cosine < OPPOSITE) | (away > wedge)
+        far = away > _FAR * radius
+        thin = far & bare
+        close = np.flatnonzero(bare & ~far)
+        if len(close):
+            tree = self.fitting(radius)
+            assert tree is not None
+            found, which = tree.query(2.0 * at[close] - near[close])
+            # the way there is in the material
+            middle = 0.5 * (at[close] + tree.data[which])
+            surface = cKDTree(self.points).query(middle)[1]
+            way = middle - self.points[surface]
+            inside = np.einsum("nd,nd->n", way, self.normals[surface]) > 0.0
+            thin[close] = inside & (found < _ACROSS * away[close])
+        return numbers[thin]
+
+
+def _apart(points: Array, step: float) -> Array:
+    """One of the points (n, 3) in each box of a size [m]: trees are slow with many alike."""
+    whole = np.floor((points - points.min(axis=0)) / step).astype(np.int64)
+    sizes = whole.max(axis=0) + 1
+    key = (whole[:, 0] * sizes[1] + whole[:, 1]) * sizes[2] + whole[:, 2]
+    return np.asarray(points[np.unique(key, return_index=True)[1]])
 
 
 def thinnest_in_space(
@@ -38,125 +125,96 @@ def thinnest_in_space(
 ) -> Width | None:
     """The thinnest member inside a closed surface, or the narrowest gap or hole around it.
 
-    Members thinner than the lattice, whose spacing is ``size`` [m] or more, are not seen; None if
-    there is none below the least extent.
+    Its surface has samples about a ``size`` [m] apart, or more if these were too many; members
+    thinner than two of that are not seen. None if there is none below the least extent.
     """
-    return _Lattice(points, triangles, size, around=around).thinnest()
+    points = np.asarray(points, dtype=np.float64)
+    corners = points[triangles]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    spacing = max(size, np.sqrt(0.5 * np.linalg.norm(sides, axis=1).sum() / MOST_SAMPLES))
+    x, n = _samples(points, triangles, sides if around else -sides, spacing)
+    largest = float(np.min(np.ptp(points, axis=0)))  # from which on they are of no interest
+    radius, ends = tangent_balls(x, n, x, n, 0.5 * largest)
+    balls = Balls(x, n, radius, ends, spacing)
+
+    def found(d: float) -> Integers | None:
+        thin = balls.thin(0.5 * d)
+        return thin if len(thin) else None
+
+    first, most = 2.0 * spacing, (1.0 - 2.0 * _ACCURACY) * largest
+    d = least_width(found, first, _RATIO * first, most, _RATIO, lambda d: _ACCURACY * d)
+    if d is None:
+        return None
+    # beside edges balls are smaller than amid the member
+    wider = balls.thin(0.5 * (1.0 + 2.0 * _ACCURACY) / _BELOW * d)
+    thin = np.union1d(balls.thin(0.5 * d), wider)
+    facing = thin[balls.cosine[thin] < OPPOSITE]
+    facing = facing[2.0 * radius[facing] > (1.0 - 2.0 * _ACCURACY) * _BELOW * d]
+    at = facing[np.argmin(radius[facing])] if len(facing) else thin[np.argmax(radius[thin])]
+    value = 2.0 * float(radius[at])
+    return Width(value, np.stack([x[at], x[at] + value * n[at]]))
 
 
-class _Lattice:
-    """Distances from a surface, on a lattice inside it or around it, up to its least extent."""
+def _samples(
+    points: Array, triangles: Integers, sides: Array, spacing: float
+) -> tuple[Array, Array]:
+    """Samples of a surface, and of its edges that are re-entrant from ``sides``, with normals."""
+    normals = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-300)[:, None]
+    x, which = spread(points[triangles], 2.0 * spacing)
+    # both triangles at each edge, and the corner of the second that is not on it
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    order = np.lexsort(edges.T)
+    pair = np.flatnonzero(np.all(np.diff(edges[order], axis=0) == 0, axis=1))
+    a, b = order[pair], order[pair + 1]
+    one, two = normals[a // 3], normals[b // 3]
+    other = points[triangles[b // 3, (b % 3 + 2) % 3]] - points[edges[a, 0]]
+    # seen from there, the second one bends away
+    bent = np.einsum("ed,ed->e", other, one) < 0.0
+    bent &= np.einsum("ed,ed->e", one, two) < np.cos(_EDGE)
+    a, one, two = a[bent], one[bent], two[bent]
+    start, end = points[edges[a]].swapaxes(0, 1)
+    counts = np.ceil(np.linalg.norm(end - start, axis=1) / spacing).astype(int)
+    number = np.repeat(np.arange(len(a)), counts)
+    place = (np.arange(len(number)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5)[:, None]
+    along = start[number] + place / counts[number][:, None] * (end - start)[number]
+    found, turned = [x, *[along] * _TURNS], [normals[which]]
+    for share in (np.arange(_TURNS) + 0.5) / _TURNS:
+        between = ((1.0 - share) * one + share * two)[number]
+        turned.append(between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None])
+    return np.concatenate(found), np.concatenate(turned)
 
-    def __init__(self, points: Array, triangles: Integers, size: float, *, around: bool) -> None:
-        self._corners = points[triangles]
-        low, high = points.min(axis=0), points.max(axis=0)
-        self.largest = float(np.min(high - low))  #: From which on members are of no interest [m]
-        room = 0.75 * self.largest if around else 0.0
-        low, high = low - room, high + room
-        self.h = max(size, float(np.prod(high - low) / MOST_POINTS) ** (1.0 / 3.0))
-        counts = np.ceil((high - low) / self.h).astype(int) + 1
-        first = 0.5 * (low + high) - 0.5 * self.h * (counts - 1)
-        axes = [a + self.h * np.arange(count) for a, count in zip(first, counts, strict=True)]
-        self._positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        self.inside = self._enclosed(axes) != around
-        samples = spread(self._corners, 0.5 * self.h)[0]
-        tree = cKDTree(np.concatenate([samples, self._corners.reshape(-1, 3)]))
-        self.distance = np.zeros(self.inside.shape)
-        most = 0.5 * self.largest + self.h
-        found = tree.query(self._positions[self.inside], distance_upper_bound=most)[0]
-        self.distance[self.inside] = np.minimum(found, most)
 
-    def _enclosed(self, axes: list[Array]) -> Mask:
-        """Which points lie inside, by the crossings of lines along x with the surface."""
-        x, y, z = axes
-        # off the vertices, which often lie on planes of the lattice
-        shift = 1e-6 * self.h * np.array([0.71, 0.53])
-        crossings = np.zeros((len(x) + 1, len(y), len(z)), dtype=np.int32)
-        for a, b, c in self._corners:
-            flat = np.stack([a, b, c])[:, 1:] - shift
-            (y0, z0), (y1, z1) = flat.min(axis=0), flat.max(axis=0)
-            j = np.arange(*np.searchsorted(y, [y0, y1]))
-            k = np.arange(*np.searchsorted(z, [z0, z1]))
-            if not (len(j) and len(k)):
-                continue
-            (ay, az), (by, bz), (cy, cz) = flat
-            area = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
-            if area == 0.0:
-                continue
-            Y, Z = np.meshgrid(y[j], z[k], indexing="ij")
-            v = ((Y - ay) * (cz - az) - (Z - az) * (cy - ay)) / area
-            w = ((by - ay) * (Z - az) - (bz - az) * (Y - ay)) / area
-            hit = (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
-            at = a[0] + v * (b[0] - a[0]) + w * (c[0] - a[0])
-            jj, kk = np.nonzero(hit)
-            np.add.at(crossings, (np.searchsorted(x, at[hit]), j[jj], k[kk]), 1)
-        return np.cumsum(crossings, axis=0)[:-1] % 2 == 1
+def tangent_balls(
+    points: Array, inward: Array, at: Array, normals: Array, largest: float
+) -> tuple[Array, Integers]:
+    """Largest balls that touch a surface at points (n, 3), and where else they touch it.
 
-    def thinnest(self) -> Width | None:
-        """The thinnest member."""
-        whole = _connected(self.distance > 0.5 * LEAST * self.h)
-        # not more than the least extent, which edges and lattice would confound with a member
-        thick, most = LEAST * self.h, self.largest - (_NEAR + 1.0) * self.h
-        accurate = ACCURACY * self.h
-        sizes = (thick, _RATIO * thick, most, _RATIO)
-        thin = least_width(lambda d: self._member(d, whole), *sizes, lambda d: accurate)
-        if thin is None:
-            return None
-        positions = self._member(thin, whole)
-        assert positions is not None
-        for position in positions:
-            ends = self._across(position)
-            if ends is not None and abs(_length(ends) - thin) < _NEAR * self.h:
-                return Width(_length(ends), ends)
-        # between edges no way leads straight from face to face
-        return Width(thin, np.stack([positions[0], positions[0]]))
-
-    def _member(self, d: float, whole: tuple[int, int]) -> Array | None:
-        """Points (n, 3) amid a member thinner than a diameter, the likeliest first, or None."""
-        fits = self.distance > 0.5 * d
-        if not np.any(fits):
-            return self._middle(self.inside)
-        if _connected(fits) != whole:
-            # centres of balls a little smaller get through where the distance is a ridge, as it is
-            # along edges, too, where the way across is another
-            passing = (self.distance > 0.5 * (d - _PASSING * self.h)) & ~fits
-            slope = np.linalg.norm(np.gradient(self.distance, self.h), axis=0)
-            ridge = np.argsort(np.where(passing, slope, np.inf), axis=None, kind="stable")
-            return np.asarray(self._positions.reshape(-1, 3)[ridge[:_TRIED]])
-        away = ndimage.distance_transform_edt(~fits) * self.h
-        far = self.inside & (away > 1.5 * d) & (self.distance >= 0.5 * _FULL * d)
-        return self._middle(far) if np.any(far) else None
-
-    def _middle(self, region: Mask) -> Array:
-        """The point of a region that is farthest from the surface, shape (1, 3)."""
-        at = np.argmax(np.where(region, self.distance, -1.0))
-        return np.asarray(self._positions.reshape(-1, 3)[at : at + 1])
-
-    def _across(self, middle: Array) -> Array | None:
-        """Two points of the surface on both sides of a point, along the shortest way; or None."""
-        tree = cKDTree(self._corners.mean(axis=1))
-        near = np.atleast_1d(tree.query(middle, k=min(12, len(self._corners)))[1])
-        a, b, c = np.moveaxis(self._corners[near], 1, 0)
-        normals = np.cross(b - a, c - a)
-        best: Array | None = None
-        for direction in normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]:
-            there, back = self._hit(middle, direction), self._hit(middle, -direction)
-            if np.isfinite(there + back) and (best is None or there + back < _length(best)):
-                best = np.stack([middle + there * direction, middle - back * direction])
-        return best
-
-    def _hit(self, start: Array, direction: Array) -> float:
-        """How far it is to the surface along a direction [m]."""
-        a, b, c = np.moveaxis(self._corners, 1, 0)
-        one, two = b - a, c - a
-        p = np.cross(direction, two)
-        size = np.sum(one * p, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            v = np.sum((start - a) * p, axis=1) / size
-            q = np.cross(start - a, one)
-            w, t = q @ direction / size, np.sum(two * q, axis=1) / size
-            hit = (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (t > 0.0)
-        return float(np.min(t[hit], initial=np.inf))
+    The surface is known by samples ``at`` (m, 3) with ``normals``, all of them unit vectors into
+    the material. Radii (n,) [m] are at most the ``largest``; numbers of samples (n,) are -1 where
+    a ball as large as that fits.
+    """
+    tree = cKDTree(at)
+    radius, end = np.full(len(points), largest), np.full(len(points), -1)
+    live = np.arange(len(points))
+    for _ in range(_SHRINKS):
+        x, n, r = points[live], inward[live], radius[live]
+        away, near = tree.query(x + r[:, None] * n)
+        way = at[near] - x
+        along = np.einsum("nd,nd->n", way, n)
+        inside = (away < (1.0 - 1e-6) * r) & (along > 0.0)
+        live, near, before = live[inside], near[inside], r[inside]
+        new = 0.5 * np.sum(way[inside] ** 2, axis=1) / along[inside]
+        radius[live], end[live] = np.minimum(new, before), near
+        live = live[new < (1.0 - _SHRUNK) * before]
+        if not len(live):
+            break
+    # that which touches the plane at the sample, which is more accurate than the sample
+    met = end >= 0
+    n, m = inward[met], normals[end[met]]
+    deep = np.einsum("nd,nd->n", points[met] - at[end[met]], m)
+    cosine = np.einsum("nd,nd->n", n, m)
+    radius[met] = np.clip(deep / np.maximum(1.0 - cosine, 0.1), 0.0, largest)
+    return radius, end
 
 
 def spread(corners: Array, spacing: float) -> tuple[Array, Integers]:
@@ -174,19 +232,3 @@ def spread(corners: Array, spacing: float) -> tuple[Array, Integers]:
         corners = np.concatenate([np.stack(part, axis=1) for part in parts])
         number = np.tile(number[~small], len(parts))
     return np.concatenate(points), np.concatenate(numbers)
-
-
-def _length(ends: Array) -> float:
-    return float(np.linalg.norm(ends[1] - ends[0]))
-
-
-def _connected(mask: Mask) -> tuple[int, int]:
-    """Number of pieces, and Euler number of the cubes, squares and edges between points."""
-    euler = 0
-    for steps in np.ndindex(2, 2, 2):
-        part = mask
-        for axis in np.flatnonzero(steps):
-            along = np.moveaxis(part, axis, 0)
-            part = np.moveaxis(along[:-1] & along[1:], 0, axis)
-        euler += (-1) ** sum(steps) * int(np.count_nonzero(part))
-    return int(ndimage.label(mask)[1]), euler

@@ -46,8 +46,8 @@ _KINDS = (".stl", ".ply", ".vtp", ".obj")
 _SURFACE = {"hexahedron": 1, "tetrahedron": 0}
 #: Most cavities whose places are told
 _PLACES = 3
-#: Spacing of the lattice on which members and gaps are looked for, by the size of the body's cells
-_LATTICE = 0.25
+#: Spacing of the samples by which members and gaps are looked for, by the size of the body's cells
+_SAMPLES = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +185,8 @@ class Solid(Enclosed):
     def thinnest_member(self) -> Width | None:
         """The thinnest member, by balls that do not fit; None if it is as thick as the solid.
 
-        It takes seconds, and is kept. What is thinner than the spacing of a lattice is not seen: a
-        quarter of a cell, or more where that would be too many points for a large body.
+        It takes seconds, and is kept. What is thinner than two samples of the surface is not seen,
+        which are a quarter of a cell apart, or more where that would be too many.
         """
         return self._thinnest(around=False)
 
@@ -196,7 +196,7 @@ class Solid(Enclosed):
         return self._thinnest(around=True)
 
     def _thinnest(self, *, around: bool) -> Width | None:
-        size = _LATTICE * self.body.cell_size
+        size = _SAMPLES * self.body.cell_size
         return thinnest_in_space(self.points, self.triangles, size, around=around)
 
     def surface(self) -> Any:
