@@ -30,7 +30,8 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 HERE = Path(__file__).resolve().parent
-PROGRESS = "progress "
+#: A line about the job of a number; from several ranks what others write may stand behind it
+PROGRESS = re.compile(r"progress (\d+) (\d[\d.]*(?:e-\d+)?)")
 
 #: Told which part of the job is done, from 0 to 1
 Progress = Callable[[float], None]
@@ -158,9 +159,8 @@ def _run(batch: list[Job], tell: Callable[[int, float], None]) -> list[dict[str,
         ) as process:
             try:
                 for line in process.stdout or ():
-                    if line.startswith(PROGRESS):
-                        told, part = line.removeprefix(PROGRESS).split()
-                        tell(int(told), float(part))
+                    if told := PROGRESS.match(line):
+                        tell(int(told[1]), float(told[2]))
             finally:
                 if process.poll() is None and sys.exc_info()[0] is not None:
                     process.terminate()
@@ -193,7 +193,7 @@ def _main(tasks: str, result: str) -> None:
 
         def tell(part: float, number: int = number) -> None:
             if comm.rank == 0:
-                print(f"{PROGRESS}{number} {part}", flush=True)
+                print(f"progress {number} {part}", flush=True)
 
         tell(0.0)
         try:

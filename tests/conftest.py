@@ -5,6 +5,7 @@ Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
   case of each, and outside of the folders where ranks share fields only those about ranks;
+  ``--but-those-of-three`` leaves these out of a run with two, beside which one with three is made;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -59,6 +60,12 @@ settings.load_profile("reproducible")
 STDERR = pytest.StashKey[TextIO]()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Of `tests/run.sh`, which makes a run with three ranks, too."""
+    text = "leave out what also runs with three ranks"
+    parser.addoption("--but-those-of-three", action="store_true", help=text)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Let one rank report, and print the stacks when a run is aborted."""
@@ -77,7 +84,7 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With several ranks, select the tests marked ``mpi``; beyond two, fewer of them (see above).
+    """With several ranks, select tests marked ``mpi``, of which some run with three (see above).
 
     Among several workers modules with slow ones come first: none is left with one at the end.
     """
@@ -86,14 +93,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             items.sort(key=lambda item: item.get_closest_marker("slow") is None)
         return
     chosen = [item for item in items if item.get_closest_marker("mpi")]
+    first: dict[str, pytest.Item] = {}
+    for item in chosen:
+        name = item.nodeid.partition("[")[0]
+        folder = item.path.parent.name
+        if folder in SHARED or (folder != "demos" and RANKS.search(name)):
+            first.setdefault(name, item)
     if AGREEMENT.size > 2:
-        first: dict[str, pytest.Item] = {}
-        for item in chosen:
-            name = item.nodeid.partition("[")[0]
-            folder = item.path.parent.name
-            if folder in SHARED or (folder != "demos" and RANKS.search(name)):
-                first.setdefault(name, item)
         chosen = list(first.values())
+    elif config.getoption("but_those_of_three"):
+        elsewhere = set(first.values())
+        chosen = [item for item in chosen if item not in elsewhere]
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen
     names = AGREEMENT.allgather([item.nodeid for item in items])

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with 2 ranks,
-# and a part of them with 3 (tests/conftest.py). All three sessions run even when one fails. Arguments go to
+# The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with several ranks: a
+# part of them with 3, the others with 2 (tests/conftest.py). All three sessions run even when one fails. Arguments go to
 # pytest; a session in which they select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
 # tests that are not marked `slow` alone. Called by `make test` and `make test-fast`, which do the set-up first.
 set -uo pipefail
@@ -41,8 +41,10 @@ for session in "${sessions[@]}"; do
     if [ "$session" = serial ]; then
         "$python" -m pytest -n 2 --dist loadscope --no-loadscope-reorder "${selection[@]}" "$@"
     else
+        rest=()
+        [ "$session" = "2 ranks" ] && rest=(--but-those-of-three)
         # more ranks than cores: those that wait let the others work
-        OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${session% *}" "$python" -m pytest -m mpi "$@" -n 0
+        OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${session% *}" "$python" -m pytest -m mpi "${rest[@]}" "$@" -n 0
     fi
     code=$?
     [ $code = 1 ] || rm -rf "$PYTEST_DEBUG_TEMPROOT" # files of tests that failed stay to be looked at

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 import subprocess
 import sys
@@ -115,6 +116,13 @@ def test_pages_have_facts_and_a_picture(output: Path, page: str) -> None:
     picture = imread(output / f"{page}.png")
     assert picture.shape[0] > 400 and picture.shape[1] > 800
     assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 10
+
+
+def test_scipy_finds_the_published_bending(output: Path) -> None:
+    """To the accuracy that is asked of it here."""
+    kept = json.loads((output / "measurements.json").read_text())
+    (found,) = (one for key, one in kept.items() if '"published", "slider_crank"' in key)
+    assert found["apart"] < 0.01
 
 
 def test_arrays_are_read_without_this_package(output: Path) -> None:

@@ -194,11 +194,11 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
     comm: MPI.Comm, shared_tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On any number of ranks alike, beside a finer mesh; the file is closed."""
-    monkeypatch.setattr(surface_module, "_DEAREST", 10_000)
+    monkeypatch.setattr(surface_module, "_DEAREST", 5_000)
     results = []
     for ranks in (comm, MPI.COMM_SELF)[: comm.size]:
         problem = beam(ranks)
-        start = surface(problem, share=0.8)
+        start = surface(problem, share=0.95)
         with pytest.warns(ffr.PartWarning, match="still changes by .* by which it is told"):
             found = move_boundary(problem, start, volume=0.9, iterations=2, progress=False)
         results.append(found)
@@ -244,12 +244,12 @@ def test_solids_are_cut_finer_until_psi_stands(
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:boundary. psi")
 def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(surface_module, "_TETRAHEDRA", 2000)
+    monkeypatch.setattr(surface_module, "_TETRAHEDRA", 1200)
     monkeypatch.setattr(surface_module, "_DEAREST", 13_000)  # as fine as it takes is tested above
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}
-    result = ffr.optimize(problem, design, boundary=2, **run)
+    result = ffr.optimize(problem, design, boundary=1, **run)
     assert result.moved is not None and not result.moved.materials
     assert result.part() is result.moved.part("beam")
     assert result.moved.psi < result.moved.history["psi"][0]

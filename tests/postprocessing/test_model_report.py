@@ -48,7 +48,7 @@ def test_error_of_radau_steps(comm: MPI.Intracomm, steps: int | None) -> None:
     x = np.ones(problem.flexible["rod"].domain.n_cells)
     evaluation = problem.gradient(x)
     report = ffr.model_report(problem, evaluation)
-    problem.integrator = ffr.RadauIIA(0.4, steps=1000)
+    problem.integrator = ffr.RadauIIA(0.4, steps=300)
     fine = problem.gradient(x)
     assert abs(evaluation.psi / fine.psi - 1.0) < 1e-4
     assert report.step_error < 1e-4
