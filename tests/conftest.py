@@ -78,9 +78,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """With several ranks, pass over modules without a test for them: imports take seconds."""
-    if AGREEMENT.size > 1 and collection_path.match("test_*.py"):
-        return True if "mark.mpi" not in collection_path.read_text() else None
-    return None
+    if AGREEMENT.size == 1 or not collection_path.match("test_*.py"):
+        return None
+    text, folder = collection_path.read_text(), collection_path.parent.name
+    some = "mark.mpi" in text
+    if AGREEMENT.size > 2 and folder not in SHARED:
+        some = some and folder != "demos" and RANKS.search(text) is not None
+    return None if some else True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

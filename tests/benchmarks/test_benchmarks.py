@@ -44,11 +44,10 @@ accuracy_tolerance 3, accuracy_differences 3, mesh 27, mesh_orders 12, mesh_smoo
 mesh_smooth_orders 12, mesh_locking 16, modes 12, modes_free 8, modes_estimate 10, modes_selected 5,
 differences 2, gradient 36, gradient_designs 3, gradient_growth 1, integration 22,
 integration_summary 4, integration_orders 6, integration_damping 10, time_steps 3,
-boundary_starts 2, boundary_short 0, boundary_methods 1, boundary_outline 1, boundary_ways 1,
-boundary_meshes 1,
-boundary_stress_limit 1, boundary_stress 1, space 3, space_parts 3, space_solvers 1,
-space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11, arrays 2,
-arrays_scipy 1"""
+boundary_starts 1, boundary_short 0, boundary_methods 0, boundary_outline 1, boundary_ways 1,
+boundary_meshes 0, boundary_stress_limit 1, boundary_stress 1, space 3, space_parts 3,
+space_solvers 1, space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11,
+arrays 2, arrays_scipy 1"""
 Rows = Callable[..., list[dict[str, str]]]
 
 
