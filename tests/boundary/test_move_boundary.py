@@ -25,7 +25,7 @@ from dolfinx_ffr.boundary.derivative import NodeMotion
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
 from dolfinx_ffr.optimization import BoundaryResult, move_boundary
-from dolfinx_ffr.optimization.boundary_steps import Trial, _Descent
+from dolfinx_ffr.optimization.descent import Descent, Trial
 from dolfinx_ffr.optimization.steps_checkpoint import Kept, StepsCheckpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -250,9 +250,9 @@ def test_small_holes_are_tried_without() -> None:
 
     given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
     assert len(given.holes) == len(boundary.holes) + 1
-    ((without, count),) = InThePlane().simpler(given, {})
+    ((without, count),) = InThePlane().simpler(given, {}, {})
     assert count == 1 and len(without.holes) == len(boundary.holes)
-    assert not list(InThePlane().simpler(boundary, {}))
+    assert not list(InThePlane().simpler(boundary, {}, {}))
 
 
 @pytest.mark.slow
@@ -313,7 +313,7 @@ def test_controls_that_crowd_are_set_apart() -> None:
     told = radius_rows(creased)
     assert told.smallest == pytest.approx(creased.smallest_radius, rel=1e-9)
     assert told.missed > 0.1 and creased.crowded == [key] and not boundary.crowded
-    ((without, count),) = InThePlane().simpler(creased, {})
+    ((without, count),) = InThePlane().simpler(creased, {}, {})
     assert count == 0 and not without.crowded and radius_rows(without).missed == 0.0
     assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
 
@@ -328,14 +328,14 @@ def test_a_bound_that_only_finer_meshes_exceed_is_tightened(
     parts = problem.bodies, problem.mechanism, problem.integrator
     heavy = ffr.Problem(*parts, ffr.Mass("rod"), constraints=[soft])
     found: list[float] = []
-    finer = _Descent.finer
+    finer = Descent.finer
 
-    def off(descent: _Descent, trial: Trial) -> tuple[Trial, float]:
+    def off(descent: Descent, trial: Trial) -> tuple[Trial, float]:
         told, change = finer(descent, trial)
         found.append(told.excesses["soft"])
         return replace(told, excesses={"soft": found[-1] + 0.01}), change
 
-    monkeypatch.setattr(_Descent, "finer", off)
+    monkeypatch.setattr(Descent, "finer", off)
     short = {"iterations": 3, "progress": False, "mode_tolerance": None}
     result = move_boundary(heavy, boundary, **short)
     assert len(result.history["psi"]) == 3 + 4 + 2 and len(found) == 2
@@ -405,7 +405,7 @@ def test_boundaries_of_two_bodies_move_together() -> None:
     with pytest.raises(ValueError, match=r"given for \['upper'\], and the problem designs"):
         move_boundary(problem, {"upper": boundaries["upper"]})
     # beside differences over new meshes, whose own noise is some 1e-5 of psi
-    descent = _Descent(problem, {}, dict.fromkeys(boundaries, 3.2 * MEMBER), {})
+    descent = Descent(problem, {}, dict.fromkeys(boundaries, 3.2 * MEMBER), {})
     slope = descent.slopes(descent.tried(boundaries)).psi
     along, first, log_psi = -0.2 * slope / np.max(np.abs(slope)), 0, []
     offsets = {}

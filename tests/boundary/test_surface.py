@@ -20,7 +20,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Surface
 from dolfinx_ffr.boundary import surface as surface_module
 from dolfinx_ffr.optimization import move_boundary
-from dolfinx_ffr.optimization.boundary_steps import _Descent
+from dolfinx_ffr.optimization.descent import Descent
 from dolfinx_ffr.part import tangent_balls
 
 SIZE, ELEMENTS, MEMBER = (0.16, 0.04, 0.04), (8, 4, 4), 6e-3
@@ -98,7 +98,7 @@ def test_points_follow_the_field() -> None:
 def test_derivative_of_psi_is_that_of_the_mesh_that_moves(comm: MPI.Comm) -> None:
     problem = beam(comm)
     found = surface(problem)
-    descent = _Descent(problem, {"beam": 0.9}, {"beam": found.size}, {})
+    descent = Descent(problem, {"beam": 0.9}, {"beam": found.size}, {})
     slopes = descent.slopes(descent.tried({"beam": found}))
     cut = found.part._kept[found.part._first]
     points, centers = found.moving, {"left": [0.0, 0.0, 0.0], "right": [SIZE[0], 0.0, 0.0]}
@@ -233,9 +233,9 @@ def test_solids_are_cut_finer_until_psi_stands(
             raise psi
         return SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=psi))
 
-    monkeypatch.setattr(_Descent, "resolved", cut)
+    monkeypatch.setattr(Descent, "resolved", cut)
     start = SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=1.0))
-    found, change = _Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(start)
+    found, change = Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(start)
     assert found.evaluation.psi == told
     steps = [1.0, *(psi for psi in finer[: 1 + (told == 1.3)])]
     assert change == pytest.approx(abs(steps[-2] / steps[-1] - 1.0))

@@ -9,12 +9,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+import numpy as np
+import shapely
+
 from ..arrays import Array
 from ..fem import Domain
 from ..part import Solid
+from ..reduction import Struts
 from .derivative import NodeMotion
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
+from .struts import missing
 from .surface import Surface, SurfaceMotion
 
 B = TypeVar("B", Boundary, Surface)
@@ -25,9 +30,9 @@ Costs = dict[tuple[int, int], float]
 #: least, so that psi of a part with few members is told as well; how much larger they may be in
 #: steps in which no stress counts, as psi differs by no more than 0.1 % by them
 _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
-#: What the minimum width of a strut must cost to be tried without it, as share of psi, and how many
-#: are tried at once: most that cost less carry a tenth of psi
-_PRICE, _TRIED = 0.01, 3
+#: What the minimum width of a strut must cost to be tried without it, or what it carries at most,
+#: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
+_PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 
 #: Share of the minimum below which a member of a solid is told
 _THINNER = 0.9
@@ -87,8 +92,19 @@ class Kind(ABC, Generic[B]):
         """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
 
-    def simpler(self, boundary: B, costs: Costs) -> Iterator[tuple[B, int]]:
+    def carried(self, boundary: B, struts: Struts) -> Costs:
+        """What struts carry, by pairs of curves, as shares of psi; collective."""
+        return {}
+
+    def simpler(self, boundary: B, costs: Costs, carried: Costs) -> Iterator[tuple[B, int]]:
         """The boundary without what may not pay, and how many holes and struts that were."""
+        return iter(())
+
+    def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int]]:
+        """The boundary with a strut more, which may lower psi, and how many these are; collective.
+
+        One for each that is to be tried.
+        """
         return iter(())
 
     def said(self, boundary: B) -> list[str]:
@@ -127,8 +143,28 @@ class InThePlane(Kind[Boundary]):
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
 
-    def simpler(self, boundary: Boundary, costs: Costs) -> Iterator[tuple[Boundary, int]]:
-        """Without small holes, crowds of controls, what ends free, and struts that cost most."""
+    def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
+        for ends in missing(boundary, struts):
+            try:
+                found = boundary.braced(ends)
+            except ValueError:
+                continue
+            if found.valid:
+                yield found, 1
+
+    def carried(self, boundary: Boundary, struts: Struts) -> Costs:
+        domain, found = struts.domain, {}
+        x, y = domain.everywhere(domain.centroids)[:, :2].T
+        shares = domain.everywhere(struts.carried)
+        for pair, strut in boundary.struts():
+            shapely.prepare(strut)
+            found[pair] = float(np.sum(shares[shapely.contains_xy(strut, x, y)]))
+        return found
+
+    def simpler(
+        self, boundary: Boundary, costs: Costs, carried: Costs
+    ) -> Iterator[tuple[Boundary, int]]:
+        """Without small holes, crowds of controls, what ends free, idle struts and dear ones."""
         small = [boundary.specks, *boundary.pockets[:_TRIED]]
         for holes in small:
             if holes and len(holes) < len(boundary.holes):
@@ -136,10 +172,13 @@ class InThePlane(Kind[Boundary]):
         every, crowded = set(boundary.holes), boundary.crowded
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
+        idle = [pair for pair, share in carried.items() if share < _IDLE and every.issuperset(pair)]
+        idle.sort(key=lambda pair: carried[pair])
+        pairs = dict.fromkeys([*idle[:_TRIED], *dear[:_TRIED]])
         tried: list[tuple[Callable[[Any], Boundary], Any]]
         tried = [(boundary.evened, crowded)] if crowded else []
         tried += [(boundary.trimmed, spur) for spur in boundary.spurs[:_TRIED]]
-        for without, what in [*tried, *((boundary.joined, pair) for pair in dear[:_TRIED])]:
+        for without, what in [*tried, *((boundary.joined, pair) for pair in pairs)]:
             try:
                 found = without(what)
             except ValueError:

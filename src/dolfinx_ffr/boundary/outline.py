@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ _SPECK, _POCKET = 5.0, 20.0
 _CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
 #: Greatest distance of holes that are joined, in minimum members
 _JOINED = 6.0
+#: Half the width of struts when they are inserted, in minimum members
+_BAR = 0.55
 #: Distance of the controls from what must stay solid, in minimum members: what they leave there is
 #: no member, as it is one piece with the solid
 _OFF_SOLID = 0.25
@@ -407,12 +410,49 @@ class Boundary:
             gone += among
         return self._with_holes(gone, runs)
 
+    def struts(self) -> Iterator[tuple[tuple[int, int], shapely.Geometry]]:
+        """Pairs of holes with material that can go between them, and where that and its images are.
+
+        Of mirror images only one is a pair.
+        """
+        holes = {key: self.hole(key) for key in self.holes}
+        keys, seen = list(holes), shapely.MultiPolygon()
+        for i, j in combinations(keys, 2):
+            if holes[i].distance(holes[j]) < _JOINED * self.member:
+                strut = self._between(i, j).difference(shapely.union_all([holes[i], holes[j]]))
+                if strut.representative_point().intersects(seen):
+                    continue
+                whole = shapely.union_all([shapely.transform(strut, g) for g in self.isometries])
+                seen = seen.union(whole)
+                yield (i, j), whole
+
     def _between(self, i: int, j: int) -> shapely.Geometry:
         """What goes between two holes that are joined, and parts of these."""
         a, b = self.hole(i), self.hole(j)
         way = a.distance(b) + _CONVEX * self.member
         facing = a.intersection(b.buffer(way)), b.intersection(a.buffer(way))
         return shapely.union_all(facing).convex_hull
+
+    def braced(self, ends: Array) -> Boundary:
+        """The boundary with a straight strut from end to end (2, 2) [m], and its mirror images.
+
+        ValueError if there is no hole where it is, or nothing is left of it.
+        """
+        lines = [g(ends) for g in self.isometries]
+        bars = shapely.union_all(shapely.linestrings(lines)).buffer(_BAR * self.member)
+        gone, runs = [], []
+        for key in self.holes:
+            hole = self.hole(key)
+            if hole.intersection(bars).area > self.member**2:
+                gone.append(key)
+                left = hole.difference(bars).buffer(-_OPENED * self.gap).buffer(_OPENED * self.gap)
+                for piece in getattr(left, "geoms", [left]):
+                    if piece.area > _SPECK * self.member**2:
+                        ring = shapely.geometry.polygon.orient(piece, -1.0).exterior
+                        runs.append(Run(np.asarray(ring.coords)[:-1], None))
+        if not runs:
+            raise ValueError("boundary: no hole is left where there would be a strut")
+        return self._with_holes(gone, runs)
 
     @property
     def spurs(self) -> list[shapely.Geometry]:

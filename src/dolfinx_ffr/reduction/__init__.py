@@ -20,5 +20,6 @@ from .integrals import RoundOffWarning as RoundOffWarning
 from .normal_modes import CLUSTER as CLUSTER
 from .residual_modes import with_residual_modes as with_residual_modes
 from .stress import BodyStress as BodyStress
+from .struts import Struts as Struts
 
 explain_fields(globals())

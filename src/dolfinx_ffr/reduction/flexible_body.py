@@ -20,6 +20,7 @@ from ..body import VolumeIntegrals
 from ..fem import (
     SIMP,
     Array,
+    Block,
     Domain,
     Elasticity,
     ElasticMaterial,
@@ -41,6 +42,7 @@ from .geometric_stiffness import GeometricStiffening
 from .integrals import second_moments, volume_integrals, volume_integrals_pullback
 from .point_marker import PointMarker
 from .static_correction import static_correction, static_correction_pullback
+from .struts import Struts
 
 #: Terms of standard input data with moments of pairs of shape functions, and with stiffening
 OF_PAIRS, BENT = {"Cr", "Me", "Gr", "Ge", "Oe"}, {"Ct", "Cr", "Oe", "phi"}
@@ -87,6 +89,18 @@ class BodyPullback(NamedTuple):
     #: None where nodes were not asked for
     centers: Array | None
     learnt: dict[str, float]  #: ``iterations`` of the adjoint systems, and seconds spent by part
+
+
+class _Adjoint(NamedTuple):
+    """Fields of the adjoint problem of one body."""
+
+    pairs: tuple[Block, Block, Block, Block]  #: As `Elasticity.density_gradient` takes them
+    bar: VolumeIntegrals  #: Derivative of psi with respect to the integrals
+    parts: list[ShapesBar]
+    adjoint: Block  #: Of the shape functions, (dofs, r)
+    direct: Array  #: Part of the derivative with respect to the densities, (cells,)
+    iterations: int
+    seconds: float  #: That the adjoint systems took [s]
 
 
 class FlexibleBody:
@@ -438,11 +452,31 @@ class FlexibleBody:
         self, reduced: ReducedBody, bar: VolumeIntegrals, fields: ShapesBar | None, nodes: bool
     ) -> BodyPullback:
         start = perf_counter()
+        moved = self.elasticity.nodes.zeros() if nodes else None
+        found = self._adjoint(reduced, bar, fields, moved)
+        gradient = self.elasticity.density_gradient(reduced.density, *found.pairs, moved)
+        by_nodes, by_centers = None, None
+        if moved is not None:
+            by_nodes, by_centers = self._by_nodes(moved, reduced, found)
+        learnt = {
+            "iterations": found.iterations,
+            "reduction pullback": found.seconds,
+            "integrals pullback": perf_counter() - start - found.seconds,
+        }
+        return BodyPullback(gradient + found.direct, by_nodes, by_centers, learnt)
+
+    def _adjoint(
+        self,
+        reduced: ReducedBody,
+        bar: VolumeIntegrals,
+        fields: ShapesBar | None = None,
+        moved: Array | None = None,
+    ) -> _Adjoint:
+        """All fields of which the derivatives are integrals, see `pullback`."""
         factored, basis = self.factored(reduced), reduced.basis
         if fields is not None and fields.K is not None:
             bar = replace(bar, K=bar.K + fields.K)
         matrices, direct = factored.matrices, np.zeros(self.domain.n_cells)
-        moved = self.elasticity.nodes.zeros() if nodes else None
         own = volume_integrals_pullback(self.reduction, matrices, basis, self.markers, bar)
         parts = [own] if fields is None else [own, fields]
         if self.stiffening is not None:
@@ -451,39 +485,33 @@ class FlexibleBody:
         before = perf_counter()
         shapes_bar = sum((part.shapes for part in parts[1:]), own.shapes)
         adjoint, iterations = self.reduction.pullback(factored, basis, shapes_bar)
-        solved = perf_counter()
+        seconds = perf_counter() - before
         assert own.pairs is not None
         _, y, _, kappa = own.pairs
         kappa += adjoint
         y[:, 1 + basis.n_constraint : -1] -= basis.eigenvalues * adjoint[:, basis.n_constraint :]
-        pairs = zip(*(part.pairs for part in parts if part.pairs is not None), strict=True)
-        w, y, phi, kappa = map(np.hstack, pairs)
-        gradient = self.elasticity.density_gradient(reduced.density, w, y, phi, kappa, moved)
-        by_nodes, by_centers = None, None
-        if moved is not None:
-            by_nodes, by_centers = self._by_nodes(moved, factored, basis, bar, parts, adjoint)
-        learnt = {
-            "iterations": iterations,
-            "reduction pullback": solved - before,
-            "integrals pullback": perf_counter() - solved + before - start,
-        }
-        return BodyPullback(gradient + direct, by_nodes, by_centers, learnt)
+        every = zip(*(part.pairs for part in parts if part.pairs is not None), strict=True)
+        w, y, phi, kappa = map(np.hstack, every)
+        return _Adjoint((w, y, phi, kappa), bar, parts, adjoint, direct, iterations, seconds)
 
-    def _by_nodes(
-        self,
-        moved: Array,
-        factored: FactoredBody,
-        basis: ReducedBasis,
-        bar: VolumeIntegrals,
-        parts: Sequence[ShapesBar],
-        adjoint: Array,
-    ) -> tuple[Array, Array]:
+    def struts(self, reduced: ReducedBody, bar: VolumeIntegrals) -> Struts:
+        """What struts of a ``reduced`` body in the plane carry, and others would; collective.
+
+        The body is of full density, and ``bar`` the derivative by the integrals, as for `pullback`.
+        """
+        with self._working:
+            pairs, matrices = self._adjoint(reduced, bar).pairs, self.factored(reduced).matrices
+            return Struts(self.elasticity, matrices, pairs, reduced.basis)
+
+    def _by_nodes(self, moved: Array, reduced: ReducedBody, found: _Adjoint) -> tuple[Array, Array]:
         """The derivatives by the nodes, from that of the pairs, ``moved``, and by the centers.
 
         Shapes (nodes, dimension) and (interfaces, dimension).
         """
+        basis, bar, parts = reduced.basis, found.bar, found.parts
         k, mesh_nodes = basis.n_constraint, self.elasticity.nodes
-        values = self.elasticity.apply(factored.matrices.stiffness, adjoint[:, :k])
+        stiffness = self.factored(reduced).matrices.stiffness
+        values = self.elasticity.apply(stiffness, found.adjoint[:, :k])
         reference = np.zeros(len(values))
         for part in parts:
             values += part.shapes[:, :k]

@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: MIT
+"""Boundaries on meshes of their own: psi, its derivatives, what bounds are kept, the best step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.sparse import block_diag as sparse_block_diag
+from scipy.sparse import csc_matrix
+
+from ..arrays import Array
+from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
+from ..dynamics import SimulationError
+from ..mechanical_problem import MechanicalProblem
+from ..objective import Objective, PeakStress
+from ..problem import Evaluation, Problem
+from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
+from .steps_checkpoint import Kept, Learnt
+
+#: By the dimension of the bodies
+_KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
+
+#: Distance over which steps are smooth, and longest step, in minimum members
+_SMOOTH, LONGEST = 2.4, 0.65
+#: By how much stress is kept below its bounds where it is told: it differs as much from mesh to
+#: mesh
+_SPARED = 5e-3
+#: Size of triangles in notches, in radii, where the stress counts, and where the result is told:
+#: by coarser ones it is up to 5 % off, and a limit that the steps keep is missed by what is told
+TURN = 0.25
+#: Weight of the largest violation of sizes in the merit, which decides whether a step is taken
+_OF_SIZES = 0.05
+#: Violation of bounds and of minimum sizes up to which a boundary may be the best one
+HELD = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Boundaries with the meshes that fit them, and what was computed there."""
+
+    boundaries: dict[str, Boundary | Surface]
+    problem: Problem
+    evaluation: Evaluation
+    sizes: dict[str, Rows]  #: Of members and gaps
+    radii: dict[str, Rows]
+    excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
+    spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
+
+    @property
+    def kept(self) -> dict[str, float]:
+        """What the steps keep below zero, by the names of the constraints."""
+        return {name: value + self.spare.get(name, 0.0) for name, value in self.excesses.items()}
+
+    @property
+    def excess(self) -> float:
+        """Largest violation of what the steps keep, at least zero."""
+        return max(0.0, *self.kept.values()) if self.excesses else 0.0
+
+    def merit(self, of_bounds: float) -> float:
+        """Logarithm of psi and the violations with their weights."""
+        rows = [*self.sizes.values(), *self.radii.values()]
+        narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
+        return self.carries(of_bounds) + _OF_SIZES * narrow
+
+    def carries(self, of_bounds: float) -> float:
+        """The same without sizes, which steps mend where a strut has gone."""
+        return math.log(self.evaluation.psi) + of_bounds * self.excess
+
+    def rank(self, of_bounds: float, worth: float = 0.0) -> tuple[bool, float]:
+        """Which is the best: one that keeps bounds and sizes, and of those the least merit.
+
+        The merit is less by what it is ``worth`` that something has gone.
+        """
+        return max(self.excess, self.missed) > HELD, self.merit(of_bounds) - worth
+
+    @property
+    def missed(self) -> float:
+        """The largest share by which a member, gap or radius is below its minimum."""
+        rows = (*self.sizes.values(), *self.radii.values())
+        return max((part.missed for part in rows), default=0.0)
+
+    def told(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
+        """One row of the history."""
+        bodies = self.problem.flexible
+        area = sum(bodies[name].domain.area for name in self.boundaries)
+        return {
+            "psi": self.evaluation.psi,
+            "volume": area / sum(b.body.area for b in self.boundaries.values()),
+            "narrowest": min(rows.smallest for rows in self.sizes.values()),
+            "tightest": min(rows.smallest for rows in self.radii.values()),
+            "excess": max(0.0, *self.excesses.values()) if self.excesses else 0.0,
+            "step": step,
+            "cells": sum(bodies[name].domain.n_cells_global for name in self.boundaries),
+            "modes": sum(bodies[name].modes for name in self.boundaries),
+            "rejected": rejected,
+            "removed": removed,
+            "inserted": inserted,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives by the offsets of the masters along their normals, in minimum members."""
+
+    psi: Array  #: Of log psi, (masters,)
+    values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
+    slopes: Array  #: Their derivatives, (m, masters)
+    bounds: int  #: Number of bounds
+    evaluation: Evaluation  #: With the gradients
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Steps of the boundaries of a problem's designed bodies."""
+
+    problem: Problem
+    volume: dict[str, float]  #: Upper bounds of the filled shares
+    sizes: dict[str, float]  #: Of the triangles [m]
+    others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
+    turn: float = math.inf  #: Size of triangles in notches, in radii
+    spare: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
+
+    @property
+    def kind(self) -> Kind[Any]:
+        """What its boundaries are."""
+        return kind_of(self.problem)
+
+    def point(self, problem: Problem) -> dict[str, Array]:
+        """Where the problem is evaluated: full bodies."""
+        full = {name: np.ones(body.domain.n_cells) for name, body in problem.flexible.items()}
+        return full | self.others
+
+    def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
+        """Boundaries meshed and evaluated; collective."""
+        bodies = dict(self.problem.bodies)
+        for name, boundary in boundaries.items():
+            domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
+            domain.whole = boundary.body
+            bodies[name] = self.problem.flexible[name].with_domain(domain)
+        problem = self.problem.with_bodies(bodies)
+        return self.evaluated(boundaries, problem, problem.value(self.point(problem)))
+
+    def evaluated(
+        self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
+    ) -> Trial:
+        """A trial of which all but the constraints is known; collective."""
+        # stress limits are those of these parts
+        problem, found = problem.calibrated(found)
+        if not found.psi > 0.0:
+            raise ValueError(
+                f"boundary: psi is {found.psi:.6g}, and steps are measured by its logarithm; give "
+                "an objective that is positive"
+            )
+        excesses = {name: float(bound.value) for name, bound in found.constraints.items()}
+        for name, most in self.volume.items():
+            share = problem.flexible[name].domain.area / boundaries[name].body.area
+            excesses[f"volume of {name}"] = share / most - 1.0
+        sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
+        radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
+        return Trial(boundaries, problem, found, sizes, radii, excesses, self.spare)
+
+    def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
+        """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
+        bodies, boundaries = trial.problem.flexible, trial.boundaries
+        problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
+        evaluation = problem.differentiate(found, nodes=True)
+        motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
+
+        def along(nodes: Mapping[str, Array] | None) -> Array:
+            assert nodes is not None
+            parts = []
+            for name, boundary in boundaries.items():
+                bar = np.zeros(boundary.n_controls)
+                if name in nodes:
+                    by_control = motions[name].pullback(nodes[name])
+                    bar = np.einsum("kd,kd->k", by_control, boundary.normals)
+                parts.append(boundary.member * (boundary.shares.T @ bar))
+            return np.concatenate(parts)
+
+        def rows(found: dict[str, Rows]) -> Array:
+            own = [b.member * (found[n].slopes @ b.shares) for n, b in boundaries.items()]
+            return np.asarray(block_diag(*own))
+
+        bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
+        excesses = []
+        for name, bound in evaluation.constraints.items():
+            # of several parts of a bound each is kept as that
+            own = [v for n, v in trial.spare.items() if name == n or name.startswith(f"{n}, part")]
+            excesses.append(float(bound.value) + max(own, default=0.0) + margin)
+        excesses += [trial.kept[f"volume of {name}"] for name in self.volume]
+        for name, most in self.volume.items():
+            body = bodies[name]
+            areas = body.measures_pullback(np.ones(body.domain.n_cells), None)
+            bounds.append(along({name: areas}) / (most * boundaries[name].body.area))
+        # no offset is longer than 1.5 times that of the step
+        rooms = {n: self.kind.room(b, 1.5 * LONGEST * b.member) for n, b in boundaries.items()}
+        geometric = (trial.sizes, trial.radii, rooms)
+        every = [part for found in geometric for part in found.values()]
+        values = [part.values for part in every]
+        return Slopes(
+            along(evaluation.nodes) / evaluation.psi,
+            np.concatenate([*values, excesses]),
+            np.vstack([*map(rows, geometric), *bounds]),
+            len(bounds),
+            evaluation,
+        )
+
+    def step(self, trial: Trial, found: Slopes, reach: float) -> Step:
+        """The best step, the longest offset of which is ``reach`` minimum members."""
+        boundaries = trial.boundaries
+        metrics = [
+            b.shares.T @ b.metric(_SMOOTH * b.member) @ b.shares for b in boundaries.values()
+        ]
+        held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
+        step = best_step(
+            csc_matrix(sparse_block_diag(metrics)),
+            found.psi,
+            found.values,
+            found.slopes,
+            np.concatenate(held),
+            reach,
+        )
+        cost = step.multipliers
+        offsets, costs, first, row = {}, {}, 0, 0
+        for name, boundary in boundaries.items():
+            count, shares = boundary.shares.shape[1], boundary.shares
+            offsets[name] = boundary.member * (shares @ step.offsets[first : first + count])
+            first += count
+            costs[name] = own = Costs()
+            for pair in trial.sizes[name].members.tolist():
+                a, b = sorted(pair)
+                if 0 <= a < b and cost[row] > 0.0:
+                    own[a, b] = own.get((a, b), 0.0) + float(cost[row])
+                row += 1
+        return Step(offsets, costs, cost[len(cost) - found.bounds :])
+
+    def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
+        """The state after a step; ``others`` are the last fields of `Kept`."""
+        modes = {name: body.modes for name, body in self.problem.flexible.items()}
+        also = None if best is trial else best.boundaries
+        methods = chosen_methods(self.problem)
+        return Kept(learnt, self.spare, trial.boundaries, also, modes, methods, *others)
+
+    def restored(self, kept: Kept) -> tuple[Descent, Trial, Trial]:
+        """The descent, its boundaries and the best ones in an earlier state; collective."""
+        problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
+        descent = replace(self, problem=problem, spare=kept.spare)
+        trial = descent.tried(kept.now)
+        return descent, trial, descent.tried(kept.best) if kept.best else trial
+
+    def moved(self, trial: Trial, step: Step) -> Trial | None:
+        """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
+        try:
+            moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
+            return self.tried(moved)
+        except (ValueError, SimulationError):
+            return None
+
+    def accurate(
+        self, trial: Trial, tolerance: float | None, first: Mapping[str, int]
+    ) -> tuple[Descent, Trial, dict[str, float]]:
+        """With as many normal modes, and as short time steps, as the parts need; collective."""
+        x, problem, found = self.point(trial.problem), trial.problem, trial.evaluation
+        errors: dict[str, float] = {}
+        if tolerance is not None:
+            problem, found, errors = with_enough_modes(problem, x, found, tolerance, first)
+        problem, found = with_steps_for(problem, x, found)
+        if problem is trial.problem:
+            return self, trial, errors
+        found_there = self.evaluated(trial.boundaries, problem, found)
+        return replace(self, problem=problem), found_there, errors
+
+    def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
+        """Boundaries on meshes that resolve notches or walls; collective."""
+        fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
+        sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
+        spare = of_stress(self.problem, _SPARED)
+        return replace(self, turn=TURN, sizes=sizes, spare=spare).tried(fine)
+
+    def finer(self, trial: Trial) -> tuple[Trial, float]:
+        """The same on such meshes, if these can be made, and how much psi changed at last.
+
+        They are made finer and finer until psi stands still; collective.
+        """
+        change = math.inf
+        for _ in range(self.kind.meshes):
+            try:
+                found = self.resolved(trial.boundaries)
+            except (ValueError, MemoryError, SimulationError):
+                break
+            change = abs(trial.evaluation.psi / found.evaluation.psi - 1.0)
+            trial = found
+            if change <= self.kind.still:
+                break
+        return trial, change
+
+    def tightened(self, best: Trial, fine: Trial) -> dict[str, float]:
+        """What to `spare` where bounds are kept by the ``best``, and not on its ``fine`` meshes.
+
+        Empty where they are kept on these, or on neither.
+        """
+        if fine.excess <= HELD or best.excess > HELD:
+            return {}
+        off = {name: fine.kept[name] - value + HELD for name, value in best.excesses.items()}
+        return {name: max(value, self.spare.get(name, 0.0)) for name, value in off.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step of all boundaries."""
+
+    offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
+    costs: dict[str, Costs]  #: Of struts, by body
+    of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
+
+
+def of_stress(problem: Problem, spare: float) -> dict[str, float]:
+    """What to ``spare`` of bounds of a largest stress, by their names."""
+    return {c.label: spare for c in problem.constraints if is_stress(c.objective)}
+
+
+def is_stress(objective: Objective) -> bool:
+    """Whether it counts the largest stress."""
+    return any(isinstance(term, PeakStress) for _, term in objective._summands())
+
+
+def kind_of(problem: Problem) -> Kind[Any]:
+    """What the boundaries of its designed bodies are."""
+    first = next(iter(problem.flexible.values()))
+    return _KINDS[first.domain.dimension]

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""Changes of the topology between steps of the boundary: struts that are missing, what may go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ..boundary import Boundary, Costs, Surface
+from ..dynamics import SimulationError
+from ..problem import Evaluation
+from ..reduction import Struts
+from .descent import Descent, Step, Trial
+
+#: Fall of log psi at least for which a strut is inserted, and rise up to which one, or a hole, goes
+_WORTH, GONE = 1e-3, 5e-4
+#: Least share of psi that a body's stiffness carries
+_STIFF = 0.1
+#: How often struts are inserted, and things go, between two steps
+_MOST = 8
+
+
+def changed(
+    descent: Descent, trial: Trial, evaluation: Evaluation, step: Step, weight: float
+) -> tuple[Trial, int, int]:
+    """With struts that were missing and without what does not pay, how many of both; collective.
+
+    The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
+    there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
+    """
+    inserted, removed = 0, 0
+    struts = _struts(descent, trial, evaluation, step)
+    while inserted < _MOST:
+        more = _braced(descent, trial, struts, weight)
+        if more is None:
+            break
+        trial, inserted = more, inserted + 1
+        there = trial.problem.differentiate(trial.evaluation)
+        struts = _struts(descent, trial, there, step)
+    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in struts.items()}
+    for _ in range(_MOST):
+        trial, fewer = _simpler(descent, trial, step.costs, carried, weight)
+        removed += fewer
+        if not fewer:
+            break
+    return trial, inserted, removed
+
+
+def _struts(
+    descent: Descent, trial: Trial, evaluation: Evaluation, step: Step
+) -> dict[str, Struts]:
+    """What struts of bodies in the plane carry, and others would, of log psi and bounds.
+
+    Not where the largest stress counts, as that depends on more than the volume integrals, and not
+    of bodies whose stiffness hardly counts. Collective.
+    """
+    found: dict[str, Struts] = {}
+    if descent.turn < math.inf:
+        return found
+    for name in trial.boundaries:
+        body, bars = trial.problem.flexible[name], evaluation.integrals_gradient or {}
+        bar = bars[name].scaled(1.0 / evaluation.psi)
+        for bound, cost in zip(evaluation.constraints.values(), step.of_bounds, strict=False):
+            if cost and bound.integrals_gradient:
+                bar += bound.integrals_gradient[name].scaled(float(cost))
+        if body.domain.dimension == 2:
+            own = body.struts(evaluation.bodies[name], bar)
+            if body.domain.sum(own.carried) > _STIFF:
+                found[name] = own
+    return found
+
+
+def _tried(
+    descent: Descent, trial: Trial, name: str, others: Iterator[tuple[Boundary | Surface, int]]
+) -> Iterator[tuple[Trial, int]]:
+    """Those of the ``others`` in the place of a boundary that can be meshed and simulated."""
+    for changed, count in others:
+        try:
+            yield descent.tried({**trial.boundaries, name: changed}), count
+        except (ValueError, SimulationError):
+            continue
+
+
+def _braced(
+    descent: Descent, trial: Trial, struts: dict[str, Struts], weight: float
+) -> Trial | None:
+    """With a strut across a hole that lowers psi, None if there is none; collective."""
+    for name, own in struts.items():
+        others = descent.kind.braced(trial.boundaries[name], own)
+        for other, _ in _tried(descent, trial, name, others):
+            if other.carries(weight) < trial.carries(weight) - _WORTH:
+                return other
+    return None
+
+
+def _simpler(
+    descent: Descent,
+    trial: Trial,
+    costs: dict[str, Costs],
+    carried: dict[str, Costs],
+    weight: float,
+) -> tuple[Trial, int]:
+    """Without struts and holes that do not pay, and how many of them went; collective."""
+    removed = 0
+    for name, boundary in trial.boundaries.items():
+        others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
+        found = list(_tried(descent, trial, name, others))
+        if found:
+            best, fewer = min(found, key=lambda pair: pair[0].carries(weight))
+            if best.carries(weight) < trial.carries(weight) + GONE:
+                trial, removed = best, removed + fewer
+    return trial, removed

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: MIT
+"""What struts of a body in the plane carry, and what others would, before they are there."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Integers
+from ..fem import Block, Elasticity, Matrices
+from .craig_bampton import ReducedBasis
+
+
+class Struts:
+    """The derivatives of psi by struts of a full body in the plane; collective.
+
+    A strut that is not there yet is a bar between two nodes, and moves as these do: it strains
+    along itself, and its mass moves linearly from end to end.
+
+    Args:
+        elasticity: Of the body.
+        matrices: At full density.
+        pairs: Psi changes by sum_a m(w_a, y_a) + sum_i k(phi_i, kappa_i), as
+            `Elasticity.density_gradient` takes them.
+        basis: The shape functions.
+    """
+
+    def __init__(
+        self,
+        elasticity: Elasticity,
+        matrices: Matrices,
+        pairs: tuple[Block, Block, Block, Block],
+        basis: ReducedBasis,
+    ) -> None:
+        self._elasticity, self._pairs = elasticity, pairs
+        self._density = matrices.density
+        self.domain = elasticity.domain  #: Of the body
+        self._normal = basis.shapes[:, basis.n_constraint :] / np.sqrt(basis.eigenvalues)
+        self._mass, self._compliance = _solid(elasticity, matrices)
+
+    @cached_property
+    def carried(self) -> Array:
+        """By how much the stiffness of each cell of this rank lowers psi, shape (cells,)."""
+        _, _, phi, kappa = self._pairs
+        none = np.zeros_like(phi)
+        return -self._elasticity.density_gradient(self._density, none, none, phi, kappa)
+
+    def changes(self, points: Array, ends: Integers, width: float) -> Array:
+        """How much psi would change by each of some struts, the same on every rank, (struts,).
+
+        For thin ones it is exact to first order. Wider ones take force from the modes, so their
+        stiffness counts less (Sherman and Morrison).
+
+        Args:
+            points: The nearest nodes to these can be ends, shape (points, 2) [m].
+            ends: Numbers of the two points of each strut, shape (struts, 2).
+            width: Of the struts [m].
+        """
+        nodes = self._elasticity.coordinates().reshape(-1, 1)
+        fields = *self._pairs, self._normal, nodes
+        w, y, phi, kappa, normal, x = _at_nodes(self._elasticity, points, fields)
+        i, j = ends.T
+        way = x[j, :, 0] - x[i, :, 0]
+        length = np.linalg.norm(way, axis=1)
+        along = way / length[:, None]
+        stress = np.column_stack([along**2, along[:, :1] * along[:, 1:]])
+        stiffness = width / length / np.einsum("si,ij,sj->s", stress, self._compliance, stress)
+        stretch, against, own = (
+            np.einsum("sd,sdk->sk", along, f[j] - f[i]) for f in (phi, kappa, normal)
+        )
+        strains = np.einsum("sk,sk->s", stretch, against)
+        moved = np.zeros(len(ends))
+        for weight, a, b in ((2.0, i, i), (1.0, i, j), (1.0, j, i), (2.0, j, j)):
+            moved += weight / 6.0 * np.einsum("sdk,sdk->s", w[a], y[b])
+        held = 1.0 + stiffness * np.sum(own**2, axis=1)
+        return np.asarray(stiffness / held * strains + width * self._mass * length * moved)
+
+
+def _at_nodes(
+    elasticity: Elasticity, points: Array, blocks: tuple[Block, ...]
+) -> tuple[Array, ...]:
+    """The fields of each block at the nodes nearest to points, (points, 2, columns) each."""
+    comm, own = elasticity.comm, elasticity.coordinates()
+    distance, node = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
+    if len(own):
+        distance, node = cKDTree(own).query(points)
+    mine = np.argmin(comm.allgather(distance), axis=0) == comm.rank
+    found = []
+    for block in blocks:
+        values = np.zeros((len(points), 2, block.shape[1]))
+        values[mine] = block.reshape(-1, 2, block.shape[1])[node[mine]]
+        found.append(elasticity.sum(values))
+    return tuple(found)
+
+
+def _solid(elasticity: Elasticity, matrices: Matrices) -> tuple[float, Array]:
+    """Mass by area [kg/m^2] and compliance (3, 3) of resultants xx, yy, xy [m/N] of the body."""
+    x = elasticity.coordinates()
+    zeros = np.zeros(len(x))
+    columns = [
+        (x[:, 0], zeros), (zeros, x[:, 1]), (0.5 * x[:, 1], 0.5 * x[:, 0]), (zeros + 1.0, zeros)
+    ]  # fmt: skip
+    fields = np.column_stack([np.column_stack(column).ravel() for column in columns])
+    area = elasticity.domain.area
+    stiffness = elasticity.inner(fields[:, :3], elasticity.apply(matrices.stiffness, fields[:, :3]))
+    unit = fields[:, 3:]
+    mass = elasticity.inner(unit, elasticity.apply(matrices.mass, unit))
+    return float(mass[0, 0]) / area, np.linalg.inv(stiffness / area)
