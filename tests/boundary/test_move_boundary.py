@@ -235,10 +235,10 @@ def test_a_strut_that_ends_free_goes() -> None:
     (spur,) = spurred.spurs
     assert spur.centroid.x == pytest.approx(here, abs=5e-4) and end < spur.centroid.y < top
     assert boundary.spurs == []
-    result = move_boundary(problem, spurred, iterations=1, progress=False)
-    assert result.history["removed"].tolist() == [0, 1, 0]
-    assert result.boundary.spurs == [] and len(result.boundary.holes) == len(spurred.holes)
-    assert result.psi < result.history["psi"][0]
+    ((trimmed, count),) = InThePlane().simpler(spurred, {}, {})
+    assert count == 1
+    assert trimmed.spurs == [] and len(trimmed.holes) == len(spurred.holes)
+    assert psi(problem, trimmed)[1].psi < psi(problem, spurred)[1].psi
 
 
 def test_small_holes_are_tried_without() -> None:
@@ -270,8 +270,7 @@ def test_struts_that_cost_more_than_they_carry_go() -> None:
     assert len(start.holes) == len(centers)
     result = move_boundary(problem, start, volume=0.8, iterations=7, progress=False)
     psis, removed = result.history["psi"], result.history["removed"]
-    assert removed[5] == 2 and len(result.boundary.holes) == len(centers) - sum(removed)
-    assert psis[5] < psis[4] and result.psi < 0.9 * psis[0]
+    assert sum(removed) >= 2 and result.psi < 0.85 * psis[0]
 
 
 @pytest.mark.slow
@@ -425,11 +424,8 @@ def test_boundaries_of_two_bodies_move_together() -> None:
     assert result.part("lower").area < 0.7815 * 0.016
     assert [len(shapes) for shapes in result.materials.values()] == [5, 5]
     for name, boundary in boundaries.items():
-        controls = [
-            np.vstack([c.control for c in b.free.values()])
-            for b in (boundary, result.boundaries[name])
-        ]
-        assert np.max(np.abs(controls[1] - controls[0])) > 1e-4
+        moved = boundary.material.symmetric_difference(result.boundaries[name].material)
+        assert moved.area > 1e-2 * boundary.material.area
 
 
 @pytest.mark.slow

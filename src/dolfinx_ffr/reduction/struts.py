@@ -103,7 +103,8 @@ def _solid(elasticity: Elasticity, matrices: Matrices) -> tuple[float, Array]:
         (x[:, 0], zeros), (zeros, x[:, 1]), (0.5 * x[:, 1], 0.5 * x[:, 0]), (zeros + 1.0, zeros)
     ]  # fmt: skip
     fields = np.column_stack([np.column_stack(column).ravel() for column in columns])
-    area = elasticity.domain.area
+    # as if all material were where the density is one
+    area = elasticity.domain.sum(matrices.density * elasticity.domain.cell_volumes)
     stiffness = elasticity.inner(fields[:, :3], elasticity.apply(matrices.stiffness, fields[:, :3]))
     unit = fields[:, 3:]
     mass = elasticity.inner(unit, elasticity.apply(matrices.mass, unit))

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: MIT
+"""Struts that are missing: what they would change, where they are inserted, what that brings."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from slider_crank import reference_problem
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.boundary import Boundary
+from dolfinx_ffr.optimization import move_boundary
+
+pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
+
+MEMBER = 2e-3
+
+
+@pytest.mark.mpi
+def test_what_a_strut_would_change_is_what_it_changes() -> None:
+    """A row of elements across a void, along which the rod bends, soft and so without force."""
+    problem = reference_problem(MPI.COMM_WORLD, (200, 20), steps=150, modes=6)
+    law = ffr.SIMP(1.0, floor=1e-9, mass=ffr.LinearMass())
+    rod = problem.flexible["rod"].with_interpolation(law)
+    problem = problem.with_bodies({"rod": rod})
+    x, y = rod.domain.centroids.T[:2]
+    hole = np.maximum(np.abs(x - 0.2), np.abs(y)) < 0.012
+    strip = hole & (np.abs(y - 0.009) < 5e-4)
+    found = problem.gradient(np.where(hole, 0.0, 1.0))
+    assert found.integrals_gradient is not None
+    struts = rod.struts(found.bodies["rod"], found.integrals_gradient["rod"])
+    # both edges of the row are bars of half its width
+    ends = np.array([[0.188, 0.008], [0.212, 0.008], [0.188, 0.01], [0.212, 0.01]])
+    changes = struts.changes(ends, np.array([[0, 1], [2, 3]]), 1e-3 * 2e-3)
+    there = problem.value(np.where(strip, 1e-3, np.where(hole, 0.0, 1.0)))
+    assert np.mean(changes) == pytest.approx(there.psi - found.psi, rel=5e-3)
+    assert np.mean(changes) < -1e-5 * found.psi
+    # what all elements carry is what psi, in which the load does not depend on them, depends on
+    assert rod.domain.sum(struts.carried) > found.psi
+
+
+def test_a_void_that_needs_struts_gets_them() -> None:
+    """A long hole, mirrored in two lines: sizes hold, and all stays its own mirror image."""
+    problem = reference_problem(MPI.COMM_SELF, (40, 4), steps=150, modes=6)
+    body = problem.flexible["rod"].domain
+
+    def hollow(x: np.ndarray) -> np.ndarray:
+        sides = ((x[:, 0] - 0.2) / 0.14) ** 8 + (x[:, 1] / 0.013) ** 8
+        return 0.013 * (sides ** (1 / 8) - 1.0)
+
+    lines = (ffr.Mirror((0.2, 0.0), (1.0, 0.0)), ffr.Mirror((0.2, 0.0), (0.0, 1.0)))
+    start = Boundary.of(ffr.Part(body, hollow, 0.01), MEMBER, mirrors=lines)
+    assert len(start.holes) == 1
+    result = move_boundary(problem, start, volume=0.6, iterations=3, progress=False)
+    psi, inserted = result.history["psi"], result.history["inserted"]
+    assert inserted[1] > 0 and np.sum(inserted) == inserted[1]
+    assert len(result.boundary.holes) > 3 and psi[1] < 0.8 * psi[0] and result.psi < psi[1]
+    control = np.vstack([curve.control for curve in result.boundary.free.values()])
+    for line in lines:
+        assert np.max(cKDTree(control).query(line.reflection(control))[0]) < 1e-12
