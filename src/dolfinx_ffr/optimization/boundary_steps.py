@@ -60,9 +60,11 @@ def move_boundary(
 
     Each step makes new meshes that fit the boundaries, and takes the exact derivative with respect
     to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
-    gaps and radii are linear constraints of the step. Every five steps struts whose minimum width
-    costs more than they carry, and holes that close, are tried without, and normal modes are added
-    where they do not suffice. Ctrl-C ends the run after the step at hand.
+    gaps and radii are linear constraints of the step. Before the first step and every fifth after it
+    struts are inserted across holes of a body in the plane where psi falls by them, and struts that
+    carry little or cost more than they carry, and holes that close, are tried without. Every five
+    steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
+    hand.
 
     The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
     is tightened by the difference, and four more steps follow, up to three times.

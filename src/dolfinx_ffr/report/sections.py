@@ -57,6 +57,7 @@ _STEPS = {
     "cells": ("Cells", ""),
     "modes": ("Modes", ""),
     "rejected": ("Taken back before", ""),
+    "inserted": ("Struts inserted", ""),
     "removed": ("Struts and holes removed", ""),
 }
 
