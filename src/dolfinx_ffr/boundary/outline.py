@@ -434,7 +434,7 @@ class Boundary:
         return shapely.union_all(facing).convex_hull
 
     def braced(self, ends: Array) -> Boundary:
-        """The boundary with a straight strut from end to end (2, 2) [m], and its mirror images.
+        """The boundary with a straight strut between ``ends`` (2, 2) [m], and its mirror images.
 
         ValueError if there is no hole where it is, or nothing is left of it.
         """
