@@ -60,11 +60,11 @@ def move_boundary(
 
     Each step makes new meshes that fit the boundaries, and takes the exact derivative with respect
     to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
-    gaps and radii are linear constraints of the step. Before the first step and every fifth after it
-    struts are inserted across holes of a body in the plane where psi falls by them, and struts that
-    carry little or cost more than they carry, and holes that close, are tried without. Every five
-    steps normal modes are added where they do not suffice. Ctrl-C ends the run after the step at
-    hand.
+    gaps and radii are linear constraints of the step. Before the first step and every fifth one
+    after it, and where no step is better, struts are inserted across holes of a body in the plane
+    if psi falls by them, and struts that carry little or cost more than they carry, and holes that
+    close, are tried without. Every five steps normal modes are added where they do not suffice.
+    Ctrl-C ends the run after the step at hand.
 
     The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
     is tightened by the difference, and four more steps follow, up to three times.
@@ -194,22 +194,28 @@ def _descended(
                 break
             slopes, rejected, found = descent.slopes(trial, margin), 0, None
             inserted = removed = 0
-            if number % EVERY == 1 and number < max(steps - 1, 2):
-                own = slopes.evaluation, descent.step(trial, slopes, reach), weight
-                trial, inserted, removed = changed(descent, trial, *own)
-                if inserted or removed:
-                    slopes = descent.slopes(trial, margin)
-            while found is None and reach >= pace.shortest:
-                step = descent.step(trial, slopes, reach)
-                weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))
-                found = descent.moved(trial, step)
-                if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
-                    # shorter steps change the largest stress less than another mesh does
-                    if descent.turn < math.inf and reach <= _NOISE:
-                        break
-                    found = None
-                if found is None:
-                    reach, rejected = 0.5 * reach, rejected + 1
+            # where no step is better, there may be one without what crowds or ends free there
+            for stuck in (False, True):
+                if (stuck or number % EVERY == 1) and number < max(steps - 1, 2):
+                    before, there = trial, descent.step(trial, slopes, reach)
+                    own = slopes.evaluation, there, weight
+                    trial, inserted, removed = changed(descent, trial, *own, stuck)
+                    if trial is not before:
+                        slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
+                while found is None and reach >= pace.shortest:
+                    step = descent.step(trial, slopes, reach)
+                    weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))
+                    found = descent.moved(trial, step)
+                    if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
+                        # shorter steps change the largest stress less than another mesh does
+                        if descent.turn < math.inf and reach <= _NOISE:
+                            break
+                        found = None
+                    if found is None:
+                        reach, rejected = 0.5 * reach, rejected + 1
+                if found is not None:
+                    break
+                reach = _FIRST
             if found is None:
                 reason = "no better step"
                 break

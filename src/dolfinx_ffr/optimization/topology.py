@@ -12,8 +12,9 @@ from ..problem import Evaluation
 from ..reduction import Struts
 from .descent import Descent, Step, Trial
 
-#: Fall of log psi at least for which a strut is inserted, and rise up to which one, or a hole, goes
-_WORTH, GONE = 1e-3, 5e-4
+#: Fall of log psi at least for which a strut is inserted, rise up to which one, or a hole, goes,
+#: and where no step is better otherwise
+_WORTH, GONE, _STUCK = 1e-3, 5e-4, 2e-3
 #: Least share of psi that a body's stiffness carries
 _STIFF = 0.1
 #: How often struts are inserted, and things go, between two steps
@@ -21,12 +22,18 @@ _MOST = 8
 
 
 def changed(
-    descent: Descent, trial: Trial, evaluation: Evaluation, step: Step, weight: float
+    descent: Descent,
+    trial: Trial,
+    evaluation: Evaluation,
+    step: Step,
+    weight: float,
+    stuck: bool = False,
 ) -> tuple[Trial, int, int]:
     """With struts that were missing and without what does not pay, how many of both; collective.
 
     The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
     there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
+    Where steps are ``stuck``, psi may rise by more.
     """
     inserted, removed = 0, 0
     struts = _struts(descent, trial, evaluation, step)
@@ -39,7 +46,9 @@ def changed(
         struts = _struts(descent, trial, there, step)
     carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in struts.items()}
     for _ in range(_MOST):
-        trial, fewer = _simpler(descent, trial, step.costs, carried, weight)
+        trial, fewer = _simpler(
+            descent, trial, step.costs, carried, weight, _STUCK if stuck else GONE
+        )
         removed += fewer
         if not fewer:
             break
@@ -99,6 +108,7 @@ def _simpler(
     costs: dict[str, Costs],
     carried: dict[str, Costs],
     weight: float,
+    rise: float,
 ) -> tuple[Trial, int]:
     """Without struts and holes that do not pay, and how many of them went; collective."""
     removed = 0
@@ -107,6 +117,6 @@ def _simpler(
         found = list(_tried(descent, trial, name, others))
         if found:
             best, fewer = min(found, key=lambda pair: pair[0].carries(weight))
-            if best.carries(weight) < trial.carries(weight) + GONE:
+            if best.carries(weight) < trial.carries(weight) + rise:
                 trial, removed = best, removed + fewer
     return trial, removed
