@@ -47,7 +47,7 @@ integration_summary 4, integration_orders 6, integration_damping 10, time_steps 
 boundary_starts 1, boundary_short 0, boundary_methods 0, boundary_outline 1, boundary_ways 1,
 boundary_meshes 0, boundary_stress_limit 1, boundary_stress 1, space 3, space_parts 3,
 space_solvers 1, space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11,
-arrays 2, arrays_scipy 1"""
+arrays 2, arrays_scipy 1, ranks 1"""
 Rows = Callable[..., list[dict[str, str]]]
 
 
