@@ -36,7 +36,7 @@ def changed(
     Where steps are ``stuck``, psi may rise by more.
     """
     inserted, removed = 0, 0
-    struts = _struts(descent, trial, evaluation, step)
+    first = struts = _struts(descent, trial, evaluation, step)
     while inserted < _MOST:
         more = _braced(descent, trial, struts, weight)
         if more is None:
@@ -44,7 +44,8 @@ def changed(
         trial, inserted = more, inserted + 1
         there = trial.problem.differentiate(trial.evaluation)
         struts = _struts(descent, trial, there, step)
-    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in struts.items()}
+    # what was inserted counts as idle: the next strut may have made it needless
+    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in first.items()}
     for _ in range(_MOST):
         trial, fewer = _simpler(
             descent, trial, step.costs, carried, weight, _STUCK if stuck else GONE
