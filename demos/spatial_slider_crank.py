@@ -120,13 +120,15 @@ def main(arguments: list[str] | None = None) -> None:
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
     problem = spatial_problem(comm, options.elements, domain=given, steps=options.steps)
     domain = problem.flexible["rod"].domain
-    design, start, coarse = ffr.LevelSet(domain), None, None
+    many = domain.n_cells_global > MANY
+    # with three points in each direction there were 190 million pairs of points and knots
+    design, start, coarse = ffr.LevelSet(domain, quadrature=2 if many else None), None, None
     if options.first and not options.mesh and min(options.elements) >= 8:
         first = {"iterations": options.first, "steps": options.steps, "resume": options.resume}
         start, coarse = begun(design, options.elements, output, **first)
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, start, volume=VOLUME, **options.run)
-        if coarse and domain.n_cells_global > MANY:
+        if coarse and many:
             found = verified(result, coarse.flexible["rod"].domain, output)
         else:
             found = result.finish(output)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import json
@@ -57,7 +56,8 @@ def run(*arguments: str, cwd: Path) -> None:
 def demo(monkeypatch: pytest.MonkeyPatch, shared_tmp_path: Path) -> Callable[..., Path]:
     """Run the main function of a demo on the ranks at hand, with a short film; gives its output."""
     # tests/plotting looks at films, and one test here at a whole one
-    short = functools.partial(plotting.animate_motion, frames=6)
+    film = plotting.animate_motion
+    short = lambda *given, **named: film(*given, **{**named, "frames": 6})  # noqa: E731
     monkeypatch.setattr(plotting, "animate_motion", short)
     monkeypatch.chdir(shared_tmp_path)
 
