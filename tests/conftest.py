@@ -5,7 +5,7 @@ Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
   case of each, and outside of the folders where ranks share fields only those about ranks;
-  ``--but-those-of-three`` leaves these out of a run with two, beside which one with three is made;
+  ``BUT_THOSE_OF_THREE`` leaves these out of a run with two, beside which one with three is made;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -60,12 +60,6 @@ settings.load_profile("reproducible")
 STDERR = pytest.StashKey[TextIO]()
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Of `tests/run.sh`, which makes a run with three ranks, too."""
-    text = "leave out what also runs with three ranks"
-    parser.addoption("--but-those-of-three", action="store_true", help=text)
-
-
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Let one rank report, and print the stacks when a run is aborted."""
@@ -76,15 +70,18 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.unregister(name="terminalreporter")
 
 
+def _with_three(folder: str, text: str) -> bool:
+    """Whether tests of a name, or some of a module, run with three ranks."""
+    return folder in SHARED or (folder != "demos" and RANKS.search(text) is not None)
+
+
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """With several ranks, pass over modules without a test for them: imports take seconds."""
-    if AGREEMENT.size == 1 or not collection_path.match("test_*.py"):
-        return None
-    text, folder = collection_path.read_text(), collection_path.parent.name
-    some = "mark.mpi" in text
-    if AGREEMENT.size > 2 and folder not in SHARED:
-        some = some and folder != "demos" and RANKS.search(text) is not None
-    return None if some else True
+    if AGREEMENT.size > 1 and collection_path.match("test_*.py"):
+        text, folder = collection_path.read_text(), collection_path.parent.name
+        none = "mark.mpi" not in text or (AGREEMENT.size > 2 and not _with_three(folder, text))
+        return True if none else None
+    return None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -100,14 +97,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     first: dict[str, pytest.Item] = {}
     for item in chosen:
         name = item.nodeid.partition("[")[0]
-        folder = item.path.parent.name
-        if folder in SHARED or (folder != "demos" and RANKS.search(name)):
+        if _with_three(item.path.parent.name, name):
             first.setdefault(name, item)
     if AGREEMENT.size > 2:
         chosen = list(first.values())
-    elif config.getoption("but_those_of_three"):
-        elsewhere = set(first.values())
-        chosen = [item for item in chosen if item not in elsewhere]
+    elif os.environ.get("BUT_THOSE_OF_THREE"):
+        chosen = [item for item in chosen if item != first.get(item.nodeid.partition("[")[0])]
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen
     names = AGREEMENT.allgather([item.nodeid for item in items])
