@@ -87,24 +87,37 @@ def spatial_problem(
 # %% Where the design begins
 def begun(
     design: ffr.LevelSet, elements: tuple[int, int, int], output: Path, **run: Any
-) -> tuple[np.ndarray, ffr.Problem]:
-    """The coefficients that half as many elements along each axis come to, and their problem."""
-    along, wide, high = (count // 2 for count in elements)
-    size = along, wide, high
-    problem = spatial_problem(design.domain.comm, size, steps=run.pop("steps"))
+) -> np.ndarray:
+    """The coefficients that half as many elements along each axis come to."""
+    problem = spatial_problem(design.domain.comm, halved(elements), steps=run.pop("steps"))
     coarse = ffr.LevelSet(problem.flexible["rod"].domain)
     options = {**run, "output": output / "first", "boundary": 0}
     with ffr.recorded_warnings():  # of what is no part yet
         result = ffr.optimize(problem, coarse, volume=VOLUME, **options)
     level = result.designs["rod"].level(result.coefficients)
-    return np.clip(0.5 + level(design.knots), 0.0, 1.0), result.problem
+    return np.clip(0.5 + level(design.knots), 0.0, 1.0)
+
+
+def halved(elements: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Half as many along each axis."""
+    along, wide, high = (count // 2 for count in elements)
+    return along, wide, high
 
 
 # %% The solid of many elements
-def verified(result: ffr.Result, coarse: ffr.Domain, output: Path) -> ffr.Verification:
+def verified(result: ffr.Result, elements: tuple[int, int, int], output: Path) -> ffr.Verification:
     """The solid, cut out of fewer cells than the design has: the memory holds no factor of more."""
-    level = result.designs["rod"].level(result.coefficients)
-    solid = ffr.Solid(coarse, level, material=PLASTIC)
+    level, layer = result.designs["rod"].level(result.coefficients), ROD / elements[0]
+    coarse = ffr.Domain.box(
+        MPI.COMM_WORLD, ROD, *SECTION, elements=halved(elements), solid_layers=0
+    )
+
+    def field(x: np.ndarray) -> np.ndarray:
+        # the layers of cells at both ends stay solid
+        inside = 0.5 * (1.0 - np.minimum(x[:, 0], ROD - x[:, 0]) / layer)
+        return np.maximum(level(x), inside)
+
+    solid = ffr.Solid(coarse, field, material=PLASTIC)
     solid.write(output)
     plotting.plot_part(solid, output / "solid.png", title="rod")
     return ffr.verify(result.problem, {"rod": solid}, result.evaluation, volume=VOLUME)
@@ -122,14 +135,14 @@ def main(arguments: list[str] | None = None) -> None:
     domain = problem.flexible["rod"].domain
     many = domain.n_cells_global > MANY
     # with three points in each direction there were 190 million pairs of points and knots
-    design, start, coarse = ffr.LevelSet(domain, quadrature=2 if many else None), None, None
+    design, start = ffr.LevelSet(domain, quadrature=2 if many else None), None
     if options.first and not options.mesh and min(options.elements) >= 8:
         first = {"iterations": options.first, "steps": options.steps, "resume": options.resume}
-        start, coarse = begun(design, options.elements, output, **first)
+        start = begun(design, options.elements, output, **first)
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, start, volume=VOLUME, **options.run)
-        if coarse and many:
-            found = verified(result, coarse.flexible["rod"].domain, output)
+        if many and not options.mesh:
+            found = verified(result, options.elements, output)
         else:
             found = result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
