@@ -34,8 +34,8 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
 _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 
-#: Share of the minimum below which a member of a solid is told
-_THINNER = 0.9
+#: Share of the minimum below which a member of a solid is told, which samples of its surface know
+_THINNER = 0.97
 
 
 class Motion(Protocol):
