@@ -21,12 +21,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from .marker import Marker, Triple
 from .motion import Motion, Signal, is_zero, sample, tabulated
-
-Array = NDArray[np.float64]
 
 
 class VectorKind(IntEnum):

@@ -13,15 +13,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import validation
 from ..failures import SimulationError
 from ..kinematics import mass_norm, norm_floors
 from ..trajectory import Integrator, Trajectory
 from .certificate import Run
-
-Array = NDArray[np.float64]
 
 #: Most steps that are tried.
 MOST_STEPS = 2**17

@@ -14,15 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..failures import SimulationError
 from ..load_steps import LoadSteps
 from ..trajectory import Integrator, Trajectory
 from .radau import RadauIIA
 from .witness import TrapezoidalWitness
 
-Array = NDArray[np.float64]
 #: Simulates with a method.
 Run = Callable[[Integrator], Trajectory]
 #: The numbers that are asked for, of a trajectory, shape (numbers,).

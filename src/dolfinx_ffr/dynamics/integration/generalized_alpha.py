@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import validation
+from ...arrays import Array
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, at_rest, cut, diagnosis
 from ..kinematics import Kinematics, Samples
@@ -26,8 +26,6 @@ from .start import (
     start_accelerations_pullback,
 )
 from .steps import Steps, backward, march, step_bars
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import validation
+from ...arrays import Array, Integers
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples, mass_norm, norm_floors
@@ -41,9 +42,6 @@ from .start import (
     start_accelerations_pullback,
 )
 from .steps import step_bars
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Most steps between two looks at the error.
 _BATCH = 16

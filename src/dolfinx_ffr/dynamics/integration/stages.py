@@ -25,16 +25,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .. import equations
 from ..compilation import IntVector, Matrix, Vector, kernel
 from ..equations import Equations, chart, evaluate, measure, turn_stages
 from .linear import LinearSystem, lu_factor, lu_solve
 from .start import set_units, unit_of_row
 from .steps import pushed, step_system, times_transposed
-
-Array = NDArray[np.float64]
 
 ROOT = math.sqrt(6.0)
 

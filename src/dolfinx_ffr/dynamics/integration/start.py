@@ -7,8 +7,8 @@ Solved are  r(y, v, w) + C_y^T lam = 0  and  d^2C/dt^2 = 0,  both linear in (w, 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .. import equations
 from ..compilation import Table, Vector, compiled, kernel
 from ..equations import Equations, evaluate, pullback
@@ -16,8 +16,6 @@ from ..kinematics import Kinematics
 from ..model import FlatModel
 from ..tables import BESIDE_JUMP
 from .linear import LinearSystem, linear_system, lu_factor, lu_solve, lu_solve_transposed
-
-Array = NDArray[np.float64]
 
 #: Outcome of the compiled functions.
 CONVERGED, SINGULAR, DIVERGED = 0, 1, 2

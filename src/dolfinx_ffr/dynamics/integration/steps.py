@@ -24,15 +24,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .. import equations
 from ..compilation import IntVector, Matrix, Vector, compiled, kernel
 from ..equations import Equations, chart, evaluate, pullback
 from .linear import LinearSystem, lu_factor, lu_solve, lu_solve_transposed
 from .start import CONVERGED, DIVERGED, SINGULAR, set_units
-
-Array = NDArray[np.float64]
 
 #: Most Newton iterations of one step.
 MAX_ITERATIONS = 25

@@ -11,9 +11,9 @@ from time import perf_counter
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ... import validation
+from ...arrays import Array
 from ..compilation import Compiled
 from ..failures import SimulationError
 from ..load_steps import LoadSteps
@@ -23,8 +23,6 @@ from .accuracy import LOOSEST, TIGHTEST
 from .certificate import COST, Certificate, Judge, Run, certified, radau_in, relative_change
 from .generalized_alpha import GeneralizedAlpha
 from .radau import RadauIIA
-
-Array = NDArray[np.float64]
 
 #: Steps of generalised alpha to begin with
 FEWEST_ALPHA = 250

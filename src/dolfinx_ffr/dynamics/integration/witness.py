@@ -17,8 +17,8 @@ from itertools import pairwise
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compilation import Compiled
 from ..failures import SimulationError
 from ..load_steps import LoadSteps
@@ -26,8 +26,6 @@ from ..model import FlatModel
 from ..tables import BESIDE_JUMP
 from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar
 from .generalized_alpha import GeneralizedAlpha
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

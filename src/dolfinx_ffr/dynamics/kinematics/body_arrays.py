@@ -9,13 +9,13 @@ from typing import TypeAlias, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import VolumeIntegrals
 from ...mechanism import RayleighDamping
 from .carried import padded_stiffening
 from .plane import PlaneArrays
 from .space import SpaceArrays
 
-Array = NDArray[np.float64]
 #: A mechanism as flat arrays, in the plane or in space.
 ModelArrays: TypeAlias = PlaneArrays | SpaceArrays
 #: The two by dimension: whatever is not alike in plane and space is an attribute of these classes.

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, Integers
 from .arrays import ANGLE, DOT, GEAR, constraints
 from .body_arrays import ModelArrays
-
-Array = NDArray[np.float64]
 
 #: Cosines below which two directions count as neither parallel nor opposite.
 _CLEAR = 0.5
@@ -77,7 +75,7 @@ def tilts(model: ModelArrays, y: Array) -> Array:
     return out
 
 
-def _direction(model: ModelArrays, e: int, y: Array, instants: NDArray[np.int64]) -> Array:
+def _direction(model: ModelArrays, e: int, y: Array, instants: Integers) -> Array:
     """A direction over time in the global axes, shape (instants, 3)."""
     b = int(model.vector_body[e])
     if b < 0:

@@ -42,14 +42,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compilation import Array3, Matrix, Vector, kernel
 from ..equations import Equations
 from .algebra import add_multiple
 from .arrays import Arrays, Work
-
-Array = NDArray[np.float64]
 
 #: Smallest eigenvalue of the Gram matrix at unit diagonal that counts as mass.
 _NO_MASS = 1e-13

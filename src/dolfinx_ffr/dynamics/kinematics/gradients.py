@@ -6,20 +6,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, Integers
 from ...body import BodyMarker, VolumeIntegrals
 from .arrays import OF_POINT, carried_of
 from .body_arrays import ModelArrays
 from .carried import marked, marked_pullback
 
-Array = NDArray[np.float64]
-
 
 class Samples(NamedTuple):
     """States at some instants, and the adjoint of the forces there."""
 
-    instants: NDArray[np.int64]  # (samples,) rows in the tables of the mechanism
+    instants: Integers  # (samples,) rows in the tables of the mechanism
     y: Array  # (samples, n) coordinates
     v: Array  # (samples, n) velocities
     w: Array  # (samples, n) accelerations

@@ -6,15 +6,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ..compilation import Compiled, Table
 from ..equations import CONSTRAINTS, FORCES, OTHER_FORCES, ROWS, TANGENT, equations
 from .arrays import TABLES, constraints, size, work_arrays
 from .body_arrays import ModelArrays
 from .evaluation import FUNCTIONS
-
-Array = NDArray[np.float64]
 
 
 def compiled_kinematics(*, space: bool) -> tuple[Compiled, ...]:

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import BodyMarker, VolumeIntegrals
 from ...mechanism import (
     BodyPoint,
@@ -26,8 +27,6 @@ from ...mechanism import (
     marker_name,
 )
 from .carried import padded_stiffening
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

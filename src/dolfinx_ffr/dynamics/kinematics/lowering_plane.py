@@ -9,13 +9,11 @@ from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import BodyMarker
 from ...mechanism import BodyVector, Ground, Load, Marker, Moving, Row, RowKind, VectorKind, is_zero
 from .lowering import Lowering, same
-
-Array = NDArray[np.float64]
 
 _POINT, _DIRECTION = VectorKind.POINT, VectorKind.DIRECTION
 #: Vectors of the rows that there are in the plane.

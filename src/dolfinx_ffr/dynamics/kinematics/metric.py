@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from .arrays import OF_POINT
 from .body_arrays import ModelArrays
-
-Array = NDArray[np.float64]
 
 
 def elastic_mass(model: ModelArrays, body: int) -> Array:

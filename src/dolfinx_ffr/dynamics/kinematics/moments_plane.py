@@ -15,13 +15,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import VolumeIntegrals
 from .arrays import Arrays
 from .carried import carried_matrices, carried_matrices_pullback
-
-Array = NDArray[np.float64]
 
 #: Number of carried fields.
 CARRIED = 4

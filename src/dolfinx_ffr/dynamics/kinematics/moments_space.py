@@ -12,13 +12,11 @@ See carried.py for their purpose.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import VolumeIntegrals
 from .arrays import Arrays
 from .carried import carried_matrices, carried_matrices_pullback
-
-Array = NDArray[np.float64]
 
 #: Number of carried fields.
 CARRIED = 12

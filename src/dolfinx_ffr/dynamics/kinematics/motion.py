@@ -6,16 +6,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from ...arrays import Array
 from ...body import BodyMarker
 from .arrays import SpaceCoordinates, carried_of
 from .body_arrays import ModelArrays
 from .carried import marked
 from .space import SpaceArrays, with_turns
-
-Array = NDArray[np.float64]
 
 
 class Momenta(NamedTuple):

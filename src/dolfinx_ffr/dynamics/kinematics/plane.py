@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...body import QUARTER_TURN, BodyMarker, VolumeIntegrals
 from ...mechanism import Placement
 from . import bodies_plane, directions, moments_plane
@@ -16,8 +16,6 @@ from .algebra import nothing
 from .arrays import OF_DIRECTION, OF_SPIN, Arrays, PlaneCoordinates, Work, constraints
 from .lowering_plane import PlaneLowering
 from .softening import soft_steps
-
-Array = NDArray[np.float64]
 
 
 class PlaneArrays(Arrays):

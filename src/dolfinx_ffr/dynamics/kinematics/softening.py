@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ...arrays import Array
 
 #: Steps whose stiffness is looked at together.
 _CHUNK = 2000

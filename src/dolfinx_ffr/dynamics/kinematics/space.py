@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...arrays import Array
 from ...body import BodyMarker, VolumeIntegrals
 from ...mechanism import Placement
 from . import bodies_space, moments_space, spins
@@ -19,8 +19,6 @@ from .algebra import add_cross, cross, nothing
 from .arrays import OF_DIRECTION, OF_SPIN, Arrays, SpaceCoordinates, Work
 from .lowering import Lowering
 from .softening import soft_steps
-
-Array = NDArray[np.float64]
 
 #: Change of the direction of an axis of rotation up to which it counts as fixed.
 _FIXED = 1e-3
