@@ -26,6 +26,8 @@ from .material import ElasticMaterial
 
 #: Components of the stress by dimension
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+#: Displacements whose stress is found at a time
+_COLUMNS = 32
 
 
 class StressRecovery:
@@ -70,11 +72,15 @@ class StressRecovery:
 
     def __call__(self, fields: Block) -> Array:
         """Stresses (cells, points, components, columns) of displacements (dofs, columns) [Pa]."""
-        cells, _, unknowns = self._matrices.shape
-        local = self.elasticity.at_cells(fields).reshape(cells, unknowns, fields.shape[1])
-        return (self._matrices @ local).reshape(
-            cells, -1, len(COMPONENTS[self.elasticity.dimension]), fields.shape[1]
-        )
+        (cells, rows, unknowns), columns = self._matrices.shape, fields.shape[1]
+        found = np.empty((cells, rows, columns))
+        for first in range(0, columns, _COLUMNS):  # all of them at all nodes of cells are too much
+            part = slice(first, min(first + _COLUMNS, columns))
+            local = self.elasticity.at_cells(fields[:, part]).reshape(
+                cells, unknowns, part.stop - first
+            )
+            found[..., part] = self._matrices @ local
+        return found.reshape(cells, -1, len(COMPONENTS[self.elasticity.dimension]), columns)
 
     def transposed(self, bar: Array) -> Block:
         """The transpose, from (cells, points, components, columns) to (dofs, columns)."""

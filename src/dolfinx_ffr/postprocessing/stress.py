@@ -46,8 +46,10 @@ from ..reduction import BodyStress, FlexibleBody, ReducedBody
 
 #: Cells of less density are void
 VOID = 0.3
-#: Numbers in one block of stresses over time
+#: Numbers of stresses at a time
 _BLOCK = 2_000_000
+#: Distance of the steps at which stresses are found first
+_STRIDE = 16
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,8 @@ class StressModes:
         if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
             scale = np.where(stress.interface_distance < clear, 0.0, scale)
         values, normal = stress.modes(correction), body.material.out_of_plane
-        values = values * scale[:, :, None, None]
+        if np.any(scale != 1.0):  # they may take gigabytes
+            values = values * scale[:, :, None, None]
         counts = basis.shapes.shape[1], basis.n_constraint
         return StressModes(stress.points, values, normal, solid, *counts, body.domain)
 
@@ -140,22 +143,36 @@ class StressModes:
         """The largest von Mises stress of each cell over time; collective.
 
         ``z`` are the `coordinates`, shape (steps, coordinates), at ``times``, shape (steps,) [s].
+        Between two steps the stress is at most the larger of both and what the coordinates, where
+        they are off the line between them, can add: few steps in between have to be looked at.
         """
         cells, points, components, n = self.values.shape
-        worst, step = np.zeros((cells, points)), np.zeros((cells, points), dtype=np.int64)
+        stress, step = np.zeros(cells), np.zeros(cells, dtype=np.int64)
+        place = np.zeros(cells, dtype=np.int64)
         chosen, root = np.flatnonzero(self.solid), von_mises_root(self.out_of_plane, components)
-        several = max(1, _BLOCK // (components * points * len(z)))
-        history = np.ascontiguousarray(z.T)
+        ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
+        lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
+        rest = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
+        several = max(1, _BLOCK // (components * points * max(n, len(ends))))
         for first in range(0, len(chosen), several):
             part = chosen[first : first + several]
-            # of the modes, which are fewer than the steps; each row is contiguous in time
-            modes = np.tensordot(root, self.values[part], axes=(1, 2)).reshape(-1, n)
-            rooted = (modes @ history).reshape(len(root), len(part), points, len(z))
-            squared = np.einsum("cept,cept->ept", rooted, rooted)
-            step[part] = np.argmax(squared, axis=2)
-            worst[part] = np.take_along_axis(squared, step[part][..., None], axis=2)[..., 0]
-        at = np.arange(cells), np.argmax(worst, axis=1)
-        stress, step, positions = np.sqrt(worst[at]), step[at], self.points[at]
+            # of the modes, which are fewer than the steps; each point has its components first
+            modes = np.tensordot(root, self.values[part], axes=(1, 2)).reshape(len(root), -1, n)
+            found = np.linalg.norm(modes @ z[ends].T, axis=0)
+            peak, when = found.max(axis=1), ends[found.argmax(axis=1)]
+            least = np.repeat(peak.reshape(-1, points).max(axis=1), points)
+            bound = np.linalg.norm(modes, axis=0) @ rest
+            bound[:, :-1] += np.maximum(found[:, :-1], found[:, 1:])
+            for k in np.flatnonzero(np.diff(ends) > 1):
+                at = np.flatnonzero(bound[:, k] > least)
+                between = np.arange(ends[k] + 1, ends[k + 1])
+                inner = np.linalg.norm(modes[:, at] @ z[between].T, axis=0)
+                higher = inner.max(axis=1) > peak[at]
+                when[at[higher]] = between[inner.argmax(axis=1)[higher]]
+                peak[at] = np.maximum(peak[at], inner.max(axis=1))
+            of = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
+            stress[part], step[part], place[part] = peak[of], when[of], of % points
+        positions = self.points[np.arange(cells), place]
         mine = (0.0, 0, np.zeros(self.domain.dimension))
         if cells:
             i = int(np.argmax(stress))
