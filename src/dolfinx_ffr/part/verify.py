@@ -236,7 +236,8 @@ class BodyFigures:
     mass: float  #: [kg]
     volume: float  #: Material, as a share of the area of the body that was designed
     frequencies: Array  #: With all interfaces fixed [Hz]
-    stress: float | None  #: Largest von Mises stress over the trajectory [Pa]; None without one
+    #: Largest von Mises stress over the trajectory [Pa]; None without one, and on the first mesh
+    stress: float | None
     place: Array | None  #: Where it is, in the mesh (dimension,) [m]
 
 
@@ -534,7 +535,8 @@ def verify(
             for name, body in again.flexible.items()
         }
         own = again.calibrated(again.value(densities))
-        fitted.append(_figures(max(sizes.values()), *own, parts, bounds))
+        # the first mesh is never the last one, of which the stress is told
+        fitted.append(_figures(max(sizes.values()), *own, parts, bounds, stressed=mesh > 0))
         last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
         for body, reduced in last.values():
             body.warn_of_missing_modes(reduced)
@@ -583,13 +585,15 @@ def _figures(
     evaluation: Evaluation,
     parts: Mapping[str, Enclosed],
     bounds: Mapping[str, float],
+    *,
+    stressed: bool = True,
 ) -> Figures:
     """The figures of one problem; ``bounds`` are those of the bodies' volumes."""
     bodies = {}
     for name, part in parts.items():
         body, reduced = problem.flexible[name], evaluation.bodies[name]
         domain, mass = body.domain, reduced.integrals.mass
-        worst = worst_stress(body, evaluation, name) if evaluation.moves else None
+        worst = worst_stress(body, evaluation, name) if stressed and evaluation.moves else None
         stress = (worst.largest, worst.largest_position) if worst else (None, None)
         share = domain.sum(reduced.density * domain.cell_volumes) / part.body.area
         held = evaluation.fixed_interface_frequencies[name]
