@@ -239,6 +239,18 @@ def test_widths(shape: shapely.Polygon, member: float | None, gap: float | None)
             assert found is not None and found.value == pytest.approx(known, rel=5e-3)
 
 
+@pytest.mark.parametrize("width", [1.6332, 1.7294, 2.3732])
+def test_the_place_of_a_short_neck(width: float) -> None:
+    """The thinnest member is told where it is, if hardly larger discs do not fit."""
+    shape, low, high = shapely.box(0.0, 0.0, 60.0, 20.0), 10.0 - 0.5 * width, 10.0 + 0.5 * width
+    for y, end in ((low - 0.5, 0.0), (high + 0.5, 20.0)):
+        shape -= shapely.Point(40.0, y).buffer(0.5, quad_segs=100)
+        shape -= shapely.box(39.99, min(y, end), 40.01, max(y, end))
+    found = thinnest_member(shape, 1e-2, 15.0)
+    assert found is not None
+    assert np.sort(found.ends, axis=0) == pytest.approx(np.array([[40, low], [40, high]]), abs=0.02)
+
+
 def test_densities(comm: MPI.Comm) -> None:
     """Edges between solid and void cells stay where they are, members of one row remain."""
     body = rod(comm)

@@ -101,10 +101,15 @@ def _member(shape: BaseGeometry, whole: tuple[int, int], d: float) -> BaseGeomet
     """A member of a shape that is thinner than d, a point or line along its middle, or None."""
     centers = shape.buffer(-0.5 * d, quad_segs=_SIDES)
     if _connected(centers) != whole:
-        # centres of discs a little smaller get through
-        narrow = shape.buffer(-0.5 * (1.0 - 2.0 * ACCURACY) * d, quad_segs=_SIDES)
-        passing = narrow.difference(centers.buffer(4.0 * ACCURACY * d, quad_segs=4))
-        return _middle(passing if not passing.is_empty else shape, shape)
+        # centres of discs a little smaller get through; where a way is too short to be told from
+        # its ends, larger discs are kept out of more of it
+        for wide in (d, (1.0 + ACCURACY) * d):
+            kept = shape.buffer(-0.5 * wide, quad_segs=_SIDES)
+            narrow = shape.buffer(-0.5 * (1.0 - 2.0 * ACCURACY) * wide, quad_segs=_SIDES)
+            passing = narrow.difference(kept.buffer(4.0 * ACCURACY * wide, quad_segs=4))
+            if not passing.is_empty:
+                return _middle(passing, shape)
+        return _middle(shape, shape)
     reached = centers.buffer(0.5 * d, quad_segs=_SIDES)
     # the discs are polygons: what they miss of a round boundary is no member
     left = shape.difference(reached.buffer(0.01 * d, quad_segs=4))
