@@ -24,7 +24,7 @@ HOW_TO = sorted((TOP / "docs" / "how_to").glob("*.md"))
 #: One program over several pages
 TUTORIAL = sorted((TOP / "docs" / "tutorial").glob("[1-9]*.md"))
 NOTEBOOKS = sorted((TOP / "docs" / "notebooks").glob("*.ipynb"))
-#: Pages whose programs stand alone
+#: A page whose programs stand alone, or go on from the first one
 PARTS = TOP / "docs" / "from_field_to_part.md"
 #: A page whose programs go on from the slider-crank and from each other
 MOTIONS = TOP / "docs" / "several_load_cases.md"
@@ -216,6 +216,8 @@ def test_parts(given: tuple[str, str], tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     full = "part = ffr.Part(rod, lambda x: 1.0 + x[:, 0], material=steel)"
     program = re.sub(r"part = ffr\.Part\.of\(.*\)", full, given[1])
+    if "import dolfinx_ffr" not in program:  # it goes on from the first one
+        program = programs(PARTS)[0][1].partition("problem = ")[0] + program
     names = run(shorter(program), f"{PARTS.name}, {given[0]}")
     files = {path.suffix for path in tmp_path.rglob("*.*")}
     if "solid" in names:
