@@ -171,13 +171,22 @@ class Elasticity:
         fem.assemble_vector(nodes, self._areas_form)
 
     def density_gradient(
-        self, x: Array, w: Block, y: Block, phi: Block, kappa: Block, nodes: Array | None = None
+        self,
+        x: Array,
+        w: Block,
+        y: Block,
+        phi: Block,
+        kappa: Block,
+        nodes: Array | None = None,
+        *,
+        cells: bool = True,
     ) -> Array:
         """d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields, (cells,).
 
         The density ``x`` is of shape (cells,), ``w`` and ``y`` are of shape (dofs, a), ``phi`` and
         ``kappa`` of shape (dofs, i) with i <= a. The derivative of the same by the nodes of the
-        mesh is added to ``nodes``, from `MeshNodes.zeros`.
+        mesh is added to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the
+        densities is zero.
         """
         if phi.shape[1] > w.shape[1]:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
@@ -192,7 +201,8 @@ class Elasticity:
                 self.set(self._fields[3], kappa[:, a])
             elif a == phi.shape[1]:
                 self._fields[3].x.array[:] = 0.0
-            fem.assemble_vector(total, self._gradient_form)
+            if cells:
+                fem.assemble_vector(total, self._gradient_form)
             if nodes is not None:
                 fem.assemble_vector(nodes, self._node_form)
         return total[: self.domain.n_cells]

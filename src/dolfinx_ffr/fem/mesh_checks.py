@@ -55,15 +55,16 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
     length = np.linalg.norm(direction, axis=1)
     vertices = segments.reshape(-1, segments.shape[2])
     near = cKDTree(vertices).query_ball_point(middle, 0.499 * length)
-    for i, candidates in enumerate(near):
-        offset, along = vertices[candidates] - middle[i], direction[i] / length[i]
-        across = np.linalg.norm(offset - np.outer(offset @ along, along), axis=1)
-        hits = np.flatnonzero(across < 1e-9 * length[i])
-        if len(hits):
-            raise ValueError(
-                f"mesh: hanging node at {_point(vertices[candidates][hits[0]])} m, in the middle "
-                "of another cell's edge; refine so that neighbouring cells share whole edges"
-            )
+    which = np.repeat(np.arange(len(near)), [len(own) for own in near])
+    found = vertices[np.concatenate([*near, []]).astype(np.int64)]
+    offset, along = found - middle[which], (direction / length[:, None])[which]
+    off = offset - np.einsum("ij,ij->i", offset, along)[:, None] * along
+    hits = np.flatnonzero(np.linalg.norm(off, axis=1) < 1e-9 * length[which])
+    if len(hits):
+        raise ValueError(
+            f"mesh: hanging node at {_point(found[hits[0]])} m, in the middle of another cell's "
+            "edge; refine so that neighbouring cells share whole edges"
+        )
 
 
 def check_held(

@@ -42,7 +42,7 @@ def changed(
         if more is None:
             break
         trial, inserted = more, inserted + 1
-        there = trial.problem.differentiate(trial.evaluation)
+        there = trial.problem.differentiate(trial.evaluation, densities=False)
         struts = _struts(descent, trial, there, step)
     # what was inserted counts as idle: the next strut may have made it needless
     carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in first.items()}

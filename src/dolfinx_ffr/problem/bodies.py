@@ -149,8 +149,10 @@ class DesignedBodies:
             {name: BodyStress(self.flexible[name], part) for name, part in reduced.items()},
         )
 
-    def pullback(self, reduced: Reduced, bars: Derivatives, *, nodes: bool = False) -> Pulled:
-        """Derivatives with respect to the densities, and to the ``nodes`` of the meshes if wanted.
+    def pullback(
+        self, reduced: Reduced, bars: Derivatives, *, nodes: bool = False, cells: bool = True
+    ) -> Pulled:
+        """Derivatives with respect to the densities of ``cells`` and to ``nodes``, if wanted.
 
         Part of them goes through the reduction.
         """
@@ -166,7 +168,7 @@ class DesignedBodies:
                 if name in bars.stresses:
                     shapes = body.stress_pullback(reduced[name], bars.stresses[name])
                 gradient, moved, centers, learnt = body.pullback(
-                    reduced[name], integrals, shapes, nodes=nodes
+                    reduced[name], integrals, shapes, nodes=nodes, cells=cells
                 )
                 found.iterations[name] = int(learnt.pop("iterations"))
                 found.seconds.update(added([found.seconds, learnt]))

@@ -388,7 +388,12 @@ class Problem(LoadCases):
         return self.differentiate(self.value(x), nodes=nodes)
 
     def differentiate(
-        self, evaluation: Evaluation, *, by_load_case: bool = False, nodes: bool = False
+        self,
+        evaluation: Evaluation,
+        *,
+        by_load_case: bool = False,
+        nodes: bool = False,
+        densities: bool = True,
     ) -> Evaluation:
         """An evaluation with the exact gradients added.
 
@@ -403,6 +408,8 @@ class Problem(LoadCases):
                 largest value always have one.
             nodes: Whether the derivatives with respect to the nodes of the meshes are wanted, too;
                 `FlexibleBody.pullback` says what moves with them.
+            densities: Whether those with respect to the densities are wanted; else ``gradient`` is
+                None, and those by the volume integrals remain.
 
         Raises:
             MemoryError: On every rank, if that would take more memory than a machine has.
@@ -429,9 +436,14 @@ class Problem(LoadCases):
         pulled: list[Pulled] = []
 
         def back(bars: Derivatives) -> dict[str, Any]:
-            pulled.append(self._designed.pullback(evaluation.bodies, bars, nodes=nodes))
-            by = {key: getattr(pulled[-1], key) for key in ("gradient", "nodes", "centers")}
-            if label:
+            by: dict[str, Any] = dict.fromkeys(("gradient", "nodes", "centers"))
+            if nodes or densities:
+                wanted = {"nodes": nodes, "cells": densities}
+                pulled.append(self._designed.pullback(evaluation.bodies, bars, **wanted))
+                by = {key: getattr(pulled[-1], key) for key in by}
+            if not densities:
+                by["gradient"] = None
+            elif label:
                 by["gradient"][label] = np.array(list(bars.parameters.values()))
             return by | {"parameters": dict(bars.parameters)}
 

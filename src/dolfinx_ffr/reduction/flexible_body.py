@@ -431,6 +431,7 @@ class FlexibleBody:
         shapes: ShapesBar | None = None,
         *,
         nodes: bool = False,
+        cells: bool = True,
     ) -> BodyPullback:
         """The derivatives of psi by each density and each node, given that by the integrals.
 
@@ -444,17 +445,25 @@ class FlexibleBody:
             nodes: Whether the derivatives with respect to the nodes of the mesh, at fixed centers
                 of interfaces, and to these centers, which the frame follows, are wanted, too.
                 Markers besides the interfaces move with their cells.
+            cells: Whether those by the densities are wanted; else they are zero.
         """
         with self._working:
-            return self._pullback(reduced, bar, shapes, nodes)
+            return self._pullback(reduced, bar, shapes, nodes, cells)
 
     def _pullback(
-        self, reduced: ReducedBody, bar: VolumeIntegrals, fields: ShapesBar | None, nodes: bool
+        self,
+        reduced: ReducedBody,
+        bar: VolumeIntegrals,
+        fields: ShapesBar | None,
+        nodes: bool,
+        cells: bool,
     ) -> BodyPullback:
         start = perf_counter()
         moved = self.elasticity.nodes.zeros() if nodes else None
         found = self._adjoint(reduced, bar, fields, moved)
-        gradient = self.elasticity.density_gradient(reduced.density, *found.pairs, moved)
+        gradient = self.elasticity.density_gradient(
+            reduced.density, *found.pairs, moved, cells=cells
+        )
         by_nodes, by_centers = None, None
         if moved is not None:
             by_nodes, by_centers = self._by_nodes(moved, reduced, found)
