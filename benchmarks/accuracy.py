@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Time beside error: steps, tolerance; and the gradient against differences."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results, measure
+from jobs import Job, Progress, Results, measure, the
 from matplotlib.axes import Axes
-from report import Rows, Study, Table, line, plot, tick_labels
+from report import Rows, Study, line, plot, tick_labels
 from scene import holes_design, slider_crank, with_rod
 
 import dolfinx_ffr as ffr
@@ -106,12 +103,11 @@ def central_differences(
     return {"rows": rows, "slope": slope}
 
 
-def report_accuracy(results: Results, directory: Path) -> list[Table]:
+def report_accuracy(study: Study, results: Results) -> None:
     """Tables of steps, tolerances and differences, and a picture."""
-    found = {job.function: result for job, result in results}
-    steps, tolerance = found["number_of_steps"], found["solver_tolerance"]
-    differences = found["central_differences"]["rows"]
-    study = Study(directory, "accuracy")
+    names = ("number_of_steps", "solver_tolerance", "central_differences")
+    steps, tolerance, found = (the(name, results) for name in names)
+    differences = found["rows"]
     study.table("accuracy_steps", **steps)
     study.table("accuracy_tolerance", **tolerance)
     study.table("accuracy_differences", differences)
@@ -127,7 +123,6 @@ def report_accuracy(results: Results, directory: Path) -> list[Table]:
         _slope(step, [row for row in differences if row["setting"] >= 1e-3], "error_gradient", 2)
         title, x = "Exact gradient against differences", "step of the central difference"
         plot(step, title, x, "relative difference", legend="upper center")
-    return study.write()
 
 
 def draw_settings(axes: Axes, rows: Rows, title: str, text: str) -> None:

@@ -6,9 +6,6 @@ one of the machine, for programs that know nothing of this package: `read_arrays
 many digits are sure is told by half as many steps and by SciPy's integrator.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -16,15 +13,13 @@ from mpi4py import MPI
 
 import numpy as np
 import read_arrays
-from jobs import Job, Progress, Results
-from numpy.typing import NDArray
-from report import Study, Table, line, plot
+from jobs import Array, Job, Progress, Results
+from report import Study, line, plot
 from scene import demo, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, ORANGE
 
-Array = NDArray[np.float64]
 #: Meshes, and the times in which the cranks turn from rest to rest [s]
 MESHES = {"plane": [80, 8], "space": [40, 4, 4]}
 TIMES = {"plane": 0.1, "space": 0.3}
@@ -139,13 +134,13 @@ def rows_of(rod: ffr.VolumeIntegrals, axes: Array, *, plane: bool) -> dict[str, 
     return {**found, "slider": right, "start": start}
 
 
-def report_arrays(results: Results, directory: Path) -> list[Table]:
+def report_arrays(study: Study, results: Results) -> None:
     """The files, tables and a picture."""
-    study, found = Study(directory, "arrays"), [result for _, result in results]
+    found = [result for _, result in results]
     for result in found:
         for part, arrays in result["files"].items():
             stored = {key: np.array(array) for key, array in arrays.items()}
-            np.savez(directory / f"arrays_{result['name']}_{part}.npz", **stored)
+            np.savez(study.directory / f"arrays_{result['name']}_{part}.npz", **stored)
     study.table("arrays", [row for result in found for row in result["rows"]])
     study.table("arrays_scipy", [result["scipy"] for result in found])
     caption = "How psi and its gradient settle with the steps"
@@ -156,4 +151,3 @@ def report_arrays(results: Results, directory: Path) -> list[Table]:
             for key, mark in zip("SPK", "s^v", strict=True):
                 line(axes, rows, "steps", f"error_{key}", f"{mark}-", ORANGE, label=f"by {key}")
             plot(axes, result["name"], "steps", "difference from the most steps", legend="best")
-    return study.write()

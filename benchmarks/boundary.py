@@ -1,34 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""Parts whose boundary was moved: from many starts, meshes and ways, for psi and for the stress.
+"""Parts whose boundary was moved: from many starts and meshes, for psi and for the stress.
 
 Each part is one call of `optimize`, which ends with steps of the boundary; nothing is tuned from
 row to row. psi is told by the densities, by the moved boundary, and by finer meshes of its part.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
+from contextlib import suppress
 from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results
-from numpy.typing import NDArray
-from report import Study, Table, chosen
+from jobs import Array, Job, Progress, Results
+from report import Study, chosen
 from scene import demo, slider_crank
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.design import CRISP
 from dolfinx_ffr.fem import polygon
 from dolfinx_ffr.plotting.style import BLUE, GRAY
-
-Array = NDArray[np.float64]
 
 VOLUME = 0.5
 #: Largest stress where the material is minimised [Pa], with a slider of this mass [kg], and the
@@ -42,12 +37,8 @@ STARTS = "even,full,one hole,6x2,6x3,10x3,12x2,16x2,strip,flanges,random 1,rando
 )
 #: Starts for the stress: those that are not far too soft
 STIFF = "even,full,one hole,6x2,6x3,10x3,12x2,flanges,random 1,random 2".split(",")
-#: Ways from the even density to a design
-METHODS = ["level set, moving asymptotes", "level set, explicit steps", "densities"]
 #: Iterations and steps of the boundary of a short run, with which every start is measured, too
 SHORT = {"iterations": 30, "boundary": 8}
-#: Iterations, and steps of the boundary, beside the default and the short run
-WAYS = [(60, 0), (60, 25), (0, 40)]
 #: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
 MEMBER = 1.28e-3
 #: Meshes from which the boundary starts
@@ -69,15 +60,11 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     wanted: list[dict[str, Any]] = [{"start": start} for start in (kept if quick else STARTS)]
     wanted += [] if quick else [{"start": start, **SHORT} for start in STARTS]
     fewer = {"iterations": 24} if quick else {"elements": [100, 12], "steps": 2000}
-    tasks = [{"task": "stress limit", "start": start} for start in STIFF[: 1 if quick else None]]
-    least = ["least compliance", "least stress"]
-    tasks += [{"task": task} for task in least[: 1 if quick else None]]
-    wanted += [{**task, **fewer} for task in tasks]
+    starts = STIFF[: 1 if quick else None]
+    wanted += [{"task": "stress limit", "start": start, **fewer} for start in starts]
     wanted += [{"start": start, "outline": False} for start in kept]
     if not quick:
-        wanted += [{"method": method} for method in METHODS[1:]]
         wanted += [{**mesh, "member": MEMBER} for mesh in MESHES]
-        wanted += [{"iterations": n, "boundary": steps, "start": "10x3"} for n, steps in WAYS]
     every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
     seconds = 6.0 if quick else 70.0
     return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
@@ -109,18 +96,11 @@ def _start(levelset: ffr.LevelSet, name: str) -> Array:
 def _problem(elements: list[int], task: str, **rod: Any) -> ffr.Problem:
     """The rod of the slider-crank with what it is designed for."""
     problem = slider_crank(MPI.COMM_SELF, elements, **rod)
-    peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
-    limit = ffr.Constraint(peak, upper=STRESS, name="stress")
-    loose = [replace(limit, upper=1e3 * STRESS), ffr.Constraint(compliance, 1.0, name="compliance")]
-    wanted: dict[str, tuple[ffr.Objective, list[ffr.Constraint]]] = {
-        "stress limit": (ffr.Volume("rod"), [limit]),
-        "least stress": (peak, loose[1:]),
-        "least compliance": (compliance, loose[:1]),
-    }
-    if task not in wanted:
+    if task == "compliance":
         return problem
     heavy = demo("slider_crank").slider_crank(problem.integrator.end_time, SLIDER)
-    return ffr.Problem(problem.bodies, heavy, problem.integrator, *wanted[task])
+    limit = ffr.Constraint(ffr.PeakStress("rod", clear=CLEAR), upper=STRESS, name="stress")
+    return ffr.Problem(problem.bodies, heavy, problem.integrator, ffr.Volume("rod"), [limit])
 
 
 def _mirrors(elements: list[int], **rod: Any) -> list[ffr.design.Mirror]:
@@ -130,32 +110,6 @@ def _mirrors(elements: list[int], **rod: Any) -> list[ffr.design.Mirror]:
     found = problem.gradient(np.full(domain.n_cells, VOLUME)).gradient
     assert found is not None
     return ffr.mirror_lines(domain, found["rod"])
-
-
-def _on_the_mesh(
-    problem: ffr.Problem,
-    levelset: ffr.LevelSet,
-    start: str,
-    method: str,
-    iterations: int,
-    length: int | None,
-    **options: Any,
-) -> ffr.Result:
-    """A design of densities, and the steps of the boundary that `optimize` ends with."""
-    densities, explicit = ffr.DensityDesign(levelset.domain), method == METHODS[1]
-    ways: dict[str, tuple[ffr.design.Design, Array]] = {
-        METHODS[0]: (levelset, _start(levelset, start)),
-        METHODS[1]: (levelset, levelset.with_holes(10, 3, 0.008, margin=0.01)),
-        METHODS[2]: (densities, densities.even(VOLUME)),
-    }
-    return ffr.optimize(
-        problem,
-        *ways[method],
-        optimizer=ffr.LevelSetEvolution() if explicit else ffr.MMA(length=length),
-        iterations=100 if explicit and iterations >= 60 else iterations,
-        progress=False,
-        **options,
-    )
 
 
 def design(
@@ -169,7 +123,6 @@ def design(
     boundary: int,
     order: int = 1,
     start: str = "even",
-    method: str = METHODS[0],
     outline: bool = True,
     member: float | None = None,
     task: str = "compliance",
@@ -181,7 +134,7 @@ def design(
     domain = problem.flexible["rod"].domain
     sizes = {"minimum_member": member, "minimum_gap": member}
     levelset = ffr.LevelSet(domain, **sizes, mirrors=_mirrors(elements, **rod_of))
-    bound = {"volume": 1.0 if task == "stress limit" else VOLUME}
+    bound = {"volume": 1.0 if task == "stress limit" else VOLUME, "progress": False}
 
     def callback(iteration: int, *_: Any) -> None:
         progress(0.5 * iteration / iterations)
@@ -189,48 +142,39 @@ def design(
 
     mesh = "x".join(map(str, elements)) + (" triangles" if cell == "triangle" else "")
     mesh += f" of order {order}" if order > 1 else ""
-    found = {"start": start, "method": method, "mesh": mesh, "iterations": iterations}
-    found |= {"boundary": boundary, "task": task}
+    found: dict[str, Any] = {"start": start, "mesh": mesh}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        result, by_optimize = None, boundary if outline else 0
-        if iterations:
-            own: dict[str, Any] = {"callback": callback, "boundary": by_optimize, **bound}
-            # the same design on the elements, whether all of its boundary moves or only holes
-            length = None if outline else math.ceil(iterations / ffr.design.CRISP)
-            result = _on_the_mesh(problem, levelset, start, method, iterations, length, **own)
+        # the same design on the elements, whether all of its boundary moves or only holes
+        own = {"optimizer": ffr.MMA(length=None if outline else math.ceil(iterations / CRISP))}
+        own |= {"iterations": iterations, "callback": callback, **bound}
+        steps_of = {"boundary": boundary if outline else 0}
+        result = ffr.optimize(problem, levelset, _start(levelset, start), **steps_of, **own)
         found["grid"] = clock[-1] - began
-        told = moved = result and result.moved
-        if not iterations or not outline:
+        told = moved = result.moved
+        if not outline:
             how = {"outline": outline, "mirrors": levelset.mirrors}
-            problem = result.problem if result else problem
-            own = {"iterations": boundary, "progress": False, **bound}
-            try:
-                part = result.part() if result else ffr.Part.of(levelset, _start(levelset, start))
-                free = ffr.Boundary.of(part, levelset.minimum_member, **how)
-                told = moved = ffr.move_boundary(problem, free, **own)
-            except TORN:
-                if not result:
-                    raise
+            with suppress(*TORN):
+                free = ffr.Boundary.of(result.part(), levelset.minimum_member, **how)
+                told = moved = ffr.move_boundary(result.problem, free, iterations=boundary, **bound)
         told = told or result
         rod = told.problem.flexible["rod"]
         whole = _problem(elements, task, **rod_of).with_modes({"rod": rod.modes})
-        full = _compliance(whole.value(np.ones(domain.n_cells)))
-        found |= {"psi": _compliance(result.evaluation) / full if result else np.nan}
-        found |= {"moved": _compliance(told.evaluation) / full, "modes": rod.modes}
+        full = whole.value(np.ones(domain.n_cells)).psi
+        found |= {"psi": result.evaluation.psi / full, "moved": told.evaluation.psi / full}
+        found["modes"] = rod.modes
         try:
             part = moved.part("rod") if moved else result.part()
             verified = part.verify(told.problem, told.evaluation, progress=False)
         except TORN:
             return {**found, "seconds": process_time() - began}
     last, reported = verified.fitted[-1], verified.reported
-    values = {"compliance": last.psi, **last.constraints}
-    if task != "compliance":
-        peaks = [1e-6 * row.constraints.get("stress", row.psi) for row in (reported, last)]
+    if task == "stress limit":
+        peaks = [1e-6 * row.constraints["stress"] for row in (reported, last)]
         found |= {"told": peaks[0], "limited": peaks[1]}
     return {
         **found,
-        "part": values["compliance"] / full,
+        "part": last.psi / full,
         "difference": verified.difference,
         "volume": part.area / domain.area,
         "stress_told": 1e-6 * reported.bodies["rod"].stress,
@@ -246,47 +190,24 @@ def design(
     }
 
 
-def _compliance(evaluation: ffr.Evaluation) -> float:
-    """The compliance of an evaluation, or its objective where none is computed."""
-    bound = evaluation.constraints.get("compliance")
-    return float(bound.psi if bound else evaluation.psi)
-
-
-def report_boundary(results: Results, directory: Path) -> list[Table]:
-    """Tables of starts, methods, outlines, ways, meshes and tasks, and pictures of all parts."""
+def report_boundary(study: Study, results: Results) -> None:
+    """Tables of starts, outlines, meshes and stress limits, and pictures of all parts."""
     jobs = [(job.parameters, row) for job, row in results]
+    usual = {"start": "even", "outline": True, "task": "compliance"}
 
     def of(**wanted: Any) -> list[dict[str, Any]]:
-        usual = {"start": "even", "method": METHODS[0], "outline": True, "task": "compliance"}
+        wanted = {"task": "compliance", "outline": True, **wanted}
         return [row for own, row in jobs if chosen([{**usual, **own}], **wanted)]
 
-    study, plain = Study(directory, "boundary"), {"task": "compliance", "method": METHODS[0]}
-    common = {**jobs[0][0], "start": None}
-    same = {key: common[key] for key in ("elements", "cell", "iterations", "boundary")}
-    study.table("boundary_starts", starts := of(**plain, **same, outline=True))
-    study.table("boundary_short", of(**plain, **{**same, **SHORT}, outline=True))
-    study.table(
-        "boundary_methods", methods := of(**same, task="compliance", start="even", outline=True)
-    )
-    study.table("boundary_outline", of(**plain, **same, outline=False))
-    study.table("boundary_ways", ways := of(**plain, start="10x3", outline=True))
-    rest = {"iterations": same["iterations"], "boundary": same["boundary"], "outline": True}
-    study.table("boundary_meshes", of(**plain, **rest, start="even"))
+    steps = {key: jobs[0][0][key] for key in ("iterations", "boundary")}
+    mesh = {key: jobs[0][0][key] for key in ("elements", "cell")}
+    study.table("boundary_starts", starts := of(**mesh, **steps))
+    study.table("boundary_short", of(**mesh, **SHORT))
+    study.table("boundary_outline", of(**mesh, **steps, outline=False))
+    study.table("boundary_meshes", of(**steps, start="even"))
     study.table("boundary_stress_limit", limited := of(task="stress limit"))
-    heavy = of(task="least compliance") + of(task="least stress")
-    study.table("boundary_stress", heavy)
-    _draw(study, "", "The parts of all starts and methods", starts + methods[1:], "part")
-    _draw(study, "boundary_stress", "Parts for a largest stress", limited + heavy, "limited")
-    with study.picture(
-        "psi of the part beside processor time", 1, 1, (6.0, 3.5), "boundary_ways"
-    ) as (axes,):
-        for row in ways:
-            axes.plot(row["seconds"], row.get("part", np.nan), "o", color=BLUE)
-            label = f"{row['iterations']} + {row['boundary']}"
-            axes.annotate(label, (row["seconds"], row.get("part", np.nan)), fontsize=7)
-        axes.set_xlabel("processor time [s]")
-        axes.set_ylabel("psi of the part / full rod")
-    return study.write()
+    _draw(study, "", "The parts of all starts", starts, "part")
+    _draw(study, "boundary_stress", "Parts for a largest stress", limited, "limited")
 
 
 def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], told: str) -> None:
@@ -299,9 +220,8 @@ def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], tol
             axes.set_axis_off()
         for axes, row in zip(panels, shown, strict=False):
             axes.set_aspect("equal")
-            label = row["start"] if row["method"] == METHODS[0] else row["method"]
-            label = row["task"] if row["task"].startswith("least") else label
-            axes.set_title(f"{label}: {row.get(told, np.nan):.4g}", fontsize=8, loc="left", pad=1.0)
+            text = f"{row['start']}: {row.get(told, np.nan):.4g}"
+            axes.set_title(text, fontsize=8, loc="left", pad=1.0)
             for loops in row.get("rings", []):
                 for k, ring in enumerate(loops):
                     axes.fill(*np.array(ring).T, color="white" if k else GRAY, linewidth=0.0)

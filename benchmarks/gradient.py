@@ -4,28 +4,22 @@
 Designs along an optimisation with the exact gradient: its start, a state in the middle, its end.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results, measure
-from numpy.typing import NDArray
-from report import Study, Table, chosen, line, plot
+from jobs import Array, Job, Progress, Results, measure, the
+from report import Study, chosen, line, plot
 from scene import holes_design, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import ACCENTS, DARK, GRAY
 
-Array = NDArray[np.float64]
-
 #: Lengths in metres, for a rod of 0.4 m with elements of 2 mm
-KERNELS: dict[str, ffr.rbf.Kernel] = {
+KERNELS = {
     "exponential": ffr.ExponentialSpline(0.1),
     "Gaussian": ffr.Gaussian(0.003),
     "multiquadric": ffr.Multiquadric(0.002),
@@ -215,10 +209,9 @@ def _best(call: Any, repetitions: int) -> tuple[float, Any]:
     return min(seconds[""]), found[""]
 
 
-def report_gradient(results: Results, directory: Path) -> list[Table]:
+def report_gradient(study: Study, results: Results) -> None:
     """Tables and picture."""
-    study = Study(directory, "gradient")
-    found = next(result for job, result in results if job.function == "approximations")
+    found = the("approximations", results)
     growth = [{**result} for job, result in results if job.function == "elementwise_growth"]
     rows = [
         {
@@ -252,4 +245,3 @@ def report_gradient(results: Results, directory: Path) -> list[Table]:
             x = "processor seconds for one gradient"
             plot(axes, f"{name} design", x, "relative error (below 1e-12: at 1e-12)")
         panels[-1].legend(loc="center right", fontsize=8)
-    return study.write()

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Growth of time and memory with the number of elements, its parts, and differences instead."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -17,7 +14,7 @@ import numpy as np
 from jobs import Job, Progress, Results, measure, peak_memory, reset_peak_memory
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from report import Rows, Study, Table, chosen, duration, line, plot, tick_labels
+from report import Rows, Study, chosen, duration, line, plot, tick_labels
 from scene import holes_design, slider_crank, warm_up, with_rod
 
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE
@@ -215,9 +212,8 @@ def exponents(rows: list[Row]) -> list[Row]:
     return found
 
 
-def report_growth(results: Results, directory: Path) -> list[Table]:
+def report_growth(study: Study, results: Results) -> None:
     """Tables and picture."""
-    study = Study(directory, "growth")
     rows = rows_of_growth(results)
     first = {name: results[0][1][name] for name in ("modes", "steps", "method")}
     study.table("growth", rows, **first)
@@ -245,7 +241,6 @@ def report_growth(results: Results, directory: Path) -> list[Table]:
         y = "MB beyond the libraries"
         plot(memory, "Peak memory", "elements", y, room=0.35, legend="upper left")
         draw_shares(shares, serial)
-    return study.write()
 
 
 def part_columns(unit: str) -> str:
@@ -278,7 +273,7 @@ def draw_shares(axes: Axes, serial: Rows) -> None:
     axes.legend(handles[::-1], labels[::-1], fontsize=8.5, **place)
 
 
-def report_differences(results: Results, directory: Path) -> list[Table]:
+def report_differences(study: Study, results: Results) -> None:
     """The exact gradient beside finite differences for every element: table and picture."""
     rows = chosen(rows_of_growth(results), ranks=1)
     for row in rows:
@@ -287,7 +282,6 @@ def report_differences(results: Results, directory: Path) -> list[Table]:
         for name in ("one_sided", "central", "gradient"):
             row[f"{name}_text"] = duration(row[name])
         row["speedup"] = row["one_sided"] / row["gradient"]
-    study = Study(directory, "differences")
     study.table("differences", rows)
     with study.picture("Cost of the exact gradient and of differences", 1, 1, (7, 4.6)) as (axes,):
         for name, style, color, label in (
@@ -301,4 +295,3 @@ def report_differences(results: Results, directory: Path) -> list[Table]:
         title = "Derivative of psi with respect to every element"
         y = "time for a whole gradient [s]"
         plot(axes, title, "elements, each with a density", y, room=0.2, legend="upper left")
-    return study.write()

@@ -1,32 +1,25 @@
 # SPDX-License-Identifier: MIT
-"""Both time integrations: time beside error of the objective, its gradient, positions and forces.
+"""Both time integrations: time beside error of the objective and its gradient.
 
 All runs of a scene share the rod's volume integrals, from a small mesh. Errors are those against a
 run of Radau IIA with a far smaller tolerance, which is compared with extrapolated ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results
-from numpy.typing import NDArray
-from report import Study, Table, chosen, duration, line, plot
+from jobs import Array, Job, Progress, Results, the
+from report import Study, chosen, duration, line, plot
 from scene import holes_design, slider_crank
-from scipy.interpolate import CubicSpline
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, GRAY, ORANGE
-
-Array = NDArray[np.float64]
 
 SCENES = {
     "reference": "the slider-crank of the demo: 5 turns in 2 s from rest to rest",
@@ -67,7 +60,6 @@ def integration_jobs(*, quick: bool) -> list[Job]:
             own |= {"tolerances": tolerances[: -1 if quick else -3]}
             own |= {"reference": 1e-6 if quick else 1e-9}
         jobs.append(Job("integration", "work_precision", 1.5 if quick else 35.0, own))
-    jobs.append(Job("integration", "orders", 1.0 if quick else 4.0, {"elements": [20, 2]}))
     own = {**RADII, "steps": 1000 if quick else 2000}
     return [*jobs, Job("integration", "damping", 1.0 if quick else 6.0, own)]
 
@@ -99,49 +91,18 @@ def _scene(
     return _Scene(mechanism, {"rod": rod}, end_time)
 
 
-@dataclass(frozen=True)
-class _Numbers:
-    """What is compared; positions and forces at the ends of all steps."""
-
-    psi: float
-    gradient: Array
-    times: Array
-    positions: Array
-    velocities: Array
-    accelerations: Array
-    way: float
-    multipliers: Array
-
-
 def _run(
     scene: _Scene, integrator: ffr.dynamics.Integrator
-) -> tuple[float, float, ffr.dynamics.Trajectory, _Numbers]:
-    """The seconds of value and of value and gradient, the motion and its numbers."""
-    objective = ffr.IntegralCompliance()
-    problem = ffr.MechanicalProblem(scene.mechanism, integrator, objective)
+) -> tuple[tuple[float, float], float, Array, int]:
+    """Seconds of value and of value and gradient, psi, its gradient, and the number of steps."""
+    problem = ffr.MechanicalProblem(scene.mechanism, integrator, ffr.IntegralCompliance())
     begin = process_time()
     evaluation = problem.value(scene.bodies)
     value = process_time() - begin
     found = problem.differentiate(evaluation)
-    both = process_time() - begin
-    trajectory = found.trajectory
-    at = np.searchsorted(trajectory.t, trajectory.step_ends)
-    path = trajectory.marker_path("rod", "right")
-    numbers = _Numbers(
-        found.psi,
-        _by_size(found.integrals_gradient["rod"], scene.bodies["rod"]),
-        trajectory.t[at],
-        *(_sizes(trajectory, part[at]) for part in (trajectory.y, trajectory.v, trajectory.w)),
-        float(np.max(np.abs(path - path[0]))),
-        trajectory.multipliers[at],
-    )
-    return value, both, trajectory, numbers
-
-
-def _sizes(trajectory: ffr.dynamics.Trajectory, coordinates: Array) -> Array:
-    """Coordinates in metres, the elastic ones by the mass that they move."""
-    body = trajectory.model.bodies["rod"]
-    return coordinates * np.sqrt(np.concatenate([[body.mass] * 2, np.diag(body.G)]) / body.mass)
+    seconds = value, process_time() - begin
+    gradient = _by_size(found.integrals_gradient["rod"], scene.bodies["rod"])
+    return seconds, found.psi, gradient, found.trajectory.step_ends.size - 1
 
 
 def _by_size(bar: ffr.VolumeIntegrals, body: ffr.VolumeIntegrals) -> Array:
@@ -153,43 +114,9 @@ def _by_size(bar: ffr.VolumeIntegrals, body: ffr.VolumeIntegrals) -> Array:
     return np.concatenate([part.ravel() for part in parts])
 
 
-def _violation(scene: _Scene, trajectory: ffr.dynamics.Trajectory) -> float:
-    """The largest distance of a pin from where it belongs [m]."""
-    marker = scene.mechanism.joints[0].b
-    pin = np.stack([motion.tabulate(trajectory.t)[0] for motion in (marker.x, marker.y)], axis=1)
-    gap = np.max(np.abs(trajectory.marker_path("rod", "left") - pin))
-    return float(max(gap, np.max(np.abs(trajectory.marker_path("rod", "right")[:, 1]))))
-
-
-def _between(exact: _Numbers, times: Array) -> Array:
-    """Positions between the steps, polynomials of degree 5 from those at both ends."""
-    k = np.clip(np.searchsorted(exact.times, times, "right") - 1, 0, len(exact.times) - 2)
-    h = (exact.times[k + 1] - exact.times[k])[:, None]
-    x = (times - exact.times[k])[:, None] / h
-    a, b = exact.positions[k], exact.positions[k + 1]
-    va, vb = h * exact.velocities[k], h * exact.velocities[k + 1]
-    wa, wb = 0.5 * h**2 * exact.accelerations[k], 0.5 * h**2 * exact.accelerations[k + 1]
-    # what is left at the end by the parabola from the beginning
-    p, q, r = b - a - va - wa, vb - va - 2.0 * wa, wb - wa
-    cubic = 10.0 * p - 4.0 * q + r
-    quartic = -15.0 * p + 7.0 * q - 2.0 * r
-    quintic = 6.0 * p - 3.0 * q + r
-    higher = x**3 * (cubic + x * (quartic + x * quintic))
-    result: Array = a + x * (va + x * wa) + higher
-    return result
-
-
-def _errors(numbers: _Numbers, exact: _Numbers) -> dict[str, float]:
-    away = np.linalg.norm(numbers.gradient - exact.gradient)
-    there = _between(exact, numbers.times)
-    forces = CubicSpline(exact.times, exact.multipliers)(numbers.times)
-    force = float(np.max(np.abs(exact.multipliers)))
-    return {
-        "error_psi": abs(numbers.psi / exact.psi - 1.0),
-        "error_gradient": float(away / np.linalg.norm(exact.gradient)),
-        "error_positions": float(np.max(np.abs(numbers.positions - there))) / exact.way,
-        "error_multipliers": float(np.max(np.abs(numbers.multipliers - forces))) / force,
-    }
+def _errors(psi: float, gradient: Array, exact: tuple[float, Array]) -> dict[str, float]:
+    away = np.linalg.norm(gradient - exact[1]) / np.linalg.norm(exact[1])
+    return {"error_psi": abs(psi / exact[0] - 1.0), "error_gradient": float(away)}
 
 
 def work_precision(
@@ -214,27 +141,25 @@ def work_precision(
     if repetitions:
         for _, _, integrator in (methods[0], methods[-len(tolerances)]):
             _run(made, integrator)  # compiled, loaded
-    exact = _run(made, ffr.RadauIIA(made.end_time, tolerance=reference))[3]
+    exact = _run(made, ffr.RadauIIA(made.end_time, tolerance=reference))[1:3]
     progress(0.4)
     rows: list[dict[str, Any]] = []
     for place, (method, setting, integrator) in enumerate(methods):
-        value, both, trajectory, numbers = _run(made, integrator)
-        steps = trajectory.step_ends.size - 1
-        row = {"scene": scene, "method": method, "setting": setting, "steps": steps}
-        row |= {"seconds": value, "seconds_gradient": both, **_errors(numbers, exact)}
-        rows.append({**row, "psi": numbers.psi, "violation": _violation(made, trajectory)})
+        seconds, psi, gradient, steps = _run(made, integrator)
+        row = {"scene": scene, "method": method, "setting": setting, "steps": steps, "psi": psi}
+        row |= {"seconds": seconds[0], "seconds_gradient": seconds[1]}
+        rows.append(row | _errors(psi, gradient, exact))
         progress(0.4 + 0.6 * (place + 1) / len(methods))
-    for _ in range(1, repetitions):
+    for _ in range(1, repetitions):  # in turn
         for (_, _, integrator), row in zip(methods, rows, strict=True):
-            if row["seconds_gradient"] <= LONG:
-                value, both, _, _ = _run(made, integrator)
-                row["seconds"] = min(row["seconds"], value)
-                row["seconds_gradient"] = min(row["seconds_gradient"], both)
+            again = _run(made, integrator)[0] if row["seconds_gradient"] <= LONG else [np.inf] * 2
+            for key, seconds in zip(("seconds", "seconds_gradient"), again, strict=True):
+                row[key] = min(row[key], seconds)
     constant = [row["psi"] for row in chosen(rows, method=ALPHA)]
     return {
         "rows": rows,
         "end_time": made.end_time,
-        "check": abs(_extrapolated(constant[-4:]) / exact.psi - 1.0),
+        "check": abs(_extrapolated(constant[-4:]) / exact[0] - 1.0),
         "coordinates": len(made.bodies["rod"].K) + 3,
     }
 
@@ -248,53 +173,26 @@ def _extrapolated(values: Sequence[float]) -> float:
     return values[-1]
 
 
-def orders(comm: MPI.Comm, progress: Progress, *, elements: Sequence[int]) -> dict[str, Any]:
-    """Measure errors of both methods with fixed steps, on the fast scene with few slow modes."""
-    made = _scene(comm, "fast", elements)
-    made = replace(made, bodies={"rod": made.bodies["rod"].leading(3)})
-    exact = _run(made, ffr.RadauIIA(made.end_time, steps=3200))[3]
-    rows = []
-    for method, make, counts in (
-        (ALPHA, ffr.GeneralizedAlpha, (1600, 3200, 6400)),
-        (RADAU, ffr.RadauIIA, (200, 400, 800)),
-    ):
-        for count in counts:
-            errors = _errors(_run(made, make(made.end_time, steps=count))[3], exact)
-            rows.append({"method": method, "steps": count, **errors})
-    progress(1.0)
-    return {"rows": rows}
-
-
 def damping(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: Sequence[int],
-    radii: Sequence[float],
-    steps: int,
+    comm: MPI.Comm, progress: Progress, *, elements: list[int], radii: list[float], steps: int
 ) -> dict[str, Any]:
     """Measure errors of the generalised-alpha method with more or less numerical damping."""
     rows = []
     for scene in ("reference", "fast"):
         made = _scene(comm, scene, elements)
-        exact = _run(made, ffr.RadauIIA(made.end_time, tolerance=1e-6))[3]
+        exact = _run(made, ffr.RadauIIA(made.end_time, tolerance=1e-6))[1:3]
         for radius in radii:
-            integrator = ffr.GeneralizedAlpha(made.end_time, steps, radius)
-            errors = _errors(_run(made, integrator)[3], exact)
-            rows.append({"scene": scene, "radius_text": f"{radius:g}", "steps": steps, **errors})
+            found = _run(made, ffr.GeneralizedAlpha(made.end_time, steps, radius))
+            row = {"scene": scene, "radius_text": f"{radius:g}", "steps": steps}
+            rows.append(row | _errors(*found[1:3], exact))
         progress(len(rows) / (2.0 * len(radii)))
     return {"rows": rows}
 
 
-def report_integration(results: Results, directory: Path) -> list[Table]:
+def report_integration(study: Study, results: Results) -> None:
     """Tables and picture."""
-    study = Study(directory, "integration")
     runs = [pair for pair in results if pair[0].function == "work_precision"]
     found = {job.parameters["scene"]: result for job, result in runs}
-    fixed, damped = (
-        next(result for job, result in results if job.function == name)
-        for name in ("orders", "damping")
-    )
     rows = [row for result in found.values() for row in result["rows"]]
     scenes = "; ".join(f"*{name}*: {text}" for name, text in SCENES.items())
     study.table("integration", rows, scenes=scenes)
@@ -305,8 +203,7 @@ def report_integration(results: Results, directory: Path) -> list[Table]:
     )
     costs = [{"scene": name, **_costs(result)} for name, result in found.items()]
     study.table("integration_summary", costs, targets=targets)
-    study.table("integration_orders", fixed["rows"])
-    study.table("integration_damping", damped["rows"])
+    study.table("integration_damping", the("damping", results)["rows"])
     caption = "Time beside error of both time integrations"
     with study.picture(caption, 2, 2, (11.0, 8.4)) as panels:
         for axes, (name, result) in zip(panels, found.items(), strict=True):
@@ -323,7 +220,6 @@ def report_integration(results: Results, directory: Path) -> list[Table]:
             plot(axes, name, "seconds", "relative error")
             axes.set_ylim(1e-13, 1.0)
         panels[0].legend(loc="lower left", fontsize=8)
-    return study.write()
 
 
 def _costs(result: dict[str, Any]) -> dict[str, Any]:

@@ -7,8 +7,6 @@ Started as a program with TASKS and RESULT this module is that process: it calls
 STUDY in TASKS (JSON), and writes the list of what they return to the file RESULT (JSON).
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import json
@@ -27,12 +25,15 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 HERE = Path(__file__).resolve().parent
 #: A line about the job of a number; from several ranks what others write may stand behind it
 PROGRESS = re.compile(r"progress (\d+) (\d[\d.]*(?:e-\d+)?)")
 
+Array = NDArray[np.float64]
 #: Told which part of the job is done, from 0 to 1
 Progress = Callable[[float], None]
 
@@ -62,6 +63,11 @@ class Job:
 
 #: What a study reports on: its jobs and what they returned
 Results = list[tuple[Job, dict[str, Any]]]
+
+
+def the(function: str, results: Results) -> dict[str, Any]:
+    """What the first job of a function returned."""
+    return next(result for job, result in results if job.function == function)
 
 
 def measure(

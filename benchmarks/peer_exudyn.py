@@ -21,8 +21,6 @@ Exudyn runs with its fastest settings: no range checks, compiled user functions,
 Jacobian that is kept as long as Newton's method converges, no files.
 """
 
-from __future__ import annotations
-
 import pickle
 import sys
 from collections.abc import Callable, Sequence
@@ -34,11 +32,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from jobs import beyond
-from numpy.typing import NDArray
+from jobs import Array, beyond
 from peer_packages import use_peers
 
-Array = NDArray[np.float64]
 #: Exudyn's arguments for a prescribed coordinate and its velocity
 OFFSETS = "offsetUserFunction", "offsetUserFunction_t"
 

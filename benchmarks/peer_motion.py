@@ -5,8 +5,6 @@ Both codes get the same reduced rod in the same floating frame, so that only the
 left to differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,8 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 import scipy.sparse
-from jobs import Progress, beyond, measure
-from numpy.typing import NDArray
+from jobs import Array, Progress, beyond, measure
 from peer_exudyn import AddedNode, Crank, ExudynRod, Method, rod_for_exudyn, save_rod, simulate
 from peer_report import ALPHA, EXUDYN, INSTANTS, OURS, RADAU, TRAPEZOIDAL
 from scene import demo, holes_design, slider_crank
@@ -26,7 +23,6 @@ from scipy.integrate import trapezoid
 
 import dolfinx_ffr as ffr
 
-Array = NDArray[np.float64]
 #: Length of the fork of the universal joint for Exudyn [m]: any does
 FORK = 0.05
 

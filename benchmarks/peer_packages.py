@@ -8,8 +8,6 @@ SymPy are those of the environment, and nothing outside that folder changes. The
 last on the path, so that nothing in it hides a package of the environment.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

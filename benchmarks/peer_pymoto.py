@@ -9,8 +9,6 @@ downwards, as a rigid piece, under a force F:
     c(x) = F u = F^2 / k(x),     k = u^T K(x) u  at a unit displacement of the right edge.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,11 +18,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from jobs import beyond
-from numpy.typing import NDArray
+from jobs import Array, beyond
 from peer_packages import use_peers
-
-Array = NDArray[np.float64]
 
 #: Stiffness of void relative to the solid, and exponent of SIMP.
 FLOOR, EXPONENT = 1e-6, 3

@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Tables and picture of this package beside others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jobs import Job, Results
+from jobs import Job, Results, the
 from matplotlib.axes import Axes
 from peer_packages import versions
 from peer_pymoto import SOLVERS
-from report import Study, Table, duration, line, plot, tick_labels
+from report import Study, duration, line, plot, tick_labels
 
 from dolfinx_ffr.plotting.style import BLUE, GRAY, ORANGE, RED
 
@@ -25,16 +22,14 @@ ALPHA, RADAU, TRAPEZOIDAL = "generalised-alpha", "Radau IIA", "trapezoidal, inde
 RADIUS = 2.5
 
 
-def report_peers(results: Results, directory: Path) -> list[Table]:
+def report_peers(study: Study, results: Results) -> None:
     """Tables and pictures."""
-    by_name = {job.function: result for job, result in results}
-    designs = by_name["plate_designs"]
+    designs = the("plate_designs", results)
     plane, space = (
         next(r for j, r in results if j.function == "slider_crank_times" and dimension(j) == d)
         for d in (2, 3)
     )
     plates = rows_of_plates([pair for pair in results if pair[0].function == "plate_times"])
-    study = Study(directory, "peers")
     _motion_tables(study, plane, "", "Motion")
     _motion_tables(study, space, "_space", "Motion in space")
     _plate_tables(study, plates, designs)
@@ -67,7 +62,6 @@ def report_peers(results: Results, directory: Path) -> list[Table]:
     caption = "The same of the motion in space"
     with study.picture(caption, 1, 2, (13.0, 4.3), "peers_space") as pair:
         _draw_errors(pair, space, "Slider-crank in space")
-    return study.write()
 
 
 def dimension(job: Job) -> int:

@@ -5,8 +5,6 @@ Each pair computes the same model, so that only time integration and solvers are
 time can be read beside error. The codes take turns; memory is measured in processes of their own.
 """
 
-from __future__ import annotations
-
 import atexit
 import tempfile
 from collections.abc import Iterator
@@ -14,12 +12,12 @@ from copy import copy
 from functools import partial
 from pathlib import Path
 from time import process_time
-from typing import Any
+from typing import Any, Self
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, beyond, measure
+from jobs import Array, Job, Progress, beyond, measure
 from numpy.typing import NDArray
 from peer_pymoto import FLOOR, SOLVERS, Plate, PymotoPlate, random_density
 from peer_report import OURS, PYMOTO, RADIUS
@@ -28,7 +26,6 @@ from scene import demo
 
 import dolfinx_ffr as ffr
 
-Array = NDArray[np.float64]
 #: Share of the plate that its design may fill.
 VOLUME = 0.5
 
@@ -168,7 +165,7 @@ class _Race:
 class _Flat(ffr.DensityDesign):
     """A filtered density whose projection is the identity, to seven digits, all along a run."""
 
-    def at(self, progress: float) -> _Flat:
+    def at(self, progress: float) -> Self:
         other = copy(self)
         other.projection = ffr.design.HeavisideProjection(1e-3)
         return other

@@ -6,9 +6,6 @@ solvers with all their data and with a solution of sixteen digits at one instant
 here by the public API: the flexible rod once from the published arrays, and once as a mesh.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -16,15 +13,13 @@ from mpi4py import MPI
 import numpy as np
 import read_arrays
 from arrays import moments, rows_of
-from jobs import Job, Progress, Results
-from numpy.typing import ArrayLike, NDArray
-from report import Study, Table, line, plot
+from jobs import Array, Job, Progress, Results
+from numpy.typing import ArrayLike
+from report import Study, line, plot
 from scipy.integrate import solve_ivp, trapezoid
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, GRAY, GREEN, ORANGE
-
-Array = NDArray[np.float64]
 
 # %% The flexible slider-crank
 PI = 3.1415927  # theirs has eight digits
@@ -344,10 +339,9 @@ def meshed_rod(
     return {"rows": rows}
 
 
-def report_published(results: Results, directory: Path) -> list[Table]:
+def report_published(study: Study, results: Results) -> None:
     """Tables and picture."""
     crank, squeezed, meshed = (found for _, found in results)
-    study = Study(directory, "published")
     words = {"steps": f"{crank['steps'][-1]:,}", "apart": f"{crank['apart']:.1e}"}
     study.table("published_slider_crank", crank["rows"], ours=f"{crank['ours']:.1e}", **words)
     study.table("published_rod", meshed["rows"])
@@ -380,4 +374,3 @@ def report_published(results: Results, directory: Path) -> list[Table]:
                 line(errors, rows, "n", "e", mark, color, label=f"{what}, to {other}")
         words = ("differences", "steps of Radau IIA", "relative; of angles [rad]")
         plot(errors, *words, room=0.45, legend="upper right")
-    return study.write()

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What more ranks bring: a model from the parts of one rank, beside two ranks as measured."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 from growth import PARTS, Row
 from jobs import Job, Progress, Results, measure
-from report import Study, Table, line, plot
+from report import Study, line, plot
 from scene import holes_design, slider_crank, warm_up
 
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE
@@ -146,9 +143,9 @@ def rows_of_ranks(results: Results) -> list[Row]:
     return found
 
 
-def report_ranks(results: Results, directory: Path) -> list[Table]:
+def report_ranks(study: Study, results: Results) -> None:
     """Table and picture."""
-    study, rows = Study(directory, "ranks"), rows_of_ranks(results)
+    rows = rows_of_ranks(results)
     study.table("ranks", rows, holders=HOLDERS)
     with study.picture("Times faster over the number of ranks", 1, 1, (9.0, 4.6)) as (axes,):
         for row, color in zip(rows, (BLUE, ORANGE, GRAY, DARK, "#0b8043"), strict=False):
@@ -160,4 +157,3 @@ def report_ranks(results: Results, directory: Path) -> list[Table]:
             line(axes, measured, "ranks", "faster", "D", color, hollow=True, label="measured")
         title = "Value and gradient, one rank over several"
         plot(axes, title, "ranks", "times faster", scales="x", room=0.4, legend="upper left")
-    return study.write()

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A study's page: tables, pictures, and the facts about the machine that stand above them."""
 
-from __future__ import annotations
-
 import csv
 import os
 import platform

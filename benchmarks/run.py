@@ -10,8 +10,6 @@ measurement; ``--resume`` goes on from there after an interruption or a failure,
 The study ``peers`` needs other packages, which `make benchmark-peers` installs.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json
@@ -69,9 +67,10 @@ def main(arguments: list[str] | None = None) -> None:
         if len(own) < len(jobs):
             print(f"\n{study}: no report, because one of its measurements has failed")
             continue
+        page = report.Study(directory, study)
         module = importlib.import_module(MEASURED_BY.get(study, study))
-        write = getattr(module, f"report_{study}")
-        for table in write(own, directory):
+        getattr(module, f"report_{study}")(page, own)
+        for table in page.write():
             print(f"\n{table.markdown()}")
         print(f"{directory / study}.md, {study}.png")
     if failed:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """What is measured: the slider-cranks of the demos, at designs that every mesh can hold."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Sequence

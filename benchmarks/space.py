@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Bodies and motions in space: beside the plane, with the mesh, and without a factor."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -11,16 +8,14 @@ from mpi4py import MPI
 
 import numpy as np
 from growth import ONCE, PARTS, Row, draw_shares, floored, part_columns, rows_of_growth
-from jobs import Job, Progress, Results, measure
-from report import Study, Table, chosen, line, plot
+from jobs import Job, Progress, Results, measure, the
+from report import Study, chosen, line, plot
 from scene import holes_design, slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.plotting.style import BLUE, ORANGE
 
 DIRECT, ITERATIVE = "direct", "iterative"
-#: Memories for which the largest body is told [GiB]
-GIB = 16, 24, 64
 #: Constraint modes of both rods: of the plane, of space
 CONSTRAINT = 3, 6
 
@@ -83,8 +78,12 @@ def steps_beside_the_plane(
         return (more - less) / (many - few)
 
     names = [(name, dimension) for name in ("simulation", "adjoint") for dimension in (2, 3)]
-    rows = [{"modes": n, **{f"{name}_{d}": step(n, d, name) for name, d in names}} for n in modes]
-    return {"rows": rows, "steps": steps}
+    rows = []
+    for n in modes:
+        row = {f"{name}_{d}": 1e6 * step(n, d, name) for name, d in names}
+        row |= {f"{name}_ratio": row[f"{name}_3"] / row[f"{name}_2"] for name, _ in names}
+        rows.append({"modes": n, **row})
+    return {"rows": rows, "few": few, "many": many}
 
 
 def rows_of_space(results: Results) -> list[Row]:
@@ -124,25 +123,15 @@ def rows_of_solvers(rows: list[Row]) -> list[Row]:
     return found
 
 
-def fitted(rows: list[Row], name: str) -> tuple[float, float]:
-    """Power and logarithmic intercept over the unknowns, through the last two rows."""
-    dofs, values = (np.log([row[key] for row in rows[-2:]]) for key in ("dofs", name))
-    slope = (values[1] - values[0]) / (dofs[1] - dofs[0])
-    return float(slope), float(values[1] - slope * dofs[1])
-
-
-def report_space(results: Results, directory: Path) -> list[Table]:
+def report_space(study: Study, results: Results) -> None:
     """Tables and picture."""
-    study = Study(directory, "space")
-    steps = next(result for job, result in results if job.function == "steps_beside_the_plane")
     found = [pair for pair in results if pair[0].function == "evaluation"]
     rows = rows_of_space(found)
-    solvers = rows_of_solvers(rows)
-    _steps_table(study, steps)
+    study.table("space_steps", **the("steps_beside_the_plane", results))
     first = {name: found[0][1][name] for name in ("modes", "steps")}
     study.table("space", rows, **first)
     study.table("space_parts", rows, parts=part_columns("%"))
-    study.table("space_solvers", solvers, crossings=_crossings(solvers))
+    study.table("space_solvers", rows_of_solvers(rows))
     direct, iterative = (chosen(floored(rows), solver=solver) for solver in (DIRECT, ITERATIVE))
     caption = "Time, shares and memory over the number of unknowns in space"
     with study.picture(caption, 1, 3, (14.0, 4.4)) as (times, shares, memory):
@@ -157,51 +146,3 @@ def report_space(results: Results, directory: Path) -> list[Table]:
         draw_shares(shares, direct)
         shares.set_xticks(range(len(direct)), [f"{row['dofs'] / 1000:,.3g}" for row in direct])
         shares.set_xlabel("thousands of unknowns")
-    return study.write()
-
-
-def _crossings(solvers: list[Row]) -> str:
-    """Where conjugate gradients would be better, in words."""
-    if not solvers:
-        return ""
-    parts = []
-    for name, what in (("time_ratio", "time"), ("memory_ratio", "memory")):
-        better = [row["dofs"] for row in solvers if row[name] < 1.0]
-        if better:
-            parts.append(f"in {what} they are better from {min(better):,} unknowns on")
-        else:
-            slope, level = fitted(solvers, name) if len(solvers) > 1 else (0.0, 0.0)
-            where = float(np.exp(-level / slope)) if slope < 0.0 else np.inf
-            tail = f", extrapolated from the last two near {where:.1g}" if where < 1e9 else ""
-            parts.append(f"in {what} nowhere{tail}")
-    return f"Of these meshes: {', '.join(parts)}. {_reach(solvers)}"
-
-
-def _reach(solvers: list[Row]) -> str:
-    """What memories hold, extrapolated from the last two meshes in logarithms, in words."""
-    if len(solvers) < 2:
-        return ""
-    parts = []
-    for name, what in (("memory_direct", "factors"), ("memory_iterative", "conjugate gradients")):
-        slope, level = fitted(solvers, name)
-        most = (np.exp((np.log(1024.0 * gib) - level) / slope) for gib in GIB)
-        held = [f"{float(f'{dofs:.2g}'):,.0f}" for dofs in most]
-        parts.append(f"{what} (growth n^{slope:.2f}) {', '.join(held)}")
-    sizes = ", ".join(map(str, GIB))
-    return (
-        f"Extrapolated from the last two meshes, {sizes} GiB hold so many unknowns: by "
-        f"{'; by '.join(parts)}."
-    )
-
-
-def _steps_table(study: Study, result: dict[str, Any]) -> None:
-    few, many = result["steps"]
-    rows = []
-    for row in result["rows"]:
-        micro = {name: 1e6 * value for name, value in row.items() if name != "modes"}
-        ratios = {
-            f"{name}_ratio": row[f"{name}_3"] / row[f"{name}_2"]
-            for name in ("simulation", "adjoint")
-        }
-        rows.append({"modes": row["modes"], **micro, **ratios})
-    study.table("space_steps", rows, few=few, many=many)

@@ -6,24 +6,18 @@ Radau IIA and by the trapezoidal rule over the number of steps, and what `TimeIn
 each. Errors are those against a run that resolves everything.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results
-from numpy.typing import NDArray
-from report import Study, Table, line, plot
+from jobs import Array, Job, Progress, Results
+from report import Study, line, plot
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import integrate
 from dolfinx_ffr.plotting.style import BLUE, GRAY, ORANGE
-
-Array = NDArray[np.float64]
 
 SCENES = {
     "sudden weight": "a cantilever that feels its weight from t = 0 on",
@@ -134,10 +128,9 @@ def choices(
     return {"scene": scene, "steps": steps, "curves": curves, "rows": rows}
 
 
-def report_time_steps(results: Results, directory: Path) -> list[Table]:
+def report_time_steps(study: Study, results: Results) -> None:
     """Table and picture."""
     found = [result for _, result in results]
-    study = Study(directory, "time_steps")
     rows = [row for result in found for row in result["rows"]]
     scenes = "; ".join(f"{name}: {text}" for name, text in SCENES.items())
     study.table("time_steps", rows, scenes=scenes)
@@ -150,4 +143,3 @@ def report_time_steps(results: Results, directory: Path) -> list[Table]:
                 line(axes, rows, "n", "e", f"{mark}-", color, label=name, markersize=4)
             plot(axes, result["scene"], "steps", "relative error of the compliance")
         panels[0].legend()
-    return study.write()

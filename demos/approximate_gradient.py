@@ -20,8 +20,6 @@ shares, kernels, the cost of both, and what they lead to.
 Run `python demos/approximate_gradient.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -17,8 +17,6 @@ the table has sqrt(psi) of either alone, of one after the other, and of all toge
 Run `python demos/arm_and_motion.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from mpi4py import MPI

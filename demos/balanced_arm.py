@@ -19,8 +19,6 @@ distance d behind the pin, and mean values <.> over the motion.
 Run `python demos/balanced_arm.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from command_line import leave_machine, parse, say
 

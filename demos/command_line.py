@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """What the demos have in common: options, the record that they leave, and what rank 0 says."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping
 from pathlib import Path

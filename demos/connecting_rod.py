@@ -23,8 +23,6 @@ minute. Any planar mesh with the physical curves "left" and "right" takes the ro
 `--mesh my_rod.msh`.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -19,8 +19,6 @@ Run `python demos/density_design.py --help`, also under `mpirun -n 2`; it takes 
 minute.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

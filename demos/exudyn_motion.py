@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A reduced body in Exudyn: from its file, on a bearing, in motion."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

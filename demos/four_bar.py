@@ -17,8 +17,6 @@ Run `python demos/four_bar.py --help`, also under `mpirun -n 2`; it takes some m
 of links from gmsh are those between the centres of their curves `left` and `right`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ a mesh are: rigid bores, and normal modes phi_i with K phi_i = lambda_i M phi_i 
 Run `python demos/part_from_calculix.py --help`; it takes some seconds, on one processor.
 """
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from shutil import which

@@ -17,8 +17,6 @@ has a mesh. The path is that of a linkage which is known, so that psi can be zer
 Run `python demos/path_of_a_four_bar.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -19,8 +19,6 @@ the left end rigid and hinged in its middle, solved by Newton's method in every 
 Run `python demos/pendulum.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -16,8 +16,6 @@ which begin in their static equilibrium under gravity. The path is that of the r
 Run `python demos/robot_arm.py --help`, also under `mpirun -n 2`; it takes half a minute.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from command_line import bars, draw, leave, mark, parse
 

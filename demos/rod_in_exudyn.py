@@ -15,8 +15,6 @@ Exudyn is on PyPI: `pip install exudyn`. Run `python demos/rod_in_exudyn.py --he
 takes some seconds.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path

@@ -22,8 +22,6 @@ Run `python demos/several_load_cases.py --help`, also under `mpirun -n 2`: ranks
 cases; it takes some minutes.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -23,8 +23,6 @@ takes about a minute. `--iterations 30 --boundary 8 --bare` has a part that is h
 pictures, in less than half of that.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter

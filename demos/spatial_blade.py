@@ -17,8 +17,6 @@ nine loads of rotation.
 Run `python demos/spatial_blade.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

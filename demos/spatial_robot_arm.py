@@ -17,8 +17,6 @@ angles, on a column that turns as prescribed; the motion begins in the static eq
 Run `python demos/spatial_robot_arm.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -21,8 +21,6 @@ Run `python demos/spatial_slider_crank.py --help`, also under `mpirun -n 2`; it 
 A mesh file has the physical surfaces `left` and `right`, as far apart as the rod is long.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -16,8 +16,6 @@ angle
 Run `python demos/spin_up.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
 
-from __future__ import annotations
-
 import math
 
 from mpi4py import MPI

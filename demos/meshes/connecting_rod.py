@@ -10,8 +10,6 @@ around each bore) and ``"design"`` (all the rest) are the material. Triangles; t
 curved with order 2.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Iterator

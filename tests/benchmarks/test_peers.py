@@ -22,6 +22,7 @@ from peer_exudyn import Crank, crank_pin, load_rod, save_rod
 from peer_motion import exudyn_rod
 from peer_pymoto import Plate, random_density
 from peer_report import ALPHA, EXUDYN, OURS, RADAU, TRAPEZOIDAL, seconds_to_reach
+from report import Study
 from scene import slider_crank
 from shared.derivatives import check_gradient
 
@@ -160,7 +161,9 @@ def test_peers_come_last_on_the_path(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 def test_reports_hold_what_was_measured(tmp_path: Path) -> None:
     jobs = {f"{job.function} {job.parameters}": job for job in peers.peers_jobs(quick=True)}
     results = [(job, made_up(job)) for job in jobs.values()]
-    tables = peers.report_peers(results, tmp_path)
+    study = Study(tmp_path, "peers")
+    peers.report_peers(study, results)
+    tables = study.write()
     for table in tables:
         with (tmp_path / f"{table.name}.csv").open() as file:
             assert len(list(csv.DictReader(file))) == len(table.rows) > 0
