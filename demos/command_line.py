@@ -21,6 +21,7 @@ HELP = {
     "boundary": "steps of the boundary after them; by default half as many",
     "resume": "go on from the last checkpoint",
     "bare": "only verify the part, and write it for CAD",
+    "densities": "for each element, in place of a level set",
     "output": "folder for the results",
 }
 #: What is as fine as a default

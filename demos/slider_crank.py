@@ -17,21 +17,24 @@ carries a slider along a straight line. The load on the rod is inertia, its own 
 with the density x of the elements and the elastic coordinates q of the rod in its floating frame of
 reference: M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0.
 
-The time steps are those by which psi is known to 1e-4, 50 of the Radau IIA method.
+The time steps are those by which psi is known to 1e-4, 50 of the Radau IIA method. `--densities`
+designs a density for each element in place of the level set: x = projection(filter(z)) with z in
+[0, 1], where the filter averages over some elements, so that none stands alone, and the projection
+becomes steeper along the run, so that densities end as void or solid.
+
 Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`; it
 takes about a minute. `--iterations 30 --boundary 8 --bare` has a part that is hardly worse, and no
 pictures, in less than half of that.
 """
 
 from contextlib import suppress
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-from command_line import leave, mark, parse, say
+from command_line import draw, leave, mark, parse, say
 from numpy.typing import NDArray
 
 import dolfinx_ffr as ffr
@@ -96,33 +99,11 @@ def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
     return {name: np.where(domain.design_cells, x, 1.0) for name, x in shapes.items()}
 
 
-def pictures(
-    result: ffr.Result,
-    problem: ffr.Problem,
-    even: NDArray[np.float64],
-    solid: float,
-    output: Path,
-) -> None:
-    """Draw the design beside the ``even`` start, its history beside psi of the ``solid`` rod."""
-    domain, evaluation = problem.flexible["rod"].domain, result.evaluation
-    ffr.write_density(domain, result.x, output / "design.xdmf")
-    ffr.plotting.plot_design(domain, {"start": even, "end": result.x}, output / "design.png")
-    bounds = {"psi_solid": solid, "volume_bound": VOLUME, "comm": domain.comm}
-    ffr.plotting.plot_history(result.history, output / "history.png", **bounds)
-    rod = result.problem.flexible["rod"]
-    ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
-    ffr.plotting.plot_crank_motion(
-        evaluation.trajectory, output / "crank_motion.png", comm=domain.comm
-    )
-    ffr.plotting.plot_scene(problem, evaluation, output / "scene.png")
-    ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
-
-
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"elements": (200, 20), "iterations": 36, "steps": None, "order": 1}
-    defaults |= {"mesh": "", "boundary": None, "resume": False, "bare": False}
+    defaults |= {"mesh": "", "boundary": None, "resume": False, "bare": False, "densities": False}
     options = parse(arguments, "slider_crank", **defaults)
     comm, output, start = MPI.COMM_WORLD, options.output, perf_counter()
     given = ffr.Domain.from_gmsh(comm, options.mesh, order=options.order) if options.mesh else None
@@ -137,29 +118,31 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% The design: out of an even gray, symmetric where the gradient says that the loads are
     even = problem.gradient(simple["even"])
-    assert even.gradient is not None
-    levelset = ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain, even.gradient["rod"]))
     say(f"{domain.n_cells_global} elements; even gray: {ffr.model_report(problem, even)}")
+    level = ffr.LevelSet(domain, mirrors=ffr.mirror_lines(domain, even.gradient["rod"]))
+    design = ffr.DensityDesign(domain) if options.densities else level
     with ffr.recorded_warnings() as warnings:
-        result = ffr.optimize(problem, levelset, volume=VOLUME, **options.run)
+        result = ffr.optimize(problem, design, volume=VOLUME, **options.run)
         # the part: files for CAD, pictures, and psi on meshes that fit it
         found = result.verify() if options.bare else result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
     last = (result.moved or result).problem.flexible["rod"]
     solid = result.problem.with_modes({"rod": last.modes}).value(simple["solid"]).psi
-
     if options.bare and found:
         files = result.part().write(output)
         return say(f"psi is {found.psi / solid:.3f} of the full rod's", found, *files, sep="\n")
 
     # %% Numbers and pictures
-    pictures(result, problem, simple["even"], solid, output)
+    draw(result, output, full=solid, volume=VOLUME)
+    rod, evaluation = result.problem.flexible["rod"], result.evaluation
+    ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
+    ffr.plotting.plot_crank_motion(evaluation.trajectory, output / "crank_motion.png", comm=comm)
     of = {"full": solid, "found": found, "warnings": warnings, "references": compliance}
     numbers: dict[str, Any] = {f"compliance_{name}": psi for name, psi in compliance.items()}
     numbers |= {"steps": problem.integrator.steps, "seconds_total": perf_counter() - start}
     leave(result, output, "The flexible rod of a slider-crank", **of, **numbers)
 
-    reached, bound = mark(options, result, found, 0.49 * solid)
+    reached, bound = mark(options, result, found, (0.55 if options.densities else 0.49) * solid)
     assert reached <= bound, f"psi is {reached / solid:.3f} of the full rod's"
 
 

@@ -13,8 +13,8 @@ Dynamics of Mechanical Systems, Allyn and Bacon 1989).
 
 where q are the elastic coordinates of the rod in its floating frame. The solid that the design
 encloses is written for a printer, in millimetres. `--first 20 --iterations 36` begins on half as
-many elements along each axis; its designs take half of the time, and the rod is 12 % softer.
-With `--elements 40 4 4 --iterations 30 --boundary 8` the surface of the solid is then moved by the
+many elements along each axis; its designs take half of the time, and the rod is 12 % softer. With
+`--elements 40 4 4 --iterations 30 --boundary 8` the surface of the solid is then moved by the
 exact gradient, with a minimum thickness of its walls.
 
 Run `python demos/spatial_slider_crank.py --help`, also under `mpirun -n 2`; it takes some minutes.
@@ -39,7 +39,6 @@ CRANK, CENTER = 0.08, (0.0, 0.1, 0.12)  # radius and bearing of the crank, its a
 TURNS, DURATION, STEPS = 2, 0.3, 2000  # of the crank, time [s], of time
 PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
 SLIDER, VOLUME, MODES = 0.02, 0.5, 10  # mass [kg], bound of the filled share, of the rod
-FIRST, ITERATIONS = 0, 60  # on half as many elements along each axis, and on all of them
 ANGLE = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="crank angle")  # from y [rad]
 
 
@@ -84,29 +83,23 @@ def spatial_problem(
 
 # %% Where the design begins
 def begun(
-    design: ffr.LevelSet, elements: tuple[int, int, int], output: Path, **run: Any
+    design: ffr.LevelSet, elements: tuple[int, ...], output: Path, steps: int, **run: Any
 ) -> np.ndarray:
     """The coefficients that half as many elements along each axis come to."""
-    problem = spatial_problem(design.domain.comm, halved(elements), steps=run.pop("steps"))
-    coarse = ffr.LevelSet(problem.flexible["rod"].domain)
-    options = {**run, "output": output / "first", "boundary": 0}
+    halved = [count // 2 for count in elements]
+    problem = spatial_problem(design.domain.comm, halved, steps=steps)
+    run |= {"volume": VOLUME, "output": output / "first", "boundary": 0}
     with ffr.recorded_warnings():  # of what is no part yet
-        result = ffr.optimize(problem, coarse, volume=VOLUME, **options)
+        result = ffr.optimize(problem, ffr.LevelSet(problem.flexible["rod"].domain), **run)
     level = result.designs["rod"].level(result.coefficients)
     return np.clip(0.5 + level(design.knots), 0.0, 1.0)
-
-
-def halved(elements: tuple[int, int, int]) -> tuple[int, int, int]:
-    """Half as many along each axis."""
-    along, wide, high = (count // 2 for count in elements)
-    return along, wide, high
 
 
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
-    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": ITERATIONS, "boundary": 0}
-    defaults["first"] = FIRST
+    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0}
+    defaults["first"] = 0
     options = parse(arguments, "spatial_slider_crank", **defaults, mesh="", resume=False)
     comm, output = MPI.COMM_WORLD, options.output
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
@@ -116,8 +109,8 @@ def main(arguments: list[str] | None = None) -> None:
     quadrature = 2 if domain.n_cells_global > 20_000 else None
     design, start = ffr.LevelSet(domain, quadrature=quadrature), None
     if options.first and not options.mesh and min(options.elements) >= 8:
-        first = {"iterations": options.first, "steps": options.steps, "resume": options.resume}
-        start = begun(design, options.elements, output, **first)
+        of = {"iterations": options.first, "resume": options.resume}
+        start = begun(design, options.elements, output, options.steps, **of)
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, design, start, volume=VOLUME, **options.run)
         found = result.finish(output)

@@ -54,25 +54,21 @@ class ConnectingRod:
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
-        numbers = (self.length, *self.bores, *self.eyes, *self.rings, *self.shank, self.fillet)
-        if not all(math.isfinite(number) and number > 0.0 for number in numbers):
+        given = (self.length, *self.bores, *self.eyes, *self.rings, *self.shank, self.fillet)
+        if not all(math.isfinite(number) and number > 0.0 for number in given):
             raise ValueError(f"connecting rod: {self} needs positive dimensions")
-        for side in (0, 1):
-            if not self.bores[side] + self.rings[side] < self.eyes[side]:
-                raise ValueError(
-                    f"connecting rod: a bore of {self.bores[side]} m and its ring of "
-                    f"{self.rings[side]} m do not fit into the eye of {self.eyes[side]} m"
-                )
-            if not self.shank[side] < self.eyes[side]:
-                raise ValueError(
-                    f"connecting rod: the shank's half height {self.shank[side]} m must be smaller "
-                    f"than the eye's radius {self.eyes[side]} m"
-                )
-        left, right = self._fillet(0), self._fillet(1)
-        if not left[2][0] < right[2][0]:
-            raise ValueError(
-                f"connecting rod: fillets of {self.fillet} m overlap on a shank of {self.length} m"
-            )
+        for bore, eye, ring, half in zip(
+            self.bores, self.eyes, self.rings, self.shank, strict=True
+        ):
+            if not bore + ring < eye:
+                what = f"a bore of {bore} m and its ring of {ring} m do not fit into the eye"
+                raise ValueError(f"connecting rod: {what} of {eye} m")
+            if not half < eye:
+                what = f"the shank's half height {half} m must be smaller than the eye's radius"
+                raise ValueError(f"connecting rod: {what} {eye} m")
+        if not self._fillet(0)[2][0] < self._fillet(1)[2][0]:
+            what = f"fillets of {self.fillet} m overlap on a shank of {self.length} m"
+            raise ValueError(f"connecting rod: {what}")
 
     def _fillet(self, side: int) -> tuple[Point, Point, Point]:
         """Centre, point on the eye and point on the flank of an upper fillet.
@@ -94,65 +90,21 @@ class ConnectingRod:
         on_eye = (x0 + share * (center[0] - x0), share * center[1])
         return center, on_eye, (center[0] - f * nx, center[1] - f * ny)
 
-    @property
-    def area(self) -> float:
-        """Area of the rod [m^2], in closed form."""
-        (_, e0, s0), (_, e1, s1) = self._fillet(0), self._fillet(1)
-        # the polygon through the ends of arcs above the axis, doubled, and the arcs' segments
-        corners = [(-self.eyes[0], 0.0), e0, s0, s1, e1, (self.length + self.eyes[1], 0.0)]
-        area = -sum(
-            a[0] * b[1] - b[0] * a[1]
-            for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-        )
-        for a, b, radius in (
-            (corners[0], e0, self.eyes[0]),
-            (e0, s0, -self.fillet),
-            (s1, e1, -self.fillet),
-            (e1, corners[5], self.eyes[1]),
-        ):
-            angle = 2.0 * math.asin(min(1.0, 0.5 * math.dist(a, b) / abs(radius)))
-            area += math.copysign(radius**2 * (angle - math.sin(angle)), radius)
-        return area - math.pi * (self.bores[0] ** 2 + self.bores[1] ** 2)
-
-    @property
-    def ring_area(self) -> float:
-        """Area of both rings that are not designed [m^2]."""
-        return math.pi * sum(
-            (bore + ring) ** 2 - bore**2 for bore, ring in zip(self.bores, self.rings, strict=True)
-        )
-
     def build(
-        self,
-        size: float,
-        *,
-        order: int = 1,
-        near_bores: float = 0.5,
-        refinements: int = 0,
-        name: str = "connecting rod",
+        self, size: float, *, order: int = 1, near_bores: float = 0.5, refinements: int = 0
     ) -> None:
         """Draw and mesh the rod in gmsh's current session, as a model of its own.
 
-        Args:
-            size: Of the elements [m].
-            order: Of the geometry, 1 or 2.
-            near_bores: Size at the bores relative to ``size``; it grows over two eye walls.
-            refinements: How often each triangle is cut into four.
-            name: Of the model.
-
-        Raises:
-            ValueError: If size, order or refinement is out of range.
+        Elements of a ``size`` [m] shrink to its share ``near_bores`` over two eye walls; the
+        ``order`` of the geometry is 1 or 2; a refinement cuts each triangle into four.
         """
         if not (math.isfinite(size) and 0.0 < size <= self.bores[1]):
-            raise ValueError(
-                f"connecting rod: size = {size} m must be positive and not above the smaller "
-                f"bore's radius {self.bores[1]} m"
-            )
+            most = f"positive and not above the smaller bore's radius {self.bores[1]} m"
+            raise ValueError(f"connecting rod: size = {size} m must be {most}")
         if order not in (1, 2) or not 0.0 < near_bores <= 1.0:
-            raise ValueError(
-                f"connecting rod: order = {order} must be 1 or 2, and near_bores = {near_bores} "
-                "between 0 and 1"
-            )
-        gmsh.model.add(name)
+            told = f"order = {order} must be 1 or 2, and near_bores = {near_bores}"
+            raise ValueError(f"connecting rod: {told} between 0 and 1")
+        gmsh.model.add("connecting rod")
         occ = gmsh.model.occ
         centers = [(0.0, 0.0), (self.length, 0.0)]
         bores, loops, rings = [], [], []
@@ -186,30 +138,17 @@ class ConnectingRod:
         halves = []
         for side in (-1.0, 1.0):
             a, b, c, d, f, g = (occ.addPoint(x, side * y, 0.0) for x, y in (e0, s0, s1, e1, c0, c1))
-            halves.append(
-                [
-                    occ.addCircleArc(left, middles[0], a),
-                    occ.addCircleArc(a, f, b),
-                    occ.addLine(b, c),
-                    occ.addCircleArc(c, g, d),
-                    occ.addCircleArc(d, middles[1], right),
-                ]
-            )
+            arcs = ((left, middles[0], a), (a, f, b)), ((c, g, d), (d, middles[1], right))
+            first, last = ([occ.addCircleArc(*arc) for arc in pair] for pair in arcs)
+            halves.append([*first, occ.addLine(b, c), *last])
         return [*halves[0], *(-curve for curve in reversed(halves[1]))]
 
     def _set_size(self, centers: list[Point], size: float, near_bores: float) -> None:
-        field = gmsh.model.mesh.field
-        balls = []
+        field, balls = gmsh.model.mesh.field, []
         for (x, y), bore, eye in zip(centers, self.bores, self.eyes, strict=True):
             balls.append(field.add("Ball"))
-            for option, value in (
-                ("XCenter", x),
-                ("YCenter", y),
-                ("Radius", bore),
-                ("Thickness", 2.0 * (eye - bore)),
-                ("VIn", near_bores * size),
-                ("VOut", size),
-            ):
+            sizes = {"VIn": near_bores * size, "VOut": size, "Thickness": 2.0 * (eye - bore)}
+            for option, value in {"XCenter": x, "YCenter": y, "Radius": bore, **sizes}.items():
                 field.setNumber(balls[-1], option, value)
         least = field.add("Min")
         field.setNumbers(least, "FieldsList", balls)
@@ -219,13 +158,7 @@ class ConnectingRod:
         gmsh.option.setNumber("Mesh.Algorithm", 6)  # frontal: nearly equilateral triangles
 
     def write(self, path: str | Path, size: float, **options: Any) -> Path:
-        """Write the mesh as a file and return its path.
-
-        Args:
-            path: Ends in ``.msh``; missing folders are made.
-            size: Of the elements [m].
-            options: As for `build`.
-        """
+        """Write the mesh as a file ``.msh``, with the options of `build`, and return its path."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with session():
@@ -242,14 +175,9 @@ class ConnectingRod:
         degree: int | None = None,
         **options: Any,
     ) -> ffr.Domain:
-        """The rod as a body, without a file.
+        """The rod as a body, meshed by rank 0, with the options of `build`.
 
-        Args:
-            comm: Communicator over which the mesh is distributed; rank 0 makes the mesh.
-            size: Of the elements [m].
-            order: Of the geometry, 1 or 2.
-            degree: Of the displacements; by default that of the geometry.
-            options: As for `build`.
+        The displacements are of the order of the geometry, or of another ``degree``.
         """
         with session(comm.rank == 0):
             on_rank_0(comm, lambda: self.build(size, order=order, **options))
@@ -273,27 +201,19 @@ def session(wanted: bool = True) -> Iterator[None]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Write a mesh file."""
-    rod = ConnectingRod()
-    parser = argparse.ArgumentParser(description="Mesh a connecting rod with gmsh.")
-    parser.add_argument("--size", type=float, default=0.004, help="of the elements [m]")
-    parser.add_argument("--order", type=int, default=2, choices=(1, 2), help="of the geometry")
-    parser.add_argument(
-        "--near-bores", type=float, default=0.5, help="size at the bores, relative to --size"
+    shape = vars(ConnectingRod())
+    sizes = {"size": 0.004, "order": 2, "near_bores": 0.5}
+    style = argparse.ArgumentDefaultsHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=style)
+    for name, default in {**sizes, "output": "rod.msh", **shape}.items():
+        pair = isinstance(default, tuple)
+        kind: dict[str, Any] = {"nargs": 2, "type": float} if pair else {"type": type(default)}
+        parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=" ", **kind)
+    given = vars(parser.parse_args(arguments))
+    rod = ConnectingRod(
+        **{k: tuple(v) if isinstance(v, list) else v for k, v in given.items() if k in shape}
     )
-    parser.add_argument("--output", default="rod.msh", help="file to write (default rod.msh)")
-    for name in ("length", "fillet"):
-        parser.add_argument(f"--{name}", type=float, default=getattr(rod, name), help="[m]")
-    pair = {"nargs": 2, "type": float, "metavar": ("LEFT", "RIGHT"), "help": "[m]"}
-    for name in ("bores", "eyes", "rings", "shank"):
-        parser.add_argument(f"--{name}", default=getattr(rod, name), **pair)
-    given = parser.parse_args(arguments)
-    shape = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in vars(given).items()
-        if hasattr(rod, name)
-    }
-    sizes = {"order": given.order, "near_bores": given.near_bores}
-    print(f"wrote {ConnectingRod(**shape).write(given.output, given.size, **sizes)}")
+    print(f"wrote {rod.write(given['output'], **{name: given[name] for name in sizes})}")
 
 
 if __name__ == "__main__":

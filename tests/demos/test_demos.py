@@ -214,8 +214,8 @@ SCENES = {
         ["swing.png", "scene.png", "motion.gif", "report.html"],
     ),
     "path_of_a_four_bar": (["--steps", "30", "--iterations", "15"], ["path.png", "motion.gif"]),
-    "density_design": (
-        ["--elements", "30", "4", "--iterations", "3"],
+    "slider_crank": (
+        ["--densities", "--elements", "30", "4", "--iterations", "3"],
         ["design.png", "history.csv", "motion.gif"],
     ),
     "several_load_cases": (
@@ -259,7 +259,6 @@ ON_MESHES = {
         [("--mesh",)],
     ),
     "approximate_gradient": (["--iterations", "2"], [("--mesh", 0.4, 0.04, 0.02)]),
-    "density_design": (["--iterations", "2"], [("--mesh", 0.4, 0.04, 0.01)]),
     "spin_up": (["--steps", "1500"], [("--mesh", 10.0, (12.0 * 1.4e4 / 2.8e7) ** 0.5, 0.2)]),
     "pendulum": (["--steps", "200"], [("--mesh", 1.0, 0.05, 0.05)]),
     # the linkage closes with the lengths of the files
