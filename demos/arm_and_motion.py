@@ -22,12 +22,10 @@ from dataclasses import replace
 from mpi4py import MPI
 
 import numpy as np
-from command_line import leave_machine, parse, say
+from command_line import leave_machine, parse, run, say
 from robot_arm import ALUMINIUM, FORE, PICK, PLACE, THICKNESS, UPPER, mechanism
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 START, RANGE = {"left": 0.03, "mid": 0.033, "right": 0.024}, (0.012, 0.075)  # heights [m]
@@ -96,7 +94,9 @@ def main(arguments: list[str] | None = None) -> None:
         off = np.linalg.norm(moves.marker_path("forearm", "right") - np.array(TIP), axis=1)
         swing[name] = moves.t[moves.t >= MOVE], 1e3 * off[moves.t >= MOVE]
     say(", ".join(f"{name}: {value:.4f} mm" for name, value in table.items()))
-    plotting.plot_curves({"tip off its place [mm]": swing}, output / "swing.png", xlabel="time [s]")
+    ffr.plotting.plot_curves(
+        {"tip off its place [mm]": swing}, output / "swing.png", xlabel="time [s]"
+    )
     leave_machine(best, output, "An arm and its motion", time=0.2, warnings=warnings, error=table)
 
     # %% Together they miss less than one after the other

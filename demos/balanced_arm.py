@@ -20,11 +20,9 @@ Run `python demos/balanced_arm.py --help`, also under `mpirun -n 2`; it takes so
 """
 
 import numpy as np
-from command_line import leave_machine, parse, say
+from command_line import leave_machine, parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH, MASS, PAYLOAD, GRAVITY = 0.6, 2.0, 1.5, 9.81  # [m], [kg], [kg], [m/s^2]
@@ -95,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
         table[name] = {"rms": evaluation.psi, **(evaluation.at.values if evaluation.at else {})}
         say(f"{name}: {table[name]}")
     best, panels = results["spring"], {"moment of the motor [N m]": curves}
-    plotting.plot_curves(panels, output / "moment.png", xlabel="time [s]")
+    ffr.plotting.plot_curves(panels, output / "moment.png", xlabel="time [s]")
     leave_machine(best, output, "A balanced arm", time=0.5, table=table, by_hand=hand)
 
     # %% Both are the answers by hand

@@ -11,6 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr.program import run as run
 
 HELP = {
     "elements": "of a body, along its axes",
@@ -122,36 +123,25 @@ def leave_machine(
     ffr.write_report(problem.comm, output)
 
 
-def mark(
-    options: argparse.Namespace, result: ffr.Result, found: ffr.Verification | None, bound: float
-) -> tuple[float, float]:
-    """What psi has come down to, and what it must not be above.
-
-    A run as long and fine as by default has parts, and ``bound`` is for their psi; of another one,
-    or one that was interrupted, nothing is promised but numbers.
-    """
-    if options.complete and result.reason != "interrupted":
-        return found.psi if found else float("inf"), bound
-    say("no finished design of the built-in scene: its mark is not asserted")
-    return result.psi, max(result.psi, float(result.history["psi"].max()))
-
-
 def leave(
+    options: argparse.Namespace,
     result: ffr.Result,
-    output: Path,
     title: str,
-    *,
     full: float,
-    found: ffr.Verification | None = None,
-    references: Mapping[str, float] | None = None,
+    found: ffr.Verification | None,
     warnings: list[dict[str, str]],
+    *,
+    references: Mapping[str, float] | None = None,
+    most: float = np.inf,
     **numbers: Any,
 ) -> None:
     """Write summary.json and the report of a run, and say how it ended; collective.
 
     ``full`` is psi of full bodies with the modes of the result, ``references`` have psi of other
-    designs, the full one first.
+    designs, the full one first. Of a run as long and fine as by default, psi of the parts is
+    asserted to be ``most`` or less; of others nothing is promised but numbers.
     """
+    output = options.output
     bodies, share = result.problem.flexible, result.psi / full
     told = found.psi / full if found else share
     flat = found and all(body.domain.dimension == 2 for body in bodies.values())
@@ -171,3 +161,5 @@ def leave(
     say(f"{result.reason} after {result.iterations} iterations: psi is {told:.3f} of the full one")
     say(found or "no parts come of this design")
     say(f"pictures and numbers are in {output}")
+    if options.complete and result.reason != "interrupted" and most < np.inf:
+        assert found and found.psi <= most, f"psi should be at most {most:.4g}: {found}"

@@ -20,10 +20,9 @@ of links from gmsh are those between the centres of their curves `left` and `rig
 import math
 
 import numpy as np
-from command_line import bars, draw, leave, mark, parse
+from command_line import bars, draw, leave, parse, run
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.program import run
 
 # %% Parameters
 CRANK, GROUND = 0.1, 0.4  # radius of the crank, distance of its bearing from the disc's [m]
@@ -97,11 +96,8 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% Numbers and pictures
     draw(result, output, full=2.0, volume=VOLUME, time=0.35 * DURATION)
-    leave(result, output, "A four-bar linkage", full=2.0, found=found, warnings=warnings)
-
-    # %% Finished parts have six tenths of the full links' compliance
-    reached, bound = mark(options, result, found, 2.0 * 0.6)
-    assert reached <= bound, f"psi is {reached:.3f}, that of full links 2"
+    # Finished parts have six tenths of the full links' compliance
+    leave(options, result, "A four-bar linkage", 2.0, found, warnings, most=2.0 * 0.6)
 
 
 if __name__ == "__main__":

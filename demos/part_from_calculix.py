@@ -21,12 +21,10 @@ from mpi4py import MPI
 
 import gmsh
 import numpy as np
-from command_line import parse, say
+from command_line import parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
 from dolfinx_ffr.interchange import read_calculix
-from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH, WIDTH, HEIGHT, RADIUS = 0.2, 0.05, 0.01, 0.012  # [m]
@@ -98,7 +96,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"fixed-interface frequencies differ by {apart:.1e}, psi by {share:.1e}")
     tip = {n: (e.trajectory.t, e.trajectory.marker_path("link", "right")) for n, e in found.items()}
     heights = {name: (t, path[:, 1]) for name, (t, path) in tip.items()}
-    plotting.plot_curves({"height [m]": heights}, output / "tip.png", xlabel="time [s]")
+    ffr.plotting.plot_curves({"height [m]": heights}, output / "tip.png", xlabel="time [s]")
 
     # %% The same matrices, the same body
     assert apart < 1e-8 and share < 1e-6, f"the bodies differ: {apart:.1e}, {share:.1e}"

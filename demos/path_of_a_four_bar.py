@@ -20,12 +20,10 @@ Run `python demos/path_of_a_four_bar.py --help`, also under `mpirun -n 2`; it ta
 import math
 
 import numpy as np
-from command_line import leave_machine, parse, say
+from command_line import leave_machine, parse, run, say
 from scipy.interpolate import CubicSpline
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 BAR, TOOL, TURN = 1.2, 0.5, 0.5  # mass of the bars [kg/m], of the tool [kg], time of a turn [s]
@@ -97,7 +95,7 @@ def main(arguments: list[str] | None = None) -> None:
     best, panels = results["bounded"], {"path of the tool, y [mm]": curves}
     reached = {c.name: best.evaluation.constraints[c.name].psi for c in limits}
     say(f"off the path [mm]: {off}", f"forces [N, N, N m]: {reached}", best.parameters, sep="\n")
-    plotting.plot_curves(panels, output / "path.png", xlabel="x [mm]")
+    ffr.plotting.plot_curves(panels, output / "path.png", xlabel="x [mm]")
     leave_machine(best, output, "The path of a four-bar linkage", time=0.1, off_path=off)
 
     # %% The bounds hold, and without them the path is found

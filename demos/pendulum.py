@@ -22,11 +22,9 @@ Run `python demos/pendulum.py --help`, also under `mpirun -n 2`; it takes some s
 from mpi4py import MPI
 
 import numpy as np
-from command_line import parse, say
+from command_line import parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH, HEIGHT, THICKNESS = 1.0, 0.05, 0.05  # [m]
@@ -89,9 +87,9 @@ def main(arguments: list[str] | None = None) -> None:
         "height of the tip [m]": {"": (motion.t, path[:, 1])},
         "distance from the full model, at four instants / length": {"": (motion.t[at], apart)},
     }
-    plotting.plot_curves(curves, output / "tip.png", xlabel="time [s]")
-    plotting.plot_scene(problem, evaluation, output / "scene.png")
-    plotting.animate_motion(problem, evaluation, output / "motion.gif")
+    ffr.plotting.plot_curves(curves, output / "tip.png", xlabel="time [s]")
+    ffr.plotting.plot_scene(problem, evaluation, output / "scene.png")
+    ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
     ffr.write_summary(comm, output / "summary.json", {"differences": apart.tolist()})
 
     # %% Large rotations are exact, and the deformation is small

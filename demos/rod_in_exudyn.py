@@ -22,13 +22,11 @@ from pathlib import Path
 from mpi4py import MPI
 
 import numpy as np
-from command_line import parse, say
+from command_line import parse, run, say
 from exudyn_motion import body_from, elastic_coordinates, hold
 from slider_crank import CRANK, HEIGHT, LENGTH, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 DESIGNED, MOVED = 1.0, 0.05  # one turn for the design, and one for the comparison [s]
@@ -97,7 +95,7 @@ def main(arguments: list[str] | None = None) -> None:
     t = np.linspace(0.0, MOVED, ROWS + 1)
     both = {"here": ours, "Exudyn": theirs}
     curves = {f"coordinate {k + 1}": {n: (t, q[:, k]) for n, q in both.items()} for k in (0, 3)}
-    plotting.plot_curves(curves, output / "coordinates.png", xlabel="time [s]")
+    ffr.plotting.plot_curves(curves, output / "coordinates.png", xlabel="time [s]")
     ffr.write_summary(comm, output / "summary.json", {"difference": apart, "psi": found.psi})
 
     # %% One file, one motion

@@ -20,10 +20,9 @@ Run `python demos/spatial_blade.py --help`, also under `mpirun -n 2`; it takes s
 from mpi4py import MPI
 
 import numpy as np
-from command_line import draw, leave, mark, parse, say
+from command_line import draw, leave, parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.program import run
 
 # %% Parameters
 BLADE = (0.3, 0.06, 0.008)  # length, width and thickness of the blade [m]
@@ -91,12 +90,8 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Numbers and pictures
     draw(result, output, full=full, color="energy")
     numbers = {"bending": bent, "solid_mass": enclosed.mass, "solid_pieces": enclosed.pieces}
-    title = "A blade on a hub"
-    leave(result, output, title, full=full, found=found, warnings=warnings, **numbers)
-
-    # %% A finished design of half of the material is stiffer than the full blade, which pulls more
-    reached, bound = mark(options, result, found, 0.8 * full)
-    assert reached <= bound, f"psi is {reached / full:.3f} of the full blade's"
+    # A finished design of half of the material is stiffer than the full blade, which pulls more
+    leave(options, result, "A blade on a hub", full, found, warnings, **numbers, most=0.8 * full)
 
 
 if __name__ == "__main__":

@@ -20,10 +20,9 @@ Run `python demos/spatial_robot_arm.py --help`, also under `mpirun -n 2`; it tak
 from mpi4py import MPI
 
 import numpy as np
-from command_line import draw, leave, parse, say
+from command_line import draw, leave, parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.program import run
 
 # %% Parameters
 UPPER, FORE = (0.5, 0.06, 0.04), (0.4, 0.05, 0.035)  # length, width and height of the links [m]
@@ -95,8 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% Numbers and pictures
     draw(result, options.output, volume=VOLUME)
-    of = {"full": full.psi, "found": found, "warnings": warnings}
-    leave(result, options.output, "A robot arm in space", **of, **numbers)
+    leave(options, result, "A robot arm in space", full.psi, found, warnings, **numbers)
 
     # %% The hand of full links is where that of a rigid arm is
     path = full.trajectory.marker_path("forearm", "right")

@@ -27,11 +27,9 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from command_line import draw, leave, parse
+from command_line import draw, leave, parse, run
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 ROD, SECTION = 0.3, (0.02, 0.016)  # length, height and width of the rod [m]
@@ -120,9 +118,10 @@ def main(arguments: list[str] | None = None) -> None:
     # %% Numbers and pictures; walls thinner than half an element are in solid.png
     draw(result, output, full=full.psi, volume=VOLUME, color="energy")
     rod, evaluation = result.problem.flexible["rod"], result.evaluation
-    plotting.plot_stress(domain, ffr.worst_stress(rod, evaluation, "rod"), output / "stress.png")
+    stress = ffr.worst_stress(rod, evaluation, "rod")
+    ffr.plotting.plot_stress(domain, stress, output / "stress.png")
     title = "The flexible rod of a slider-crank in space"
-    leave(result, output, title, full=full.psi, found=found, warnings=warnings)
+    leave(options, result, title, full.psi, found, warnings)
 
     # %% The slider of the full rod is where that of a rigid one is
     rigid = [[slider_of(angle), 0.0, 0.0] for angle in ANGLE.tabulate(full.trajectory.t)[0]]

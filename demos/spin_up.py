@@ -21,11 +21,9 @@ import math
 from mpi4py import MPI
 
 import numpy as np
-from command_line import parse, say
+from command_line import parse, run, say
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-from dolfinx_ffr.program import run
 
 # %% Parameters
 LENGTH = 10.0  # [m]
@@ -92,9 +90,9 @@ def main(arguments: list[str] | None = None) -> None:
         "stretch of the beam [mm]": {"with geometric stiffening": (t, 1e3 * along), **steady},
         "angular velocity [rad/s]": {"of the hub": (t, ANGLE.velocity(t))},
     }
-    plotting.plot_curves(curves, output / "tip.png", xlabel="time [s]")
-    plotting.plot_scene(problem, evaluation, output / "scene.png")
-    plotting.animate_motion(problem, evaluation, output / "motion.gif")
+    ffr.plotting.plot_curves(curves, output / "tip.png", xlabel="time [s]")
+    ffr.plotting.plot_scene(problem, evaluation, output / "scene.png")
+    ffr.plotting.animate_motion(problem, evaluation, output / "motion.gif")
     ffr.write_summary(comm, output / "summary.json", {"lag": float(lag.min()), "stretch": stretch})
 
     # %% In steady rotation the beam is as long as the closed form says
