@@ -2,28 +2,22 @@
 """The slider-cranks of the demos in Exudyn: the same reduced rod, in the same floating frame.
 
 Exudyn (J. Gerstmayr, https://github.com/jgerstmayr/EXUDYN, on PyPI as ``exudyn``) simulates
-flexible multibody systems in C++. Its reduced body (``ObjectFFRFreducedOrder``) takes nodes, mass
-and stiffness matrix and a mode basis of any finite-element code. It gets ours:
+flexible multibody systems in C++. Its reduced body gets the file that `VolumeIntegrals.save` writes
+for it, with the slider as a point mass, so that its elastic coordinates are ours and its reference
+node is our chord frame. (Linear elasticity in another frame is another model, at second order.)
 
-- the nodes of our mesh, relative to the origin of our frame, those of a planar mesh with z = 0;
-- our mass and stiffness matrix, in the plane with a third displacement that nothing excites;
-- our shape functions as modes, so that its elastic coordinates are ours and its reference node is
-  our chord frame. (Linear elasticity in another frame is another model, at second order.)
-
-The slider is one more node with its mass, at the center of the rod's right interface. The crank
-pin is the origin of the frame, so that the crank prescribes coordinates of the reference node; the
-slider stays on its line by a spherical joint of one axis, in space of two. In space the universal
-joint at the pin keeps the y axis of the rod's left interface perpendicular to the axis of the
-crank: it ends at one more node, without mass, which moves with the interface and stays in the plane
-of the crank. These are three rows of constraints in the plane, six in space, as ours.
+The crank pin is the origin of the frame, so that the crank prescribes coordinates of the reference
+node; the slider stays on its line by a spherical joint of one axis, in space of two. In space the
+universal joint at the pin keeps the y axis of the rod's left interface perpendicular to the axis of
+the crank: the node of the file on this axis stays in the plane of the crank. These are three rows
+of constraints in the plane, six in space, as ours.
 
 Exudyn runs with its fastest settings: no range checks, compiled user functions, dense matrices, a
 Jacobian that is kept as long as Newton's method converges, no files.
 """
 
-import pickle
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
@@ -31,73 +25,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from jobs import Array, beyond
 from peer_packages import use_peers
 
 #: Exudyn's arguments for a prescribed coordinate and its velocity
 OFFSETS = "offsetUserFunction", "offsetUserFunction_t"
-
-
-@dataclass(frozen=True)
-class ExudynRod:
-    """A reduced body as a three-dimensional finite-element code would hand it over."""
-
-    positions: Array  #: (nodes, 3) in the body's frame [m]; the last ones are those of markers
-    mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
-    stiffness: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [N/m]
-    modes: Array  #: (3 nodes, r) [-]
-
-
-@dataclass(frozen=True)
-class AddedNode:
-    """A node that moves with a marker, in the body's dimension d."""
-
-    position: Array  #: (d,) in the body's frame [m]
-    displacement: Array  #: (d, r) by each shape function [-]
-    mass: float = 0.0  #: Of a point there [kg]
-
-
-def rod_for_exudyn(
-    reference: Array,
-    mass: scipy.sparse.spmatrix,
-    stiffness: scipy.sparse.spmatrix,
-    shapes: Array,
-    added: Sequence[AddedNode],
-) -> ExudynRod:
-    """A body with nodes at markers behind those of the mesh, in three dimensions.
-
-    The ``reference`` positions [m] in the body's frame have the shape (d nodes,), the matrices are
-    those of these displacements, the ``shapes`` are (d nodes, r).
-    """
-    d, r = len(added[0].position), shapes.shape[1]
-    n = len(reference) // d + len(added)
-    positions, modes = np.zeros((n, 3)), np.zeros((n, 3, r))
-    positions[:, :d] = np.vstack([reference.reshape(-1, d), *(a.position for a in added)])
-    own = shapes.reshape(-1, d, r)
-    modes[:, :d] = np.concatenate([own, *(a.displacement[None] for a in added)])
-    # all displacements of a node have the same mass: so has the third in the plane
-    scalar = scipy.sparse.csr_matrix(mass)[0::d, 0::d]
-    nodal = scipy.sparse.block_diag([scalar, np.diag([a.mass for a in added])])
-    entries = scipy.sparse.coo_matrix(stiffness)
-    row, column = (3 * (k // d) + k % d for k in (entries.row, entries.col))
-    return ExudynRod(
-        positions,
-        scipy.sparse.csr_matrix(scipy.sparse.kron(nodal, scipy.sparse.identity(3))),
-        scipy.sparse.csr_matrix((entries.data, (row, column)), shape=(3 * n, 3 * n)),
-        modes.reshape(3 * n, r),
-    )
-
-
-def save_rod(path: Path, rod: ExudynRod) -> None:
-    """Write a rod for a process that knows nothing of meshes."""
-    path.write_bytes(pickle.dumps(rod))
-
-
-def load_rod(path: Path) -> ExudynRod:
-    """Read what `save_rod` has written, in this run."""
-    rod: ExudynRod = pickle.loads(path.read_bytes())
-    return rod
 
 
 @dataclass(frozen=True)
@@ -125,8 +57,8 @@ class Crank:
     place: tuple[float, ...] | None = None  #: Of the pin at the start [m]; None: radius along x
     #: Axes of the rod at the start, in columns
     rotation: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    #: Nodes, counted from the last one, that do not leave their place along some axes: 1 or 0
-    guides: tuple[tuple[int, tuple[int, int, int]], ...] = ((-1, (0, 1, 0)),)
+    #: Nodes of the file that do not leave their place along some axes: 1 or 0
+    guides: tuple[tuple[int, tuple[int, int, int]], ...] = ((4, (0, 1, 0)),)
 
 
 @dataclass(frozen=True)
@@ -148,12 +80,11 @@ def load_exudyn() -> ModuleType:
     return exudyn
 
 
-def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
-    """Simulate the slider-crank; the rod has the nodes that the crank's guides name."""
+def simulate(rod: Path, crank: Crank, method: Method) -> Simulation:
+    """Simulate the slider-crank with the rod of a file."""
     exudyn = load_exudyn()
     begin = process_time()
-    rotations = "EulerParameters" if crank.held else "Rxyz"
-    mbs, sensor, keep = _model(exudyn, _reduced(rod, rotations), rod, crank)
+    mbs, sensor, keep = _model(exudyn, rod, crank)
     settings = _settings(exudyn, crank.duration, method)
     solvers = exudyn.DynamicSolverType
     solver = solvers.GeneralizedAlpha if method.index == 3 else solvers.TrapezoidalIndex2
@@ -165,28 +96,21 @@ def simulate(rod: ExudynRod, crank: Crank, method: Method) -> Simulation:
     return Simulation(data[:, 0], data[:, 1:], seconds, start - begin)
 
 
-def _reduced(rod: ExudynRod, rotations: str) -> Any:
-    """The rod's reduction to the constants of the equations of motion.
+def _model(exudyn: ModuleType, rod: Path, crank: Crank) -> tuple[Any, Any, list[Any]]:
+    """The system, the sensor of the elastic coordinates, and what must stay alive.
 
-    A reference node ``"Rxyz"`` has no constraint of its own, but serves rotations about z alone
-    (others end at another motion); ``"EulerParameters"`` serves all.
+    A reference node ``Rxyz`` has no constraint of its own, but serves rotations about z alone
+    (others end at another motion); ``EulerParameters`` serve all.
     """
-    from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
-
-    fem = FEMinterface()
-    fem.nodes = {"Position": rod.positions}
-    fem.massMatrix, fem.stiffnessMatrix = rod.mass, rod.stiffness
-    fem.modeBasis = {"matrix": rod.modes, "type": "HCBmodes"}
-    return ObjectFFRFreducedOrderInterface(fem, rigidBodyNodeType=f"NodeType.Rotation{rotations}")
-
-
-def _model(
-    exudyn: ModuleType, reduced: Any, rod: ExudynRod, crank: Crank
-) -> tuple[Any, Any, list[Any]]:
-    """The system, the sensor of the elastic coordinates, and what must stay alive."""
     import exudyn.itemInterface as items
     from exudyn.advancedUtilities import CreateSymbolicUserFunction
+    from exudyn.FEM import ObjectFFRFreducedOrderInterface
 
+    reduced = ObjectFFRFreducedOrderInterface()
+    reduced.LoadFromFile(str(rod))
+    rotations = "EulerParameters" if crank.held else "Rxyz"
+    reduced.rigidBodyNodeType = f"NodeType.Rotation{rotations}"
+    nodes = reduced.xRef.reshape(-1, 3)
     mbs = exudyn.SystemContainer().AddSystem()
     place = [crank.radius, 0.0, 0.0] if crank.place is None else list(crank.place)
     rotation = np.array(crank.rotation)
@@ -216,11 +140,11 @@ def _model(
         guided = mbs.AddMarker(
             items.MarkerSuperElementPosition(
                 bodyNumber=body["oFFRFreducedOrder"],
-                meshNodeNumbers=[len(rod.positions) + node],
+                meshNodeNumbers=[node],
                 weightingFactors=[1.0],
             )
         )
-        start = np.array(place) + rotation @ rod.positions[node]
+        start = np.array(place) + rotation @ nodes[node]
         line = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=ground, localPosition=start))
         mbs.AddObject(
             items.ObjectJointSpherical(markerNumbers=[line, guided], constrainedAxes=list(axes))
@@ -285,8 +209,7 @@ def memory_of_exudyn(
     """Measure the peak of memory of one simulation, in a process without DOLFINx."""
     if "dolfinx" in sys.modules:
         raise RuntimeError("the process has loaded DOLFINx")
-    body = load_rod(Path(rod))
     return beyond(
-        lambda: simulate(body, Crank(*crank), Method(2)),
-        lambda: simulate(body, Crank(*crank), Method(steps)),
+        lambda: simulate(Path(rod), Crank(*crank), Method(2)),
+        lambda: simulate(Path(rod), Crank(*crank), Method(steps)),
     )

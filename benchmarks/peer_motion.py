@@ -6,6 +6,7 @@ left to differ.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -14,43 +15,24 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import scipy.sparse
 from jobs import Array, Progress, beyond, measure
-from peer_exudyn import AddedNode, Crank, ExudynRod, Method, rod_for_exudyn, save_rod, simulate
+from peer_exudyn import Crank, Method, simulate
 from peer_report import ALPHA, EXUDYN, INSTANTS, OURS, RADAU, TRAPEZOIDAL
 from scene import demo, holes_design, slider_crank
 from scipy.integrate import trapezoid
 
 import dolfinx_ffr as ffr
 
-#: Length of the fork of the universal joint for Exudyn [m]: any does
-FORK = 0.05
 
-
-def exudyn_rod(
-    body: ffr.FlexibleBody,
-    reduced: ffr.reduction.ReducedBody,
-    point_mass: float,
-    *,
-    fork: float = FORK,
-) -> ExudynRod:
-    """A reduced rod of one rank as Exudyn takes it, with a point mass [kg] at its right interface.
-
-    In space there is also a node without mass at the distance ``fork`` [m] along the rod's y axis
-    from the center of its left interface, with which it moves: the node before the last.
-    """
-    markers, matrices = reduced.integrals.markers, body.factored(reduced).matrices
-    mass, stiffness = (
-        scipy.sparse.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.getSize())
-        for matrix in (matrices.mass, matrices.stiffness)
-    )
-    left, right = markers["left"], markers["right"]
-    added = [AddedNode(right.position, right.displacement, point_mass)]
-    if body.domain.dimension == 3:
-        arm = fork * np.array([0.0, 1.0, 0.0])
-        turned = np.cross(left.rotation, arm[:, None], axis=0)
-        added.insert(0, AddedNode(left.position + arm, left.displacement + turned))
-    return rod_for_exudyn(body.reduction.reference, mass, stiffness, reduced.basis.shapes, added)
+def hand_over(
+    path: Path, body: ffr.FlexibleBody, reduced: ffr.reduction.ReducedBody, point_mass: float
+) -> None:
+    """Write a reduced rod for Exudyn, with a point mass [kg] at its right interface."""
+    rod = body.in_space(reduced)
+    w = rod.markers["right"].basis
+    heavy = {"mass": rod.mass + point_mass, "S": rod.S + point_mass * w.T}
+    heavy["P"] = rod.P + point_mass * np.einsum("ka,lb->abkl", w, w)
+    replace(rod, **heavy).save(path, format="exudyn")
 
 
 def scene_of(comm: MPI.Comm, elements: list[int]) -> tuple[ffr.Problem, Crank, float]:
@@ -69,8 +51,8 @@ def scene_of(comm: MPI.Comm, elements: list[int]) -> tuple[ffr.Problem, Crank, f
         held=(0,),
         place=tuple(placement.position),
         rotation=tuple(map(tuple, np.asarray(placement.rotation))),
-        # the fork stays in the plane of the crank, the slider on its line
-        guides=((-2, (1, 0, 0)), (-1, (0, 1, 1))),
+        # the rod's y axis stays in the plane of the crank, the slider on its line
+        guides=((2, (1, 0, 0)), (4, (0, 1, 1))),
     )
     return problem, crank, reference.SLIDER
 
@@ -84,17 +66,20 @@ def slider_crank_times(
     stages: list[int],
     reference: int,
     repetitions: int,
-    rod: str = "",
+    rod: str,
 ) -> dict[str, Any]:
     """Measure the slider-crank by both codes, method by method and step by step."""
     problem, crank, slider = scene_of(comm, elements)
     body = problem.flexible["rod"]
     x = holes_design(body.domain)
     reduced = problem.gradient(x).bodies["rod"]
-    given = exudyn_rod(body, reduced, slider)
-    if rod:
-        save_rod(Path(rod), given)
-    K, middle = reduced.integrals.K, _middle(given)
+    given, K = Path(rod), reduced.integrals.K
+    hand_over(given, body, reduced, slider)
+    # the shape functions across the rod at the node nearest to its middle
+    d, shapes = body.domain.dimension, reduced.basis.shapes
+    places = body.reduction.reference.reshape(-1, d)
+    away = places - 0.5 * reduced.integrals.markers["right"].position
+    middle = shapes.reshape(-1, d, shapes.shape[1])[np.argmin(np.linalg.norm(away, axis=1)), 1]
 
     def ours(integrator: ffr.dynamics.Integrator) -> tuple[float, float, Array]:
         mechanical = ffr.MechanicalProblem(problem.mechanism, integrator, problem.objective)
@@ -178,13 +163,6 @@ def slider_crank_times(
         "reduction": reduction,
         "exudyn_setup": setup,
     }
-
-
-def _middle(rod: ExudynRod) -> Array:
-    """The shape functions across the rod at the node nearest to its middle, shape (r,)."""
-    target = np.array([0.5 * rod.positions[-1, 0], 0.0, 0.0])
-    node = int(np.argmin(np.linalg.norm(rod.positions - target, axis=1)))
-    return rod.modes[3 * node + 1]
 
 
 def memory_of_motion(

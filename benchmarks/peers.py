@@ -46,7 +46,7 @@ def peers_jobs(*, quick: bool) -> list[Job]:
         **{"reference": 1600 if quick else 16000, "rod": rod},
     }
     space = {**plane, "elements": [20, 2, 2] if quick else [80, 8, 8], "stages": stages[1:]}
-    space |= {"reference": 400 if quick else 6400, "rod": ""}
+    space |= {"reference": 400 if quick else 6400, "rod": str(Path(folder.name) / "space.npz")}
     scene = demo("slider_crank")
     crank = {"rod": rod, "crank": [scene.CRANK, scene.TURNS, scene.DURATION], "steps": steps[-1]}
     design = {"elements": designed, "iterations": iterations}

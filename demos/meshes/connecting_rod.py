@@ -130,7 +130,7 @@ class ConnectingRod:
 
     def _outline(self, centers: list[Point]) -> list[int]:
         """Draw the outline and return its curves, from the large eye's left end anticlockwise."""
-        occ = gmsh.model.occ
+        occ, arc = gmsh.model.occ, gmsh.model.occ.addCircleArc
         (c0, e0, s0), (c1, e1, s1) = self._fillet(0), self._fillet(1)
         ends = [(-self.eyes[0], 0.0), (self.length + self.eyes[1], 0.0)]
         middles = [occ.addPoint(x, y, 0.0) for x, y in centers]
@@ -138,9 +138,8 @@ class ConnectingRod:
         halves = []
         for side in (-1.0, 1.0):
             a, b, c, d, f, g = (occ.addPoint(x, side * y, 0.0) for x, y in (e0, s0, s1, e1, c0, c1))
-            arcs = ((left, middles[0], a), (a, f, b)), ((c, g, d), (d, middles[1], right))
-            first, last = ([occ.addCircleArc(*arc) for arc in pair] for pair in arcs)
-            halves.append([*first, occ.addLine(b, c), *last])
+            first = [arc(left, middles[0], a), arc(a, f, b), occ.addLine(b, c)]
+            halves.append([*first, arc(c, g, d), arc(d, middles[1], right)])
         return [*halves[0], *(-curve for curve in reversed(halves[1]))]
 
     def _set_size(self, centers: list[Point], size: float, near_bores: float) -> None:

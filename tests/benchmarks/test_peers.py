@@ -18,8 +18,8 @@ import pytest
 import run
 import scipy.sparse
 import scipy.sparse.linalg
-from peer_exudyn import Crank, crank_pin, load_rod, save_rod
-from peer_motion import exudyn_rod
+from peer_exudyn import Crank, crank_pin
+from peer_motion import hand_over
 from peer_pymoto import Plate, random_density
 from peer_report import ALPHA, EXUDYN, OURS, RADAU, TRAPEZOIDAL, seconds_to_reach
 from report import Study
@@ -29,46 +29,24 @@ from shared.derivatives import check_gradient
 import dolfinx_ffr as ffr
 
 
-def test_the_rod_handed_over_has_our_volume_integrals() -> None:
-    problem = slider_crank(MPI.COMM_SELF, (20, 4), modes=4, steps=120)
-    body = problem.flexible["rod"]
-    x = 0.5 + 0.5 * np.random.default_rng(0).random(body.domain.n_cells)
-    reduced = body.reduce(x)
-    rod = exudyn_rod(body, reduced, 0.0)
-    n, r = len(rod.positions), rod.modes.shape[1]
-    fields = np.column_stack([rod.positions.ravel(), rod.modes]).reshape(n, 3, r + 1)
-    assert np.all(fields[:, 2] == 0.0)  # in the plane
-    units = np.tile(np.eye(3), (n, 1, 1))
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    turned = np.einsum("ij,njr->nir", quarter, fields)
-    w, e, j = (block.reshape(3 * n, -1) for block in (fields, units, turned))
-    mass_w = rod.mass @ w
-    ours = reduced.integrals
-    size = float(np.abs(ours.G).max())
-    assert np.allclose(e.T @ (rod.mass @ e), ours.mass * np.eye(3), rtol=1e-12, atol=1e-15)
-    assert np.allclose(w.T @ (rod.mass @ e)[:, :2], ours.S, rtol=0.0, atol=1e-12 * ours.mass)
-    assert np.allclose(w.T @ mass_w, ours.G, rtol=0.0, atol=1e-12 * size)
-    assert np.allclose(j.T @ mass_w, ours.N, rtol=0.0, atol=1e-12 * size)
-    stiffness = rod.modes.T @ (rod.stiffness @ rod.modes)
-    assert np.allclose(stiffness, ours.K, rtol=0.0, atol=1e-12 * np.abs(ours.K).max())
-
-
-def test_the_point_mass_sits_at_the_right_interface(tmp_path: Path) -> None:
-    problem = slider_crank(MPI.COMM_SELF, (10, 2), modes=2, steps=120)
-    body = problem.flexible["rod"]
-    reduced = body.reduce(np.ones(body.domain.n_cells))
-    without, rod = (exudyn_rod(body, reduced, m) for m in (0.0, 0.5))
-    expected = np.zeros(rod.mass.shape[0])
-    expected[-3:] = 0.5
-    assert np.array_equal((rod.mass - without.mass).toarray(), np.diag(expected))
-    marker = reduced.integrals.markers["right"]
-    assert np.array_equal(rod.positions[-1], [*marker.position, 0.0])
-    assert np.array_equal(rod.modes[-3:-1], marker.displacement)
-    save_rod(tmp_path / "rod.npz", rod)
-    again = load_rod(tmp_path / "rod.npz")
-    assert np.array_equal(again.positions, rod.positions)
-    assert np.array_equal(again.modes, rod.modes)
-    assert (again.mass != rod.mass).nnz == 0 and (again.stiffness != rod.stiffness).nnz == 0
+@pytest.mark.parametrize("elements", [(10, 2), (6, 1, 1)])
+def test_the_rod_handed_over_is_ours_with_the_slider(
+    tmp_path: Path, elements: tuple[int, ...]
+) -> None:
+    body = slider_crank(MPI.COMM_SELF, elements, modes=2).flexible["rod"]
+    reduced = body.reduce(np.linspace(0.5, 1.0, body.domain.n_cells))
+    hand_over(tmp_path / "rod.npz", body, reduced, 0.5)
+    ours = body.in_space(reduced)
+    rod = ffr.VolumeIntegrals.load(tmp_path / "rod.npz", format="exudyn")
+    w = ours.markers["right"].basis
+    assert rod.mass == pytest.approx(ours.mass + 0.5, rel=1e-15)
+    np.testing.assert_allclose(rod.S, ours.S + 0.5 * w.T, atol=1e-14)
+    np.testing.assert_allclose(rod.P - ours.P, 0.5 * np.einsum("ka,lb->abkl", w, w), atol=1e-14)
+    # nodes of the guides: one on the rod's y axis, and the slider
+    nodes = np.load(tmp_path / "rod.npz")["xRef"].reshape(-1, 3)
+    left = ours.markers["left"].position
+    assert nodes[4] == pytest.approx(ours.markers["right"].position)
+    assert nodes[2, 1] > left[1] and nodes[2, ::2] == pytest.approx(left[::2])
 
 
 def test_the_crank_pin_moves_as_ours() -> None:
@@ -82,22 +60,6 @@ def test_the_crank_pin_moves_as_ours() -> None:
         for (position, velocity), place, rate in zip(pin, turned, moving, strict=True):
             assert position(None, t, 0, 0.0) == pytest.approx(crank.radius * place, abs=1e-14)
             assert velocity(None, t, 0, 0.0) == pytest.approx(crank.radius * rate, abs=1e-12)
-
-
-def test_the_rod_in_space_has_our_volume_integrals_and_a_fork() -> None:
-    body = slider_crank(MPI.COMM_SELF, (6, 1, 1), modes=1).flexible["rod"]
-    reduced = body.reduce(np.linspace(0.5, 1.0, body.domain.n_cells))
-    rod = exudyn_rod(body, reduced, 0.0, fork=2.0)
-    fields = np.column_stack([rod.positions.ravel(), rod.modes])
-    ours = reduced.integrals
-    assert ours.P is not None
-    moments = fields.T @ (rod.mass @ fields)
-    assert np.allclose(moments, np.trace(ours.P, axis1=2, axis2=3), rtol=0.0, atol=1e-15)
-    left = ours.markers["left"]
-    fork = rod.modes.reshape(-1, 3, rod.modes.shape[1])[-2] - left.displacement
-    assert np.array_equal(rod.positions[-2], [*left.position[:1], 2.0, *left.position[2:]])
-    # psi x 2 e_y, psi the rotation of the interface
-    assert np.array_equal(fork, 2.0 * np.array([-left.rotation[2], 0 * fork[1], left.rotation[0]]))
 
 
 def test_the_plate_has_the_compliance_of_its_finite_elements() -> None:
