@@ -29,23 +29,16 @@ def arrays_jobs(*, quick: bool) -> list[Job]:
     """The measurements: one for each machine; the quick one ends long before its crank."""
     steps = [60, 120] if quick else [1000, 2000, 4000, 8000, 16000, 32000, 64000]
     ends, tolerance = ({"plane": 0.002}, 1e-7) if quick else (TIMES, 1e-10)
-    own = [{"name": name, "elements": MESHES[name], "end": end} for name, end in ends.items()]
+    own = [{"name": name, "end": end} for name, end in ends.items()]
     common = {"steps": steps, "tolerance": tolerance}
     return [Job("arrays", "machine", 3.0 if quick else 150.0, {**one, **common}) for one in own]
 
 
 def machine(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    name: str,
-    elements: list[int],
-    end: float,
-    steps: list[int],
-    tolerance: float,
+    comm: MPI.Comm, progress: Progress, *, name: str, end: float, steps: list[int], tolerance: float
 ) -> dict[str, Any]:
     """The arrays of a slider-crank, psi and its gradient over steps, and psi by SciPy."""
-    problem, plane = slider_crank(comm, elements, modes=2, steps=100), name == "plane"
+    problem, plane = slider_crank(comm, MESHES[name], modes=2, steps=100), name == "plane"
     scene, duration = demo("slider_crank" if plane else "spatial_slider_crank"), TIMES[name]
     turns, mechanism = scene.TURNS, problem.mechanism
     if plane:

@@ -116,20 +116,17 @@ def design(
     comm: MPI.Comm,
     progress: Progress,
     *,
-    iterations: int,
-    steps: int | None,
     elements: list[int],
-    cell: str,
+    iterations: int,
     boundary: int,
-    order: int = 1,
     start: str = "even",
     outline: bool = True,
-    member: float | None = None,
     task: str = "compliance",
+    **rod_of: Any,
 ) -> dict[str, Any]:
     """One design from nothing to a verified part, on one rank."""
     began, clock = process_time(), [process_time()]
-    rod_of: dict[str, Any] = {"cell": cell, "steps": steps, "order": order}
+    member, order = rod_of.pop("member", None), rod_of.get("order", 1)
     problem = _problem(elements, task, **rod_of)
     domain = problem.flexible["rod"].domain
     sizes = {"minimum_member": member, "minimum_gap": member}
@@ -140,7 +137,7 @@ def design(
         progress(0.5 * iteration / iterations)
         clock.append(process_time())
 
-    mesh = "x".join(map(str, elements)) + (" triangles" if cell == "triangle" else "")
+    mesh = "x".join(map(str, elements)) + (" triangles" if rod_of["cell"] == "triangle" else "")
     mesh += f" of order {order}" if order > 1 else ""
     found: dict[str, Any] = {"start": start, "mesh": mesh}
     with warnings.catch_warnings():

@@ -147,13 +147,8 @@ def elementwise_growth(
     many, _ = _best(partial(_elementwise, problem, evaluation, spread), 2)
     # on a small mesh the difference may drown in what else the machine does
     each = max(many - few, 0.0) / (sample - len(sparse))
-    return {
-        "elements": domain.n_cells_global,
-        "value": value,
-        "exact": exact,
-        "fixed": max(few - len(sparse) * each, 0.0),
-        "each": each,
-    }
+    found = {"elements": domain.n_cells_global, "value": value, "exact": exact, "each": each}
+    return {**found, "fixed": max(few - len(sparse) * each, 0.0)}
 
 
 def _designs(

@@ -8,7 +8,6 @@ from time import perf_counter, process_time
 from typing import Any
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 from jobs import Job, Progress, Results, measure, peak_memory, reset_peak_memory
@@ -39,12 +38,7 @@ ONCE = 0
 MEMORY = 14e9
 #: Least memory that is seen [MB]
 PAGE = 0.004
-#: In the picture
-LABELS = {
-    "gradient": "psi and exact gradient",
-    "value": "psi alone",
-    "bound": "lower bound: one factor,\none solution a mode (CPU)",
-}
+LABELS = {"gradient": "psi and exact gradient", "value": "psi alone"}
 
 
 def growth_jobs(*, quick: bool) -> list[Job]:
@@ -58,19 +52,15 @@ def growth_jobs(*, quick: bool) -> list[Job]:
             sizes.pop()
     parallel = sizes[:1] if quick else sizes[3:5]
     return [
-        Job("growth", "evaluation", seconds, {"elements": list(n), "repetitions": count}, ranks)
+        Job("growth", "evaluation", seconds, own | {"solver": "direct"}, ranks)
         for ranks, some in ((1, sizes), (2, parallel))
         for n, count, seconds in some
+        if (own := {"elements": list(n), "repetitions": count})
     ]
 
 
 def evaluation(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: list[int],
-    repetitions: int,
-    solver: str = "direct",
+    comm: MPI.Comm, progress: Progress, *, elements: list[int], repetitions: int, solver: str
 ) -> dict[str, Any]:
     """Measure value, gradient and the lower bound on one mesh, in the plane or in space."""
     options = {} if solver == "direct" else {"solver": solver}
@@ -116,16 +106,12 @@ def evaluation(
         block = np.random.default_rng(0).standard_normal((rod.elasticity.n_dofs, rod.n_elastic))
         rows = np.flatnonzero(rod.reduction.clamped).astype(np.int32)
         actions["bound"] = lambda: _bound(factored(), rows, block)
-        if repetitions != ONCE:
-            actions["analysed"] = lambda: _analysed(factored(), block)
     times |= measure(actions, repetitions, progress, clock, untimed=0)[0]
     slowest = {name: np.max(comm.allgather(np.array(t)), axis=0) for name, t in times.items()}
     memory = {"value": memory_value, "gradient": memory_gradient, "base": base}
     result = {
-        "elements": rod.domain.n_cells_global,
-        "dofs": rod.elasticity.n_dofs_global,
-        "modes": rod.n_elastic,
-        "steps": problem.integrator.steps,
+        **{"elements": rod.domain.n_cells_global, "dofs": rod.elasticity.n_dofs_global},
+        **{"modes": rod.n_elastic, "steps": problem.integrator.steps},
         "method": type(problem.integrator).__name__,
         "times": {name: t.tolist() for name, t in slowest.items()},
         "parts": parts,
@@ -140,21 +126,6 @@ def _bound(factored: FactoredBody, rows: NDArray[np.int32], block: NDArray[np.fl
     """One numerical factor of the stiffness, and one solution for each mode, all at once."""
     factored.clamped.fill(factored.matrices, rows)
     factored.solve(block)
-
-
-def _analysed(factored: FactoredBody, block: NDArray[np.float64]) -> None:
-    """The same by MUMPS, and the search for an ordering."""
-    ksp = PETSc.KSP().create(factored.elasticity.comm)
-    ksp.setType("preonly")
-    ksp.getPC().setType("cholesky")
-    ksp.getPC().setFactorSolverType("mumps")
-    ksp.setOperators(factored.clamped_stiffness)
-    ksp.setUp()
-    right = factored.elasticity.dense(block)
-    left = right.duplicate()
-    ksp.getPC().getFactorMatrix().matSolve(right, left)
-    for item in (right, left, ksp):
-        item.destroy()
 
 
 def rows_of_growth(results: Results, cpu: bool = False) -> list[Row]:
@@ -181,10 +152,9 @@ def rows_of_growth(results: Results, cpu: bool = False) -> list[Row]:
             **parts,
             "rest": max(gradient - sum(parts.values()), 0.0),
         }
-        for name in ("bound", "analysed"):
-            one = own.get(name, np.array([np.nan]))
-            row[name] = float(np.median(one))
-            row[f"over_{name}"] = float(np.median(own["gradient"] / one))
+        bound = own.get("bound", np.array([np.nan]))
+        row["bound"] = float(np.median(bound))
+        row["over_bound"] = float(np.median(own["gradient"] / bound))
         rows.append(row)
     for row in rows:
         alone = chosen(rows, ranks=1, elements=row["elements"])
@@ -223,17 +193,10 @@ def report_growth(study: Study, results: Results) -> None:
     serial, parallel = (chosen(rows, ranks=ranks) for ranks in (1, 2))
     caption = "Time, shares and memory over the number of elements"
     with study.picture(caption, 1, 3, (14.0, 4.4)) as (times, shares, memory):
-        for axes, unit, names in (
-            (times, "", {"gradient": ORANGE, "value": BLUE, "bound": GRAY}),
-            (memory, "memory_", {"gradient": ORANGE, "value": BLUE}),
-        ):
-            for name, color in names.items():
-                label = LABELS[name]
-                line(axes, serial, "elements", unit + name, "o-", color, label=label)
-                if name != "bound":
-                    label = "the same on 2 ranks" if name == "gradient" else None
-                    own = {"hollow": True, "label": label}
-                    line(axes, parallel, "elements", unit + name, "s--", color, **own)
+        for axes, unit in ((times, ""), (memory, "memory_")):
+            draw_both(axes, unit, serial, parallel, "elements", "on 2 ranks")
+        label = "lower bound: one factor,\none solution a mode (CPU)"
+        line(times, serial, "elements", "bound", "o-", GRAY, label=label)
         tick_labels(times, serial, "elements", "value", "{ratio:.2f}x", below=True)
         tick_labels(memory, serial[-1:], "elements", "memory_gradient", "{memory_gradient:,.0f} MB")
         title = "Time (gradient / value at the points)"
@@ -246,6 +209,14 @@ def report_growth(study: Study, results: Results) -> None:
 def part_columns(unit: str) -> str:
     """Columns of the parts."""
     return " | ".join(f"{name}: {name} [{unit}]" for name in PARTS)
+
+
+def draw_both(axes: Axes, unit: str, rows: Rows, others: Rows, x: str, what: str) -> None:
+    """Draw value and gradient of rows, and dashed those of others, with ``what`` in their label."""
+    for name, color in (("gradient", ORANGE), ("value", BLUE)):
+        line(axes, rows, x, unit + name, "o-", color, label=LABELS[name])
+        label = f"{LABELS[name]}, {what}"
+        line(axes, others, x, unit + name, "s--", color, hollow=True, label=label)
 
 
 def draw_shares(axes: Axes, serial: Rows) -> None:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import numpy as np
 from jobs import Array, Job, Progress, Results, the
-from report import Study, chosen, duration, line, plot
+from report import Study, chosen, duration, line, plot, seconds_to_reach
 from scene import holes_design, slider_crank
 
 import dolfinx_ffr as ffr
@@ -120,26 +120,16 @@ def _errors(psi: float, gradient: Array, exact: tuple[float, Array]) -> dict[str
 
 
 def work_precision(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    scene: str,
-    elements: Sequence[int],
-    modes: int | None,
-    counts: Sequence[int],
-    tolerances: Sequence[float],
-    reference: float,
-    repetitions: int,
-    turns: int = 5,
+    comm: MPI.Comm, progress: Progress, *, scene: str, reference: float, repetitions: int, **of: Any
 ) -> dict[str, Any]:
     """Measure time and error of both methods."""
-    made = _scene(comm, scene, elements, modes, turns)
+    made = _scene(comm, scene, of["elements"], of["modes"], of.get("turns", 5))
     methods: list[tuple[str, float, ffr.dynamics.Integrator]] = [
-        *((ALPHA, float(n), ffr.GeneralizedAlpha(made.end_time, n)) for n in counts),
-        *((RADAU, t, ffr.RadauIIA(made.end_time, tolerance=t)) for t in tolerances),
+        *((ALPHA, float(n), ffr.GeneralizedAlpha(made.end_time, n)) for n in of["counts"]),
+        *((RADAU, t, ffr.RadauIIA(made.end_time, tolerance=t)) for t in of["tolerances"]),
     ]
     if repetitions:
-        for _, _, integrator in (methods[0], methods[-len(tolerances)]):
+        for _, _, integrator in (methods[0], methods[-1]):
             _run(made, integrator)  # compiled, loaded
     exact = _run(made, ffr.RadauIIA(made.end_time, tolerance=reference))[1:3]
     progress(0.4)
@@ -227,17 +217,8 @@ def _costs(result: dict[str, Any]) -> dict[str, Any]:
     for method, (short, digits) in TARGETS.items():
         own = chosen(result["rows"], method=method)
         for digit in digits:
-            costs[f"{short}_{digit}"] = _seconds(own, "error_psi", 10.0**-digit)
+            costs[f"{short}_{digit}"] = seconds_to_reach(own, 10.0**-digit, "error_psi")
     ratio = costs["radau_8"] / costs["alpha_4"]
     texts = {f"{key}_text": duration(t) if np.isfinite(t) else "-" for key, t in costs.items()}
     texts["ratio_text"] = f"{ratio:.2g}" if np.isfinite(ratio) else "-"
     return {**texts, "check": result["check"]}
-
-
-def _seconds(rows: Sequence[dict[str, Any]], error: str, target: float) -> float:
-    """The seconds to an error, interpolated in logarithms, or NaN where no run is as accurate."""
-    # the largest error of a run and of all finer ones
-    errors = np.maximum.accumulate([row[error] for row in rows][::-1])[::-1]
-    found, wanted = -np.log(np.maximum(errors, 1e-300)), -np.log(target)
-    seconds = np.log([row["seconds"] for row in rows])
-    return float(np.exp(np.interp(wanted, found, seconds, right=np.nan)))

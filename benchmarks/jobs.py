@@ -99,7 +99,7 @@ def measure(
 
 def reset_peak_memory() -> float:
     """Begin a new record of the peak memory of this process, and return it [MB]."""
-    with contextlib.suppress(OSError):  # then the record goes on, and small meshes show nothing
+    with contextlib.suppress(OSError):  # the record goes on
         Path("/proc/self/clear_refs").write_text("5")
     return peak_memory()
 
@@ -125,8 +125,8 @@ def run_jobs(
 ) -> Iterator[tuple[Job, dict[str, Any] | None]]:
     """Run jobs one after the other, and yield each with its result, None for one that failed.
 
-    A failure does not stop the others; its messages are on standard error. ``together``: jobs on as
-    many ranks share a process; what they say of memory is then rough.
+    A failure stops no other. ``together``: jobs on as many ranks share a process; what they say of
+    memory is then rough.
     """
     jobs = sorted(jobs, key=lambda job: job.ranks) if together else list(jobs)
     form = "{desc:32s} {percentage:3.0f}% |{bar}| {elapsed}, {remaining} left"

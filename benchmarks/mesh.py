@@ -19,6 +19,8 @@ CELLS = ("quadrilateral", "triangle")
 ORDERS = (1, 2, 3)
 #: Of the rods [m]: the reference one, a short one without corners that matter, a thin one
 ROD, SHORT, THIN = (0.4, 0.04), (0.1, 0.05), (0.4, 0.004)
+#: Of constant density, along and across the reference rod
+BLOCKS = (10, 1)
 #: Below it a frequency shows the tolerance of the eigenvalue solver
 ROUND_OFF = 1e-10
 
@@ -27,7 +29,7 @@ def mesh_jobs(*, quick: bool) -> list[Job]:
     """The measurements."""
     how = {"steps": 50 if quick else 1000, "repetitions": 0 if quick else 3}
     divisions = [[2, 4, 8], [2, 4], [2, 4]] if quick else [[2, 4, 8, 16], [2, 4, 8], [2, 4, 8]]
-    rod = {"blocks": [10, 1], "divisions": divisions, "finest": 8 if quick else 16, **how}
+    rod = {"divisions": divisions, "finest": 8 if quick else 16, **how}
     short = {"divisions": [[2, 4, 8], [2, 4, 8], [1, 2, 4]]}
     along = [25, 50, 100] if quick else [25, 50, 100, 200, 400]
     thin = {"divisions": along, "finest": 100 if quick else 400, **how}
@@ -47,24 +49,17 @@ def rod_domain(
 
 
 def refinement(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    blocks: list[int],
-    divisions: list[list[int]],
-    finest: int,
-    steps: int,
-    repetitions: int,
+    comm: MPI.Comm, progress: Progress, *, divisions: list[list[int]], finest: int, **how: int
 ) -> dict[str, Any]:
     """Refine the slider-crank's rod of gray blocks, with cells of all kinds and orders."""
-    shape = (blocks[0], blocks[1])
 
     def problem(cell: str, order: int, n: int) -> tuple[ffr.Problem, Array]:
-        domain = rod_domain(comm, ROD, (n * shape[0], n * shape[1]), cell=cell, order=order)
-        return slider_crank(comm, domain=domain, steps=steps), block_design(domain, shape)
+        elements = (n * BLOCKS[0], n * BLOCKS[1])
+        domain = rod_domain(comm, ROD, elements, cell=cell, order=order)
+        return slider_crank(comm, domain=domain, steps=how["steps"]), block_design(domain, BLOCKS)
 
     def quantities(case: ffr.Problem, found: ffr.Evaluation) -> dict[str, Array]:
-        numbers = block_numbers(case.flexible["rod"].domain, shape)
+        numbers = block_numbers(case.flexible["rod"].domain, BLOCKS)
         gradient = np.bincount(numbers, found.gradient["rod"])
         return {"psi": np.array([found.psi]), "gradient": gradient}
 
@@ -74,7 +69,7 @@ def refinement(
     for case, (scene, x) in problems.items():
         actions["value", case] = partial(scene.value, x)
         actions["gradient", case] = partial(scene.gradient, x)
-    seconds, found = measure(actions, repetitions, lambda part: progress(0.9 * part))
+    seconds, found = measure(actions, how["repetitions"], lambda part: progress(0.9 * part))
     limits = []
     for n in (finest // 4, finest // 2, finest):
         scene, x = problem("quadrilateral", 3, n)
@@ -138,24 +133,18 @@ def smooth(comm: MPI.Comm, progress: Progress, *, divisions: list[list[int]]) ->
 
 
 def locking(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    divisions: list[int],
-    finest: int,
-    steps: int,
-    repetitions: int,
+    comm: MPI.Comm, progress: Progress, *, divisions: list[int], finest: int, **how: int
 ) -> dict[str, Any]:
     """Bend a thin rod, a hundred times as long as high, with one element across."""
 
     def problem(cell: str, order: int, elements: tuple[int, int]) -> tuple[ffr.Problem, Array]:
         domain = rod_domain(comm, THIN, elements, cell=cell, order=order)
-        return slider_crank(comm, domain=domain, steps=steps), np.ones(domain.n_cells)
+        return slider_crank(comm, domain=domain, steps=how["steps"]), np.ones(domain.n_cells)
 
     cases = [(c, p, n) for c in CELLS for p in ORDERS for n in divisions if p * n <= 2 * finest]
     problems = {(c, p, n): problem(c, p, (n, 1)) for c, p, n in cases}
     actions = {case: partial(scene.value, x) for case, (scene, x) in problems.items()}
-    seconds, found = measure(actions, repetitions, lambda part: progress(0.9 * part))
+    seconds, found = measure(actions, how["repetitions"], lambda part: progress(0.9 * part))
     reference, x = problem("quadrilateral", 3, (finest, 4))
     exact = reference.value(x)
 

@@ -69,17 +69,10 @@ class SomeMotions:
 
 
 def kinds(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: list[int],
-    settings: list[int],
-    reference: int,
-    repetitions: int,
-    steps: int,
+    comm: MPI.Comm, progress: Progress, *, settings: list[int], reference: int, **how: Any
 ) -> dict[str, Any]:
     """Vary number and kind of the shape functions."""
-    finest = slider_crank(comm, elements, modes=reference, steps=steps)
+    finest = slider_crank(comm, how["elements"], modes=reference, steps=how["steps"])
     chord = finest.flexible["rod"].reduction.frame
     problems: dict[Any, ffr.Problem] = {}
     for kind, (stretch, rotations) in KINDS.items():
@@ -90,7 +83,9 @@ def kinds(
                 problems[kind, n] = with_rod(finest, frame=frame, modes=n)
     exact = ("exact", reference)
     problems[exact] = finest
-    measured = against_reference(problems, progress, reference=exact, repetitions=repetitions)
+    measured = against_reference(
+        problems, progress, reference=exact, repetitions=how["repetitions"]
+    )
     for row in measured["rows"]:
         row["kind"], row["modes"] = row.pop("setting")
         row["functions"] = problems[row["kind"], row["modes"]].flexible["rod"].n_elastic
@@ -98,18 +93,13 @@ def kinds(
 
 
 def estimates(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    meshes: list[list[int]],
-    settings: list[int],
-    reference: int,
-    steps: int,
+    comm: MPI.Comm, progress: Progress, *, meshes: list[list[int]], settings: list[int], **how: int
 ) -> dict[str, Any]:
     """Compare the estimate of the error by the modes left out with the true one."""
     rows: list[dict[str, Any]] = []
     for turn, elements in enumerate(meshes):
-        finest = slider_crank(comm, elements, modes=reference, steps=steps)
+        sizes = {"modes": how["reference"], "steps": how["steps"]}
+        finest = slider_crank(comm, elements, **sizes)
         domain = finest.flexible["rod"].domain
         designs = _designs(domain)
         problems = {n: finest.with_modes({"rod": n}) for n in settings}
@@ -125,7 +115,7 @@ def estimates(
                 row |= {"error_psi": true, "estimate": estimate, "ratio": estimate / true}
                 rows.append({**row, "seconds": seconds})
             progress((turn + (place + 1) / len(designs)) / len(meshes))
-    return {"rows": rows, "reference": reference}
+    return {"rows": rows, "reference": how["reference"]}
 
 
 def _designs(domain: ffr.Domain) -> dict[str, Array]:

@@ -139,9 +139,7 @@ def _model(exudyn: ModuleType, rod: Path, crank: Crank) -> tuple[Any, Any, list[
     for node, axes in crank.guides:
         guided = mbs.AddMarker(
             items.MarkerSuperElementPosition(
-                bodyNumber=body["oFFRFreducedOrder"],
-                meshNodeNumbers=[node],
-                weightingFactors=[1.0],
+                bodyNumber=body["oFFRFreducedOrder"], meshNodeNumbers=[node], weightingFactors=[1.0]
             )
         )
         start = np.array(place) + rotation @ nodes[node]
@@ -160,8 +158,8 @@ def crank_pin(
     exudyn: ModuleType, crank: Crank
 ) -> list[tuple[Callable[..., Any], Callable[..., Any]]]:
     """Displacement and velocity of the crank pin along its axes, as functions of time."""
-    symbolic = exudyn.symbolic
-    full, end, radius = 2.0 * np.pi * crank.turns, crank.duration, crank.radius
+    cos, sin, radius = exudyn.symbolic.cos, exudyn.symbolic.sin, crank.radius
+    full, end = 2.0 * np.pi * crank.turns, crank.duration
 
     # Exudyn turns each function into an expression by calling it with symbols
     def angle(t):  # type: ignore[no-untyped-def]
@@ -172,18 +170,10 @@ def crank_pin(
         s = t / end
         return (30.0 * full / end) * (s * s * (1.0 + s * (s - 2.0)))
 
-    def x(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        return radius * symbolic.cos(angle(t)) - radius
-
-    def y(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        return radius * symbolic.sin(angle(t))
-
-    def x_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        return -radius * (symbolic.sin(angle(t)) * speed(t))
-
-    def y_t(mbs, t, item, offset):  # type: ignore[no-untyped-def]
-        return radius * (symbolic.cos(angle(t)) * speed(t))
-
+    x = lambda mbs, t, item, offset: radius * cos(angle(t)) - radius  # noqa: E731
+    y = lambda mbs, t, item, offset: radius * sin(angle(t))  # noqa: E731
+    x_t = lambda mbs, t, item, offset: -radius * (sin(angle(t)) * speed(t))  # noqa: E731
+    y_t = lambda mbs, t, item, offset: radius * (cos(angle(t)) * speed(t))  # noqa: E731
     return [(x, x_t), (y, y_t)]
 
 

@@ -58,22 +58,15 @@ def scene_of(comm: MPI.Comm, elements: list[int]) -> tuple[ffr.Problem, Crank, f
 
 
 def slider_crank_times(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    elements: list[int],
-    steps: list[int],
-    stages: list[int],
-    reference: int,
-    repetitions: int,
-    rod: str,
+    comm: MPI.Comm, progress: Progress, *, steps: list[int], stages: list[int], **how: Any
 ) -> dict[str, Any]:
     """Measure the slider-crank by both codes, method by method and step by step."""
-    problem, crank, slider = scene_of(comm, elements)
+    reference, repetitions = how["reference"], how["repetitions"]
+    problem, crank, slider = scene_of(comm, how["elements"])
     body = problem.flexible["rod"]
     x = holes_design(body.domain)
     reduced = problem.gradient(x).bodies["rod"]
-    given, K = Path(rod), reduced.integrals.K
+    given, K = Path(how["rod"]), reduced.integrals.K
     hand_over(given, body, reduced, slider)
     # the shape functions across the rod at the node nearest to its middle
     d, shapes = body.domain.dimension, reduced.basis.shapes

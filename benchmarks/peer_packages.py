@@ -3,9 +3,8 @@
 
     python benchmarks/peer_packages.py
 
-puts them into a folder of their own, without what they depend on: NumPy, SciPy, Matplotlib and
-SymPy are those of the environment, and nothing outside that folder changes. The folder comes
-last on the path, so that nothing in it hides a package of the environment.
+puts them into a folder of their own, last on the path, without what they depend on: NumPy, SciPy,
+Matplotlib and SymPy are those of the environment, and nothing outside that folder changes.
 """
 
 import importlib.util
@@ -32,13 +31,9 @@ def use_peers() -> None:
 def missing() -> str | None:
     """What is not there and what to do about it, or None where all peers are there."""
     use_peers()
-    absent = _absent([*PEERS, *COMPANIONS])
-    if not absent:
-        return None
-    return (
-        f"peers: {', '.join(absent)} not found; `make benchmark-peers` puts them into {FOLDER} "
-        "(25 MB from PyPI, nothing else changes) and runs this study"
-    )
+    absent = ", ".join(_absent([*PEERS, *COMPANIONS]))
+    told = f"peers: {absent} not found; `make benchmark-peers` puts them into {FOLDER} "
+    return told + "(25 MB from PyPI, nothing else changes) and runs this study" if absent else None
 
 
 def _absent(names: Iterable[str]) -> list[str]:
@@ -63,10 +58,7 @@ def main() -> None:
     command += [f"{name}=={version}" for name, version in wanted.items()]
     print(f"peers: installing {', '.join(wanted)} from PyPI into {FOLDER}")
     if subprocess.run(command).returncode != 0:
-        raise SystemExit(
-            "peers: pip could not install them (its own message stands above); check the network, "
-            "and that PyPI has wheels for this Python"
-        )
+        raise SystemExit("peers: pip could not install them; its own message stands above")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The static limit in pyMOTO: compliance of a plate, its gradient, and its design.
+"""The static limit in pyMOTO: compliance of a plate and its gradient.
 
 pyMOTO (A. Delissen, https://github.com/aatmdelissen/pyMOTO, on PyPI as ``pymoto``) is topology
 optimisation by modules: each has a response and a sensitivity. The plate consists of bilinear
@@ -11,8 +11,7 @@ downwards, as a rigid piece, under a force F:
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,18 +48,12 @@ def random_density(elements: tuple[int, int]) -> Array:
 
 
 class PymotoPlate:
-    """Compliance and gradient by pyMOTO with one of the `SOLVERS`.
+    """Compliance and gradient by pyMOTO with one of the `SOLVERS`."""
 
-    The filter's ``kernel`` is a matrix whose rows sum to one; None filters nothing.
-    """
-
-    def __init__(
-        self, plate: Plate, solver: str = "CHOLMOD", kernel: scipy.sparse.spmatrix | None = None
-    ) -> None:
+    def __init__(self, plate: Plate, solver: str) -> None:
         use_peers()
         import pymoto as pym
 
-        self._pym = pym
         nx, ny = plate.elements
         size = plate.element
         domain = pym.VoxelDomain(nx, ny, unitx=size, unity=size, unitz=plate.thickness)
@@ -76,11 +69,9 @@ class PymotoPlate:
             "CHOLMOD": pym.solvers.SolverSparseCholeskyCVXOPT,
         }
         kwargs: dict[str, Any] = {"hermitian": True, "solver": solvers[solver]()}
-        with _quiet(), pym.Network() as self.network:
-            density = self.variables
-            if kernel is not None:
-                density = _filter(pym, kernel)(density)
-            stiffness = pym.MathExpression(f"{FLOOR} + {1.0 - FLOOR}*inp0^{EXPONENT}")(density)
+        with pym.Network() as self.network:
+            simp = f"{FLOOR} + {1.0 - FLOOR}*inp0^{EXPONENT}"
+            stiffness = pym.MathExpression(simp)(self.variables)
             matrix = pym.AssembleStiffness(
                 domain, e_modulus=plate.young, poisson_ratio=plate.poisson, plane="stress",
                 matrix_type=scipy.sparse.csc_matrix,
@@ -90,57 +81,17 @@ class PymotoPlate:
             )
             energy = pym.EinSum("i,i->")(displacement, load)
             self.compliance = pym.MathExpression(f"{plate.force**2}/inp0")(energy)
-            self.filled = pym.EinSum("i->")(density)
 
     def gradient(self, x: Array) -> tuple[float, Array]:
         """Compliance and gradient at the density of each element, row after row, (elements,)."""
-        with _quiet():
+        with warnings.catch_warnings():  # CVXOPT's solver gets its matrices in another format
+            warnings.simplefilter("ignore")
             self.network.reset()
             self.variables.state = np.array(x)
             self.network.response()
             self.compliance.sensitivity = 1.0
             self.network.sensitivity()
         return float(self.compliance.state), np.array(self.variables.sensitivity)
-
-    def design(self, start: Array, volume: float) -> Iterator[tuple[Array, float]]:
-        """Minimise the compliance by pyMOTO's method of moving asymptotes with its defaults.
-
-        Yields the variables (elements,) that are evaluated and their compliance, without an end;
-        ``volume`` is the upper bound of the filled share.
-        """
-        pym = self._pym
-        x = np.array(start)
-        with _quiet():
-            self.variables.state = x.copy()
-            self.network.response()  # what is added takes its scale from the start
-            with self.network:
-                objective = pym.Scaling(scaling=100.0)(self.compliance)
-                bound = pym.Scaling(scaling=10.0, maxval=volume * len(start))(self.filled)
-            optimizer = pym.MMA(self.variables, [objective, bound], self.network, verbosity=0)
-        while True:
-            last = x
-            with _quiet():
-                x, _, _ = optimizer.step(x=x)
-            yield last, float(self.compliance.state)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Leave out the warnings that CVXOPT's solver gets its matrices in another format."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
-def _filter(pym: Any, kernel: scipy.sparse.spmatrix) -> Any:
-    """PyMOTO's linear filter with a given matrix."""
-
-    class Given(pym.Filter):  # type: ignore[name-defined,misc]
-        @staticmethod
-        def _calculate_h() -> scipy.sparse.spmatrix:
-            return scipy.sparse.coo_matrix(kernel)
-
-    return Given()
 
 
 def memory_of_pymoto(

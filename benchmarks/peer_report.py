@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jobs import Job, Results, the
+from jobs import Job, Results
 from matplotlib.axes import Axes
 from peer_packages import versions
 from peer_pymoto import SOLVERS
-from report import Study, duration, line, plot, tick_labels
+from report import Study, duration, line, plot, seconds_to_reach, tick_labels
 
 from dolfinx_ffr.plotting.style import BLUE, GRAY, ORANGE, RED
 
@@ -18,13 +18,10 @@ INSTANTS = 50
 #: Names of the codes and their methods, as in the tables.
 OURS, EXUDYN, PYMOTO = "dolfinx_ffr", "Exudyn", "pyMOTO"
 ALPHA, RADAU, TRAPEZOIDAL = "generalised-alpha", "Radau IIA", "trapezoidal, index 2"
-#: Radius of the plate's filter, in elements.
-RADIUS = 2.5
 
 
 def report_peers(study: Study, results: Results) -> None:
     """Tables and pictures."""
-    designs = the("plate_designs", results)
     plane, space = (
         next(r for j, r in results if j.function == "slider_crank_times" and dimension(j) == d)
         for d in (2, 3)
@@ -32,14 +29,14 @@ def report_peers(study: Study, results: Results) -> None:
     plates = rows_of_plates([pair for pair in results if pair[0].function == "plate_times"])
     _motion_tables(study, plane, "", "Motion")
     _motion_tables(study, space, "_space", "Motion in space")
-    _plate_tables(study, plates, designs)
+    study.table("peers_plate", plates)
     _memory_table(study, results)
     names = {"exudyn": EXUDYN, "pymoto": PYMOTO, "cvxopt": "CVXOPT", "opt_einsum": "opt_einsum"}
     peers = ", ".join(f"{names[name]} {version}" for name, version in versions().items())
     text = f"Beside {peers}; the peers' NumPy and SciPy are those of the environment.\n"
     study.pictures.append(text)
     caption = "Time beside error, of this package and of others"
-    with study.picture(caption, 2, 2, (13.0, 8.6)) as (psi, deflection, plate, whole):
+    with study.picture(caption, 1, 3, (15.0, 4.3)) as (psi, deflection, plate):
         _draw_errors((psi, deflection), plane, "Slider-crank")
         for name, label, style, color in (
             ("SuperLU", f"{PYMOTO}, SuperLU", "s--", GRAY),
@@ -50,15 +47,6 @@ def report_peers(study: Study, results: Results) -> None:
         worst = max(row["difference_gradient"] for row in plates)
         title = f"Plate: compliance and gradient (equal to {worst:.0e})".replace("e-0", "e-")
         plot(plate, title, "elements", "time [s]", room=0.3, legend="upper left")
-        for (name, run), (style, color) in zip(
-            designs["runs"].items(), (("-", ORANGE), ("--", BLUE)), strict=True
-        ):
-            best = np.minimum.accumulate(run["compliance"]) / designs["solid"]
-            whole.plot(run["seconds"], best, style, color=color, label=f"{name}: {best[-1]:.3f}")
-        low, high = whole.get_ylim()
-        whole.set_ylim(low, min(high, 2.5 * low))  # the first steps are far above
-        title, y = "Plate: a whole design, half of it filled", "compliance / solid plate's"
-        plot(whole, title, "seconds", y, scales="", legend="upper right")
     caption = "The same of the motion in space"
     with study.picture(caption, 1, 2, (13.0, 4.3), "peers_space") as pair:
         _draw_errors(pair, space, "Slider-crank in space")
@@ -67,20 +55,6 @@ def report_peers(study: Study, results: Results) -> None:
 def dimension(job: Job) -> int:
     """Of the scene of a ``job``."""
     return len(job.parameters["elements"])
-
-
-def seconds_to_reach(rows: Sequence[dict[str, Any]], error: float, what: str) -> float:
-    """The time [s] in which a method reaches an error, interpolated in logarithms.
-
-    It is that of the coarsest setting, where even that is more accurate, and not a number where the
-    finest is not accurate enough.
-    """
-    ordered = sorted(rows, key=lambda row: row[what])
-    errors = np.log([row[what] for row in ordered])
-    times = np.log([row["seconds"] for row in ordered])
-    if np.log(error) < errors[0]:
-        return float("nan")
-    return float(np.exp(np.interp(np.log(error), errors, times)))
 
 
 def rows_of_equal_error(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -168,28 +142,6 @@ def rows_of_plates(plates: Sequence[tuple[Job, dict[str, Any]]]) -> list[dict[st
             }
         )
     return rows
-
-
-def _plate_tables(study: Study, rows: list[dict[str, Any]], designs: dict[str, Any]) -> None:
-    study.table("peers_plate", rows)
-    found = []
-    for name, run in designs["runs"].items():
-        seconds, compliance = np.array(run["seconds"]), np.array(run["compliance"])
-        best = np.minimum.accumulate(compliance)
-        near = best <= 1.01 * min(min(r["compliance"]) for r in designs["runs"].values())
-        found.append(
-            {
-                "code": name,
-                "iterations": len(seconds),
-                "each": float(seconds[-1] / len(seconds)),
-                "total": float(seconds[-1]),
-                "start": float(compliance[0] / designs["solid"]),
-                "final": float(best[-1] / designs["solid"]),
-                "near": float(seconds[np.argmax(near)]) if near.any() else float("nan"),
-                "volume": run["volume"],
-            }
-        )
-    study.table("peers_design", found, mesh=designs["mesh"])
 
 
 def _memory_table(study: Study, results: Results) -> None:

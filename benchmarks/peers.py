@@ -7,12 +7,10 @@ time can be read beside error. The codes take turns; memory is measured in proce
 
 import atexit
 import tempfile
-from collections.abc import Iterator
-from copy import copy
 from functools import partial
 from pathlib import Path
 from time import process_time
-from typing import Any, Self
+from typing import Any
 
 from mpi4py import MPI
 
@@ -20,14 +18,11 @@ import numpy as np
 from jobs import Array, Job, Progress, beyond, measure
 from numpy.typing import NDArray
 from peer_pymoto import FLOOR, SOLVERS, Plate, PymotoPlate, random_density
-from peer_report import OURS, PYMOTO, RADIUS
+from peer_report import OURS
 from peer_report import report_peers as report_peers
 from scene import demo
 
 import dolfinx_ffr as ffr
-
-#: Share of the plate that its design may fill.
-VOLUME = 0.5
 
 
 def peers_jobs(*, quick: bool) -> list[Job]:
@@ -39,7 +34,6 @@ def peers_jobs(*, quick: bool) -> list[Job]:
     steps = [500, 1000, 2000] if quick else [500, 1000, 2000, 4000, 8000, 16000]
     stages = [50, 100] if quick else [50, 100, 200, 400, 800, 1600]
     plates = [[24, 8], [48, 16]] if quick else [[60, 20], [120, 40], [240, 80], [480, 160]]
-    designed, iterations = ([24, 8], 10) if quick else ([180, 60], 60)
     repetitions = 1 if quick else 5
     plane = {
         **{"elements": elements, "steps": steps, "stages": stages, "repetitions": repetitions},
@@ -49,7 +43,6 @@ def peers_jobs(*, quick: bool) -> list[Job]:
     space |= {"reference": 400 if quick else 6400, "rod": str(Path(folder.name) / "space.npz")}
     scene = demo("slider_crank")
     crank = {"rod": rod, "crank": [scene.CRANK, scene.TURNS, scene.DURATION], "steps": steps[-1]}
-    design = {"elements": designed, "iterations": iterations}
     jobs = [
         Job("peer_motion", "slider_crank_times", 6.0 if quick else 50.0, plane),
         Job("peer_motion", "slider_crank_times", 10.0 if quick else 150.0, space),
@@ -64,7 +57,7 @@ def peers_jobs(*, quick: bool) -> list[Job]:
     for solver in SOLVERS[-1:] if quick else SOLVERS:
         own = {"elements": plates[-1], "solver": solver}
         jobs.append(Job("peer_pymoto", "memory_of_pymoto", 2.0, own))
-    return [*jobs, Job("peers", "plate_designs", 4.0 if quick else 25.0, design)]
+    return jobs
 
 
 def plate_problem(comm: MPI.Comm, plate: Plate) -> ffr.Problem:
@@ -123,12 +116,8 @@ def plate_times(
     actions |= {solver: partial(peer.gradient, x) for solver, peer in theirs.items()}
     seconds, _ = measure(actions, repetitions, progress, process_time, untimed=0)
     times = {name: min(spent) for name, spent in seconds.items()}
-    return {
-        "seconds": times,
-        "differences": differences,
-        "compliance": evaluation.psi,
-        "unknowns": problem.flexible["plate"].elasticity.n_dofs_global,
-    }
+    unknowns = problem.flexible["plate"].elasticity.n_dofs_global
+    return {"seconds": times, "differences": differences, "unknowns": unknowns}
 
 
 def memory_of_plate(comm: MPI.Comm, progress: Progress, *, elements: list[int]) -> dict[str, float]:
@@ -138,65 +127,3 @@ def memory_of_plate(comm: MPI.Comm, progress: Progress, *, elements: list[int]) 
         plate_problem(comm, Plate((nx, ny))).gradient(random_density((nx, ny)))
 
     return beyond(lambda: run(6, 2), lambda: run(*elements))
-
-
-class _Race:
-    """Lets pyMOTO do an iteration after each of ours, and keeps the time of each apart."""
-
-    def __init__(self, peer: Iterator[tuple[Array, float]]) -> None:
-        self._peer = peer
-        self.ours: dict[str, list[float]] = {"seconds": [], "compliance": []}
-        self.theirs: dict[str, list[float]] = {"seconds": [], "compliance": []}
-        self.variables: Array = np.zeros(0)
-        self._mark = process_time()
-
-    def __call__(self, iteration: int, x: Any, evaluation: ffr.Evaluation) -> None:
-        self._note(self.ours, evaluation.psi)
-        self.variables, compliance = next(self._peer)
-        self._note(self.theirs, compliance)
-
-    def _note(self, run: dict[str, list[float]], compliance: float) -> None:
-        now = process_time()
-        run["seconds"].append((run["seconds"] or [0.0])[-1] + now - self._mark)
-        run["compliance"].append(compliance)
-        self._mark = now
-
-
-class _Flat(ffr.DensityDesign):
-    """A filtered density whose projection is the identity, to seven digits, all along a run."""
-
-    def at(self, progress: float) -> Self:
-        other = copy(self)
-        other.projection = ffr.design.HeavisideProjection(1e-3)
-        return other
-
-
-def plate_designs(
-    comm: MPI.Comm, progress: Progress, *, elements: list[int], iterations: int
-) -> dict[str, Any]:
-    """Design the plate by both codes: the same filter, each with its own moving asymptotes."""
-    plate = Plate((elements[0], elements[1]))
-    problem = plate_problem(comm, plate)
-    domain = problem.flexible["plate"].domain
-    design = _Flat(domain, radius=RADIUS * plate.element)
-    order = np.argsort(row_after_row(plate, domain.everywhere(domain.centroids)))
-    kernel = design.filter.matrix[order][:, order]
-    start = design.even(VOLUME)
-    solid = problem.value(np.ones(domain.n_cells)).psi
-    race = _Race(PymotoPlate(plate, "CHOLMOD", kernel).design(start, VOLUME))
-    result = ffr.optimize(
-        problem,
-        design,
-        start,
-        optimizer=ffr.MMA(tolerance=0.0),
-        volume=VOLUME,
-        iterations=iterations,
-        progress=False,
-        callback=race,
-    )
-    runs = {
-        OURS: {**race.ours, "volume": result.evaluation.volume["plate"]},
-        PYMOTO: {**race.theirs, "volume": float(np.mean(kernel @ race.variables))},
-    }
-    progress(1.0)
-    return {"runs": runs, "solid": solid, "mesh": "x".join(map(str, elements))}

@@ -95,13 +95,8 @@ def parts(
     least = {name: min(one[name] for one in own) for name in own[0]}
     least |= {"gradient": min(times["gradient"])}
     found = {name: comm.allreduce(value, MPI.MAX) for name, value in least.items()}
-    return {
-        "dofs": rod.elasticity.n_dofs_global,
-        "cells": rod.domain.n_cells_global,
-        "blocks": widths,
-        "widths": [min(solved[w]) for w in WIDTHS],
-        **found,
-    }
+    found |= {"dofs": rod.elasticity.n_dofs_global, "cells": rod.domain.n_cells_global}
+    return {**found, "blocks": widths, "widths": [min(solved[w]) for w in WIDTHS]}
 
 
 def modelled(row: Row, ranks: int) -> float:

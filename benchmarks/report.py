@@ -109,6 +109,18 @@ def chosen(rows: Rows, **wanted: Any) -> list[dict[str, Any]]:
     return [dict(row) for row in rows if all(row[name] == wanted[name] for name in wanted)]
 
 
+def seconds_to_reach(rows: Rows, error: float, what: str) -> float:
+    """The seconds to an error, interpolated in logarithms between runs from coarse to fine.
+
+    They are those of the coarsest run, where even that is more accurate, and not a number where
+    none is accurate enough. A run counts with the largest error of it and of all finer ones.
+    """
+    errors = np.maximum.accumulate([row[what] for row in rows][::-1])[::-1]
+    found, wanted = -np.log(np.maximum(errors, 1e-300)), -np.log(error)
+    seconds = np.log([row["seconds"] for row in rows])
+    return float(np.exp(np.interp(wanted, found, seconds, right=np.nan)))
+
+
 def line(
     axes: Axes,
     rows: Rows,

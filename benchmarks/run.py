@@ -74,11 +74,8 @@ def main(arguments: list[str] | None = None) -> None:
             print(f"\n{table.markdown()}")
         print(f"{directory / study}.md, {study}.png")
     if failed:
-        raise SystemExit(
-            "benchmarks: these have failed, their messages are above: "
-            + ", ".join(failed)
-            + "; with --resume they alone are measured again"
-        )
+        told = f"benchmarks: these have failed, their messages are above: {', '.join(failed)}"
+        raise SystemExit(f"{told}; with --resume they alone are measured again")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

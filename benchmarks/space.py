@@ -7,17 +7,16 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from growth import ONCE, PARTS, Row, draw_shares, floored, part_columns, rows_of_growth
+from growth import ONCE, PARTS, Row, draw_both, draw_shares, floored, part_columns, rows_of_growth
 from jobs import Job, Progress, Results, measure, the
-from report import Study, chosen, line, plot
+from report import Study, chosen, plot
 from scene import holes_design, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.plotting.style import BLUE, ORANGE
 
 DIRECT, ITERATIVE = "direct", "iterative"
-#: Constraint modes of both rods: of the plane, of space
-CONSTRAINT = 3, 6
+#: Constraint modes of the rods in the plane and in space
+CONSTRAINT = {2: 3, 3: 6}
 
 
 def space_jobs(*, quick: bool) -> list[Job]:
@@ -28,11 +27,8 @@ def space_jobs(*, quick: bool) -> list[Job]:
         sizes = [((20, 4, 4), 7, 5.0), ((40, 4, 4), 7, 8.0), ((40, 8, 8), 5, 12.0)]
         sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), ONCE, 40.0), ((120, 24, 24), ONCE, 200.0)]
     iterative = sizes[1:2] if quick else [sizes[k] for k in (1, 3, 4, 5)]
-    steps = {
-        "modes": [8] if quick else [8, 12, 16, 24],
-        "steps": [100, 1100] if quick else [2000, 6000],
-        "repetitions": 1 if quick else 15,
-    }
+    steps = {"modes": [8] if quick else [8, 12, 16, 24], "repetitions": 1 if quick else 15}
+    steps |= {"steps": [100, 1100] if quick else [2000, 6000]}
     jobs = [Job("space", "steps_beside_the_plane", 5.0 if quick else 60.0, steps)]
     for elements, count, seconds in sizes:
         own = {"elements": list(elements), "repetitions": count, "solver": DIRECT}
@@ -49,11 +45,8 @@ def steps_beside_the_plane(
     """Measure simulation and adjoint of both slider-cranks at equal numbers of modes."""
     actions: dict[tuple[Any, ...], Any] = {}
     for number in modes:
-        scenes = (
-            slider_crank(comm, (60, 6), modes=number - CONSTRAINT[0]),
-            slider_crank(comm, (20, 4, 4), modes=number - CONSTRAINT[1]),
-        )
-        for dimension, problem in zip((2, 3), scenes, strict=True):
+        for dimension, elements in ((2, (60, 6)), (3, (20, 4, 4))):
+            problem = slider_crank(comm, elements, modes=number - CONSTRAINT[dimension])
             body = problem.flexible["rod"]
             integrals = {"rod": body.reduce(holes_design(body.domain)).integrals}
             for n in steps:
@@ -136,11 +129,7 @@ def report_space(study: Study, results: Results) -> None:
     caption = "Time, shares and memory over the number of unknowns in space"
     with study.picture(caption, 1, 3, (14.0, 4.4)) as (times, shares, memory):
         for axes, unit, title in ((times, "", "Time"), (memory, "memory_", "Peak memory")):
-            for name, color in (("gradient", ORANGE), ("value", BLUE)):
-                label = "psi and exact gradient" if name == "gradient" else "psi alone"
-                line(axes, direct, "dofs", unit + name, "o-", color, label=label)
-                without = {"label": f"{label}, without a factor", "hollow": True}
-                line(axes, iterative, "dofs", unit + name, "s--", color, **without)
+            draw_both(axes, unit, direct, iterative, "dofs", "without a factor")
             y = "MB beyond the libraries" if unit else "seconds of CPU"
             plot(axes, title, "unknowns", y, room=0.35, legend="" if unit else "upper left")
         draw_shares(shares, direct)

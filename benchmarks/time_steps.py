@@ -87,13 +87,7 @@ def problem_of(name: str, comm: MPI.Comm) -> tuple[ffr.MechanicalProblem, dict[s
 
 
 def choices(
-    comm: MPI.Comm,
-    progress: Progress,
-    *,
-    scene: str,
-    steps: list[int],
-    tolerances: list[float],
-    resolved: int,
+    comm: MPI.Comm, progress: Progress, *, scene: str, steps: list[int], **how: Any
 ) -> dict[str, Any]:
     """Errors over steps, and what is chosen for each tolerance."""
     problem, bodies = problem_of(scene, comm)
@@ -102,7 +96,7 @@ def choices(
         motion = integrate(problem.mechanism, bodies, method)
         return float(problem.objective.evaluate(ffr.Response(motion, bodies)))
 
-    ends = np.union1d(np.linspace(0.0, END, resolved + 1), [0.1003, 0.1013])
+    ends = np.union1d(np.linspace(0.0, END, how["resolved"] + 1), [0.1003, 0.1013])
     exact = psi(ffr.RadauIIA(END, steps=ends))
     progress(0.3)
     curves = {
@@ -111,7 +105,7 @@ def choices(
     }
     progress(0.5)
     rows = []
-    for tolerance in tolerances:
+    for tolerance in how["tolerances"]:
         began = process_time()
         choice = problem.choice(bodies, ffr.TimeInterval(END, tolerance))
         took = process_time() - began
@@ -124,7 +118,7 @@ def choices(
         row |= {"estimated": choice.error, "error_psi": abs(psi(method) / exact - 1.0)}
         row |= {"met_text": "yes" if choice.met else "no, warned"}
         rows.append({**row, "choosing": took, "seconds": seconds, "ratio": took / seconds})
-        progress(0.5 + 0.5 * len(rows) / len(tolerances))
+        progress(0.5 + 0.5 * len(rows) / len(how["tolerances"]))
     return {"scene": scene, "steps": steps, "curves": curves, "rows": rows}
 
 

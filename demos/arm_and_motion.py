@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     total = ffr.Mass("upper arm") + ffr.Mass("forearm") + ffr.Mass("weight")
     most = sum(body.mass for body in fixed.values()) + 2e-3  # of all designs [kg]
 
-    def designed(bodies: dict, design: ffr.Designs, **more: object) -> ffr.Result:
+    def designed(bodies: dict, design: object, **more: object) -> ffr.Result:
         problem = ffr.Problem(bodies, *parts, [ffr.Constraint(total, upper=most, name="mass")])
         more |= {"iterations": options.iterations, "mode_tolerance": None}
         return ffr.optimize(problem, design, **more)

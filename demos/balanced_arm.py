@@ -2,9 +2,8 @@
 # %% [markdown]
 """# An arm that is balanced by a counterweight, and by a spring: numbers of a machine alone.
 
-What you will see: a motor lifts an arm with a payload and lowers it again. Most of its moment only
-holds the weight. A counterweight takes a part away and brings inertia of its own; a spring takes
-nearly all of it away, and hardly more is left than the inertia of the arm.
+What you will see: a motor lifts an arm with a payload and lowers it again. A counterweight takes a
+part of its moment away and brings inertia of its own; a spring takes nearly all of it away.
 
 **Problem.** Find the stiffness k of the spring and the mass m of the counterweight that minimise
 the root mean square of the motor's moment over the motion. No body has a mesh. It is known that
@@ -12,9 +11,9 @@ the root mean square of the motor's moment over the motion. No body has a mesh. 
     k = <u c> / <c c> / (a b), m = 0   with the spring,    c = cos(phi), u = J phi'' + G c
     m = -<u w> / <w w>                 without it,         w = d^2 phi'' - g d c
 
-with the inertia J and the weight's moment G about the pin, the spring, which has no length of its
-own, between a point at the height a and the distance b on the arm, the counterweight at the
-distance d behind the pin, and mean values <.> over the motion.
+with the inertia J and the weight's moment G about the pin, the spring without a length of its own
+from the height a to the distance b on the arm, the counterweight at the distance d behind the pin,
+and mean values <.> over the motion.
 
 Run `python demos/balanced_arm.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
@@ -40,17 +39,12 @@ def machine(counterweight: float, stiffness: float = 0.0) -> ffr.Mechanism:
     """The arm on its motor, with a counterweight and a spring without a length of its own."""
     pin, start = ("arm", "pin"), float(ANGLE.value(np.zeros(1))[0])
     spring = ffr.SpringDamper(("arm", "spring"), ffr.Ground((0.0, HEIGHT)), stiffness, length=0.0)
+    hung = ffr.PointMass(("arm", "back"), counterweight)
     center = 0.5 * LENGTH * np.array([np.cos(start), np.sin(start)])
     return ffr.Mechanism(
         placements={"arm": ffr.Placement(tuple(center), start)},
-        joints=[
-            ffr.Revolute(pin, ffr.Ground(), name="pin"),
-            ffr.PrescribedAngle(pin, ANGLE, name="motor"),
-        ],
-        point_masses=[
-            ffr.PointMass(("arm", "tip"), PAYLOAD),
-            ffr.PointMass(("arm", "back"), counterweight),
-        ],
+        joints=[ffr.Revolute(pin, ffr.Ground()), ffr.PrescribedAngle(pin, ANGLE, name="motor")],
+        point_masses=[ffr.PointMass(("arm", "tip"), PAYLOAD), hung],
         gravity=(0.0, -GRAVITY),
         forces=[spring] if stiffness else [],
     )
@@ -59,13 +53,11 @@ def machine(counterweight: float, stiffness: float = 0.0) -> ffr.Mechanism:
 # %% The answers by hand
 def by_hand() -> dict[str, float]:
     """Stiffness of the spring [N/m], and the counterweight without it [kg]."""
-    t = np.linspace(0.0, DURATION, 20_001)
-    angle, _, faster = ANGLE.tabulate(t)
+    angle, _, faster = ANGLE.tabulate(np.linspace(0.0, DURATION, 20_001))
     weight = GRAVITY * (0.5 * MASS * LENGTH + PAYLOAD * LENGTH)
     inertia = INERTIA + MASS * LENGTH**2 / 4.0 + PAYLOAD * LENGTH**2
-    u = inertia * faster + weight * np.cos(angle)
-    w = BEHIND**2 * faster - GRAVITY * BEHIND * np.cos(angle)
     c = np.cos(angle)
+    u, w = inertia * faster + weight * c, BEHIND**2 * faster - GRAVITY * BEHIND * c
     stiffness = float(u @ c / (c @ c)) / (HEIGHT * PLACE)
     return {"stiffness": stiffness, "counterweight": -float(u @ w / (w @ w))}
 

@@ -80,6 +80,14 @@ def bars(
     return domains
 
 
+def bar_of(options: argparse.Namespace, length: float, height: float) -> ffr.Domain:
+    """A bar of order 2 without solid columns [m], or the gmsh file of the options."""
+    if options.mesh:
+        return ffr.Domain.from_gmsh(MPI.COMM_WORLD, options.mesh, order=2)
+    size = {"elements": options.elements, "order": 2, "solid_columns": 0}
+    return ffr.Domain.rectangle(MPI.COMM_WORLD, length, height, **size)
+
+
 def draw(
     result: ffr.Result,
     output: Path,

@@ -33,9 +33,9 @@ def elastic_coordinates(mbs: Any, body: dict[str, Any], end: float, steps: int) 
     import exudyn
     import exudyn.itemInterface as items
 
-    kept: dict[str, Any] = {"storeInternal": True, "writeToFile": False}
-    kept["outputVariableType"] = exudyn.OutputVariableType.Coordinates
-    sensor = mbs.AddSensor(items.SensorNode(nodeNumber=body["nGenericODE2"], **kept))
+    kept = {"storeInternal": True, "writeToFile": False, "nodeNumber": body["nGenericODE2"]}
+    coordinates = exudyn.OutputVariableType.Coordinates
+    sensor = mbs.AddSensor(items.SensorNode(outputVariableType=coordinates, **kept))
     mbs.Assemble()
     settings = exudyn.SimulationSettings()
     time = settings.timeIntegration

@@ -29,12 +29,10 @@ CRANK, GROUND = 0.1, 0.4  # radius of the crank, distance of its bearing from th
 LINKS = {"coupler": (0.4, 0.04), "rocker": (0.3, 0.04)}  # length and height [m]
 ALUMINIUM = ffr.PlaneStress(young=70e9, poisson=0.33, density=2700.0, thickness=0.01)
 STEEL = ffr.PlaneStress(young=210e9, poisson=0.3, density=7850.0, thickness=0.006)
-DISC, DISC_INERTIA = 1.0, 0.004  # of the driven disc [kg], [kg m^2]
-PIN = 0.1  # mass of the pin between coupler and rocker [kg]
+DISC, DISC_INERTIA, PIN = 1.0, 0.004, 0.1  # of the driven disc [kg], [kg m^2], of the pin [kg]
 TURNS, DURATION = 3, 1.0  # [-], [s]
 TIMES = ffr.TimeInterval(DURATION, 1e-3)  # steps by which psi is known to 1e-3
-MODES = 6
-VOLUME = 0.5  # upper bound, share of each link
+MODES, VOLUME = 6, 0.5  # of each link; upper bound, share of each link
 
 
 # %% The scene
@@ -42,8 +40,7 @@ def four_bar(domains: dict[str, ffr.Domain], steps: int | None = None) -> ffr.Pr
     """The linkage, with ``steps`` of generalised-alpha, or `TIMES`."""
     ends = [[d.interfaces[end].center for end in ("left", "right")] for d in domains.values()]
     coupler, rocker = (float(np.hypot(*(right - left))) for left, right in ends)
-    # the crank starts along x; the pin of coupler and rocker is where two circles meet
-    d = GROUND - CRANK
+    d = GROUND - CRANK  # the crank starts along x; the pin of the links is where two circles meet
     along = (coupler**2 - rocker**2 + d**2) / (2.0 * d)
     across = math.sqrt(coupler**2 - along**2)
     turn = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="crank angle")

@@ -6,9 +6,8 @@ What you will see: gmsh meshes a flat link with two bores, CalculiX (``calculix-
 writes its stiffness and mass, and the link swings on one bore. The body from these matrices, which
 has no mesh here, and the body from the mesh file have the same frequencies and the same motion.
 
-**Model.** Hexahedra of first order. The matrices K and M of the free part, with the positions of
-the nodes and the sets of those on the bores, are reduced by Craig and Bampton's method as those of
-a mesh are: rigid bores, and normal modes phi_i with K phi_i = lambda_i M phi_i between them.
+**Model.** The matrices K and M of the free part, with the positions of the nodes and the sets of
+those on the bores, are reduced by Craig and Bampton's method as those of a mesh are.
 
 Run `python demos/part_from_calculix.py --help`; it takes some seconds, on one processor.
 """
@@ -94,8 +93,8 @@ def main(arguments: list[str] | None = None) -> None:
     apart = np.max(np.abs(b / a - 1.0))
     share = abs(found["CalculiX"].psi / found["mesh"].psi - 1.0)
     say(f"fixed-interface frequencies differ by {apart:.1e}, psi by {share:.1e}")
-    tip = {n: (e.trajectory.t, e.trajectory.marker_path("link", "right")) for n, e in found.items()}
-    heights = {name: (t, path[:, 1]) for name, (t, path) in tip.items()}
+    tip = {n: e.trajectory.marker_path("link", "right") for n, e in found.items()}
+    heights = {n: (found[n].trajectory.t, path[:, 1]) for n, path in tip.items()}
     ffr.plotting.plot_curves({"height [m]": heights}, output / "tip.png", xlabel="time [s]")
 
     # %% The same matrices, the same body

@@ -5,8 +5,8 @@
 What you will see: a soft bar, hinged at one end, falls from the horizontal. Its tip is where full
 nonlinear finite elements have it: four positions of theirs are stored below.
 
-**Model.** Biquadratic quadrilaterals in plane stress; chord frame, three constraint modes and eight
-normal modes, with geometric stiffening by the bar's own inertia and weight.
+**Model.** Chord frame, three constraint modes and eight normal modes, with geometric stiffening by
+the bar's own inertia and weight.
 
 **Stored reference.** The same mesh, steps and spectral radius with all nodes moving by St
 Venant-Kirchhoff elasticity: u(X, t) such that for all v
@@ -22,7 +22,7 @@ Run `python demos/pendulum.py --help`, also under `mpirun -n 2`; it takes some s
 from mpi4py import MPI
 
 import numpy as np
-from command_line import parse, run, say
+from command_line import bar_of, parse, run, say
 
 import dolfinx_ffr as ffr
 
@@ -41,24 +41,12 @@ FULL_MODEL = {
 
 
 # %% The scene
-def pendulum(
-    comm: MPI.Comm,
-    elements: tuple[int, int],
-    steps: int,
-    mesh: str = "",
-    modes: int = 8,
-    stiffening: bool = True,
-) -> ffr.Problem:
-    """A bar with rigid end faces on its hinge, built in or from the file of a ``mesh``."""
-    if mesh:
-        domain = ffr.Domain.from_gmsh(comm, mesh, order=2)
-    else:
-        size = {"elements": elements, "order": 2, "solid_columns": 0}
-        domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, **size)
+def pendulum(domain: ffr.Domain, steps: int, stiffening: bool = True) -> ffr.Problem:
+    """A bar with rigid end faces on its hinge."""
     hinge, tip = (domain.interfaces[name].center for name in ("left", "right"))
     chord = ffr.ChordFrame("left", "right")
     loads = ["omega2", "alpha", "acceleration"] if stiffening else []
-    bar = ffr.FlexibleBody(domain, RUBBER, frame=chord, modes=modes, stiffening=loads)
+    bar = ffr.FlexibleBody(domain, RUBBER, frame=chord, modes=8, stiffening=loads)
     mechanism = ffr.Mechanism(
         placements={"bar": ffr.Placement(tuple(hinge), np.arctan2(*(tip - hinge)[::-1]))},
         joints=[ffr.Revolute(("bar", "left"), ffr.Ground(tuple(hinge)), name="hinge")],
@@ -73,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Let the pendulum fall, and leave numbers and pictures."""
     options = parse(arguments, "pendulum", elements=(30, 2), steps=STEPS, mesh="")
     comm, output = MPI.COMM_WORLD, options.output
-    problem = pendulum(comm, options.elements, options.steps, options.mesh)
+    problem = pendulum(bar_of(options, LENGTH, HEIGHT), options.steps)
     evaluation = problem.value(np.ones(problem.flexible["bar"].domain.n_cells))
     motion = evaluation.trajectory
     path = motion.marker_path("bar", "right")

@@ -29,9 +29,8 @@ from slider_crank import CRANK, HEIGHT, LENGTH, slider_crank
 import dolfinx_ffr as ffr
 
 # %% Parameters
-DESIGNED, MOVED = 1.0, 0.05  # one turn for the design, and one for the comparison [s]
+DESIGNED, MOVED, ROWS = 1.0, 0.05, 40  # one turn each [s]; instants that are compared
 PLASTIC = ffr.PlaneStress(young=3e9, poisson=0.35, density=1200.0, thickness=0.01)
-ROWS = 40  # instants that are compared
 DAMPED = ffr.RayleighDamping(beta=1e-4)  # by the stiffness [s]
 #: The mechanism over a time [s], without a mass of the slider
 one_turn = partial(slider_crank, slider=0.0, turns=1, damping={"rod": DAMPED})
@@ -81,9 +80,8 @@ def main(arguments: list[str] | None = None) -> None:
     found.export(output / "rod.SID_FEM")
     found.export(output / "rod.npz", format="exudyn")
     comm.Barrier()
-    reduced = found.bodies["rod"][1].integrals
-    radau = ffr.RadauIIA(MOVED, steps=10 * ROWS)
-    motion = ffr.simulate(one_turn(MOVED), {"rod": reduced}, radau)
+    rod, radau = {"rod": found.bodies["rod"][1].integrals}, ffr.RadauIIA(MOVED, steps=10 * ROWS)
+    motion = ffr.simulate(one_turn(MOVED), rod, radau)
     ours = motion.elastic("rod")[:: 10 * motion.integrator.stages]
     coarse, fine = (by_exudyn(output / "rod.npz", n * ROWS)[::n] for n in (25, 50))
     theirs = fine + (fine - coarse) / 3.0
@@ -92,8 +90,7 @@ def main(arguments: list[str] | None = None) -> None:
     say(f"elastic coordinates up to {1e3 * largest:.3g} mm differ by {apart:.1e} of it")
 
     # %% Pictures and numbers
-    t = np.linspace(0.0, MOVED, ROWS + 1)
-    both = {"here": ours, "Exudyn": theirs}
+    t, both = np.linspace(0.0, MOVED, ROWS + 1), {"here": ours, "Exudyn": theirs}
     curves = {f"coordinate {k + 1}": {n: (t, q[:, k]) for n, q in both.items()} for k in (0, 3)}
     ffr.plotting.plot_curves(curves, output / "coordinates.png", xlabel="time [s]")
     ffr.write_summary(comm, output / "summary.json", {"difference": apart, "psi": found.psi})

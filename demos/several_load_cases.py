@@ -11,12 +11,8 @@ it is bent by its own inertia. It is designed for the load case in which it does
     max_i psi_i(x(alpha)) / psi_i(x_i)      such that      volume(x(alpha)) <= 0.5,
 
 where psi_i is the integral compliance in the load case i, and x_i a design for it alone; psi is
-minimised as z such that no load case has more than z. `WeightedSum` and `PowerMean` in place of
-`WorstCase` give their sum, or a mean.
-
-**Discretisation.** As in `slider_crank.py`, whose mechanism is taken: bilinear quadrilaterals,
-eight normal modes, equal steps by which psi of each load case is known to 1e-4. The body is reduced
-once for all load cases, and one adjoint solution for each gives the gradient.
+minimised as z such that no load case has more than z. The mechanism is that of `slider_crank.py`.
+The body is reduced once for all load cases, and one adjoint solution for each gives the gradient.
 
 Run `python demos/several_load_cases.py --help`, also under `mpirun -n 2`: ranks share the
 cases; it takes some minutes.

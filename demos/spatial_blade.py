@@ -30,8 +30,7 @@ PLASTIC = ffr.Isotropic(young=3e9, poisson=0.35, density=1200.0)
 TILT, PITCH = 0.3, 0.5  # of the blade out of the plane of rotation and about its length [rad]
 TIP = 0.03  # mass of what it carries at its end [kg]
 TURNS, DURATION = 4, 1.0  # of the hub, from rest to rest; time [s]
-VOLUME = 0.5  # bound of the filled share
-MODES, STEPS = 8, 1000
+VOLUME, MODES, STEPS = 0.5, 8, 1000  # bound of the filled share, and numbers
 
 
 # %% The scene
@@ -56,11 +55,9 @@ def blade_problem(
     turn = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="hub")
     hub = ffr.Moving(still, still, turn, z=still, axis=(0, 0, 1), name="hub")
     c, s, a, b = np.cos(TILT), np.sin(TILT), np.cos(PITCH), np.sin(PITCH)
-    tilted = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ np.array(
-        [[1, 0, 0], [0, a, -b], [0, b, a]]
-    )
+    tilted = [[c, -s * b, -s * a], [0, a, -b], [s, c * b, c * a]]
     mechanism = ffr.Mechanism(
-        placements={"blade": ffr.Placement((0, 0, 0), rotation=tilted)},
+        placements={"blade": ffr.Placement((0, 0, 0), rotation=np.array(tilted))},
         joints=[ffr.Weld(("blade", "root"), hub, name="hub")],
         point_masses=[ffr.PointMass(("blade", "tip"), TIP)],
     )
@@ -71,8 +68,7 @@ def blade_problem(
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the blade, and leave numbers and pictures."""
-    defaults = {"elements": (40, 8, 1), "steps": STEPS, "iterations": 60}
-    options = parse(arguments, "spatial_blade", **defaults)
+    options = parse(arguments, "spatial_blade", elements=(40, 8, 1), steps=STEPS, iterations=60)
     comm, output = MPI.COMM_WORLD, options.output
     problem = blade_problem(comm, options.elements, steps=options.steps)
     domain = problem.flexible["blade"].domain

@@ -62,8 +62,7 @@ def spatial_problem(
     # the rod's x axis points to the slider, its y axis is across the crank's axis
     pin = np.add(CENTER, [0.0, CRANK, 0.0])
     along = (np.array([slider_of(0.0), 0.0, 0.0]) - pin) / ROD
-    across = np.cross([1.0, 0.0, 0.0], along)
-    across /= np.linalg.norm(across)
+    across = np.cross([1.0, 0.0, 0.0], along) / np.linalg.norm(along[1:])
     axes = np.column_stack([along, across, np.cross(along, across)])
     crank = ffr.Moving.circle(CENTER, CRANK, ANGLE, axis=(1.0, 0.0, 0.0))
     forks = {"axis": (0, 1, 0), "second_axis": (0, 0, 1)}  # the rod's y axis, the crank's axis
@@ -96,8 +95,7 @@ def begun(
 # %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
-    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0}
-    defaults["first"] = 0
+    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0, "first": 0}
     options = parse(arguments, "spatial_slider_crank", **defaults, mesh="", resume=False)
     comm, output = MPI.COMM_WORLD, options.output
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
@@ -117,8 +115,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     # %% Numbers and pictures; walls thinner than half an element are in solid.png
     draw(result, output, full=full.psi, volume=VOLUME, color="energy")
-    rod, evaluation = result.problem.flexible["rod"], result.evaluation
-    stress = ffr.worst_stress(rod, evaluation, "rod")
+    stress = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod")
     ffr.plotting.plot_stress(domain, stress, output / "stress.png")
     title = "The flexible rod of a slider-crank in space"
     leave(options, result, title, full.psi, found, warnings)
