@@ -2,8 +2,8 @@
 # %% [markdown]
 """# A design by the paper's approximate gradient.
 
-What you will see: the flexible rod of a slider-crank designed with a gradient that is computed at
-35 % of the elements only, where they are, and how far this gradient is from the exact one.
+What you will see: the rod of a slider-crank designed with a gradient that is computed at 35 % of
+the elements only, where they are, and how far this gradient is from the exact one.
 
 **Gradient.** That of `slider_crank.py`, for explicit steps of a level set out of a rod with holes:
 one linear system for each shape function and each element of a coarse grid and of a band around
@@ -16,8 +16,6 @@ the exact adjoint, which is faster and the default of the package.
 
 Run `python demos/approximate_gradient.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
-
-from mpi4py import MPI
 
 import numpy as np
 from command_line import draw, leave, parse, run, say
@@ -36,7 +34,6 @@ KERNELS = {
 SHARE, COMPARE_EVERY = 0.35, 5  # of the elements, iterations
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"elements": (120, 12), "iterations": 60, "share": SHARE}
@@ -44,7 +41,7 @@ def main(arguments: list[str] | None = None) -> None:
     options.complete &= options.share >= SHARE
     if options.kernel not in KERNELS:
         raise ValueError(f"--kernel {options.kernel}: there are {', '.join(KERNELS)}")
-    comm, output = MPI.COMM_WORLD, options.output
+    comm, output = options.comm, options.output
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
     problem = reference_problem(comm, options.elements, domain=given)
     domain = problem.flexible["rod"].domain

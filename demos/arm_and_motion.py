@@ -3,8 +3,7 @@
 """# A robot arm whose links, motions and counterweight are designed together.
 
 What you will see: the arm of `robot_arm.py` puts its payload down, which swings about its place
-when the motors stand still. Better links swing less, and so does a better motion; both know of each
-other only if they are designed by one gradient.
+when the motors stand still. Links and motion know of each other if they have one gradient.
 
 **Problem.** Find the heights of both links at three places, the angles of both motors at four
 instants on their way, and the mass of a counterweight behind the elbow that minimise
@@ -18,8 +17,6 @@ Run `python demos/arm_and_motion.py --help`, also under `mpirun -n 2`; it takes 
 """
 
 from dataclasses import replace
-
-from mpi4py import MPI
 
 import numpy as np
 from command_line import leave_machine, parse, run, say
@@ -62,11 +59,10 @@ def link(length: float, size: float) -> ffr.DimensionDesign:
     return ffr.DimensionDesign(shape, dict.fromkeys(START, RANGE), **of)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the arm in four ways, and leave a table and pictures."""
     options = parse(arguments, "arm_and_motion", size=0.015, steps=240, iterations=50)
-    output, comm, alloy = options.output, MPI.COMM_WORLD, ffr.PlaneStress(*ALUMINIUM, THICKNESS)
+    output, comm, alloy = options.output, options.comm, ffr.PlaneStress(*ALUMINIUM, THICKNESS)
     designs = {name: link(length, options.size) for name, length in LINKS.items()}
     held = {"frame": ffr.TangentFrame("left"), "modes": 4}
     bodies = {k: ffr.FlexibleBody(d.domain(comm), alloy, **held) for k, d in designs.items()}
@@ -94,9 +90,8 @@ def main(arguments: list[str] | None = None) -> None:
         off = np.linalg.norm(moves.marker_path("forearm", "right") - np.array(TIP), axis=1)
         swing[name] = moves.t[moves.t >= MOVE], 1e3 * off[moves.t >= MOVE]
     say(", ".join(f"{name}: {value:.4f} mm" for name, value in table.items()))
-    ffr.plotting.plot_curves(
-        {"tip off its place [mm]": swing}, output / "swing.png", xlabel="time [s]"
-    )
+    panel = {"tip off its place [mm]": swing}
+    ffr.plotting.plot_curves(panel, output / "swing.png", xlabel="time [s]")
     leave_machine(best, output, "An arm and its motion", time=0.2, warnings=warnings, error=table)
 
     # %% Together they miss less than one after the other

@@ -23,7 +23,6 @@ HELP = {
     "resume": "go on from the last checkpoint",
     "bare": "only verify the part, and write it for CAD",
     "densities": "for each element, in place of a level set",
-    "output": "folder for the results",
 }
 #: What is as fine as a default
 AS_FINE = {"elements": np.greater_equal, "iterations": np.greater_equal, "size": np.less_equal}
@@ -52,9 +51,9 @@ def parse(arguments: list[str] | None, name: str, **defaults: Any) -> argparse.N
     own_mesh = any(value for option, value in given.items() if "mesh" in option)
     fine = [fits(given[n], defaults[n]) for n, fits in AS_FINE.items() if n in defaults]
     options.complete = not own_mesh and all(np.all(each) for each in fine)
-    options.run = {
-        n: given[n] for n in ("iterations", "boundary", "resume", "output") if n in given
-    }
+    options.comm = MPI.COMM_WORLD
+    of_run = ("iterations", "boundary", "resume", "output")
+    options.run = {name: given[name] for name in of_run if name in given}
     return options
 
 
@@ -64,13 +63,8 @@ def say(*words: object, sep: str = " ") -> None:
         print(*words, sep=sep)
 
 
-def bars(
-    options: argparse.Namespace, sizes: Mapping[str, tuple[float, float]]
-) -> dict[str, ffr.Domain]:
-    """Bars of some lengths and heights [m], or gmsh files of the options that take their places.
-
-    All elements of built-in bars are as long as those of the first one.
-    """
+def bars(options: argparse.Namespace, sizes: Mapping[str, Any]) -> dict[str, ffr.Domain]:
+    """Bars of lengths and heights [m] with equal elements, or gmsh files that take their places."""
     comm, first, domains = MPI.COMM_WORLD, next(iter(sizes.values()))[0], {}
     for name, (length, height) in sizes.items():
         file = getattr(options, f"{name}_mesh", "")
@@ -89,30 +83,24 @@ def bar_of(options: argparse.Namespace, length: float, height: float) -> ffr.Dom
 
 
 def draw(
-    result: ffr.Result,
-    output: Path,
-    *,
-    full: float | None = None,
-    volume: float | None = None,
-    **scene: Any,
+    result: ffr.Result, output: Path, *, full: float = 0.0, volume: float | None = None, **view: Any
 ) -> None:
     """Draw the design of each body, the history, the scene and the film; collective.
 
     ``full`` is the compliance of full bodies, ``volume`` the bound of the filled share, and the
-    options ``scene`` are for `plot_scene`. Without ``full`` psi is an error of a path.
+    options ``view`` are for `plot_scene`. Without ``full`` psi is an error of a path.
     """
     for name, x in result.densities.items():
         alone = len(result.densities) == 1
         domain, file = result.problem.flexible[name].domain, name.replace(" ", "_")
-        share = result.evaluation.psi / (full or 1.0)
-        told = f"{share:.1%} of the full {name}'s psi with " if alone and full else ""
-        told = f"{told or name + ': '}{result.evaluation.volume[name]:.0%} of its material"
-        file = "design" if alone else file
+        share, file = result.evaluation.psi / (full or 1.0), "design" if alone else file
+        told = f"{share:.1%} of the full {name}'s psi with " if alone and full else f"{name}: "
+        told = f"{told}{result.evaluation.volume[name]:.0%} of its material"
         ffr.write_density(domain, x, output / f"{file}.xdmf")
         ffr.plotting.plot_design(domain, {told: x}, output / f"{file}.png")
     bounds: dict[str, Any] = {"psi_solid": full} if full else {"psi_unit": "m^2 s"}
     ffr.plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
-    ffr.plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **scene)
+    ffr.plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **view)
     solid = any(body.domain.dimension == 3 for body in result.problem.flexible.values())
     # a picture in space takes a third of a second
     film: dict[str, Any] = {"frames": 48, "frames_per_second": 8.0} if solid else {}
@@ -146,11 +134,9 @@ def leave(
     """Write summary.json and the report of a run, and say how it ended; collective.
 
     ``full`` is psi of full bodies with the modes of the result, ``references`` have psi of other
-    designs, the full one first. Of a run as long and fine as by default, psi of the parts is
-    asserted to be ``most`` or less; of others nothing is promised but numbers.
+    designs. Of a run as long and fine as by default psi of the parts must be ``most`` or less.
     """
-    output = options.output
-    bodies, share = result.problem.flexible, result.psi / full
+    output, bodies, share = options.output, result.problem.flexible, result.psi / full
     told = found.psi / full if found else share
     flat = found and all(body.domain.dimension == 2 for body in bodies.values())
     of = {"references": references or {"full": full}, "verification": found, "warnings": warnings}

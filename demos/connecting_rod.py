@@ -3,8 +3,7 @@
 """# A connecting rod with two bearings, designed under its own motion.
 
 What you will see: a rod drawn in gmsh, with a large and a small bearing eye and fillets, finds its
-shape in about a minute. It is shown in motion, with the largest stress that each of its elements
-sees, and its part is written for CAD and computed again on a mesh that fits its boundary.
+shape. It is shown in motion, with the largest stress that each of its elements sees.
 
 The mechanism is that of `slider_crank.py`, psi the integral compliance, the bound half of the rod.
 The bores are rigid interfaces: each pin sits in the centre of its eye, where there is no material,
@@ -30,7 +29,6 @@ SIZE = 0.004  # of the elements [m]
 STEPS = 2000  # close enough to each other to show the largest stress
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"size": SIZE, "order": 2, "iterations": 60, "mesh": "", "resume": False}

@@ -2,9 +2,8 @@
 # %% [markdown]
 """# A four-bar linkage with two flexible links, designed together.
 
-What you will see: a crank shakes a disc to and fro by a coupler and a rocker. Both links are
-flexible, each on its own mesh and of its own material, and both find their shape in the same
-optimisation. One adjoint pass gives the gradient for both.
+What you will see: a crank shakes a disc to and fro by a coupler and a rocker. Both are flexible, of
+different materials, and find their shape in the same optimisation, by one adjoint pass.
 
 **Problem.** Find the densities x of the coupler and of the rocker that minimise
 
@@ -74,7 +73,6 @@ def four_bar(domains: dict[str, ffr.Domain], steps: int | None = None) -> ffr.Pr
     return problem
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design both links, and leave numbers and pictures."""
     defaults = {"elements": (200, 20), "steps": None, "iterations": 60, "boundary": None}

@@ -16,8 +16,6 @@ import subprocess
 from pathlib import Path
 from shutil import which
 
-from mpi4py import MPI
-
 import gmsh
 import numpy as np
 from command_line import parse, run, say
@@ -65,11 +63,10 @@ def write_part(folder: Path, size: float) -> None:
     gmsh.finalize()
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Bring the part in, let it swing, and compare."""
     options = parse(arguments, "part_from_calculix", size=0.008)
-    comm, output = MPI.COMM_WORLD, options.output
+    comm, output = options.comm, options.output
     if which("ccx") is None:
         raise SystemExit("CalculiX is not installed: apt-get install calculix-ccx")
     if comm.rank == 0:  # CalculiX writes link.sti, link.mas and link.dof

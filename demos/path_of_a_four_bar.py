@@ -3,8 +3,7 @@
 """# A four-bar linkage that leads a tool along a path, and shakes its frame no more than it may.
 
 What you will see: pins, lengths and tool of a linkage are found that follow a given curve at given
-instants. The forces on its frame would be too large; with a bound on them the linkage gives way by
-as little as it must, and a spring takes over from the motor.
+instants. With bounds on the forces on its frame the linkage gives way by as little as it must.
 
 **Problem.** Find the lengths of crank, coupler and rocker, the place of the rocker's pin on the
 frame, the place of the tool on the coupler, and a spring at the rocker, that minimise
@@ -74,7 +73,6 @@ def machine(
     return mechanism, {"crank": bar(crank), "coupler": coupled, "rocker": bar(rocker)}
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the linkage without and with bounds, and leave numbers and pictures."""
     options = parse(arguments, "path_of_a_four_bar", steps=300, iterations=80)

@@ -8,18 +8,14 @@ nonlinear finite elements have it: four positions of theirs are stored below.
 **Model.** Chord frame, three constraint modes and eight normal modes, with geometric stiffening by
 the bar's own inertia and weight.
 
-**Stored reference.** The same mesh, steps and spectral radius with all nodes moving by St
-Venant-Kirchhoff elasticity: u(X, t) such that for all v
+**Stored reference.** The same mesh and steps with all nodes moving by St Venant-Kirchhoff
+elasticity, the left end rigid and hinged in its middle: u(X, t) such that for all v
 
     int rho u'' . v dX + int (F S) : grad v dX = int rho g . v dX,   F = I + grad u,
-    S = lambda tr(E) I + 2 mu E,   E = (F^T F - I)/2,
-
-the left end rigid and hinged in its middle, solved by Newton's method in every step.
+    S = lambda tr(E) I + 2 mu E,   E = (F^T F - I)/2.
 
 Run `python demos/pendulum.py --help`, also under `mpirun -n 2`; it takes some seconds.
 """
-
-from mpi4py import MPI
 
 import numpy as np
 from command_line import bar_of, parse, run, say
@@ -56,11 +52,10 @@ def pendulum(domain: ffr.Domain, steps: int, stiffening: bool = True) -> ffr.Pro
     return ffr.Problem({"bar": bar}, mechanism, times, ffr.IntegralCompliance())
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Let the pendulum fall, and leave numbers and pictures."""
     options = parse(arguments, "pendulum", elements=(30, 2), steps=STEPS, mesh="")
-    comm, output = MPI.COMM_WORLD, options.output
+    comm, output = options.comm, options.output
     problem = pendulum(bar_of(options, LENGTH, HEIGHT), options.steps)
     evaluation = problem.value(np.ones(problem.flexible["bar"].domain.n_cells))
     motion = evaluation.trajectory

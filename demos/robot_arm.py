@@ -2,16 +2,15 @@
 # %% [markdown]
 """# A robot arm with two flexible links: how exact, and how heavy.
 
-What you will see: an arm picks up a payload and puts it down elsewhere. Its motors turn as a rigid
-arm would need it; the real arm sags and swings, and its tip misses the path, less so with heavier
-links. The picture shows this error over the mass, of links of even thickness and of a design.
+What you will see: an arm puts a payload down elsewhere. Its motors turn as a rigid arm would need
+it; the real arm sags and swings, and its tip misses the path, less so with heavier links. The
+picture shows this error over the mass, of links of even thickness and of a design.
 
 **Problem.** Find the densities x of the elements of both links that minimise
 
     psi = int |r_tip - path|^2 dt   such that   mass(upper arm) + mass(forearm) <= bound;
 
-the tip's error is sqrt(psi / T). The optimiser also decides how the mass is shared by the links,
-which begin in their static equilibrium under gravity. The path is that of the rigid arm's tip.
+the tip's error is sqrt(psi / T). How the mass is shared by the links is left to the optimiser.
 
 Run `python demos/robot_arm.py --help`, also under `mpirun -n 2`; it takes half a minute.
 """
@@ -33,10 +32,8 @@ BOUND, MODES = 0.5, 6  # share of the design, of each link
 
 
 # %% The motors, and where they take the tip of a rigid arm
-SHOULDER, ELBOW = (  # angles from rest to rest
-    start + ffr.Motion.smooth_step(end - start, MOVE, BEGIN)
-    for start, end in zip(PICK, PLACE, strict=True)
-)
+ways = zip(PICK, PLACE, strict=True)  # from rest to rest
+SHOULDER, ELBOW = (a + ffr.Motion.smooth_step(b - a, MOVE, BEGIN) for a, b in ways)
 PATH = tuple(
     lambda t, f=f: UPPER * f(SHOULDER.value(t)) + FORE * f(SHOULDER.value(t) + ELBOW.value(t))
     for f in (np.cos, np.sin)
@@ -70,7 +67,6 @@ def arm(domains: dict, steps: int, share: float = 1.0, bounds: tuple = ()) -> ff
     return ffr.Problem(bodies, mechanism(SHOULDER, ELBOW), times, error, bounds)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the links for half of the mass, and leave numbers and pictures."""
     options = parse(arguments, "robot_arm", elements=(160, 16), steps=400, iterations=60)
@@ -95,7 +91,6 @@ def main(arguments: list[str] | None = None) -> None:
     ffr.plotting.plot_curves({"tip error [mm]": curves}, output / "trade_off.png", **labels)
     draw(result, output, time=0.35)
     numbers = {"error_even": even[SHEETS.index(BOUND)], "error_design": error, "curves": curves}
-    # Finished links of half the mass miss the path by less than even ones
     numbers["most"] = 0.64 * sheets[BOUND].psi
     leave(options, result, "A robot arm", full, found, warnings, **numbers)
 

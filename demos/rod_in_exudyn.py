@@ -2,10 +2,9 @@
 # %% [markdown]
 """# A designed rod, moved by Exudyn from its file alone.
 
-What you will see: the rod of a slider-crank is designed, its part is verified on meshes that fit
-it, and the reduction of the finest one goes into files: standard input data (SID) for Simpack and
-others, and ``rod.npz`` for Exudyn. Exudyn moves the rod from that file, which knows of no mesh, and
-its elastic coordinates q(t) are those of our own motion.
+What you will see: the part of a designed rod goes into files: standard input data (SID) for Simpack
+and others, and ``rod.npz`` for Exudyn. Exudyn moves the rod from that file, which knows of no mesh,
+and its elastic coordinates q(t) are those of our own motion.
 
 **Model.** Both solve M(q) y'' + h(q, q', w) + K q = G^T lambda in the floating frame, where M, h
 and K follow from the mass, S_a = int rho w_a and P_ab = int rho w_a w_b^T of the file: Exudyn by
@@ -18,8 +17,6 @@ takes some seconds.
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-
-from mpi4py import MPI
 
 import numpy as np
 from command_line import parse, run, say
@@ -64,13 +61,12 @@ def by_exudyn(path: Path, steps: int) -> np.ndarray:
     return elastic_coordinates(mbs, made, MOVED, steps)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, write it, and let both programs move it."""
     options = parse(arguments, "rod_in_exudyn", elements=(60, 6), iterations=30, boundary=0)
     if find_spec("exudyn") is None:
         raise SystemExit("Exudyn is not installed: pip install exudyn")
-    comm, output = MPI.COMM_WORLD, options.output
+    comm, output = options.comm, options.output
     domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, elements=options.elements)
     body = ffr.FlexibleBody(domain, PLASTIC, frame=ffr.ChordFrame("left", "right"), modes=3)
     times = ffr.GeneralizedAlpha(DESIGNED, 400)

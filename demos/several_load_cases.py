@@ -3,8 +3,7 @@
 """# One rod for six load cases.
 
 What you will see: the rod of a small pump, whose slider works against a constant pressure, runs at
-three speeds with two loads. Slowly turning it is a strut, which any loss of material softens; fast
-it is bent by its own inertia. It is designed for the load case in which it does worst.
+three speeds with two loads. It is designed for the load case in which it does worst.
 
 **Problem.** Find the level set alpha that minimises
 
@@ -32,8 +31,7 @@ SLIDERS = {"light": 0.1, "heavy": 1.0}  # mass [kg]
 PRESSURE = 60.0  # force on the slider, towards the crank [N]
 #: psi that a design for a load case alone has, over that of the full rod; light and heavy
 ALONE = {"slow": (2.04, 2.02), "medium": (1.23, 1.36), "fast": (0.46, 0.88)}
-#: What a finished design is at most in any load case, over the best one for the load case
-MARK = 1.15
+MARK = 1.15  # what a finished design has at most in any load case, over the best one for it
 
 
 # %% The scene
@@ -56,7 +54,6 @@ def six_load_cases(comm: MPI.Comm, elements: tuple[int, int], steps: int | None)
     return ffr.Problem.of_load_cases({"rod": rod}, load_cases)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod for the worst of its load cases, and leave numbers and pictures."""
     defaults = {"elements": (120, 12), "iterations": 60, "steps": None, "resume": False}
@@ -72,26 +69,22 @@ def main(arguments: list[str] | None = None) -> None:
         result = ffr.optimize(problem, ffr.LevelSet(domain), volume=VOLUME, **options.run)
         found = result.finish(output)
     ratios = {m: e.psi * weights[m] for m, e in result.evaluation.load_cases.items()}
-    say(
-        "psi over that of the best design:",
-        ", ".join(f"{m} {ratio:.3f}" for m, ratio in ratios.items()),
-    )
+    told = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
+    say("psi over that of the best design:", told)
 
     # %% Numbers and pictures
     told = f"for the worst of six load cases: at most {max(ratios.values()):.3f} times the best psi"
     ffr.plotting.plot_design(domain, {told: result.x}, output / "design.png")
-    ffr.plotting.plot_history(
-        result.history, output / "history.png", psi_unit="", volume_bound=VOLUME, comm=comm
-    )
+    how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
+    ffr.plotting.plot_history(result.history, output / "history.png", **how)
     for speed in ("slow", "fast"):
         own = (each.alone(f"{speed}, heavy") for each in (result.problem, result.evaluation))
         ffr.plotting.plot_scene(*own, output / f"scene_{speed}.png")
     own = (each.alone("fast, light") for each in (result.problem, result.evaluation))
     ffr.plotting.animate_motion(*own, output / "motion.gif")
     numbers = {"psi_over_best": ratios, "psi_full": {m: e.psi for m, e in full.items()}}
-    title = "One rod for six load cases"
-    full_psi = max(1.0 / share for share in alone.values())
-    leave(options, result, title, full_psi, found, warnings, **numbers, most=MARK)
+    worst, numbers["most"] = max(1.0 / share for share in alone.values()), MARK
+    leave(options, result, "One rod for six load cases", worst, found, warnings, **numbers)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,10 @@ body = ffr.FlexibleBody(rod, steel, frame=ffr.ChordFrame("left", "right"), modes
 crank = ffr.Moving.circle((0, 0), 0.1, ffr.Motion.smooth_step(10 * np.pi, 2.0))
 mechanism = ffr.Mechanism(
     placements={"rod": ffr.Placement(position=(0.1, 0.0))},
-    joints=[ffr.Revolute(("rod", "left"), crank), ffr.PointOnLine(("rod", "right"), ffr.Ground())],
+    joints=[
+        ffr.Revolute(("rod", "left"), crank),
+        ffr.PointOnLine(("rod", "right"), ffr.Ground()),
+    ],
     point_masses=[ffr.PointMass(("rod", "right"), 0.5)],
 )
 problem = ffr.Problem({"rod": body}, mechanism, ffr.TimeInterval(2.0), ffr.IntegralCompliance())

@@ -3,9 +3,8 @@
 """# The flexible rod of a slider-crank, designed under its own motion.
 
 What you will see: a connecting rod of 200 x 20 elements that finds its shape, with the exact
-gradient with respect to every element in every iteration; the part that comes of it, whose boundary
-moves on by the exact gradient with respect to every node of meshes that fit it, as files for CAD;
-and the finished rod in motion.
+gradient with respect to every element; its part, whose boundary moves on by the exact gradient
+with respect to every node of meshes that fit it, as files for CAD; and the rod in motion.
 
 A crank turns five times in two seconds, from rest to rest. It drives a steel rod whose other end
 carries a slider along a straight line. The load on the rod is inertia, its own and the slider's.
@@ -19,8 +18,7 @@ reference: M(y) y'' + ... + C_y^T lambda = 0, C(y, t) = 0.
 
 The time steps are those by which psi is known to 1e-4, 50 of the Radau IIA method. `--densities`
 designs a density for each element in place of the level set: x = projection(filter(z)) with z in
-[0, 1], where the filter averages over some elements, so that none stands alone, and the projection
-becomes steeper along the run, so that densities end as void or solid.
+[0, 1]; the projection becomes steeper along the run, so that densities end as void or solid.
 
 Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`; it
 takes about a minute. `--iterations 30 --boundary 8 --bare` has a part that is hardly worse, and no
@@ -98,7 +96,6 @@ def simple_designs(domain: ffr.Domain) -> dict[str, NDArray[np.float64]]:
     return {name: np.where(domain.design_cells, x, 1.0) for name, x in shapes.items()}
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"elements": (200, 20), "iterations": 36, "steps": None, "order": 1}

@@ -2,9 +2,8 @@
 # %% [markdown]
 """# A blade that spins about an axis that is not its own, with geometric stiffening.
 
-What you will see: a flat blade with a weight at its end sits askew on a hub, runs up and stops. Its
-inertia pulls it along and bends it towards the plane in which it turns; the pull stiffens it, which
-a linear model misses. A design of half of the material has the stiffening in its gradient.
+What you will see: a flat blade with a weight at its end sits askew on a hub, runs up and stops. The
+pull of its inertia stiffens it, which a linear model misses, and a design's gradient knows.
 
 **Problem.** Find densities x that minimise
 
@@ -35,22 +34,14 @@ VOLUME, MODES, STEPS = 0.5, 8, 1000  # bound of the filled share, and numbers
 
 # %% The scene
 def blade_problem(
-    comm: MPI.Comm,
-    elements: tuple[int, int, int] = (40, 8, 1),
-    *,
-    stiffening: bool = True,
-    steps: int = STEPS,
+    comm: MPI.Comm, elements: tuple[int, int, int], *, stiffening: bool = True, steps: int = STEPS
 ) -> ffr.Problem:
     """The blade on its hub, with ``elements`` along, across and over the thickness."""
     box = ffr.Domain.box(comm, *BLADE, elements=elements, order=2)
     ends = {"root": box.interfaces["left"].facets, "tip": box.interfaces["right"].facets}
-    blade = ffr.FlexibleBody(
-        ffr.Domain(box.mesh, ends, box.solid_cells, order=2),
-        PLASTIC,
-        frame=ffr.TangentFrame("root"),
-        modes=MODES,
-        stiffening=("rotation",) if stiffening else (),
-    )
+    held = {"frame": ffr.TangentFrame("root"), "stiffening": ["rotation"] if stiffening else []}
+    domain = ffr.Domain(box.mesh, ends, box.solid_cells, order=2)
+    blade = ffr.FlexibleBody(domain, PLASTIC, modes=MODES, **held)
     still = ffr.Motion.constant(0.0)
     turn = ffr.Motion.smooth_step(2 * np.pi * TURNS, DURATION, name="hub")
     hub = ffr.Moving(still, still, turn, z=still, axis=(0, 0, 1), name="hub")
@@ -61,11 +52,10 @@ def blade_problem(
         joints=[ffr.Weld(("blade", "root"), hub, name="hub")],
         point_masses=[ffr.PointMass(("blade", "tip"), TIP)],
     )
-    integrator = ffr.GeneralizedAlpha(DURATION, steps)
-    return ffr.Problem({"blade": blade}, mechanism, integrator, ffr.IntegralCompliance())
+    times = ffr.GeneralizedAlpha(DURATION, steps)
+    return ffr.Problem({"blade": blade}, mechanism, times, ffr.IntegralCompliance())
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the blade, and leave numbers and pictures."""
     options = parse(arguments, "spatial_blade", elements=(40, 8, 1), steps=STEPS, iterations=60)
@@ -76,8 +66,6 @@ def main(arguments: list[str] | None = None) -> None:
     across = motion.model.bodies["blade"].markers["tip"].displacement[2]
     bent = float(np.abs(motion.elastic("blade") @ across).max())
     say(f"the tip of the full blade bends by {1e3 * bent:.2f} mm")
-
-    # %% The design
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.DensityDesign(domain), volume=VOLUME, **options.run)
         found = result.finish(output, most=3)

@@ -3,16 +3,15 @@
 """# A robot arm in space: both links designed for the path of the payload.
 
 What you will see: an arm turns about a vertical axis, raises its upper arm and stretches its elbow,
-all at once, with a payload in its hand. Its motors turn as those of a rigid arm would; the links
-sag, bend and twist, and the hand misses the path. Of half of the material, a design misses it
-hardly more than full links do.
+all at once. Its motors turn as those of a rigid arm would; the links sag, bend and twist, and the
+hand misses the path. Of half of the material, a design misses it hardly more than full links do.
 
 **Problem.** Find the densities x of both links that minimise
 
     psi = int |r_hand - path|^2 dt   such that   volume(x_u) <= 0.5,   volume(x_f) <= 0.5;
 
-the error of the hand is sqrt(psi / T). Shoulder and elbow are revolute joints with prescribed
-angles, on a column that turns as prescribed; the motion begins in the static equilibrium.
+the error of the hand is sqrt(psi / T). Shoulder and elbow have prescribed angles, on a column that
+turns as prescribed; the motion begins in the static equilibrium.
 
 Run `python demos/spatial_robot_arm.py --help`, also under `mpirun -n 2`; it takes some minutes.
 """
@@ -76,13 +75,10 @@ def arm(comm: MPI.Comm, elements: tuple[int, int, int], steps: int) -> ffr.Probl
     return ffr.Problem(links, mechanism, ffr.GeneralizedAlpha(DURATION, steps), tracking)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design both links, and leave numbers and pictures."""
     options = parse(arguments, "spatial_robot_arm", elements=(40, 6, 4), steps=STEPS, iterations=60)
     problem = arm(MPI.COMM_WORLD, options.elements, options.steps)
-
-    # %% The designs
     designs = {name: ffr.LevelSet(body.domain) for name, body in problem.flexible.items()}
     full = problem.value({name: np.ones(own.domain.n_cells) for name, own in designs.items()})
     with ffr.recorded_warnings() as warnings:

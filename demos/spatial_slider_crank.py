@@ -3,9 +3,8 @@
 """# A slider-crank in space, and its flexible rod designed.
 
 What you will see: a crank turns about an axis that is skew to the way of a slider. The rod between
-them is joined to the crank by a universal joint and bends in two planes at once; its shape is found
-by its inertia and the slider's. The mechanism is that of E. J. Haug (Computer Aided Kinematics and
-Dynamics of Mechanical Systems, Allyn and Bacon 1989).
+them hangs on a universal joint, bends in two planes at once, and finds its shape. The mechanism is
+that of E. J. Haug (Computer Aided Kinematics and Dynamics of Mechanical Systems, 1989).
 
 **Problem.** Find densities x that minimise
 
@@ -92,7 +91,6 @@ def begun(
     return np.clip(0.5 + level(design.knots), 0.0, 1.0)
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
     defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0, "first": 0}

@@ -17,8 +17,6 @@ Run `python demos/spin_up.py --help`, also under `mpirun -n 2`; it takes some se
 
 import math
 
-from mpi4py import MPI
-
 import numpy as np
 from command_line import bar_of, parse, run, say
 
@@ -60,11 +58,10 @@ def spin_up(domain: ffr.Domain, steps: int) -> ffr.Problem:
     return ffr.Problem({"beam": beam}, mechanism, times, ffr.IntegralCompliance())
 
 
-# %% The program
 def main(arguments: list[str] | None = None) -> None:
     """Spin the beam up, and leave numbers and pictures."""
     options = parse(arguments, "spin_up", elements=(60, 2), steps=STEPS, mesh="")
-    comm, output = MPI.COMM_WORLD, options.output
+    comm, output = options.comm, options.output
     domain = bar_of(options, LENGTH, HEIGHT)
     problem = spin_up(domain, options.steps)
     evaluation = problem.value(np.ones(domain.n_cells))

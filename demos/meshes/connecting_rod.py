@@ -4,10 +4,9 @@
     python demos/meshes/connecting_rod.py --size 0.002 --order 2 --output rod.msh
 
 The axis of the rod runs along x, from the centre of the large eye in the origin to that of the
-small eye. A tapering shank joins the eyes, with fillets where it meets them. Physical groups: the
-curves ``"left"`` and ``"right"`` are the bores, full circles; the surfaces ``"solid"`` (a ring
-around each bore) and ``"design"`` (all the rest) are the material. Triangles; those at curves are
-curved with order 2.
+small eye; a tapering shank with fillets joins them. Physical groups: the curves ``"left"`` and
+``"right"`` are the bores; the surfaces ``"solid"`` (a ring around each bore) and ``"design"`` (all
+the rest) are the material. Triangles; those at curves are curved with order 2.
 """
 
 import argparse
@@ -31,35 +30,22 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class ConnectingRod:
-    """Dimensions of the rod [m]; each pair is for the left and the right eye.
+    """Dimensions of the rod [m]; each pair is for the left and the right eye."""
 
-    Args:
-        length: Distance of the bores' centres.
-        bores: Radii of the bores.
-        eyes: Outer radii of the eyes.
-        rings: Thickness of the rings around the bores that are not designed.
-        shank: Half heights of the shank's flanks, where they would meet the eyes' centres.
-        fillet: Radius of the four fillets.
-
-    Raises:
-        ValueError: If the dimensions do not make a rod.
-    """
-
-    length: float = 0.4
-    bores: Point = (0.030, 0.016)
-    eyes: Point = (0.046, 0.029)
-    rings: Point = (0.010, 0.008)
-    shank: Point = (0.030, 0.021)
-    fillet: float = 0.04
+    length: float = 0.4  #: Distance of the bores' centres
+    bores: Point = (0.030, 0.016)  #: Radii of the bores
+    eyes: Point = (0.046, 0.029)  #: Outer radii of the eyes
+    rings: Point = (0.010, 0.008)  #: Thickness of the rings around the bores that stay solid
+    shank: Point = (0.030, 0.021)  #: Half heights of the flanks, at the eyes' centres
+    fillet: float = 0.04  #: Radius of the four fillets
 
     def __post_init__(self) -> None:
         """Check the dimensions."""
         given = (self.length, *self.bores, *self.eyes, *self.rings, *self.shank, self.fillet)
         if not all(math.isfinite(number) and number > 0.0 for number in given):
             raise ValueError(f"connecting rod: {self} needs positive dimensions")
-        for bore, eye, ring, half in zip(
-            self.bores, self.eyes, self.rings, self.shank, strict=True
-        ):
+        pairs = self.bores, self.eyes, self.rings, self.shank
+        for bore, eye, ring, half in zip(*pairs, strict=True):
             if not bore + ring < eye:
                 what = f"a bore of {bore} m and its ring of {ring} m do not fit into the eye"
                 raise ValueError(f"connecting rod: {what} of {eye} m")
@@ -71,10 +57,7 @@ class ConnectingRod:
             raise ValueError(f"connecting rod: {what}")
 
     def _fillet(self, side: int) -> tuple[Point, Point, Point]:
-        """Centre, point on the eye and point on the flank of an upper fillet.
-
-        The circle touches the eye from outside and the flank from above.
-        """
+        """Centre, point on the eye and point on the flank of an upper fillet, touched by it."""
         (h0, h1), f = self.shank, self.fillet
         slope = math.hypot(self.length, h1 - h0)
         tx, ty = self.length / slope, (h1 - h0) / slope  # along the flank
@@ -98,7 +81,7 @@ class ConnectingRod:
         Elements of a ``size`` [m] shrink to its share ``near_bores`` over two eye walls; the
         ``order`` of the geometry is 1 or 2; a refinement cuts each triangle into four.
         """
-        if not (math.isfinite(size) and 0.0 < size <= self.bores[1]):
+        if not 0.0 < size <= self.bores[1]:
             most = f"positive and not above the smaller bore's radius {self.bores[1]} m"
             raise ValueError(f"connecting rod: size = {size} m must be {most}")
         if order not in (1, 2) or not 0.0 < near_bores <= 1.0:
@@ -106,8 +89,7 @@ class ConnectingRod:
             raise ValueError(f"connecting rod: {told} between 0 and 1")
         gmsh.model.add("connecting rod")
         occ = gmsh.model.occ
-        centers = [(0.0, 0.0), (self.length, 0.0)]
-        bores, loops, rings = [], [], []
+        centers, bores, loops, rings = [(0.0, 0.0), (self.length, 0.0)], [], [], []
         for (x, y), bore, ring in zip(centers, self.bores, self.rings, strict=True):
             bores.append(occ.addCircle(x, y, 0.0, bore))
             inner = occ.addCurveLoop([bores[-1]])
@@ -115,13 +97,9 @@ class ConnectingRod:
             rings.append(occ.addPlaneSurface([loops[-1], inner]))
         design = occ.addPlaneSurface([occ.addCurveLoop(self._outline(centers)), *loops])
         occ.synchronize()
-        for dim, entities, group in (
-            (1, bores[:1], "left"),
-            (1, bores[1:], "right"),
-            (2, [design], "design"),
-            (2, rings, "solid"),
-        ):
-            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, entities), group)
+        groups = {"left": (1, bores[:1]), "right": (1, bores[1:])}
+        for group, (dim, of) in (groups | {"design": (2, [design]), "solid": (2, rings)}).items():
+            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, of), group)
         self._set_size(centers, size, near_bores)
         gmsh.model.mesh.generate(2)
         for _ in range(refinements):
@@ -166,13 +144,7 @@ class ConnectingRod:
         return path
 
     def domain(
-        self,
-        comm: MPI.Comm,
-        size: float,
-        *,
-        order: int = 2,
-        degree: int | None = None,
-        **options: Any,
+        self, comm: MPI.Comm, size: float, *, order: int = 2, degree: int = 0, **options: Any
     ) -> ffr.Domain:
         """The rod as a body, meshed by rank 0, with the options of `build`.
 
@@ -187,15 +159,13 @@ class ConnectingRod:
 @contextmanager
 def session(wanted: bool = True) -> Iterator[None]:
     """Open gmsh without output, if ``wanted``, and close it again."""
-    if not wanted:
-        yield
-        return
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
+    if wanted:
+        gmsh.initialize(["", "-v", "0"])
     try:
         yield
     finally:
-        gmsh.finalize()
+        if wanted:
+            gmsh.finalize()
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -209,9 +179,7 @@ def main(arguments: list[str] | None = None) -> None:
         kind: dict[str, Any] = {"nargs": 2, "type": float} if pair else {"type": type(default)}
         parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=" ", **kind)
     given = vars(parser.parse_args(arguments))
-    rod = ConnectingRod(
-        **{k: tuple(v) if isinstance(v, list) else v for k, v in given.items() if k in shape}
-    )
+    rod = ConnectingRod(**{name: given[name] for name in shape})
     print(f"wrote {rod.write(given['output'], **{name: given[name] for name in sizes})}")
 
 
