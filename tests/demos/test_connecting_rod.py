@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh
 from meshes.connecting_rod import ConnectingRod, main, session
+from shared.meshes import area_of
 
 from dolfinx_ffr import ChordFrame, Domain, FlexibleBody, PlaneStress
 from dolfinx_ffr.fem import _compat
@@ -23,22 +24,6 @@ from dolfinx_ffr.verification import convergence_order
 pytestmark = pytest.mark.mpi
 
 ROD = ConnectingRod()
-
-
-def area_of(rod: ConnectingRod) -> float:
-    """Area of a rod [m^2], in closed form."""
-    (_, e0, s0), (_, e1, s1) = rod._fillet(0), rod._fillet(1)
-    # the polygon through the ends of arcs above the axis, doubled, and the arcs' segments
-    corners = np.array([(-rod.eyes[0], 0.0), e0, s0, s1, e1, (rod.length + rod.eyes[1], 0.0)])
-    ahead = np.roll(corners, -1, axis=0)
-    area = -float(np.sum(corners[:, 0] * ahead[:, 1] - ahead[:, 0] * corners[:, 1]))
-    radii = {0: rod.eyes[0], 1: -rod.fillet, 3: -rod.fillet, 4: rod.eyes[1]}
-    for k, radius in radii.items():
-        angle = 2.0 * np.arcsin(0.5 * np.hypot(*(ahead[k] - corners[k])) / abs(radius))
-        area += np.copysign(radius**2 * (angle - np.sin(angle)), radius)
-    return area - np.pi * (rod.bores[0] ** 2 + rod.bores[1] ** 2)
-
-
 AREA = area_of(ROD)
 RINGS = np.pi * sum((b + r) ** 2 - b**2 for b, r in zip(ROD.bores, ROD.rings, strict=True))
 

@@ -9,6 +9,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
+from meshes.connecting_rod import ConnectingRod
 
 from dolfinx_ffr import Domain
 from dolfinx_ffr.fem import _compat, gmsh_model
@@ -151,3 +152,17 @@ def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.12)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path))
+
+
+def area_of(rod: ConnectingRod) -> float:
+    """Area of a rod with eyes [m^2], in closed form."""
+    (_, e0, s0), (_, e1, s1) = rod._fillet(0), rod._fillet(1)
+    # the polygon through the ends of arcs above the axis, doubled, and the arcs' segments
+    corners = np.array([(-rod.eyes[0], 0.0), e0, s0, s1, e1, (rod.length + rod.eyes[1], 0.0)])
+    ahead = np.roll(corners, -1, axis=0)
+    area = -float(np.sum(corners[:, 0] * ahead[:, 1] - ahead[:, 0] * corners[:, 1]))
+    radii = {0: rod.eyes[0], 1: -rod.fillet, 3: -rod.fillet, 4: rod.eyes[1]}
+    for k, radius in radii.items():
+        angle = 2.0 * np.arcsin(0.5 * np.hypot(*(ahead[k] - corners[k])) / abs(radius))
+        area += np.copysign(radius**2 * (angle - np.sin(angle)), radius)
+    return area - np.pi * (rod.bores[0] ** 2 + rod.bores[1] ** 2)
