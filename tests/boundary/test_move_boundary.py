@@ -383,14 +383,19 @@ def test_what_cannot_be_moved() -> None:
 
 @pytest.mark.slow
 def test_boundaries_of_two_bodies_move_together() -> None:
-    """A double pendulum: each has its own bound, and the derivative is that of both."""
+    """A double pendulum: one has a bound, and the derivative is that of both."""
     bodies, boundaries = {}, {}
+
+    def four_holes(x: np.ndarray) -> np.ndarray:
+        from_holes = np.abs(np.abs(x[:, 0] - 0.2) - 0.08) - 0.04
+        return np.hypot(from_holes, x[:, 1]) - 0.011
+
     for name in ("upper", "lower"):
         domain = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4))
         bodies[name] = ffr.FlexibleBody(
             domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=4
         )
-        boundaries[name] = Boundary.of(ffr.Part(domain, field, 0.01), MEMBER, gap=3e-3)
+        boundaries[name] = Boundary.of(ffr.Part(domain, four_holes, 0.01), MEMBER, gap=3e-3)
     mechanism = ffr.Mechanism(
         {"upper": ffr.Placement((0.0, 0.0)), "lower": ffr.Placement((0.4, 0.0))},
         [
@@ -418,11 +423,11 @@ def test_boundaries_of_two_bodies_move_together() -> None:
         log_psi.append(np.log(descent.tried(beside).evaluation.psi))
     assert 0.5 * (log_psi[0] - log_psi[1]) == pytest.approx(slope @ along, rel=0.01)
     result = move_boundary(
-        problem, boundaries, volume={"lower": 0.78}, iterations=3, progress=False
+        problem, boundaries, volume={"lower": 0.78}, iterations=2, progress=False
     )
     assert result.psi < 0.97 * result.history["psi"][0]
     assert result.part("lower").area < 0.7815 * 0.016
-    assert [len(shapes) for shapes in result.materials.values()] == [5, 5]
+    assert [len(shapes) for shapes in result.materials.values()] == [4, 4]
     for name, boundary in boundaries.items():
         moved = boundary.material.symmetric_difference(result.boundaries[name].material)
         assert moved.area > 1e-2 * boundary.material.area

@@ -245,7 +245,7 @@ def test_solids_are_cut_finer_until_psi_stands(
 @pytest.mark.filterwarnings("ignore:boundary. psi")
 def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surface_module, "_TETRAHEDRA", 1200)
-    monkeypatch.setattr(surface_module, "_DEAREST", 13_000)  # as fine as it takes is tested above
+    monkeypatch.setattr(surface_module, "_DEAREST", 5_000)  # as fine as it takes is tested above
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}
