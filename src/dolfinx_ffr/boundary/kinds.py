@@ -53,6 +53,7 @@ class Pace:
     shorter: float  #: Factor of the reach after a step that is no better
     shortest: float  #: Step, below which another mesh changes more
     again: float  #: Reach at least when modes may have changed
+    smooth: float  #: Distance over which a step is smooth
 
 
 class Kind(ABC, Generic[B]):
@@ -116,7 +117,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0)
+    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=1.4)
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
@@ -196,7 +197,7 @@ class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3)
+    pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3, smooth=2.4)
     meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:

@@ -25,8 +25,9 @@ from .steps_checkpoint import Kept, Learnt
 #: By the dimension of the bodies
 _KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
 
-#: Distance over which steps are smooth, and longest step, in minimum members
-_SMOOTH, LONGEST = 2.4, 0.65
+#: Longest step, and distance over which steps are smooth at least where the stress counts, in
+#: minimum members
+LONGEST, _SMOOTHER = 0.65, 2.4
 #: By how much stress is kept below its bounds where it is told: it differs as much from mesh to
 #: mesh
 _SPARED = 5e-3
@@ -168,7 +169,7 @@ class Descent:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
-        evaluation = problem.differentiate(found, nodes=True)
+        evaluation = problem.differentiate(found, nodes=True, densities=False)
         motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
         def along(nodes: Mapping[str, Array] | None) -> Array:
@@ -213,9 +214,8 @@ class Descent:
     def step(self, trial: Trial, found: Slopes, reach: float) -> Step:
         """The best step, the longest offset of which is ``reach`` minimum members."""
         boundaries = trial.boundaries
-        metrics = [
-            b.shares.T @ b.metric(_SMOOTH * b.member) @ b.shares for b in boundaries.values()
-        ]
+        smooth = max(self.kind.pace.smooth, _SMOOTHER if self.turn < math.inf else 0.0)
+        metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
         held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
         step = best_step(
             csc_matrix(sparse_block_diag(metrics)),
