@@ -147,8 +147,7 @@ class StressModes:
         they are off the line between them, can add: few steps in between have to be looked at.
         """
         cells, points, components, n = self.values.shape
-        stress, step = np.zeros(cells), np.zeros(cells, dtype=np.int64)
-        place = np.zeros(cells, dtype=np.int64)
+        stress, (step, place) = np.zeros(cells), np.zeros((2, cells), dtype=np.int64)
         chosen, root = np.flatnonzero(self.solid), von_mises_root(self.out_of_plane, components)
         ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
         lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
