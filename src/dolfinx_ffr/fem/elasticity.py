@@ -171,15 +171,7 @@ class Elasticity:
         fem.assemble_vector(nodes, self._areas_form)
 
     def density_gradient(
-        self,
-        x: Array,
-        w: Block,
-        y: Block,
-        phi: Block,
-        kappa: Block,
-        nodes: Array | None = None,
-        *,
-        cells: bool = True,
+        self, x: Array, *pairs: Block, nodes: Array | None = None, cells: bool = True
     ) -> Array:
         """d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields, (cells,).
 
@@ -188,6 +180,7 @@ class Elasticity:
         mesh is added to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the
         densities is zero.
         """
+        w, y, phi, kappa = pairs
         if phi.shape[1] > w.shape[1]:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         self.set_density(x)

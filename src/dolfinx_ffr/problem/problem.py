@@ -408,8 +408,7 @@ class Problem(LoadCases):
                 largest value always have one.
             nodes: Whether the derivatives with respect to the nodes of the meshes are wanted, too;
                 `FlexibleBody.pullback` says what moves with them.
-            densities: Whether those with respect to the densities are wanted; else ``gradient`` is
-                None, and those by the volume integrals remain.
+            densities: Whether those by densities are wanted; else ``gradient`` is None.
 
         Raises:
             MemoryError: On every rank, if that would take more memory than a machine has.
@@ -438,8 +437,8 @@ class Problem(LoadCases):
         def back(bars: Derivatives) -> dict[str, Any]:
             by: dict[str, Any] = dict.fromkeys(("gradient", "nodes", "centers"))
             if nodes or densities:
-                wanted = {"nodes": nodes, "cells": densities}
-                pulled.append(self._designed.pullback(evaluation.bodies, bars, **wanted))
+                how = {"nodes": nodes, "cells": densities}
+                pulled.append(self._designed.pullback(evaluation.bodies, bars, **how))
                 by = {key: getattr(pulled[-1], key) for key in by}
             if not densities:
                 by["gradient"] = None

@@ -448,31 +448,20 @@ class FlexibleBody:
             cells: Whether those by the densities are wanted; else they are zero.
         """
         with self._working:
-            return self._pullback(reduced, bar, shapes, nodes, cells)
-
-    def _pullback(
-        self,
-        reduced: ReducedBody,
-        bar: VolumeIntegrals,
-        fields: ShapesBar | None,
-        nodes: bool,
-        cells: bool,
-    ) -> BodyPullback:
-        start = perf_counter()
-        moved = self.elasticity.nodes.zeros() if nodes else None
-        found = self._adjoint(reduced, bar, fields, moved)
-        gradient = self.elasticity.density_gradient(
-            reduced.density, *found.pairs, moved, cells=cells
-        )
-        by_nodes, by_centers = None, None
-        if moved is not None:
-            by_nodes, by_centers = self._by_nodes(moved, reduced, found)
-        learnt = {
-            "iterations": found.iterations,
-            "reduction pullback": found.seconds,
-            "integrals pullback": perf_counter() - start - found.seconds,
-        }
-        return BodyPullback(gradient + found.direct, by_nodes, by_centers, learnt)
+            start = perf_counter()
+            moved = self.elasticity.nodes.zeros() if nodes else None
+            found = self._adjoint(reduced, bar, shapes, moved)
+            x, of = reduced.density, self.elasticity
+            gradient = of.density_gradient(x, *found.pairs, nodes=moved, cells=cells)
+            by_nodes, by_centers = None, None
+            if moved is not None:
+                by_nodes, by_centers = self._by_nodes(moved, reduced, found)
+            learnt = {
+                "iterations": found.iterations,
+                "reduction pullback": found.seconds,
+                "integrals pullback": perf_counter() - start - found.seconds,
+            }
+            return BodyPullback(gradient + found.direct, by_nodes, by_centers, learnt)
 
     def _adjoint(
         self,
