@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with several ranks: a
-# part of them with 3, the others with 2 (tests/conftest.py). All three sessions run even when one fails. Arguments go to
+# part of them with 3, beside them the others with 2 (tests/conftest.py). All three run even when one fails. Arguments go to
 # pytest; a session in which they select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
 # tests that are not marked `slow` alone. Called by `make test` and `make test-fast`, which do the set-up first.
 set -uo pipefail
@@ -12,11 +12,11 @@ clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 cd "$clone" || exit 1
 python=$clone/.venv/bin/python
 
-sessions=("serial" "2 ranks" "3 ranks")
+ranks=1
 selection=()
 if [ "${1:-}" = --fast ]; then
     shift
-    sessions=("serial")
+    ranks=0
     selection=(-m "not slow")
 fi
 
@@ -26,44 +26,69 @@ export XDG_CACHE_HOME=$clone/.venv/cache
 mkdir -p "$XDG_CACHE_HOME" || exit 1
 # Without its files of bytecode pytest would prepare each test module anew in each process.
 unset PYTHONDONTWRITEBYTECODE
-trap 'exit 130' INT TERM HUP
-
-results=()
 status=0
 ran=0
-for session in "${sessions[@]}"; do
-    printf '\n== tests, %s\n' "$session"
-    start=$SECONDS
+beside=
+folder=$(mktemp -d) || exit 1
+trap '[ -z "$beside" ] || kill -- "-$beside" 2>/dev/null; rm -rf "$folder"' EXIT
+trap 'exit 130' INT TERM HUP
+
+session() { # session NAME ARGUMENTS...: runs it, and leaves its line of the summary in a file
+    local name=$1 start=$SECONDS code verdict
+    shift
+    printf '\n== tests, %s\n' "$name"
     # A place of its own for each session: ranks that clear away the directories of sessions before
     # do so at the same time, and one finds gone what the other has removed.
     PYTEST_DEBUG_TEMPROOT=$(mktemp -d) || exit 1
     export PYTEST_DEBUG_TEMPROOT
-    if [ "$session" = serial ]; then
+    if [ "$name" = serial ]; then
         "$python" -m pytest -n 2 --dist loadscope --no-loadscope-reorder "${selection[@]}" "$@"
     else
-        [ "$session" = "2 ranks" ] && export BUT_THOSE_OF_THREE=1
+        [ "$name" = "2 ranks" ] && export BUT_THOSE_OF_THREE=1
         # more ranks than cores: those that wait let the others work
-        OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${session% *}" "$python" -m pytest -m mpi "$@" -n 0
+        OMPI_MCA_mpi_yield_when_idle=1 mpirun -n "${name% *}" "$python" -m pytest -m mpi "$@" -n 0
     fi
     code=$?
     [ $code = 1 ] || rm -rf "$PYTEST_DEBUG_TEMPROOT" # files of tests that failed stay to be looked at
     if [ $code = 0 ]; then
         verdict=passed
-        ran=1
     elif [ $code = 5 ] && [ $# -gt 0 ]; then
         verdict="no test selected"
     else
         verdict="FAILED (exit code $code)"
-        status=1
-        ran=1
     fi
-    results+=("$(printf '%-8s %-24s %4d s' "$session" "$verdict" $((SECONDS - start)))")
-done
+    printf '%-8s %-24s %4d s\n' "$name" "$verdict" $((SECONDS - start)) >"$folder/${name% *}"
+    return $code
+}
+count() { # count CODE ARGUMENTS...: of a session that has ended
+    local code=$1
+    shift
+    [ "$code" = 0 ] || { [ "$code" = 5 ] && [ $# -gt 0 ]; } || status=1
+    { [ "$code" = 5 ] && [ $# -gt 0 ]; } || ran=1
+}
+
+session serial "$@"
+count $? "$@"
+if [ $ranks = 1 ]; then
+    # beside each other, as ranks wait for each other; what the second prints comes after the first
+    set -m # a process group of its own, to end all of it when this script ends
+    session "3 ranks" "$@" >"$folder/said" 2>&1 </dev/null &
+    beside=$!
+    set +m
+    session "2 ranks" "$@"
+    count $? "$@"
+    wait "$beside"
+    count $? "$@"
+    beside=
+    cat "$folder/said"
+fi
 
 printf '\n== summary of the tests (%s, Python %s)\n' "$(. /etc/os-release && printf '%s' "$PRETTY_NAME")" \
     "$("$python" -c 'import platform; print(platform.python_version())')"
-printf '   %s\n' "${results[@]}"
-if [ ${#sessions[@]} = 1 ]; then
+for name in serial 2 3; do
+    [ ! -e "$folder/$name" ] || printf '   %s' "$(cat "$folder/$name")"$'\n'
+done
+if [ $ranks = 0 ]; then
     printf '   left out: the tests marked slow, and 2 and 3 MPI ranks; make test runs all\n'
 fi
 [ $ran = 1 ] || status=5
