@@ -21,7 +21,7 @@ designs a density for each element in place of the level set: x = projection(fil
 [0, 1]; the projection becomes steeper along the run, so that densities end as void or solid.
 
 Run it with `make demo`, or see `python demos/slider_crank.py --help`; also under `mpirun -n 2`; it
-takes about a minute. `--iterations 30 --boundary 6 --bare` has a part that is hardly worse, and no
+takes about a minute. `--iterations 30 --boundary 8 --bare` has a part that is hardly worse, and no
 pictures, in less than half of that.
 """
 
