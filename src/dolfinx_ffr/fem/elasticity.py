@@ -175,8 +175,8 @@ class Elasticity:
     ) -> Array:
         """d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields, (cells,).
 
-        The density ``x`` is of shape (cells,), ``w`` and ``y`` are of shape (dofs, a), ``phi`` and
-        ``kappa`` of shape (dofs, i) with i <= a. The derivative of the same by the nodes of the
+        The density ``x`` is of shape (cells,), of the ``pairs`` w and y are of shape (dofs, a), phi
+        and kappa of shape (dofs, i) with i <= a. The derivative of the same by the nodes of the
         mesh is added to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the
         densities is zero.
         """
