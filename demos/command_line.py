@@ -16,7 +16,6 @@ from dolfinx_ffr.program import run as run
 HELP = {
     "elements": "of a body, along its axes",
     "iterations": "at most",
-    "first": "iterations before them on half as many elements along each axis, from 8 across on",
     "steps": "of time; by default some demos choose them for an accuracy of psi",
     "order": "of the displacements",
     "boundary": "steps of the boundary after them; by default half as many",

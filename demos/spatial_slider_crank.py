@@ -11,17 +11,12 @@ that of E. J. Haug (Computer Aided Kinematics and Dynamics of Mechanical Systems
     psi = int q^T K q dt   such that   volume(x) <= 0.5,
 
 where q are the elastic coordinates of the rod in its floating frame. The solid that the design
-encloses is written for a printer, in millimetres. `--first 20 --iterations 36` begins on half as
-many elements along each axis; its designs take half of the time, and the rod is 12 % softer. With
-`--elements 40 4 4 --iterations 30 --boundary 8` the surface of the solid is then moved by the
-exact gradient, with a minimum thickness of its walls.
+encloses is written for a printer, in millimetres. With `--elements 40 4 4 --iterations 30
+--boundary 8` its surface is then moved by the exact gradient, with a least thickness of walls.
 
 Run `python demos/spatial_slider_crank.py --help`, also under `mpirun -n 2`; it takes some minutes.
 A mesh file has the physical surfaces `left` and `right`, as far apart as the rod is long.
 """
-
-from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -77,23 +72,9 @@ def spatial_problem(
     return ffr.Problem({"rod": rod}, mechanism, times, ffr.IntegralCompliance())
 
 
-# %% Where the design begins
-def begun(
-    design: ffr.LevelSet, elements: tuple[int, ...], output: Path, steps: int, **run: Any
-) -> np.ndarray:
-    """The coefficients that half as many elements along each axis come to."""
-    halved = [count // 2 for count in elements]
-    problem = spatial_problem(design.domain.comm, halved, steps=steps)
-    run |= {"volume": VOLUME, "output": output / "first", "boundary": 0}
-    with ffr.recorded_warnings():  # of what is no part yet
-        result = ffr.optimize(problem, ffr.LevelSet(problem.flexible["rod"].domain), **run)
-    level = result.designs["rod"].level(result.coefficients)
-    return np.clip(0.5 + level(design.knots), 0.0, 1.0)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Design the rod, and leave numbers and pictures."""
-    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0, "first": 0}
+    defaults = {"elements": (80, 8, 8), "steps": STEPS, "iterations": 60, "boundary": 0}
     options = parse(arguments, "spatial_slider_crank", **defaults, mesh="", resume=False)
     comm, output = MPI.COMM_WORLD, options.output
     given = ffr.Domain.from_gmsh(comm, options.mesh) if options.mesh else None
@@ -101,12 +82,9 @@ def main(arguments: list[str] | None = None) -> None:
     domain = problem.flexible["rod"].domain
     # with three points in each direction 69,120 elements had 190 million pairs of points and knots
     quadrature = 2 if domain.n_cells_global > 20_000 else None
-    design, start = ffr.LevelSet(domain, quadrature=quadrature), None
-    if options.first and not options.mesh and min(options.elements) >= 8:
-        of = {"iterations": options.first, "resume": options.resume}
-        start = begun(design, options.elements, output, options.steps, **of)
+    design = ffr.LevelSet(domain, quadrature=quadrature)
     with ffr.recorded_warnings() as warnings:
-        result = ffr.optimize(problem, design, start, volume=VOLUME, **options.run)
+        result = ffr.optimize(problem, design, volume=VOLUME, **options.run)
         found = result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
     full = result.problem.value(np.ones(domain.n_cells))

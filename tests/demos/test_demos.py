@@ -27,7 +27,7 @@ from shared.derivatives import check_gradient
 from shared.meshes import write_rod
 from slider_crank import reference_problem, simple_designs
 from spatial_blade import blade_problem
-from spatial_slider_crank import begun, slider_of, spatial_problem
+from spatial_slider_crank import slider_of, spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import plotting, read_history
@@ -314,18 +314,6 @@ def test_design_in_space_on_any_number_of_ranks(
         levelset = ffr.LevelSet(problem.flexible["rod"].domain)
         alone = ffr.optimize(problem, levelset, volume=0.5, iterations=4, progress=False)
     assert summary(out)["compliance_final"] == pytest.approx(alone.psi, rel=1e-6)
-
-
-def test_design_in_space_begins_on_fewer_elements(tmp_path: Path) -> None:
-    """It has the field that they come to, which is smooth over its own elements."""
-    problem = spatial_problem(MPI.COMM_SELF, (24, 8, 8), steps=200)
-    design = ffr.LevelSet(problem.flexible["rod"].domain)
-    run = {"iterations": 1, "steps": 200, "progress": False}
-    start = begun(design, (24, 8, 8), tmp_path, **run)
-    # the kernels are half as wide, and the same places are dense
-    level, x = design.level(start)(design.knots) + 0.5, np.clip(start, 0.0, 1.0)
-    np.testing.assert_array_equal(start, x)
-    assert np.max(np.abs(level - x)) < 0.2 * np.ptp(x)
 
 
 def test_arm_follows_its_motors(demo: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
