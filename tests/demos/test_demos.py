@@ -199,7 +199,7 @@ SCENES = {
         ["coupler.png", "rocker.png", "history.png", "motion.gif"],
     ),
     "connecting_rod": (
-        ["--size", "0.01", "--order", "1", "--iterations", "8", "--boundary", "1"],
+        ["--size", "0.01", "--order", "1", "--iterations", "16", "--boundary", "1"],
         [*FILES, *PART, "stress_design.png", "stress_full_rod.png"],
     ),
     "spin_up": (["--elements", "20", "1", "--steps", "1500"], ["tip.png", "motion.gif"]),
