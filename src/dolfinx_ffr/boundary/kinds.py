@@ -53,7 +53,7 @@ class Pace:
     shorter: float  #: Factor of the reach after a step that is no better
     shortest: float  #: Step, below which another mesh changes more
     again: float  #: Reach at least when modes may have changed
-    smooth: float  #: Distance over which a step is smooth
+    smooth: float  #: Distance over which a step is smooth, in minimum members
 
 
 class Kind(ABC, Generic[B]):

@@ -104,7 +104,7 @@ def _member(shape: BaseGeometry, whole: tuple[int, int], d: float) -> BaseGeomet
         # centres of discs a little smaller get through; where a way is too short to be told from
         # its ends, larger discs are kept out of more of it
         for wide in (d, (1.0 + ACCURACY) * d):
-            kept = shape.buffer(-0.5 * wide, quad_segs=_SIDES)
+            kept = centers if wide == d else shape.buffer(-0.5 * wide, quad_segs=_SIDES)
             narrow = shape.buffer(-0.5 * (1.0 - 2.0 * ACCURACY) * wide, quad_segs=_SIDES)
             passing = narrow.difference(kept.buffer(4.0 * ACCURACY * wide, quad_segs=4))
             if not passing.is_empty:
