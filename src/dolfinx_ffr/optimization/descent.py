@@ -300,11 +300,8 @@ class Descent:
         return trial, change
 
     def tightened(self, best: Trial, fine: Trial) -> dict[str, float]:
-        """What to `spare` where bounds are kept by the ``best``, and not on its ``fine`` meshes.
-
-        Empty where they are kept on these, or on neither.
-        """
-        if fine.excess <= HELD or best.excess > HELD:
+        """What to `spare` where ``fine`` meshes of the ``best`` exceed bounds; else empty."""
+        if fine.excess <= HELD:
             return {}
         off = {name: fine.kept[name] - value + HELD for name, value in best.excesses.items()}
         return {name: max(value, self.spare.get(name, 0.0)) for name, value in off.items()}
