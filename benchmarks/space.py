@@ -25,8 +25,9 @@ def space_jobs(*, quick: bool) -> list[Job]:
         sizes = [((6, 2, 2), 1, 1.0), ((12, 3, 3), 1, 1.0)]
     else:
         sizes = [((20, 4, 4), 7, 5.0), ((40, 4, 4), 7, 8.0), ((40, 8, 8), 5, 12.0)]
-        sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), ONCE, 40.0), ((120, 24, 24), ONCE, 200.0)]
-    iterative = sizes[1:2] if quick else [sizes[k] for k in (1, 3, 4, 5)]
+        sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), ONCE, 25.0), ((120, 24, 24), ONCE, 60.0)]
+        sizes += [((160, 32, 32), ONCE, 150.0)]
+    iterative = sizes[1:2] if quick else sizes[3:]
     steps = {"modes": [8] if quick else [8, 12, 16, 24], "repetitions": 1 if quick else 15}
     steps |= {"steps": [100, 1100] if quick else [2000, 6000]}
     jobs = [Job("space", "steps_beside_the_plane", 5.0 if quick else 60.0, steps)]

@@ -30,6 +30,23 @@ def box(comm: MPI.Intracomm, cell: str, order: int) -> Domain:
 
 
 @pytest.mark.parametrize(("cell", "order"), CELLS)
+def test_the_mass_has_entries_within_each_axis_alone(
+    comm: MPI.Intracomm, cell: str, order: int
+) -> None:
+    """A third of the stiffness's entries, and the same rows and columns for every axis."""
+    elasticity = Elasticity(box(comm, cell, order), STEEL, ffr.SIMP())
+    matrices = elasticity.assemble(np.linspace(0.1, 1.0, elasticity.domain.n_cells))
+    stiffness, mass = (m.getValuesCSR() for m in (matrices.stiffness, matrices.mass))
+    assert 3 * len(mass[1]) == len(stiffness[1])
+    lengths = np.diff(mass[0])
+    rows = np.repeat(np.arange(len(lengths)), lengths)
+    assert not np.any((rows - mass[1]) % 3)
+    moved = elasticity.apply(matrices.mass, np.ones((elasticity.n_dofs, 1))).reshape(-1, 3)
+    assert_allclose(moved, moved[:, :1] @ np.ones((1, 3)), rtol=1e-13)
+    matrices.destroy()
+
+
+@pytest.mark.parametrize(("cell", "order"), CELLS)
 def test_rigid_motions_and_a_linear_field(comm: MPI.Intracomm, cell: str, order: int) -> None:
     """Volume and inertia are exact, rigid motions have no stress, even strains have Hooke's.
 

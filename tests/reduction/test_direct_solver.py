@@ -30,7 +30,7 @@ def positive(elasticity: Elasticity, density: float) -> PETSc.Mat:
     """A matrix that is positive definite: K + 1e6 M."""
     matrices = elasticity.assemble(np.full(elasticity.domain.n_cells, density))
     matrix = matrices.stiffness.copy()
-    matrix.axpy(1e6, matrices.mass, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    matrix.axpy(1e6, matrices.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
     matrices.destroy()
     return matrix
 

@@ -104,10 +104,11 @@ class Elasticity:
         self.n_dofs = int(index_map.size_local) * self.dimension
         self.n_dofs_global = int(index_map.size_global) * self.dimension
         self.set_density(np.ones(domain.n_cells))
-        #: An assembled matrix, whose sparsity pattern all others share
+        #: Matrices whose sparsity patterns all others share, a stiffness and a mass
         self._pattern: list[PETSc.Mat] = kept_by(self, self.comm)
         self._pattern.append(fem.petsc.assemble_matrix(self._stiffness_form))
         self._pattern[0].assemble()
+        self._pattern.append(self._uncoupled(self._pattern[0]))
         PETSc.garbage_cleanup(self.comm)  # matrices of bodies before this one
 
     def _stiffness_density(self, a: Expr, b: Expr) -> Expr:
@@ -123,15 +124,29 @@ class Elasticity:
     def assemble(self, density: Array) -> Matrices:
         """Stiffness and mass matrix at a ``density`` (cells,) from `Domain.check_density`."""
         self.set_density(density)
-        stiffness, mass = self.new_matrix(), self.new_matrix()
+        stiffness, mass = self.new_matrix(), self.new_matrix(mass=True)
         for matrix, form in ((stiffness, self._stiffness_form), (mass, self._mass_form)):
             fem.petsc.assemble_matrix(matrix, form)
             matrix.assemble()
         return Matrices(density, stiffness, mass)
 
-    def new_matrix(self) -> PETSc.Mat:
-        """A matrix of zeros with the entries that `assemble` fills."""
-        return self._pattern[0].duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+    def new_matrix(self, *, mass: bool = False) -> PETSc.Mat:
+        """A matrix of zeros with the entries of a stiffness, or of a mass, which has fewer."""
+        pattern = self._pattern[-1 if mass else 0]
+        return pattern.duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+
+    def _uncoupled(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """Zeros where a ``matrix`` has entries of one axis: the mass does not couple the axes."""
+        indptr, columns, _ = matrix.getValuesCSR()
+        rows = np.repeat(np.arange(self.n_dofs), np.diff(indptr))  # each rank has whole nodes
+        kept = (rows - columns) % self.dimension == 0
+        ends = np.concatenate([[0], np.cumsum(kept)])[indptr].astype(PETSc.IntType)
+        csr = ends, columns[kept], np.zeros(int(ends[-1]))
+        made = PETSc.Mat().createAIJ(matrix.sizes, self.dimension, csr=csr, comm=self.comm)
+        made.setLGMap(*matrix.getLGMap())
+        made.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)  # those of elements couple
+        made.assemble()
+        return made
 
     def set_density(self, x: Array) -> None:
         """Give the forms a density ``x`` (cells,)."""
@@ -315,6 +330,10 @@ class Elasticity:
     def sum(self, local: Array) -> Array:
         """The sum over the ranks of the array ``local``, bit-identical on every rank."""
         return summed(self.comm, local)
+
+    def decided(self, found: Any) -> Any:
+        """What rank 0 has ``found``, for all ranks to go on with the same bits."""
+        return found if self.comm.size == 1 else self.comm.bcast(found)
 
     def largest(self, local: Array) -> float:
         """The largest entry of ``local`` over all ranks; zero if there is none."""

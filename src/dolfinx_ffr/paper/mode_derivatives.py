@@ -179,7 +179,7 @@ class _BorderedFactor:
         elasticity, border = factored.elasticity, basis.mass_times_normal
         comm, n, size = elasticity.comm, elasticity.n_dofs, elasticity.n_dofs_global
         shifted = factored.clamped_stiffness.copy()
-        shifted.axpy(-shift, factored.clamped_mass, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        shifted.axpy(-shift, factored.clamped_mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         indptr, indices, values = shifted.getValuesCSR()
         shifted.destroy()
         matrix = scipy.sparse.csr_matrix((values, indices, indptr), shape=(n, size))

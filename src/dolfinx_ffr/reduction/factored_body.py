@@ -35,7 +35,7 @@ class ClampedMatrices:
     @staticmethod
     def of(elasticity: Elasticity, clamped: Mask, solver: str, tolerance: float) -> ClampedMatrices:
         """Matrices without values yet; ``clamped`` has shape (dofs of this rank,)."""
-        stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix()
+        stiffness, mass = elasticity.new_matrix(), elasticity.new_matrix(mass=True)
         if solver == ITERATIVE:
             return ClampedMatrices(stiffness, mass, MultigridSolver(elasticity, clamped, tolerance))
         return ClampedMatrices(stiffness, mass, direct_solver(elasticity, stiffness))
@@ -57,7 +57,7 @@ class ClampedMatrices:
             self._analyse()
         shifted, pc, factor = self._analysis
         self.stiffness.copy(shifted, _SAME)
-        shifted.axpy(-limit, self.mass, _SAME)
+        shifted.axpy(-limit, self.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         pc.setOperators(shifted)
         pc.setUp()
         state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails

@@ -143,7 +143,7 @@ class KrylovSpace:
             image = elasticity.apply(mass, rest)
             gram, shares, directions, clear = self._directions(image, rest, floor)
             largest = float(np.sqrt(shares[-1]))
-            scale = max(scale, largest, float(np.linalg.norm(along, 2)) if along.size else 0.0)
+            scale = max(scale, largest, float(np.linalg.norm(along)))
             if largest <= max(NOTHING * scale, floor):
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])
@@ -159,7 +159,7 @@ class KrylovSpace:
         elasticity = self._factored.elasticity
         gram = symmetric(elasticity.inner(rest, image))
         # all ranks must take the same directions
-        shares, directions = elasticity.comm.bcast(np.linalg.eigh(gram))
+        shares, directions = elasticity.decided(np.linalg.eigh(gram))
         shares = np.maximum(shares, 0.0)
         return gram, shares, directions, shares > max(CLEAR**2 * shares[-1], floor**2)
 
@@ -171,7 +171,8 @@ class KrylovSpace:
             self._masses = _longer(self._masses, first, 2 * size)
         np.matmul(factors.T, rest.T, out=self._basis[:, first:size].T)
         np.matmul(factors.T, image.T, out=self._masses[:, first:size].T)
-        self._projected = np.pad(self._projected, (0, size - first))
+        projected, self._projected = self._projected, np.zeros((size, size))
+        self._projected[:first, :first] = projected
         self.size = size
         return self._basis[:, first:size]
 

@@ -116,7 +116,7 @@ class EigenSolver:
                     continue
             looked = space.complete
             # all ranks decide by the same numbers, to the last bit
-            inverses, vectors = self.elasticity.comm.bcast(np.linalg.eigh(space.projected))
+            inverses, vectors = self.elasticity.decided(np.linalg.eigh(space.projected))
             inverses, vectors = inverses[::-1].copy(), vectors[:, ::-1].copy()
             accurate = self.tolerance if certificate else max(self.tolerance, NEARLY)
             open_ = space.residual_norms(vectors) > accurate * np.abs(inverses)
@@ -126,7 +126,7 @@ class EigenSolver:
             holds = None if certificate else False
             if certificate and end < found:
                 limit = 1.0 / below_following(eigenvalues, end)
-                holds = self.elasticity.comm.bcast(certificate.holds(limit, end))
+                holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
                 # column by column in memory, as the solver takes them
                 fields = (vectors[:, :found].T @ space.images.T).T
@@ -176,7 +176,7 @@ class EigenSolver:
         matrices = factored.clamped_stiffness, factored.clamped_mass
         pairs = scipy.linalg.eigh(*(projected(self.elasticity, m, fields) for m in matrices))
         # bases of repeated eigenvalues are arbitrary: all ranks must take the same
-        eigenvalues, vectors = self.elasticity.comm.bcast(pairs)
+        eigenvalues, vectors = self.elasticity.decided(pairs)
         return eigenvalues, fields @ vectors
 
     def _scattered(self, number: int) -> Block:
