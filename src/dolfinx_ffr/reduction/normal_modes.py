@@ -37,9 +37,9 @@ CLUSTER = 1e-3
 #: How far below the first truncated eigenvalue is counted, relative to it: more than the round-off
 #: of ill-conditioned bodies
 ROOM = 1e-2
-#: Vectors of a block in the plane and in space: more of them make larger spaces, but in space the
-#: time to read a factor hardly depends on how many are solved for
-BLOCK = {2: 2, 3: 4}
+#: Vectors of a block, and of one for a body in the plane with fewer unknowns than so many: more of
+#: them make larger spaces, but the time to read a large factor hardly depends on their number
+BLOCK, NARROW, SMALL = 4, 2, 30_000
 #: Most vectors of a space, and how many more for each mode
 MOST, MOST_EACH = 100, 6
 #: Relative residual of modes from which on noise joins the space: it needs some blocks to tell
@@ -63,7 +63,8 @@ class EigenSolver:
         box = elasticity.domain.bounding_box
         self._positions = (elasticity.coordinates() - box[0]) / np.ptp(box, axis=0).max()
         self._smooth = self._without_clamped(_smooth_field(self._positions))
-        width = BLOCK[elasticity.dimension]
+        narrow = elasticity.dimension == 2 and elasticity.n_dofs_global < SMALL
+        width = NARROW if narrow else BLOCK
         self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
     def lowest(self, factored: FactoredBody, number: int) -> tuple[Array, Block, tuple[int, int]]:
