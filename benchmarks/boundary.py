@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from time import process_time
 from typing import Any
 
@@ -37,6 +38,13 @@ STARTS = "even,full,one hole,6x2,6x3,10x3,12x2,16x2,strip,flanges,random 1,rando
 )
 #: Starts for the stress: those that are not far too soft
 STIFF = "even,full,one hole,6x2,6x3,10x3,12x2,flanges,random 1,random 2".split(",")
+#: What is the least in a table of both
+LEAST = "least compliance", "least stress"
+#: Iterations, and steps of the boundary: elements only, boundary only, both
+WAYS: list[dict[str, Any]] = [
+    {"start": "10x3", "iterations": n, "boundary": steps}
+    for n, steps in ((60, 0), (0, 40), (36, 18))
+]
 #: Iterations and steps of the boundary of a short run, with which every start is measured, too
 SHORT = {"iterations": 30, "boundary": 8}
 #: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
@@ -62,6 +70,8 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     fewer = {"iterations": 24} if quick else {"elements": [100, 12], "steps": 2000}
     starts = STIFF[: 1 if quick else None]
     wanted += [{"task": "stress limit", "start": start, **fewer} for start in starts]
+    wanted += [{"task": task, **fewer} for task in (() if quick else LEAST)]
+    wanted += [] if quick else WAYS
     wanted += [{"start": start, "outline": False} for start in kept]
     if not quick:
         wanted += [{**mesh, "member": MEMBER} for mesh in MESHES]
@@ -99,8 +109,16 @@ def _problem(elements: list[int], task: str, **rod: Any) -> ffr.Problem:
     if task == "compliance":
         return problem
     heavy = demo("slider_crank").slider_crank(problem.integrator.end_time, SLIDER)
-    limit = ffr.Constraint(ffr.PeakStress("rod", clear=CLEAR), upper=STRESS, name="stress")
-    return ffr.Problem(problem.bodies, heavy, problem.integrator, ffr.Volume("rod"), [limit])
+    peak, compliance = ffr.PeakStress("rod", clear=CLEAR), ffr.IntegralCompliance()
+    limit = ffr.Constraint(peak, upper=STRESS, name="stress")
+    # what is told beside the least of the other has a bound that does not matter
+    wanted = {
+        "stress limit": (ffr.Volume("rod"), limit),
+        LEAST[0]: (compliance, replace(limit, upper=1e3 * STRESS)),
+        LEAST[1]: (peak, ffr.Constraint(compliance, upper=1e3, name="compliance")),
+    }
+    objective, bound = wanted[task]
+    return ffr.Problem(problem.bodies, heavy, problem.integrator, objective, [bound])
 
 
 def _mirrors(elements: list[int], **rod: Any) -> list[ffr.design.Mirror]:
@@ -139,7 +157,8 @@ def design(
 
     mesh = "x".join(map(str, elements)) + (" triangles" if rod_of["cell"] == "triangle" else "")
     mesh += f" of order {order}" if order > 1 else ""
-    found: dict[str, Any] = {"start": start, "mesh": mesh}
+    found: dict[str, Any] = {"start": start, "mesh": mesh, "task": task}
+    found |= {"iterations": iterations, "boundary": boundary}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # the same design on the elements, whether all of its boundary moves or only holes
@@ -157,7 +176,8 @@ def design(
         told = told or result
         rod = told.problem.flexible["rod"]
         whole = _problem(elements, task, **rod_of).with_modes({"rod": rod.modes})
-        full = whole.value(np.ones(domain.n_cells)).psi
+        solid = whole.value(np.ones(domain.n_cells))
+        full = solid.psi
         found |= {"psi": result.evaluation.psi / full, "moved": told.evaluation.psi / full}
         found["modes"] = rod.modes
         try:
@@ -169,6 +189,11 @@ def design(
     if task == "stress limit":
         peaks = [1e-6 * row.constraints["stress"] for row in (reported, last)]
         found |= {"told": peaks[0], "limited": peaks[1]}
+    if task == LEAST[0]:
+        found |= {"compliance": last.psi / full, "limited": 1e-6 * last.constraints["stress"]}
+    if task == LEAST[1]:
+        compliance = last.constraints["compliance"] / solid.constraints["compliance"].psi
+        found |= {"compliance": compliance, "limited": 1e-6 * last.psi}
     return {
         **found,
         "part": last.psi / full,
@@ -203,6 +228,10 @@ def report_boundary(study: Study, results: Results) -> None:
     study.table("boundary_outline", of(**mesh, **steps, outline=False))
     study.table("boundary_meshes", of(**steps, start="even"))
     study.table("boundary_stress_limit", limited := of(task="stress limit"))
+    if both := [row for task in LEAST for row in of(task=task)]:
+        study.table("boundary_least", both)
+    if ways := [row for way in WAYS for row in of(**mesh, **way)]:
+        study.table("boundary_ways", ways)
     _draw(study, "", "The parts of all starts", starts, "part")
     _draw(study, "boundary_stress", "Parts for a largest stress", limited, "limited")
 
