@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Growth of time and memory with the number of elements, its parts, and differences instead."""
 
-import os
 from functools import partial
 from itertools import pairwise
 from time import perf_counter, process_time
@@ -10,7 +9,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from jobs import Job, Progress, Results, measure, peak_memory, reset_peak_memory
+from jobs import Job, Progress, Results, fits, measure, peak_memory, reset_peak_memory
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from report import Rows, Study, chosen, duration, line, plot, tick_labels
@@ -34,8 +33,6 @@ PARTS = {
 }
 #: Repetitions that stand for the first evaluation alone
 ONCE = 0
-#: What the largest mesh takes with room to spare [bytes]; it is left out where less is free
-MEMORY = 14e9
 #: Least memory that is seen [MB]
 PAGE = 0.004
 LABELS = {"gradient": "psi and exact gradient", "value": "psi alone"}
@@ -48,8 +45,7 @@ def growth_jobs(*, quick: bool) -> list[Job]:
     else:
         sizes = [((100, 10), 9, 6.0), ((200, 20), 9, 8.0), ((400, 40), 5, 15.0)]
         sizes += [((800, 80), 3, 40.0), ((1600, 160), ONCE, 40.0), ((3200, 320), ONCE, 200.0)]
-        if os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") < MEMORY:
-            sizes.pop()
+        sizes = sizes if fits("growth: 3200x320", 14e9) else sizes[:-1]
     parallel = sizes[:1] if quick else sizes[3:5]
     return [
         Job("growth", "evaluation", seconds, own | {"solver": "direct"}, ranks)

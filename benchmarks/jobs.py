@@ -97,6 +97,13 @@ def measure(
     return seconds, found
 
 
+def fits(what: str, memory: float) -> bool:
+    """Whether the memory [bytes] that a measurement takes is free, told before all begin."""
+    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    print(f"{what} takes {memory / 1e9:.0f} GB of memory, free are {free / 1e9:.0f} GB")
+    return memory <= free
+
+
 def reset_peak_memory() -> float:
     """Begin a new record of the peak memory of this process, and return it [MB]."""
     with contextlib.suppress(OSError):  # the record goes on

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 from growth import ONCE, PARTS, Row, draw_both, draw_shares, floored, part_columns, rows_of_growth
-from jobs import Job, Progress, Results, measure, the
+from jobs import Job, Progress, Results, fits, measure, the
 from report import Study, chosen, plot
 from scene import holes_design, slider_crank
 
@@ -27,16 +27,15 @@ def space_jobs(*, quick: bool) -> list[Job]:
         sizes = [((20, 4, 4), 7, 5.0), ((40, 4, 4), 7, 8.0), ((40, 8, 8), 5, 12.0)]
         sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), ONCE, 25.0), ((120, 24, 24), ONCE, 60.0)]
         sizes += [((160, 32, 32), ONCE, 150.0)]
-    iterative = sizes[1:2] if quick else sizes[3:]
+    direct = sizes if quick or fits("space: 160x32x32 by a factor", 16e9) else sizes[:-1]
+    iterative = sizes[1:2] if quick else [(n, ONCE, seconds) for n, _, seconds in sizes[3:]]
     steps = {"modes": [8] if quick else [8, 12, 16, 24], "repetitions": 1 if quick else 15}
     steps |= {"steps": [100, 1100] if quick else [2000, 6000]}
     jobs = [Job("space", "steps_beside_the_plane", 5.0 if quick else 60.0, steps)]
-    for elements, count, seconds in sizes:
-        own = {"elements": list(elements), "repetitions": count, "solver": DIRECT}
-        jobs.append(Job("growth", "evaluation", seconds, own))
-    for elements, _, seconds in iterative:
-        own = {"elements": list(elements), "repetitions": ONCE, "solver": ITERATIVE}
-        jobs.append(Job("growth", "evaluation", 5.0 * seconds, own))
+    for solver, some in ((DIRECT, direct), (ITERATIVE, iterative)):
+        for elements, count, seconds in some:
+            own = {"elements": list(elements), "repetitions": count, "solver": solver}
+            jobs.append(Job("growth", "evaluation", seconds, own))
     return jobs
 
 
