@@ -17,6 +17,7 @@ from spatial_slider_crank import spatial_problem
 import dolfinx_ffr as ffr
 from dolfinx_ffr.files import file_names
 from dolfinx_ffr.part import ball_widths
+from dolfinx_ffr.reduction import flexible_body
 from dolfinx_ffr.report.folder import Folder
 
 
@@ -178,6 +179,18 @@ def test_what_cannot_be_verified(comm: MPI.Comm) -> None:
         pytest.warns(ffr.PartWarning, match="psi still changes by"),
     ):
         part.verify(problem, evaluation, tolerance=1e-12, most=2, size=0.04)
+
+
+@pytest.mark.mpi
+def test_memory_is_told_before_a_mesh_is_tried(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of a factor, if there is one, and of the fields of modes and stress."""
+    problem = slider_crank(comm, (20, 4), modes=2, steps=100)
+    evaluation, part = problem.value(solid(problem)), part_of(problem)
+    monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: 1_000_000 // comm.size)
+    with pytest.raises(ValueError, match=r"a mesh of 'rod' with cells of .* give a larger size"):
+        part.verify(problem, evaluation)
 
 
 @pytest.mark.mpi

@@ -248,6 +248,15 @@ class Elasticity:
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
         return self._on_cells(nodes, block, 0)
 
+    def with_ghosts(self, block: Block) -> Block:
+        """The fields of a ``block`` at the nodes of this rank and its ghosts; collective."""
+        own = self._fields[0]
+        result = np.empty((len(own.x.array), block.shape[1]))
+        for i, column in enumerate(block.T):
+            self.set(own, column)
+            result[:, i] = own.x.array
+        return result
+
     def _on_cells(
         self, nodes: NDArray[np.int32], block: Block, number: int, form: fem.Form | None = None
     ) -> CellFields:

@@ -10,6 +10,7 @@ Engineering 8 (1974), doi:10.1002/nme.1620080303).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import product
 
@@ -28,6 +29,8 @@ from .material import ElasticMaterial
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
 #: Displacements whose stress is found at a time
 _COLUMNS = 32
+#: Numbers of stresses at a time
+_BLOCK = 16_000_000
 
 
 class StressRecovery:
@@ -68,7 +71,8 @@ class StressRecovery:
             sampled = evaluate(cells)
             found[..., i] = (self._continued @ sampled).reshape(len(cells), -1)
         #: Map of each cell, shape (cells, points * components, dofs) [Pa/m]
-        self._matrices = found / material.thickness
+        self._matrices = found
+        self._matrices /= material.thickness
 
     def __call__(self, fields: Block) -> Array:
         """Stresses (cells, points, components, columns) of displacements (dofs, columns) [Pa]."""
@@ -81,6 +85,21 @@ class StressRecovery:
             )
             found[..., part] = self._matrices @ local
         return found.reshape(cells, -1, len(COMPONENTS[self.elasticity.dimension]), columns)
+
+    def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
+        """The same for some cells of this rank at a time, with their places; collective at first.
+
+        All of them at once may take gigabytes.
+        """
+        cells, rows, unknowns = self._matrices.shape
+        d, columns = self.elasticity.dimension, fields.shape[1]
+        local = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
+        del fields
+        nodes = _compat.dofmap_array(self.elasticity.domain.space)
+        several = max(1, _BLOCK // (rows * columns))
+        for part in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
+            found = self._matrices[part] @ local[nodes[part]].reshape(-1, unknowns, columns)
+            yield part, found.reshape(len(found), -1, len(COMPONENTS[d]), columns)
 
     def transposed(self, bar: Array) -> Block:
         """The transpose, from (cells, points, components, columns) to (dofs, columns)."""

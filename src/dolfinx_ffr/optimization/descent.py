@@ -289,6 +289,8 @@ class Descent:
         """
         change = math.inf
         for _ in range(self.kind.meshes):
+            for name in trial.boundaries:  # its factor would stay beside that of the next one
+                trial.problem.flexible[name].release()
             try:
                 found = self.resolved(trial.boundaries)
             except (ValueError, MemoryError, SimulationError):

@@ -518,6 +518,8 @@ def verify(
     limits = {f"volume of {name}": f"at most {bound:.4g}" for name, bound in bounds.items()}
     limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
     reported = _figures(None, *problem.calibrated(evaluation), parts, bounds)
+    for name in parts:  # the factor of the design would stay beside those of its parts
+        problem.flexible[name].release()
     fitted: list[Figures] = []
     every = {name: part.sizes(size, meshes) for name, part in parts.items()}
     silent = not progress or problem.comm.rank > 0
@@ -528,7 +530,12 @@ def verify(
         for name, domain in domains.items():
             given_domain = problem.flexible[name].domain
             domain.whole = given_domain.whole or given_domain
-            bodies[name] = problem.flexible[name].with_domain(domain).with_modes(wanted[name])
+            body = problem.flexible[name].with_domain(domain).with_modes(wanted[name])
+            bodies[name] = body
+            body.check_memory(
+                f"verify: a mesh of {name!r} with cells of {1e3 * sizes[name]:.3g} mm",
+                'give a larger size, or solver="iterative" to the body',
+            )
         again = problem.with_bodies(bodies)
         densities = {
             name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
@@ -540,6 +547,7 @@ def verify(
         last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
         for body, reduced in last.values():
             body.warn_of_missing_modes(reduced)
+            body.release()
         found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
         if found.converged and (found.decided or len(fitted) >= _FOR_BOUNDS):
             break

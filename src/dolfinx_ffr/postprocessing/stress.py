@@ -29,8 +29,7 @@ that of C. Le et al., ibid. 41 (2010), doi:10.1007/s00158-009-0440-y. Void has n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,18 +89,11 @@ class StressModes:
         density than ``void``, in [0, 1], have no stress, nor has what is less than ``clear`` [m]
         away from an interface (`PeakStress`).
         """
-        validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
-        validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
-        validation.flag("stress: correction", correction)
-        validation.number("stress: relaxation", relaxation, least=0.0)
-        validation.number("stress: void", void, least=0.0, most=1.0)
-        stress, basis, solid = BodyStress(body, reduced), reduced.basis, reduced.density >= void
-        scale = np.where(solid, reduced.density**relaxation, 0.0)[:, None]
-        if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
-            scale = np.where(stress.interface_distance < clear, 0.0, scale)
+        stress, solid, scale = _scaled(body, reduced, correction, relaxation, void, clear)
         values, normal = stress.modes(correction), body.material.out_of_plane
         if np.any(scale != 1.0):  # they may take gigabytes
             values = values * scale[:, :, None, None]
+        basis = reduced.basis
         counts = basis.shapes.shape[1], basis.n_constraint
         return StressModes(stress.points, values, normal, solid, *counts, body.domain)
 
@@ -143,45 +135,12 @@ class StressModes:
         """The largest von Mises stress of each cell over time; collective.
 
         ``z`` are the `coordinates`, shape (steps, coordinates), at ``times``, shape (steps,) [s].
-        Between two steps the stress is at most the larger of both and what the coordinates, where
-        they are off the line between them, can add: few steps in between have to be looked at.
         """
-        cells, points, components, n = self.values.shape
-        stress, (step, place) = np.zeros(cells), np.zeros((2, cells), dtype=np.int64)
-        chosen, root = np.flatnonzero(self.solid), von_mises_root(self.out_of_plane, components)
-        ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
-        lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
-        rest = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
-        several = max(1, _BLOCK // (components * points * max(n, len(ends))))
-        for first in range(0, len(chosen), several):
-            part = chosen[first : first + several]
-            # of the modes, which are fewer than the steps; each point has its components first
-            modes = np.tensordot(root, self.values[part], axes=(1, 2)).reshape(len(root), -1, n)
-            found = np.linalg.norm(modes @ z[ends].T, axis=0)
-            peak, when = found.max(axis=1), ends[found.argmax(axis=1)]
-            least = np.repeat(peak.reshape(-1, points).max(axis=1), points)
-            bound = np.linalg.norm(modes, axis=0) @ rest
-            bound[:, :-1] += np.maximum(found[:, :-1], found[:, 1:])
-            for k in np.flatnonzero(np.diff(ends) > 1):
-                at = np.flatnonzero(bound[:, k] > least)
-                between = np.arange(ends[k] + 1, ends[k + 1])
-                inner = np.linalg.norm(modes[:, at] @ z[between].T, axis=0)
-                higher = inner.max(axis=1) > peak[at]
-                when[at[higher]] = between[inner.argmax(axis=1)[higher]]
-                peak[at] = np.maximum(peak[at], inner.max(axis=1))
-            of = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
-            stress[part], step[part], place[part] = peak[of], when[of], of % points
-        positions = self.points[np.arange(cells), place]
-        mine = (0.0, 0, np.zeros(self.domain.dimension))
-        if cells:
-            i = int(np.argmax(stress))
-            mine = (float(stress[i]), int(step[i]), positions[i])
-        found = gathered(self.domain.comm, "the largest stress of a body", mine)
-        largest, first, position = max(found, key=lambda each: each[0])
-        when = np.asarray(times)
-        return StressEnvelope(
-            stress, step, when[step], self.solid, largest, float(when[first]), first, position
-        )
+        root = von_mises_root(self.out_of_plane, self.values.shape[2])
+        found = np.zeros(len(self.values)), *np.zeros((2, len(self.values)), dtype=np.int64)
+        for all_of, part in zip(found, _worst(self.values[self.solid], root, z), strict=True):
+            all_of[self.solid] = part
+        return _told(self.domain, self.points, self.solid, found, times, "")
 
 
 @dataclass(frozen=True)
@@ -230,16 +189,103 @@ def worst_stress(
     """
     validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")
-    with on_every_rank(body.domain.comm, "worst_stress"):
+    domain = body.domain
+    with on_every_rank(domain.comm, "worst_stress"):
         if name not in evaluation.bodies:
             there = sorted(evaluation.bodies)
             raise ValueError(f"worst_stress: no flexible body {name!r}; there are {there}")
-    how: dict[str, Any] = {"correction": correction, "relaxation": relaxation, "void": void}
-    modes = StressModes.of(body, evaluation.bodies[name], **how, clear=clear)
+    reduced = evaluation.bodies[name]
+    stress, solid, scale = _scaled(body, reduced, correction, relaxation, void, clear)
     evaluation.check_simulated()
     moved = {n: m.trajectory for n, m in evaluation.load_cases.items() if m.trajectory is not None}
-    found = []
-    for n, trajectory in moved.items():
-        worst = modes.worst(modes.coordinates(trajectory, name), trajectory.t)
-        found.append(replace(worst, load_case=n))
+    held, root = reduced.basis.n_constraint, von_mises_root(stress.out_of_plane, stress.components)
+    z = [stress_coordinates(t, name, held, correction=correction) for t in moved.values()]
+    peaks = np.zeros((len(z), domain.n_cells))
+    steps, places = np.zeros((2, len(z), domain.n_cells), dtype=np.int64)
+    for part, values in stress.in_blocks(correction):
+        chosen = np.arange(part.start, part.stop)[solid[part]]
+        modes = values[solid[part]] * scale[chosen][:, :, None, None]
+        for i, of_case in enumerate(z):
+            peaks[i, chosen], steps[i, chosen], places[i, chosen] = _worst(modes, root, of_case)
+    found = [
+        _told(domain, stress.points, solid, (peaks[i], steps[i], places[i]), t.t, case)
+        for i, (case, t) in enumerate(moved.items())
+    ]
     return max(found, key=lambda worst: worst.largest)
+
+
+def _told(
+    domain: Domain,
+    points: Array,
+    solid: Mask,
+    worst: tuple[Array, Integers, Integers],
+    times: Array,
+    case: str,
+) -> StressEnvelope:
+    """The envelope of stresses, steps and points (cells,) as of `_worst`; collective."""
+    stress, step, place = worst
+    positions = points[np.arange(domain.n_cells), place]
+    mine = (0.0, 0, np.zeros(domain.dimension))
+    if domain.n_cells:
+        i = int(np.argmax(stress))
+        mine = (float(stress[i]), int(step[i]), positions[i])
+    found = gathered(domain.comm, "the largest stress of a body", mine)
+    largest, first, position = max(found, key=lambda each: each[0])
+    when = np.asarray(times)
+    last = largest, float(when[first]), first, position, case
+    return StressEnvelope(stress, step, when[step], solid, *last)
+
+
+def _scaled(
+    body: FlexibleBody,
+    reduced: ReducedBody,
+    correction: bool,
+    relaxation: float,
+    void: float,
+    clear: float,
+) -> tuple[BodyStress, Mask, Array]:
+    """Stress of a body, which of its cells are solid, and factors (cells, points or 1)."""
+    validation.instance("stress: body", body, FlexibleBody, "a FlexibleBody")
+    validation.instance("stress: reduced", reduced, ReducedBody, "what its `reduce` returned")
+    validation.flag("stress: correction", correction)
+    validation.number("stress: relaxation", relaxation, least=0.0)
+    validation.number("stress: void", void, least=0.0, most=1.0)
+    stress, solid = BodyStress(body, reduced), reduced.density >= void
+    scale = np.where(solid, reduced.density**relaxation, 0.0)[:, None]
+    if validation.number("stress: clear", clear, least=0.0, unit="m") > 0.0:
+        scale = np.where(stress.interface_distance < clear, 0.0, scale)
+    return stress, solid, scale
+
+
+def _worst(values: Array, root: Array, z: Array) -> tuple[Array, Integers, Integers]:
+    """The largest von Mises stress of some cells over time, its steps and points, (cells,) each.
+
+    ``values`` have the shape (cells, points, components, n), the coordinates ``z`` (steps, n).
+    Between two steps the stress is at most the larger of both and what the coordinates, where
+    they are off the line between them, can add: few steps in between have to be looked at.
+    """
+    cells, points, components, n = values.shape
+    stress, (step, place) = np.zeros(cells), np.zeros((2, cells), dtype=np.int64)
+    ends = np.unique([*range(0, len(z), _STRIDE), len(z) - 1])
+    lines = [np.interp(np.arange(len(z)), ends, line) for line in z[ends].T]
+    rest = np.maximum.reduceat(np.abs(z.T - lines), ends, axis=1)
+    several = max(1, _BLOCK // (components * points * max(n, len(ends))))
+    for begin in range(0, cells, several):
+        part = slice(begin, min(begin + several, cells))
+        # of the modes, which are fewer than the steps; each point has its components first
+        modes = np.tensordot(root, values[part], axes=(1, 2)).reshape(len(root), -1, n)
+        found = np.linalg.norm(modes @ z[ends].T, axis=0)
+        peak, when = found.max(axis=1), ends[found.argmax(axis=1)]
+        least = np.repeat(peak.reshape(-1, points).max(axis=1), points)
+        bound = np.linalg.norm(modes, axis=0) @ rest
+        bound[:, :-1] += np.maximum(found[:, :-1], found[:, 1:])
+        for k in np.flatnonzero(np.diff(ends) > 1):
+            at = np.flatnonzero(bound[:, k] > least)
+            between = np.arange(ends[k] + 1, ends[k + 1])
+            inner = np.linalg.norm(modes[:, at] @ z[between].T, axis=0)
+            higher = inner.max(axis=1) > peak[at]
+            when[at[higher]] = between[inner.argmax(axis=1)[higher]]
+            peak[at] = np.maximum(peak[at], inner.max(axis=1))
+        of = np.arange(0, len(peak), points) + peak.reshape(-1, points).argmax(axis=1)
+        stress[part], step[part], place[part] = peak[of], when[of], of % points
+    return stress, step, place

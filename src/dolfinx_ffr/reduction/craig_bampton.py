@@ -314,6 +314,11 @@ class CraigBampton:
                 if not used:  # else a new ordering may do
                     raise
 
+    def release(self) -> None:
+        """Free what is kept for the next density; collective."""
+        while self._spare:
+            self._spare.pop().destroy()
+
     def basis(self, factored: FactoredBody) -> ReducedBasis:
         """The shape functions of a ``factored`` body.
 

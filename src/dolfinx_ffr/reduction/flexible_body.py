@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -11,6 +12,8 @@ from pathlib import Path
 from threading import RLock
 from time import perf_counter
 from typing import Any, NamedTuple
+
+from petsc4py import PETSc
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +38,7 @@ from ..limits import check_count
 from ..parallel import agreed_memory, check_alike, on_rank_0
 from .cell_derivatives import CellDerivatives, ShapeSlopes
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
-from .direct_solver import DIRECT
+from .direct_solver import DIRECT, factor_entries
 from .factored_body import FactoredBody
 from .frame import Frame
 from .geometric_stiffness import GeometricStiffening
@@ -101,6 +104,10 @@ class _Adjoint(NamedTuple):
     direct: Array  #: Part of the derivative with respect to the densities, (cells,)
     iterations: int
     seconds: float  #: That the adjoint systems took [s]
+
+
+#: Matrices of a body, with their columns' numbers, in entries of the pattern
+_MATRICES = 6.0
 
 
 class FlexibleBody:
@@ -326,6 +333,29 @@ class FlexibleBody:
         with self._working:
             self.reduction.warn_of_missing_modes(self.factored(reduced), reduced.basis)
 
+    def check_memory(self, what: str, remedy: str) -> None:
+        """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
+
+        Counted are a factor, if it is solved by one, four matrices, and blocks of fields.
+        """
+        comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
+        matrix = self.elasticity.new_matrix()
+        entries = _MATRICES * matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
+        if self.reduction.solver == DIRECT:
+            entries += factor_entries(self.elasticity, matrix)
+        # shape functions, and those of inertia turned about each axis, twice
+        entries += matrix.size[0] * 2.0 * r * (1 + d * (d - 1) // 2)
+        matrix.destroy()
+        room = comm.size * agreed_memory(comm)
+        check_count(what, entries, "numbers", remedy, each=8.0, most=math.inf, available=room)
+
+    def release(self) -> None:
+        """Free matrices and factor, which are made again where they are needed; collective."""
+        with self._working:
+            self._release()
+            self.reduction.release()
+            self.__dict__.pop("stress_recovery", None)
+
     def _release(self) -> None:
         """Free matrices and factor on all ranks together; garbage collection would not be so."""
         while self._latest:
@@ -544,11 +574,16 @@ class FlexibleBody:
         rank's cells, shape (cells, points, components, coordinates) [Pa].
         """
         with self._working:
+            return self.stress_recovery(self.stress_fields(reduced, correction=correction))
+
+    def stress_fields(self, reduced: ReducedBody, *, correction: bool) -> Block:
+        """The displacements of `stress_modes`, shape (dofs, coordinates); collective."""
+        with self._working:
             fields = [reduced.basis.shapes]
             if correction:
                 factored = self.factored(reduced)
                 fields.append(static_correction(self.reduction, factored, reduced.basis))
-            return self.stress_recovery(np.hstack(fields))
+            return np.hstack(fields)
 
     def stress_pullback(self, reduced: ReducedBody, bar: Array) -> ShapesBar:
         """The transpose of the derivative of `stress_modes`, for `pullback`; collective.

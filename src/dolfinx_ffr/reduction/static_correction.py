@@ -23,14 +23,21 @@ from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
 from .krylov import symmetric
 
+#: Loads that are solved for at a time
+_COLUMNS = 32
+
 
 def static_correction(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis
 ) -> Block:
     """The displacements C, shape (dofs, 4 + k + r), in space (dofs, 12 + k + 3 r)."""
-    fields = _inertia_fields(reduction, basis)
-    static, modal = _static(reduction, factored, basis, _loads(reduction, factored, fields))
-    return np.asarray(static - basis.normal @ modal)
+    found = _inertia_fields(reduction, basis)
+    for first in range(0, found.shape[1], _COLUMNS):  # all of them at once take gigabytes
+        part = np.s_[:, first : first + _COLUMNS]
+        loads = _loads(reduction, factored, found[part])
+        static, modal = _static(reduction, factored, basis, loads)
+        found[part] = static - basis.normal @ modal
+    return found
 
 
 def static_correction_pullback(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import numpy as np
@@ -57,6 +58,18 @@ class BodyStress:
             announce(self.body.domain.comm, "the stress of a body")
             self._modes[correction] = self.body.stress_modes(self.reduced, correction=correction)
         return self._modes[correction]
+
+    @property
+    def components(self) -> int:
+        """Number of components of the stress: 3, in space 6."""
+        d = self.body.domain.dimension
+        return d * (d + 1) // 2
+
+    def in_blocks(self, correction: bool) -> Iterator[tuple[slice, Array]]:
+        """`modes` of some cells at a time, with their places; collective."""
+        announce(self.body.domain.comm, "the stress of a body")
+        fields = self.body.stress_fields(self.reduced, correction=correction)
+        return self.body.stress_recovery.in_blocks(fields)
 
     def sum(self, local: Array) -> Array:
         """The sum over the ranks of an array, bit-identical on every rank; collective."""
