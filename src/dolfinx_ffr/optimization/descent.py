@@ -239,8 +239,7 @@ class Descent:
                     own[a, b] = own.get((a, b), 0.0) + float(cost[row])
                 row += 1
         goes_on = self.kind.pace.momentum if self.turn == math.inf else 0.0
-        of_bounds = cost[len(cost) - found.bounds :]
-        return Step(offsets, costs, of_bounds, goes_on * step.onward)
+        return Step(offsets, costs, cost[len(cost) - found.bounds :], goes_on * step.onward)
 
     def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
         """The state after a step; ``others`` are the last fields of `Kept`."""
