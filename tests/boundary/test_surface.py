@@ -169,6 +169,22 @@ def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
     assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
 
 
+def test_a_pointed_hollow_ends_in_a_wall() -> None:
+    """All samples around its tip have inclined normals; the nearest is at most half apart."""
+    slope, least = np.tan(np.radians(25.0)), 0.009
+
+    def hollow(x: np.ndarray) -> np.ndarray:
+        away = np.hypot(x[:, 0] - 0.0813, x[:, 1] - 0.0017)
+        return (least - 0.02 - x[:, 2] + slope * away) / np.hypot(1.0, slope)
+
+    found = surface(beam(MPI.COMM_SELF), hollow, 0.01)
+    line = np.column_stack([np.tile([0.0813, 0.0017], (2001, 1)), np.linspace(-0.02, 0.0, 2001)])
+    tip = line[np.argmax(found.field(line) < 0.0), 2] + 0.02
+    assert len(found.walls.thickness) > 20
+    apart = 0.5 * np.sqrt(2.0) * 0.25 * found.member
+    assert 0.99 * tip < found.walls.thickness[0] < tip + slope * apart
+
+
 def test_balls_that_touch_a_surface() -> None:
     """Between two planes that are not parallel, exactly, and none where larger balls fit."""
     x = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros((5, 2))])

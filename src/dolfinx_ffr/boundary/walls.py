@@ -16,11 +16,14 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
-from ..part import OPPOSITE, Balls, outer_faces, spread, tangent_balls
+from ..part import Balls, outer_faces, spread, tangent_balls
 from .sizes import SEEN
 
 Field = Callable[[Array], Array]
 
+#: Product of the normals below which sides are those of a wall: at the tip of a hollow all normals
+#: of samples are inclined
+_FACING = -np.cos(np.radians(30.0))
 #: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
 _SIDES = 4
 
@@ -102,7 +105,7 @@ class Sides:
         most = 0.5 * max(widest, SEEN * least)
         balls = Balls(at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing)
         radius, end = balls.radius[: len(x)], balls.ends[: len(x)]
-        walls = (balls.cosine[: len(x)] < OPPOSITE) & (end >= 0)
+        walls = (balls.cosine[: len(x)] < _FACING) & (end >= 0)
         posts = balls.thin(0.5 * least)
         walls[posts[posts < len(x)]] = True
         chosen = np.flatnonzero(walls & (2.0 * radius < widest))

@@ -42,6 +42,8 @@ _LARGER, _LEVELS = 1.25, 5
 _SAME = 0.1
 #: Ratio of the diameters that are tried, and accuracy of the one above that of the member
 _RATIO, _ACCURACY = 1.15, 0.02
+#: Ratio of diameters for both of which a neck has thicker parts on either side
+_STAYS = 1.1
 #: Samples of a re-entrant edge in the directions between both normals; least angle of it
 _TURNS, _EDGE = 4, np.radians(20.0)
 
@@ -138,7 +140,9 @@ def thinnest_in_space(
     balls = Balls(x, n, radius, ends, spacing)
 
     def found(d: float) -> Integers | None:
+        # a ripple of a rim is a neck for balls of one size only
         thin = balls.thin(0.5 * d)
+        thin = np.intersect1d(thin, balls.thin(0.5 * _STAYS * d)) if len(thin) else thin
         return thin if len(thin) else None
 
     first, most = 2.0 * spacing, (1.0 - 2.0 * _ACCURACY) * largest
@@ -147,7 +151,8 @@ def thinnest_in_space(
         return None
     # beside edges balls are smaller than amid the member
     wider = balls.thin(0.5 * (1.0 + 2.0 * _ACCURACY) / _BELOW * d)
-    thin = np.union1d(balls.thin(0.5 * d), wider)
+    sure = found(d)
+    thin = np.union1d(balls.thin(0.5 * d) if sure is None else sure, wider)
     facing = thin[balls.cosine[thin] < OPPOSITE]
     facing = facing[2.0 * radius[facing] > (1.0 - 2.0 * _ACCURACY) * _BELOW * d]
     at = facing[np.argmin(radius[facing])] if len(facing) else thin[np.argmax(radius[thin])]
