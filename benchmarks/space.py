@@ -27,7 +27,7 @@ def space_jobs(*, quick: bool) -> list[Job]:
         sizes = [((20, 4, 4), 7, 5.0), ((40, 4, 4), 7, 8.0), ((40, 8, 8), 5, 12.0)]
         sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), ONCE, 25.0), ((120, 24, 24), ONCE, 60.0)]
         sizes += [((160, 32, 32), ONCE, 150.0)]
-    direct = sizes if quick or fits("space: 160x32x32 by a factor", 16e9) else sizes[:-1]
+    direct = sizes if quick or fits("space: 160x32x32 by a factor", 12e9) else sizes[:-1]
     iterative = sizes[1:2] if quick else [(n, ONCE, seconds) for n, _, seconds in sizes[3:]]
     steps = {"modes": [8] if quick else [8, 12, 16, 24], "repetitions": 1 if quick else 15}
     steps |= {"steps": [100, 1100] if quick else [2000, 6000]}
