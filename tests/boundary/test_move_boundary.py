@@ -25,7 +25,7 @@ from dolfinx_ffr.boundary.derivative import NodeMotion
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
 from dolfinx_ffr.optimization import BoundaryResult, move_boundary
-from dolfinx_ffr.optimization.descent import Descent, Slopes, Step, Trial
+from dolfinx_ffr.optimization.descent import Descent, Trial
 from dolfinx_ffr.optimization.steps_checkpoint import Kept, StepsCheckpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -218,31 +218,6 @@ def test_psi_falls_and_members_stay() -> None:
     assert found.psi == pytest.approx(result.psi, rel=2e-3)
     assert result.psi == history["psi"][-1]
     assert result.psi == pytest.approx(history["psi"].min(), rel=2e-3)
-
-
-def test_a_share_of_each_step_goes_on_in_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    """But where it was taken back, and where the largest stress counts."""
-    problem, boundary = scene(alone=True)
-    given: list[np.ndarray] = []
-    made: list[Step] = []
-    step = Descent.step
-
-    def told(descent: Descent, trial: Trial, slopes: Slopes, reach: float, *drift: Any) -> Step:
-        made.append(step(descent, trial, slopes, reach, *drift))
-        given.extend(drift)
-        return made[-1]
-
-    monkeypatch.setattr(Descent, "step", told)
-    short = {"size": 3.2 * MEMBER, "progress": False, "mode_tolerance": None}
-    result = move_boundary(problem, boundary, volume=0.79, iterations=3, **short)
-    assert not np.any(given[0]) and not np.any(result.history["rejected"])
-    (second, third), (first, before) = given[1:], made[-3:-1]
-    assert second is first.drift and third is before.drift
-    way, moved = boundary.shares @ first.drift, first.offsets["rod"]
-    assert way @ moved > 0.5 * np.linalg.norm(way) * np.linalg.norm(moved)
-    sharp = replace(Descent(problem, {}, {"rod": 3.2 * MEMBER}, {}), turn=0.25)
-    trial = sharp.tried({"rod": boundary})
-    assert not np.any(step(sharp, trial, sharp.slopes(trial), 0.5).drift)
 
 
 def test_a_strut_that_ends_free_goes() -> None:

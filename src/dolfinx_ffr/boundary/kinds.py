@@ -54,7 +54,6 @@ class Pace:
     shortest: float  #: Step, below which another mesh changes more
     again: float  #: Reach at least when modes may have changed
     smooth: float  #: Distance over which a step is smooth, in minimum members
-    momentum: float  #: Share of a step that goes on in the next one
 
 
 class Kind(ABC, Generic[B]):
@@ -118,7 +117,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=1.4, momentum=0.7)
+    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=1.4)
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
@@ -198,7 +197,7 @@ class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3, smooth=2.4, momentum=0.0)
+    pace = Pace(rise=5e-3, shorter=0.9, shortest=0.02, again=0.3, smooth=2.4)
     meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:

@@ -25,7 +25,6 @@ class Step:
     offsets: Array  #: Along the normals, one for each control [m]
     multipliers: Array  #: What each constraint costs of psi, not negative
     weight: float  #: Of the gradient
-    onward: Array  #: The same for a weight of one, without what mends violations [m]
 
 
 def best_step(
@@ -35,11 +34,9 @@ def best_step(
     slopes: Array,
     held: Mask,
     reach: float,
-    drift: Array | float = 0.0,
 ) -> Step:
-    """The step a that minimises 1/2 a.M a + mu (g - M d).a within values + slopes a <= 0.
+    """The step a that minimises 1/2 a.M a + mu g.a within values + slopes a <= 0.
 
-    The ``drift`` d (n,) is what goes on of an earlier step, for a weight of one (momentum).
     The weight mu is that for which the longest offset is ``reach`` [m]. By duality it is a problem
     of non-negative least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least
     Squares Problems, SIAM 1995, doi:10.1137/1.9781611971217). Shapes: metric (n, n), gradient and
@@ -47,8 +44,7 @@ def best_step(
     """
     free = np.flatnonzero(~held)
     factor = splu(metric[free][:, free].tocsc())
-    steepest = -factor.solve(gradient[free])
-    downhill = steepest + np.broadcast_to(drift, held.shape)[free]
+    downhill = -factor.solve(gradient[free])
     toward = factor.solve(slopes[:, free].T) if len(values) else np.zeros((len(free), 0))
     gram = slopes[:, free] @ toward
     # constraints that say the same leave the multipliers undetermined, and not the step
@@ -56,24 +52,22 @@ def best_step(
     root = np.linalg.cholesky(gram) if len(values) else gram
     wanted = np.minimum(values, _AT_ONCE)
 
-    def multipliers(wanted: Array, way: Array) -> Array:
+    def multipliers(wanted: Array, weight: float) -> Array:
         if not len(values):
             return values
-        right = np.linalg.solve(root, wanted + slopes[:, free] @ way)
+        right = np.linalg.solve(root, wanted + weight * (slopes[:, free] @ downhill))
         return np.asarray(nnls(root.T, right, maxiter=100 * len(values))[0])
 
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(_ROUNDS):
-        inner = weight * downhill - toward @ multipliers(wanted, weight * downhill)
+        inner = weight * downhill - toward @ multipliers(wanted, weight)
         longest = float(np.max(np.abs(inner), initial=0.0))
         if longest == 0.0 or 0.9 < longest / reach < 1.1:
             break
         weight *= float(np.clip(reach / longest, 0.3, 3.0))
     if longest > 1.5 * reach:
         inner *= 1.5 * reach / longest
-    offsets, onward = np.zeros((2, len(gradient)))
+    offsets = np.zeros(len(gradient))
     offsets[free] = inner
-    # what it takes to mend a violation is no cost of psi, nor is what a drift costs
-    kept = np.minimum(wanted, 0.0)
-    onward[free] = downhill - toward @ multipliers(kept, weight * downhill) / weight
-    return Step(offsets, multipliers(kept, weight * steepest) / weight, weight, onward)
+    # what it takes to mend a violation is no cost of psi
+    return Step(offsets, multipliers(np.minimum(wanted, 0.0), weight) / weight, weight)

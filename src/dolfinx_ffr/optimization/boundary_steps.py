@@ -29,8 +29,6 @@ from .topology import GONE, changed
 
 #: First step, in minimum members, and factor of the reach after one that is better
 _FIRST, _LONGER = 0.5, 1.2
-#: Nothing goes on of an earlier step, as before the first one
-_NONE = np.zeros(1)
 #: Shortest step where the stress counts, in minimum members
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
@@ -169,13 +167,13 @@ def _descended(
             checkpoint.check(kept, trial.evaluation.psi)
             errors = known = kept.errors
             reach, weight, margin = kept.learnt.reach, kept.learnt.weight, kept.learnt.margin
-            told, shown, drift = kept.told, kept.shown, kept.drift
+            told, shown = kept.told, kept.shown
             bar.update(len(told) - 1)
         else:
             trial = descent.tried(boundaries)
             descent, trial, errors = descent.accurate(trial, tolerance, first)
             best, known = trial, errors
-            reach, weight, margin, drift = _FIRST, _OF_BOUNDS, 0.0, _NONE
+            reach, weight, margin = _FIRST, _OF_BOUNDS, 0.0
             told = [trial.told(0.0, 0, 0, 0)]
             shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
         last = steps - _MENDING * (min(0, steps + 1 - len(told)) // _MENDING)
@@ -188,8 +186,7 @@ def _descended(
                     break
                 descent = replace(descent, spare=tighter)
                 trial = best = replace(best, spare=tighter)
-                # what is near its best moves little
-                reach, drift = min(reach, 2.0 * _NOISE), _NONE
+                reach = min(reach, 2.0 * _NOISE)  # what is near its best moves little
                 last += _MENDING
                 bar.total = last
             if asked := interrupted():
@@ -205,9 +202,8 @@ def _descended(
                     trial, inserted, removed = changed(descent, trial, *own, stuck)
                     if trial is not before:
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
-                        drift = _NONE
                 while found is None and reach >= pace.shortest:
-                    step = descent.step(trial, slopes, reach, drift)
+                    step = descent.step(trial, slopes, reach)
                     weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))
                     found = descent.moved(trial, step)
                     if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
@@ -216,7 +212,7 @@ def _descended(
                             break
                         found = None
                     if found is None:
-                        reach, rejected, drift = 0.5 * reach, rejected + 1, _NONE
+                        reach, rejected = 0.5 * reach, rejected + 1
                 if found is not None:
                     break
                 reach = _FIRST
@@ -230,7 +226,7 @@ def _descended(
                 # its largest value is always a little more than its slopes say
                 late = _TIGHTENED * found.excess if found.excess > HELD else -0.2 * margin
                 margin = min(margin + late, _TIGHTEST)
-            trial, drift = found, step.drift
+            trial = found
             if number % EVERY == 0 or number == last:
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
@@ -246,7 +242,7 @@ def _descended(
             bar.update()
             if checkpoint:
                 learnt = Learnt(trial.evaluation.psi, reach, weight, margin)
-                checkpoint.save(descent.kept(learnt, trial, best, known, told, shown, drift))
+                checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
         if reason != "iterations":
             ends.append(descent.finer(best))
         best, change = min(ends, key=lambda end: end[0].rank(weight))

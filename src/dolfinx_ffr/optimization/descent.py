@@ -211,8 +211,8 @@ class Descent:
             evaluation,
         )
 
-    def step(self, trial: Trial, found: Slopes, reach: float, drift: Array | float = 0.0) -> Step:
-        """The best step, the longest offset of which is ``reach`` minimum members, with a drift."""
+    def step(self, trial: Trial, found: Slopes, reach: float) -> Step:
+        """The best step, the longest offset of which is ``reach`` minimum members."""
         boundaries = trial.boundaries
         smooth = max(self.kind.pace.smooth, _SMOOTHER if self.turn < math.inf else 0.0)
         metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
@@ -224,7 +224,6 @@ class Descent:
             found.slopes,
             np.concatenate(held),
             reach,
-            drift,
         )
         cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
@@ -238,8 +237,7 @@ class Descent:
                 if 0 <= a < b and cost[row] > 0.0:
                     own[a, b] = own.get((a, b), 0.0) + float(cost[row])
                 row += 1
-        goes_on = self.kind.pace.momentum if self.turn == math.inf else 0.0
-        return Step(offsets, costs, cost[len(cost) - found.bounds :], goes_on * step.onward)
+        return Step(offsets, costs, cost[len(cost) - found.bounds :])
 
     def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
         """The state after a step; ``others`` are the last fields of `Kept`."""
@@ -318,7 +316,6 @@ class Step:
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
-    drift: Array  #: What goes on of it in the next step, see `best_step`, (masters,)
 
 
 def of_stress(problem: Problem, spare: float) -> dict[str, float]:
