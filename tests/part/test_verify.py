@@ -191,6 +191,14 @@ def test_memory_is_told_before_a_mesh_is_tried(
     monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: 1_000_000 // comm.size)
     with pytest.raises(ValueError, match=r"a mesh of 'rod' with cells of .* give a larger size"):
         part.verify(problem, evaluation)
+    # where the first mesh fits and the next does not, the first is told
+    rooms = iter([2**50, 0])
+    monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: next(rooms))
+    with pytest.warns(ffr.part.PartWarning, match="one mesh less") as told:
+        found = part.verify(problem, evaluation)
+    assert len(found.fitted) == 1 and not found.converged
+    assert not any("still changes by" in str(one.message) for one in told)
+    assert found.fitted[0].bodies["rod"].stress > 0.0 and "one mesh only" in found.summary()
 
 
 @pytest.mark.mpi

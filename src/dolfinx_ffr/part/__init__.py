@@ -8,14 +8,14 @@ from .ball_widths import OPPOSITE as OPPOSITE
 from .ball_widths import Balls as Balls
 from .ball_widths import spread as spread
 from .ball_widths import tangent_balls as tangent_balls
+from .figures import BodyFigures as BodyFigures
+from .figures import Figures as Figures
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part
 from .solid import Cavity as Cavity
 from .solid import Solid as Solid
 from .tetrahedral_cut import outer_faces as outer_faces
-from .verify import BodyFigures as BodyFigures
 from .verify import Enclosed as Enclosed
-from .verify import Figures as Figures
 from .verify import LoosePieceWarning as LoosePieceWarning
 from .verify import PartWarning as PartWarning
 from .verify import Verification as Verification

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from .. import validation
-from ..arrays import Array
 from ..design import Design
 from ..documentation import Shown
 from ..fem import Domain, ElasticMaterial
@@ -25,6 +24,7 @@ from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from ..reduction import FlexibleBody, ReducedBody
 from .field import Field
+from .figures import BodyFigures, Figures
 from .widths import Width
 
 #: Share by which psi of the parts may exceed the reported one, and a constraint its bound, before
@@ -228,41 +228,6 @@ class Enclosed(Shown, ABC):
         return verify(problem, {names[0]: self}, evaluation, **options)
 
 
-@dataclass(frozen=True, eq=False)
-class BodyFigures:
-    """Measures and frequencies of one body."""
-
-    cells: int  #: Of its mesh
-    mass: float  #: [kg]
-    volume: float  #: Material, as a share of the area of the body that was designed
-    frequencies: Array  #: With all interfaces fixed [Hz]
-    #: Largest von Mises stress over the trajectory [Pa]; None without one, and on the first mesh
-    stress: float | None
-    place: Array | None  #: Where it is, in the mesh (dimension,) [m]
-
-
-@dataclass(frozen=True, eq=False)
-class Figures:
-    """One line of the table: a problem with certain meshes."""
-
-    size: float | None  #: Of the cells [m]; None for the design as it was reported
-    #: Value of the objective; where that stands for another number (`PeakStress`), of that number
-    psi: float
-    constraints: dict[str, float]  #: Values of the constrained objectives, likewise
-    bodies: dict[str, BodyFigures]  #: Of the designed bodies
-    #: Value of the objective of each load case by its name; empty where there is one
-    load_cases: dict[str, float] = field(default_factory=dict)
-    #: By how much constraints and volumes ("volume of rod") exceed their bounds, relative to these;
-    #: negative where they hold
-    excesses: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Constraints, and volumes as shares of the bodies that were designed, by name."""
-        volumes = {f"volume of {name}": body.volume for name, body in self.bodies.items()}
-        return volumes | self.constraints
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
     """The figures of a design as reported, and of its parts on finer and finer meshes."""
@@ -360,10 +325,8 @@ class Verification:
             name = "reported (design)" if row.size is None else f"part, {1e3 * row.size:.3g} mm"
             lines.append(f"{name:24s} {row.psi:12.5e} {row.psi / self.reported.psi:12.4f}")
         still = "stands still" if self.converged else "still changes"
-        lines.append(
-            f"psi {still}: last change {100 * self.change:.2g} % "
-            f"(tolerance {100 * self.tolerance:.2g} %)"
-        )
+        change = f"last change {100 * self.change:.2g} % (tolerance {100 * self.tolerance:.2g} %)"
+        lines.append(f"psi {still}: {change}" if len(self.fitted) > 1 else "psi of one mesh only")
         last = self.fitted[-1]
         for name, body in last.bodies.items():
             lines += self._told_of_body(name, self.reported.bodies[name], body)
@@ -480,8 +443,9 @@ def verify(
         SimulationError: On every rank, if the motion of the parts cannot be computed.
 
     Warns:
-        PartWarning: If psi does not stand still, is more than 2 % above the reported one, or a
-            constraint or a volume is more than 2 % beyond its bound.
+        PartWarning: If psi does not stand still, is more than 2 % above the reported one, a finer
+            mesh could not be made or does not fit into the memory, or a constraint or a volume is
+            more than 2 % beyond its bound.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
     validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
@@ -521,22 +485,24 @@ def verify(
     for name in parts:  # the factor of the design would stay beside those of its parts
         problem.flexible[name].release()
     fitted: list[Figures] = []
+    own = problem, evaluation
     every = {name: part.sizes(size, meshes) for name, part in parts.items()}
     silent = not progress or problem.comm.rank > 0
     for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=silent):
         sizes = {name: of[mesh] for name, of in every.items()}
-        domains = {name: part.domain(sizes[name], order) for name, part in parts.items()}
-        bodies = dict(problem.bodies)
-        for name, domain in domains.items():
-            given_domain = problem.flexible[name].domain
-            domain.whole = given_domain.whole or given_domain
-            body = problem.flexible[name].with_domain(domain).with_modes(wanted[name])
-            bodies[name] = body
-            body.check_memory(
-                f"verify: a mesh of {name!r} with cells of {1e3 * sizes[name]:.3g} mm",
-                'give a larger size, or solver="iterative" to the body',
+        try:
+            again = _meshed(problem, parts, sizes, order, wanted)
+        except ValueError as error:
+            if not fitted:
+                raise
+            warnings.warn(
+                f"verify: psi is told by one mesh less, and may still change: {error}",
+                PartWarning,
+                stacklevel=2,
             )
-        again = problem.with_bodies(bodies)
+            if len(fitted) == 1:  # its stress was left to finer ones
+                fitted = [_figures(fitted[0].size, *own, parts, bounds)]
+            break
         densities = {
             name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
             for name, body in again.flexible.items()
@@ -551,14 +517,35 @@ def verify(
         found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
         if found.converged and (found.decided or len(fitted) >= _FOR_BOUNDS):
             break
+    found = Verification(reported, fitted, tolerance, wanted, parts, limits, last)
     for text in _doubts(found):
         warnings.warn(f"verify: {text}", PartWarning, stacklevel=2)
     return found
 
 
+def _meshed(
+    problem: Problem,
+    parts: Mapping[str, Enclosed],
+    sizes: Mapping[str, float],
+    order: int,
+    modes: Mapping[str, int],
+) -> Problem:
+    """The problem with parts on meshes of ``sizes`` [m]; ValueError where memory is too small."""
+    bodies = dict(problem.bodies)
+    for name, part in parts.items():
+        given, domain = problem.flexible[name], part.domain(sizes[name], order)
+        domain.whole = given.domain.whole or given.domain
+        bodies[name] = body = given.with_domain(domain).with_modes(modes[name])
+        body.check_memory(
+            f"verify: a mesh of {name!r} with cells of {1e3 * sizes[name]:.3g} mm",
+            'give a larger size, or solver="iterative" to the body',
+        )
+    return problem.with_bodies(bodies)
+
+
 def _doubts(found: Verification) -> Iterator[str]:
     """Warnings: where psi still changes, is larger than reported, or a bound is exceeded."""
-    if not found.converged:
+    if not found.converged and len(found.fitted) > 1:
         before, last = (1e3 * (row.size or 0.0) for row in found.fitted[-2:])
         elements = next(iter(found.parts.values())).elements
         yield (

@@ -34,7 +34,7 @@ from ..fem import (
     kept_by,
 )
 from ..interchange import DERIVED, derived_terms, write_all
-from ..limits import check_count
+from ..limits import check_count, held_memory
 from ..parallel import agreed_memory, check_alike, on_rank_0
 from .cell_derivatives import CellDerivatives, ShapeSlopes
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
@@ -336,7 +336,9 @@ class FlexibleBody:
     def check_memory(self, what: str, remedy: str) -> None:
         """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
 
-        Counted are a factor, if it is solved by one, four matrices, and blocks of fields.
+        Counted are a factor, if it is solved by one, four matrices, and blocks of fields, beside
+        what the processes hold already. The error begins with ``what`` is too large and names the
+        ``remedy``.
         """
         comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
         matrix = self.elasticity.new_matrix()
@@ -346,7 +348,7 @@ class FlexibleBody:
         # shape functions, and those of inertia turned about each axis, twice
         entries += matrix.size[0] * 2.0 * r * (1 + d * (d - 1) // 2)
         matrix.destroy()
-        room = comm.size * agreed_memory(comm)
+        room = comm.size * agreed_memory(comm) - comm.allreduce(held_memory())
         check_count(what, entries, "numbers", remedy, each=8.0, most=math.inf, available=room)
 
     def release(self) -> None:
@@ -577,7 +579,10 @@ class FlexibleBody:
             return self.stress_recovery(self.stress_fields(reduced, correction=correction))
 
     def stress_fields(self, reduced: ReducedBody, *, correction: bool) -> Block:
-        """The displacements of `stress_modes`, shape (dofs, coordinates); collective."""
+        """The displacements of `stress_modes`, shape (dofs, coordinates); collective.
+
+        Of the ``reduced`` body, with the static ``correction`` or without it.
+        """
         with self._working:
             fields = [reduced.basis.shapes]
             if correction:

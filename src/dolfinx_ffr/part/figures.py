@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: MIT
+"""The figures of a problem whose bodies have certain meshes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFigures:
+    """Measures and frequencies of one body."""
+
+    cells: int  #: Of its mesh
+    mass: float  #: [kg]
+    volume: float  #: Material, as a share of the area of the body that was designed
+    frequencies: Array  #: With all interfaces fixed [Hz]
+    #: Largest von Mises stress over the trajectory [Pa]; None without one, and on the first mesh
+    stress: float | None
+    place: Array | None  #: Where it is, in the mesh (dimension,) [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """One line of the table: a problem with certain meshes."""
+
+    size: float | None  #: Of the cells [m]; None for the design as it was reported
+    #: Value of the objective; where that stands for another number (`PeakStress`), of that number
+    psi: float
+    constraints: dict[str, float]  #: Values of the constrained objectives, likewise
+    bodies: dict[str, BodyFigures]  #: Of the designed bodies
+    #: Value of the objective of each load case by its name; empty where there is one
+    load_cases: dict[str, float] = field(default_factory=dict)
+    #: By how much constraints and volumes ("volume of rod") exceed their bounds, relative to these;
+    #: negative where they hold
+    excesses: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Constraints, and volumes as shares of the bodies that were designed, by name."""
+        volumes = {f"volume of {name}": body.volume for name, body in self.bodies.items()}
+        return volumes | self.constraints
