@@ -317,6 +317,21 @@ def test_controls_that_crowd_are_set_apart() -> None:
     assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
 
 
+def test_the_least_largest_stress_is_sought_at_several_places() -> None:
+    """Each range of stresses is to become less than the largest, with a slope of its own."""
+    problem, boundary = scene(alone=True)
+    parts = problem.bodies, problem.mechanism, problem.integrator
+    least = ffr.Problem(*parts, ffr.PeakStress("rod", clear=5e-3))
+    descent = Descent(least, {}, {"rod": 3.2 * MEMBER}, {})
+    slopes = descent.slopes(descent.tried({"rod": boundary}))
+    values, rows = slopes.values[-slopes.bounds :], slopes.slopes[-slopes.bounds :]
+    assert len(values) > 1 and np.max(values) == pytest.approx(1.0 / 0.95 - 1.0, rel=1e-6)
+    unit = rows / np.linalg.norm(rows, axis=1)[:, None]
+    assert np.max(np.abs((unit @ unit.T)[~np.eye(len(unit), dtype=bool)])) < 0.99
+    mean = slopes.psi / np.linalg.norm(slopes.psi)
+    assert np.min(unit @ mean) < 0.9
+
+
 def test_a_bound_that_only_finer_meshes_exceed_is_tightened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
-from ..objective import Objective, PeakStress
+from ..objective import Constraint, Objective, PeakStress, Response, value_of
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
 from .steps_checkpoint import Kept, Learnt
@@ -34,6 +34,8 @@ _SPARED = 5e-3
 #: Size of triangles in notches, in radii, where the stress counts, and where the result is told:
 #: by coarser ones it is up to 5 % off, and a limit that the steps keep is missed by what is told
 TURN = 0.25
+#: By which share a step lowers the largest stress, where that is the objective
+_LOWERED = 0.05
 #: Weight of the largest violation of sizes in the merit, which decides whether a step is taken
 _OF_SIZES = 0.05
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
@@ -168,7 +170,7 @@ class Descent:
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
-        problem, found = trial.problem.adapted(trial.evaluation, MechanicalProblem.parted)
+        problem, found = trial.problem.adapted(trial.evaluation, _parted)
         evaluation = problem.differentiate(found, nodes=True, densities=False)
         motions = {n: self.kind.motion(b, bodies[n].domain) for n, b in boundaries.items()}
 
@@ -316,6 +318,20 @@ class Step:
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
+
+
+def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:
+    """The problem with parts of its constraints, and with bounds on parts of a largest stress.
+
+    Where that is the objective, the derivative of the mean over all lowers one place and raises
+    others: so each part is to become less than the largest by the share of a step.
+    """
+    found = problem.parted(response)
+    if not isinstance(problem.objective, PeakStress):
+        return found
+    most = (1.0 - _LOWERED) * value_of(problem.objective, response)
+    bound = Constraint(problem.objective, upper=most, name="largest stress")
+    return replace(found, constraints=[*found.constraints, *bound.parts(response)])
 
 
 def of_stress(problem: Problem, spare: float) -> dict[str, float]:
