@@ -57,6 +57,7 @@ def check_count(
     each: float = 0.0,
     most: float = MOST_CELLS,
     available: float | None = None,
+    whose: str = "of this machine",
 ) -> None:
     """Refuse more things than the memory holds, at ``each`` bytes, or than are made in minutes."""
     asked = os.environ.get(INSIST, "").strip()
@@ -75,8 +76,7 @@ def check_count(
     why = f"more than the {most:,.0f} that are made without being asked twice"
     if room < most:
         why = (
-            f"some {count * each / 1e9:,.3g} GB, more than the {room * each / 1e9:,.3g} GB of this "
-            "machine"
+            f"some {count * each / 1e9:,.3g} GB, more than the {room * each / 1e9:,.3g} GB {whose}"
         )
     shown = f"{count:,.0f}" if count < 1e15 else f"{count:.3g}"
     raise ValueError(

@@ -189,7 +189,7 @@ def test_memory_is_told_before_a_mesh_is_tried(
     problem = slider_crank(comm, (20, 4), modes=2, steps=100)
     evaluation, part = problem.value(solid(problem)), part_of(problem)
     monkeypatch.setattr(flexible_body, "agreed_memory", lambda comm: 1_000_000 // comm.size)
-    with pytest.raises(ValueError, match=r"a mesh of 'rod' with cells of .* give a larger size"):
+    with pytest.raises(ValueError, match=r"a mesh of 'rod' with cells of .* left; give a larger"):
         part.verify(problem, evaluation)
     # where the first mesh fits and the next does not, the first is told
     rooms = iter([2**50, 0])

@@ -330,7 +330,7 @@ def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem
     if not isinstance(problem.objective, PeakStress):
         return found
     most = (1.0 - _LOWERED) * value_of(problem.objective, response)
-    bound = Constraint(problem.objective, upper=most, name="largest stress")
+    bound = Constraint(problem.objective, upper=most, name="objective: largest stress")
     return replace(found, constraints=[*found.constraints, *bound.parts(response)])
 
 

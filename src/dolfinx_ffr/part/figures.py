@@ -16,7 +16,7 @@ class BodyFigures:
     mass: float  #: [kg]
     volume: float  #: Material, as a share of the area of the body that was designed
     frequencies: Array  #: With all interfaces fixed [Hz]
-    #: Largest von Mises stress over the trajectory [Pa]; None without one, and on the first mesh
+    #: Largest von Mises stress over the trajectory [Pa]; None without one and before finer meshes
     stress: float | None
     place: Array | None  #: Where it is, in the mesh (dimension,) [m]
 

@@ -337,8 +337,7 @@ class FlexibleBody:
         """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
 
         Counted are a factor, if it is solved by one, four matrices, and blocks of fields, beside
-        what the processes hold already. The error begins with ``what`` is too large and names the
-        ``remedy``.
+        what the processes hold. The error names ``what`` is too large and the ``remedy``.
         """
         comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
         matrix = self.elasticity.new_matrix()
@@ -348,8 +347,9 @@ class FlexibleBody:
         # shape functions, and those of inertia turned about each axis, twice
         entries += matrix.size[0] * 2.0 * r * (1 + d * (d - 1) // 2)
         matrix.destroy()
-        room = comm.size * agreed_memory(comm) - comm.allreduce(held_memory())
-        check_count(what, entries, "numbers", remedy, each=8.0, most=math.inf, available=room)
+        room = max(comm.size * agreed_memory(comm) - comm.allreduce(held_memory()), 0)
+        how: dict[str, Any] = {"each": 8.0, "most": math.inf, "whose": "that are left"}
+        check_count(what, entries, "numbers", remedy, available=room, **how)
 
     def release(self) -> None:
         """Free matrices and factor, which are made again where they are needed; collective."""
