@@ -86,6 +86,9 @@ class Response:
     densities: Mapping[str, DensityField] = field(default_factory=dict)
     #: Stress of the bodies that have a mesh, by name.
     stresses: Mapping[str, StressField] = field(default_factory=dict)
+    #: What objectives keep of their values for their derivatives, under keys of their own; nothing
+    #: at first, also of a copy with other parts.
+    known: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def trajectory(self) -> Trajectory:

@@ -6,14 +6,13 @@ The von Mises stress,
     s_v^2 = sx^2 + sy^2 + sz^2 - sx sy - sy sz - sz sx + 3 txy^2,      sz = k (sx + sy),
 
 with k = 0 in plane stress and k = nu in plane strain, is the length of three numbers that are
-linear in the coordinates of the body; in space, with all shear stresses, of six. All points and
-instants are gone through in blocks, so that no more than a block of them is held at a time.
+linear in the coordinates of the body; in space, with all shear stresses, of six.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import ClassVar
@@ -22,15 +21,11 @@ import numpy as np
 
 from .. import validation
 from ..arrays import Array, Integers, Mask
-from ..dynamics import Trajectory
-from .base import Derivatives, Inventory, Objective, Response, StressField
+from .base import Derivatives, Inventory, Objective, Response
 from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
+from .stress_mean import Mean, Stresses
 from .time_average import time_weights
 
-#: Numbers in one block of stresses over time.
-BLOCK = 1_000_000
-#: Shares of the derivative that are left out, as round-off does.
-NEGLIGIBLE = 1e-18
 #: Where ranges of stress below the largest one begin, as shares of it
 LEVELS = (0.75, 0.9, 0.97)
 
@@ -110,7 +105,7 @@ class PeakStress(Objective):
             )
 
     def evaluate(self, response: Response) -> float:
-        return self.scale * self._mean(self._parts(response)).value
+        return self.scale * self._mean(response).value
 
     def largest(self, response: Response) -> float:
         """The largest von Mises stress of all points and instants, times x^s [Pa]; collective.
@@ -118,10 +113,10 @@ class PeakStress(Objective):
         It is that of ``worst_stress(..., relaxation=s, void=0.0)``, at a ``response``, for example
         `Problem.response(evaluation)`; it raises what :meth:`evaluate` raises.
         """
-        return math.sqrt(self._mean(self._parts(response)).largest)
+        return math.sqrt(self._mean(response).largest)
 
     def calibrated(self, response: Response) -> PeakStress:
-        mean = self._mean(self._parts(response))
+        mean = self._mean(response)
         if mean.value == 0.0:
             return self
         return replace(self, scale=math.sqrt(mean.largest) / mean.value)
@@ -133,160 +128,89 @@ class PeakStress(Objective):
         as much stress (E. Holmberg, B. Torstenfelt, A. Klarbring, Structural and Multidisciplinary
         Optimization 48 (2013), doi:10.1007/s00158-012-0880-7).
         """
-        parts = self._parts(response)
-        mean = self._mean(parts)
+        mean = self._mean(response)
         if mean.largest == 0.0:
             return [self]
-        level = np.sqrt(mean.highest / mean.largest)
-        found: list[Objective] = []
+        stress = response.stresses[self.body]
+        level, found = np.sqrt(mean.highest / mean.largest), list[Objective]()
         for low, high in pairwise((*LEVELS, math.inf)):
             counted = (level >= low) & (level < high)
-            if any(parts.field.gathered(bool(np.any(counted)))):
-                shape = parts.field.weights.shape
-                of_these = replace(self, counted=counted.reshape(shape))
-                found.append(of_these.calibrated(response))
+            if any(stress.gathered(bool(np.any(counted)))):
+                found.append(replace(self, counted=counted).calibrated(response))
         return found
 
     def derivatives(self, response: Response) -> Derivatives:
-        parts = self._parts(response)
-        mean, p = self._mean(parts), self.power
-        z = parts.coordinates
-        z_bar, modes_bar = np.zeros_like(z), np.zeros_like(parts.modes)
-        x_bar, weights_bar = np.zeros(len(parts.density)), np.zeros(len(parts.cell))
-        if mean.value > 0.0:
-            # d psi / d s_v^2 = 1/2 scale / (mean A T) weight (x^s)^p (s_v / mean)^(p - 2)
-            weights_bar -= self.scale * mean.value / (p * parts.area)
-            share = (mean.highest / mean.value**2) ** (0.5 * p - 1.0)  # at least 1 at the peak
-            chosen = np.flatnonzero(share > NEGLIGIBLE)
-            for part, stress in parts.blocks(chosen):
-                own = parts.share[part, None]
-                squared = own * np.einsum("ipt,ipt->pt", stress, stress)
-                slope = _power(squared / mean.value**2, 0.5 * p - 1.0)
-                slope *= 0.5 * self.scale / mean.value * parts.areas[part, None] * parts.times
-                through = np.einsum("pt,pt->p", slope, squared)
-                weights_bar[part] += 2.0 / p * through / (parts.areas[part] * parts.area)
-                x_bar += np.bincount(parts.cell[part], through, minlength=len(x_bar))
-                slope *= 2.0 * own
-                stress *= slope
-                modes_bar[:, part] = stress @ z
-                for row, modes in zip(stress, parts.modes[:, part], strict=True):
-                    z_bar += row.T @ modes
-            positive = parts.density > 0.0
-            x_bar[positive] *= 2.0 * self.relaxation / parts.density[positive]
-        field = parts.field
-        root = von_mises_root(field.out_of_plane, len(parts.modes))
-        shape = (*field.weights.shape, z.shape[1], len(root))
-        stress_bar = np.tensordot(modes_bar, root, axes=(0, 0)).reshape(shape)
+        mean, points = self._mean(response), self._points(response)
+        field, x = response.stresses[self.body], response.densities[self.body].values
+        modes_bar, z_bar = points.stresses.slopes(mean, self.power)
+        modes_bar *= self.scale
+        # by s_v^2 of each point, times that
+        through = 0.5 * np.einsum("ipn,ipn->p", modes_bar, points.stresses.modes)
+        cell, areas = points.chosen // field.weights.shape[1], points.stresses.areas
+        x_bar = np.zeros(len(x))
+        x_bar += np.bincount(cell, through, minlength=len(x))
+        x_bar[x > 0.0] *= 2.0 * self.relaxation / x[x > 0.0]
+        weights_bar = points.scattered(2.0 / self.power * through / areas)
+        weights_bar = (weights_bar - self.scale * mean.value / self.power) / points.area
+        modes_bar *= points.share[:, None]
+        stress_bar = points.scattered(np.einsum("ij,ipn->pjn", points.root, modes_bar))
+        z_bar = field.sum(self.scale * z_bar)
         return Derivatives(
-            stress_coordinates_pullback(
-                parts.trajectory, self.body, field.n_constraint, field.sum(z_bar)
-            ),
+            stress_coordinates_pullback(response.trajectory, self.body, field.n_constraint, z_bar),
             densities={self.body: x_bar},
-            stresses={self.body: np.swapaxes(stress_bar, 2, 3)},
-            weights={self.body: weights_bar.reshape(field.weights.shape)},
+            stresses={self.body: stress_bar},
+            weights={self.body: weights_bar},
         )
 
-    def _parts(self, response: Response) -> _Parts:
-        """The quantities that the mean is made of."""
+    def _points(self, response: Response) -> _Points:
+        """The points that count, and their stress."""
         self._check_body(response.stresses)
-        field, density = response.stresses[self.body], response.densities[self.body].values
-        trajectory = response.trajectory
-        modes, (cells, points) = field.modes(self.correction), field.weights.shape
-        root = von_mises_root(field.out_of_plane, modes.shape[2])
-        weighted = np.einsum("ij,cpjn->icpn", root, modes)
-        times = time_weights(trajectory)
-        cell = np.repeat(np.arange(cells), points)
-        area = sum(field.gathered(float(np.sum(field.weights))))
-        share = density[cell] ** (2.0 * self.relaxation)
+        field, x = response.stresses[self.body], response.densities[self.body].values
+        share = np.repeat(x**self.relaxation, field.weights.shape[1])
         if self.clear > 0.0:
-            share = np.where(field.interface_distance.ravel() < self.clear, 0.0, share)
+            share[field.interface_distance.ravel() < self.clear] = 0.0
         if self.counted is not None:
-            share = np.where(self.counted.ravel(), share, 0.0)
-        return _Parts(
-            field=field,
-            trajectory=trajectory,
-            density=density,
-            modes=weighted.reshape(len(root), len(cell), modes.shape[3]),
-            coordinates=stress_coordinates(
-                trajectory, self.body, field.n_constraint, correction=self.correction
-            ),
-            times=times / np.sum(times),
-            cell=cell,
-            areas=field.weights.ravel() / area,
-            area=area,
-            share=share,
-        )
+            share[~self.counted.ravel()] = 0.0
+        chosen = np.flatnonzero(share)
+        area = sum(field.gathered(float(np.sum(field.weights))))
+        modes, of = field.modes(self.correction), {"correction": self.correction}
+        root = von_mises_root(field.out_of_plane, modes.shape[2])
+        solid = modes.reshape(len(share), *modes.shape[2:])
+        weighted = np.einsum("ij,pjn->ipn", root, solid if share.all() else solid[chosen])
+        weighted *= share[chosen, None]
+        z = stress_coordinates(response.trajectory, self.body, field.n_constraint, **of)
+        times, areas = time_weights(response.trajectory), field.weights.ravel()[chosen] / area
+        stresses = Stresses(weighted, z, areas, times / np.sum(times))
+        return _Points(field.weights.shape, area, chosen, share[chosen], root, stresses)
 
-    def _mean(self, parts: _Parts) -> _Mean:
-        """The mean over all points and instants, the same on every rank."""
-        half, counts = 0.5 * self.power, parts.times > 0.0
-        highest = np.zeros(len(parts.areas))
-        # the largest value so far is divided out, so that no power overflows
-        largest = reference = total = 0.0
-        for part, stress in parts.blocks(np.arange(len(highest))):
-            squared = np.einsum("ipt,ipt->pt", stress, stress)
-            squared *= parts.share[part, None]
-            largest = max(largest, float(np.max(squared, initial=0.0)))
-            # the start does not count in the integrals of Radau IIA
-            squared = squared[:, counts]
-            highest[part] = np.max(squared, axis=1)
-            now = float(np.max(highest[part], initial=0.0))
-            if now > reference:
-                total *= (reference / now) ** half
-                reference = now
-            if reference > 0.0:
-                powers = _power(squared / reference, half)
-                total += float(parts.areas[part] @ (powers @ parts.times[counts]))
-        ranks = parts.field.gathered((largest, reference, total))
-        largest, reference = (max(rank[i] for rank in ranks) for i in (0, 1))
-        if reference == 0.0:
-            return _Mean(0.0, largest, highest)
-        total = sum(part * (own / reference) ** half for _, own, part in ranks)
-        return _Mean(math.sqrt(reference) * total ** (1.0 / self.power), largest, highest)
+    def _mean(self, response: Response) -> Mean:
+        """The mean over all points and instants, the same on every rank; once for a response."""
+        key = replace(self, scale=1.0), id(self.counted)
+        if key not in response.known:
+            points = self._points(response)
+            own = points.stresses.mean(self.power, response.stresses[self.body].gathered)
+            # what is counted stays, so that nothing else takes its place
+            known = replace(own, highest=points.scattered(own.highest)), self.counted
+            response.known[key] = known
+        found: Mean = response.known[key][0]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
-    """Stress for unit coordinates, coordinates over time, and how much each point counts."""
+class _Points:
+    """The points that count, and their stress."""
 
-    field: StressField
-    trajectory: Trajectory
-    density: Array  #: (cells,) of this rank
-    modes: Array  #: (3 or 6, points of all cells, coordinates) R times the stress of the solid [Pa]
-    coordinates: Array  #: (steps + 1, coordinates)
-    times: Array  #: (steps + 1,) share of each instant in the time
-    cell: Integers  #: (points of all cells,) of each point
-    areas: Array  #: (points of all cells,) share of each point in the area of the body
+    shape: tuple[int, ...]  #: Cells, and points of each
     area: float  #: Area of the body, in space volume [m^2], [m^3]
-    share: Array  #: (points of all cells,) x^(2 s), zero beside interfaces
+    chosen: Integers  #: (points,) which of all points they are
+    share: Array  #: (points,) x^s
+    root: Array  #: R
+    stresses: Stresses  #: R times the stress of the solid times x^s
 
-    def blocks(self, chosen: Integers) -> Iterator[tuple[Integers, Array]]:
-        """Some of the chosen points, and R times their stress, (3 or 6, points, steps + 1)."""
-        history = np.ascontiguousarray(self.coordinates.T)
-        several = max(1, BLOCK // (len(self.modes) * history.shape[1]))
-        for first in range(0, len(chosen), several):
-            part = chosen[first : first + several]
-            yield part, self.modes[:, part] @ history
-
-
-@dataclass(frozen=True, eq=False)
-class _Mean:
-    """A power mean, and what else was seen on the way."""
-
-    value: float  #: The mean, without its scale [Pa]
-    largest: float  #: Largest square of all points and instants, the same on every rank [Pa^2]
-    highest: Array  #: (points of all cells,) largest square of each over the time that counts
-
-
-def _power(values: Array, exponent: float) -> Array:
-    """Values to a power, by products where it is a whole number."""
-    if exponent != int(exponent):
-        return np.asarray(values**exponent)
-    result, square, left = np.ones_like(values), values.copy(), int(exponent)
-    while left:
-        if left % 2:
-            result *= square
-        left //= 2
-        if left:
-            square *= square
-    return result
+    def scattered(self, values: Array) -> Array:
+        """Values (points, ...) among zeros for all points, (cells, points of each, ...)."""
+        total = math.prod(self.shape)
+        found = values if len(values) == total else np.zeros((total, *values.shape[1:]))
+        if len(values) < total:
+            found[self.chosen] = values
+        return found.reshape(*self.shape, *values.shape[1:])

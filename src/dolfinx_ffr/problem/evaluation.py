@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from .. import validation
 from ..arrays import Array
@@ -39,6 +39,8 @@ class LoadCaseEvaluation:
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
     #: Likewise with respect to the parameters of the mechanism, as `Evaluation.parameters`
     parameters: dict[str, float] = field(default_factory=dict, repr=False)
+    #: What its objectives keep of their values, see `Response.known`
+    known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, repr=False)

@@ -573,7 +573,10 @@ class Problem(LoadCases):
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         given = self._designed.response(evaluation.bodies)
         simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
-        return self.at_evaluation(evaluation)._moving(given, simulated)
+        found = self.at_evaluation(evaluation)._moving(given, simulated)
+        for name, response in found.items():
+            response.known.update(evaluation.load_cases[name].known)
+        return found
 
     def _moving(
         self, given: Response, simulated: Mapping[str, Trajectory | None]
@@ -600,6 +603,8 @@ class Problem(LoadCases):
         with on_every_rank(self.comm, WORK):
             psi = self._combined({name: value for name, (value, _) in values.items()})
         return psi, {
-            name: LoadCaseEvaluation(value, responses[name].simulated, bounds)
+            name: LoadCaseEvaluation(
+                value, responses[name].simulated, bounds, known=responses[name].known
+            )
             for name, (value, bounds) in values.items()
         }

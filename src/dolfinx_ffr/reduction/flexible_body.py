@@ -601,7 +601,8 @@ class FlexibleBody:
             if fields.shape[1] == r:
                 return ShapesBar(fields, stress=(basis.shapes, bar))
             factored = self.factored(reduced)
-            through = static_correction_pullback(self.reduction, factored, basis, fields[:, r:])
-            more = static_correction(self.reduction, factored, basis)
+            through, more = static_correction_pullback(
+                self.reduction, factored, basis, fields[:, r:]
+            )
         stress = np.hstack([basis.shapes, more]), bar
         return replace(through, shapes=fields[:, :r] + through.shapes, stress=stress)

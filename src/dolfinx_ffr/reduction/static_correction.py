@@ -42,8 +42,8 @@ def static_correction(
 
 def static_correction_pullback(
     reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis, bar: Block
-) -> ShapesBar:
-    """The transpose of the derivative of `static_correction`, for that with respect to C."""
+) -> tuple[ShapesBar, Block]:
+    """The transpose of the derivative of `static_correction`, for that by C, and C itself."""
     elasticity, k, r = reduction.elasticity, basis.n_constraint, basis.shapes.shape[1]
     fields = _inertia_fields(reduction, basis)
     loads = _loads(reduction, factored, fields)
@@ -60,7 +60,8 @@ def static_correction_pullback(
     K = np.zeros((r, r))
     K[k:, k:] = symmetric(modal_bar @ modal.T)
     reference = reduction.reference_pullback(fields_bar[:, elasticity.dimension : first])
-    return ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
+    through = ShapesBar(shapes, K, (fields, -partners, static, -adjoint), reference)
+    return through, static - basis.normal @ modal
 
 
 def _inertia_fields(reduction: CraigBampton, basis: ReducedBasis) -> Block:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -42,7 +43,7 @@ class BodyStress:
         """Area that each point stands for, in space volume, shape (cells, points) [m^2], [m^3]."""
         return self.body.stress_recovery.weights
 
-    @property
+    @cached_property
     def interface_distance(self) -> Array:
         """From each point to the nearest node of an interface, (cells, points) [m]; collective."""
         domain, points = self.body.domain, self.points
