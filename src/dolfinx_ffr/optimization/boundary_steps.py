@@ -161,6 +161,11 @@ def _descended(
         warnings_above(bar),
         interruptible(comm) as interrupted,
     ):
+        trials = count(1)
+        descent = replace(
+            descent,
+            tell=lambda psi: bar.set_postfix_str(f"{psi}, trial {next(trials)} between steps"),
+        )
         pace, reason = descent.kind.pace, "iterations"
         if checkpoint is not None and (kept := checkpoint.load(boundaries)):
             descent, trial, best = descent.restored(kept)

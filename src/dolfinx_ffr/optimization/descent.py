@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -127,6 +127,7 @@ class Descent:
     others: dict[str, Array]  #: Variables of designs without a domain, and densities, that stay
     turn: float = math.inf  #: Size of triangles in notches, in radii
     spare: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
+    tell: Callable[[str], object] = str  #: Shows that something is tried without a step
 
     @property
     def kind(self) -> Kind[Any]:

@@ -85,6 +85,7 @@ def _tried(
 ) -> Iterator[tuple[Trial, int]]:
     """Those of the ``others`` in the place of a boundary that can be meshed and simulated."""
     for changed, count in others:
+        descent.tell(f"psi {trial.evaluation.psi:.5g}")
         try:
             yield descent.tried({**trial.boundaries, name: changed}), count
         except (ValueError, SimulationError):
