@@ -57,6 +57,7 @@ _KERNELS: dict[str, dict[str, Dispatcher]] = {}
 Kernel: TypeAlias = Callable[..., Any]
 #: Entries of one field in a table: the address, and up to four lengths.
 _ENTRIES = 5
+_NONE = (0,) * _ENTRIES
 
 
 class TableType(types.Type):
@@ -185,9 +186,9 @@ class Table:
         """Look up where the arrays are; refuse one that is not as its field declares."""
         self.arrays = arrays
         fields = table_type(type(arrays)).fields
-        self.entries = np.zeros((len(fields), _ENTRIES), dtype=np.int64)
-        for row, (name, real, dimensions), array in zip(
-            self.entries, fields, cast("tuple[NDArray, ...]", arrays), strict=True
+        entries: list[int] = []
+        for (name, real, dimensions), array in zip(
+            fields, cast("tuple[NDArray, ...]", arrays), strict=True
         ):
             kind = np.float64 if real else np.int64
             if array.dtype != kind or array.ndim != dimensions or not array.flags.c_contiguous:
@@ -196,8 +197,16 @@ class Table:
                     f"{dimensions} dimensions of {kind.__name__}, but it is of {array.ndim} "
                     f"dimensions of {array.dtype}"
                 )
-            row[0], row[1 : 1 + dimensions] = array.__array_interface__["data"][0], array.shape
-        self.address = int(self.entries.ctypes.data)
+            entries += (_address(array), *array.shape, *_NONE[dimensions + 1 :])
+        self.entries = np.array(entries, dtype=np.int64)
+        self.address = _address(self.entries)
+
+
+def _address(array: Any) -> int:
+    """Where an array begins in memory."""
+    if array.size and array.flags.writeable:  # several times as fast as to ask the array
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+    return int(array.__array_interface__["data"][0])
 
 
 def kernel(function: Kernel) -> Kernel:
