@@ -45,7 +45,7 @@ DISTANCES = 2.0 ** np.arange(0.0, 12.0, 0.5)
 
 
 class Certificate:
-    """Noise that has joined a ``space``, by fields such as `noise` makes."""
+    """Noise that has joined a ``space``, by fields of forces such as `noise` makes."""
 
     def __init__(self, space: KrylovSpace, fields: Block) -> None:
         self._space = space
@@ -78,7 +78,7 @@ class Certificate:
 
 
 def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
-    """Fields K^-1 f of normally distributed forces f, others for each ``number``, (dofs, s)."""
+    """Normally distributed forces f of fields K^-1 f, others for each ``number``, (dofs, s)."""
     elasticity = factored.elasticity
     diagonal = factored.clamped_mass.getDiagonal()
     variances = elasticity.mass_over_diagonal * np.maximum(diagonal.getArray(readonly=True), 0.0)
@@ -86,4 +86,4 @@ def noise(factored: FactoredBody, clamped: Mask, number: int) -> Block:
     generator = np.random.default_rng([number, elasticity.comm.rank])
     forces = generator.standard_normal((elasticity.n_dofs, COLUMNS))
     forces *= np.where(clamped, 0.0, np.sqrt(variances))[:, None]
-    return factored.solve(forces)
+    return forces

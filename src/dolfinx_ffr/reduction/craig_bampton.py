@@ -330,15 +330,17 @@ class CraigBampton:
         """
         load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
         load[self.clamped] = 0.0
-        constraint = self._lifted - factored.solve(load)
         n = self.modes
         eigenvalues, normal = np.zeros(0), np.zeros((self.elasticity.n_dofs, 0))
+        mass_normal = normal
         if n:
-            eigenvalues, normal, bounds = self._eigensolver.lowest(factored, n)
+            found = self._eigensolver.lowest(factored, n, load)
+            eigenvalues, normal, mass_normal, bounds, static = found
             self._warn_about_cluster(eigenvalues, bounds)
-        mass_normal = self.elasticity.apply(factored.clamped_mass, normal) if n else normal
+        else:
+            static = factored.solve(load)
         return ReducedBasis(
-            shapes=np.hstack([constraint, normal[:, :n]]),
+            shapes=np.hstack([self._lifted - static, normal[:, :n]]),
             n_constraint=self.n_constraint,
             eigenvalues=eigenvalues[:n],
             mass_times_normal=mass_normal[:, :n],
@@ -463,11 +465,16 @@ class CraigBampton:
         right = -shapes_bar
         right[self.clamped] = 0.0
         k = basis.n_constraint
-        adjoint, iterations = self.solve_shifted(factored, basis, right[:, k:], basis.eigenvalues)
-        return np.hstack([factored.solve(right[:, :k]), adjoint]), iterations
+        static, others = np.split(right, [k], axis=1)
+        return self.solve_shifted(factored, basis, others, basis.eigenvalues, static)
 
     def solve_shifted(
-        self, factored: FactoredBody, basis: ReducedBasis, right: Block, shifts: Array
+        self,
+        factored: FactoredBody,
+        basis: ReducedBasis,
+        right: Block,
+        shifts: Array,
+        static: Block | None = None,
     ) -> tuple[Block, int]:
         """Solve (K - shift_j M) z_j = right_j on the complement of the retained modes.
 
@@ -481,7 +488,8 @@ class CraigBampton:
         For a ``factored`` body and its shape functions ``basis``, the columns of ``right``
         (dofs, columns) are zero in clamped rows, and ``shifts`` (columns,) [rad^2/s^2] are retained
         eigenvalues. Solutions are M-orthogonal to the retained modes; the number of blocks or
-        iterations follows. The error of each in the norm of K is at most the tolerance times the
+        iterations follows. Before them are those of K z = ``static`` (dofs, k), as any field, where
+        it is given. The error of each in the norm of K is at most the tolerance times the
         largest norm of all solutions, both times the square roots of their shifts. In `pullback`
         that bounds the error of the gradient relative to its largest part.
 
@@ -489,8 +497,9 @@ class CraigBampton:
             RuntimeError: On every rank, without convergence.
         """
         inner = self.elasticity.inner
+        static = right[:, :0] if static is None else static
         if right.shape[1] == 0:
-            return np.zeros_like(right), 0
+            return factored.solve(static), 0
         truncated, eigenvalues = basis.truncated_modes, basis.truncated_eigenvalues
         shares = inner(truncated, right) / (eigenvalues[:, None] - shifts)
         normal = np.hstack([basis.normal, truncated])
@@ -501,22 +510,24 @@ class CraigBampton:
             solution, iterations = factored.clamped.solver.solve_shifted(
                 matrices, loads, shifts, (normal, mass_normal)
             )
-            return solution + truncated @ shares, iterations
-        first = factored.solve(loads)
+            whole = [factored.solve(static), solution + truncated @ shares]
+            return np.hstack(whole), iterations
+        both = factored.solve(np.hstack([static, loads]))
+        static, first = np.split(both, [static.shape[1]], axis=1)
         first -= normal @ inner(mass_normal, first)
         energies_of_first = self.elasticity.sum(np.einsum("ij,ij->j", first, loads))
         known = energies_of_first + eigenvalues @ shares**2
         reach = shifts**2.5 / (1.0 - shifts / eigenvalues[-1]) / np.sqrt(eigenvalues[-1])
-        # directions whose bound is a tenth of the allowed error are not followed
-        allowed = self.tolerance * np.sqrt(np.max(shifts * known))
-        floor = 0.1 * allowed / float(np.max(reach / shifts, initial=0.0))
+        # by their share in the error; directions with a tenth of what is allowed are not followed
+        weights = reach / shifts
+        floor = 0.1 * self.tolerance * float(np.sqrt(np.max(shifts * known)))
         without = normal, mass_normal
-        space = KrylovSpace(factored, first, without, images=True, floor=floor)
+        space = KrylovSpace(factored, first * weights, without, floor=floor)
         if space.invariant:  # nothing to solve for
-            return first + truncated @ shares, 0
+            return np.hstack([static, first + truncated @ shares]), 0
         for iteration in range(MAX_ITERATIONS):
             start = np.zeros((space.complete, len(shifts)))
-            start[: len(space.start)] = space.start[: space.complete]
+            start[: len(space.start)] = (space.start / weights)[: space.complete]
             values, vectors = np.linalg.eigh(space.projected)
             answers = vectors @ ((vectors.T @ start) / (1.0 - shifts * values[:, None]))
             if space.complete:
@@ -525,9 +536,9 @@ class CraigBampton:
                 )
                 largest = np.sqrt(max(np.max(shifts * energies), 0.0))
                 if np.max(reach * space.residual_norms(answers)) <= self.tolerance * largest:
-                    solution = first + shifts * (space.images @ answers)
+                    solution = first + shifts * space.image_of(answers)
                     solution -= normal @ inner(mass_normal, solution)
-                    return solution + truncated @ shares, iteration
+                    return np.hstack([static, solution + truncated @ shares]), iteration
             if space.invariant:
                 break
             space.grow()

@@ -35,6 +35,8 @@ CLEAR = 1e-3
 NOTHING = 1e-13
 #: Looks at a block, each for directions that are smaller by `CLEAR`
 LOOKS = 6
+#: Fields for which there is room at first: what is not written to takes no memory
+ROOM = 80
 
 
 class KrylovSpace:
@@ -42,7 +44,7 @@ class KrylovSpace:
 
     It begins with ``start`` (dofs, b), zero in clamped rows, but for directions of a norm by mass
     below ``floor``, in the M-complement of the M-orthonormal fields ``without``, given with M times
-    them. ``images`` says whether K^-1 M V is kept.
+    them.
     """
 
     def __init__(
@@ -51,14 +53,13 @@ class KrylovSpace:
         start: Block,
         without: tuple[Block, Block] | None = None,
         *,
-        images: bool = False,
         floor: float = 0.0,
     ) -> None:
         self._factored = factored
         self._without = None if without is None else tuple(map(np.asfortranarray, without))
-        self._basis = np.empty((len(start), 0), order="F")
-        self._masses = np.empty((len(start), 0), order="F")  # M times the basis
-        self._images: list[Block] | None = [] if images else None
+        self._basis = np.empty((len(start), ROOM), order="F")
+        self._masses = np.empty((len(start), ROOM), order="F")  # M times the basis
+        self._images: list[Block] = []  # K^-1 M times the blocks of the basis
         self.size = 0  # number of fields of the basis
         self._before = self._last = 0  # where the last two blocks begin
         self._projected = np.zeros((0, 0))
@@ -81,15 +82,17 @@ class KrylovSpace:
         return self._basis[:, : self._last]
 
     @property
-    def _mass_last(self) -> Block:
+    def mass_last(self) -> Block:
         """M times the last block."""
         return self._masses[:, self._last : self.size]
 
-    @property
-    def images(self) -> Block:
-        """K^-1 M times `basis`, shape (dofs, complete)."""
-        assert self._images is not None
-        return np.asfortranarray(np.hstack(self._images))
+    def image_of(self, coefficients: Array) -> Block:
+        """K^-1 M times combinations of `basis` by coefficients (complete, k), shape (dofs, k)."""
+        found = np.zeros((len(self._basis), coefficients.shape[1]), order="F")
+        ends = np.cumsum([block.shape[1] for block in self._images])
+        for block, part in zip(self._images, np.split(-coefficients, ends[:-1]), strict=True):
+            _subtract(found, block, part)
+        return found
 
     @property
     def projected(self) -> Array:
@@ -107,19 +110,18 @@ class KrylovSpace:
 
     def join(self, fields: Block) -> Array:
         """Add ``fields`` (dofs, b) to the last block; their coefficients in it, (its fields, b)."""
-        known = self._factored.elasticity.inner(self._mass_last, fields)
+        known = self._factored.elasticity.inner(self.mass_last, fields)
         return np.vstack([known, self._append(fields.copy(order="F"), 0.0)])
 
-    def grow(self) -> None:
-        """Apply K^-1 M to the last block, and add what is new."""
+    def grow(self, image: Block | None = None) -> None:
+        """Apply K^-1 M to the last block, and add what is new; the ``image`` may be there."""
         before, last, size = self._before, self._last, self.size
-        image = self._factored.solve(self._mass_last)
-        if self._images is not None:
-            self._images.append(image)
-        diagonal = self._factored.elasticity.inner(self._mass_last, image)
+        image = self._factored.solve(self.mass_last) if image is None else image
+        self._images.append(image)
+        diagonal = self._factored.elasticity.inner(self.mass_last, image)
         self._projected[last:, last:] = symmetric(diagonal)
         known = self._projected[before:, last:]
-        rest = image.copy(order="F") if self._images is not None else image
+        rest = image.copy(order="F")
         _subtract(rest, self._basis[:, before:size], known)
         coupling = self._append(rest, float(np.max(np.linalg.norm(known, axis=0))))
         self._before, self._last = last, size

@@ -47,6 +47,8 @@ MOST, MOST_EACH = 100, 6
 NEARLY = 1e-3
 #: Share by which a space grows between two looks at its modes
 LOOK = 1 / 16
+#: Eigenvalues (k,), fields (dofs, k) of modal mass one, M times them, bounds, static solutions
+Found = tuple[Array, Block, Block, tuple[int, int], Block]
 #: Fields that are iterated beyond those asked for, without a factor: the last ones converge slowly
 GUARDS = 2
 
@@ -67,17 +69,18 @@ class EigenSolver:
         width = NARROW if narrow else BLOCK
         self._block = np.hstack([self._smooth, *map(self._scattered, range(1, width))])
 
-    def lowest(self, factored: FactoredBody, number: int) -> tuple[Array, Block, tuple[int, int]]:
+    def lowest(self, factored: FactoredBody, number: int, loads: Block) -> Found:
         """The ``number`` lowest modes, and more to the end of the last one's cluster and beyond.
 
-        Eigenvalues (k,) [rad^2/s^2], fields (dofs, k) of modal mass one, and the `cluster` of the
-        last mode asked for. RuntimeError on every rank if modes do not converge or remain missing.
+        With the `cluster` of the last mode asked for, and K^-1 times ``loads`` (dofs, columns), for
+        which the factor is not read once more. RuntimeError on every rank if modes do not converge
+        or remain missing.
         """
         iterative = isinstance(factored.clamped.solver, MultigridSolver)
         # where solutions are approximate, a Krylov space loses its recurrence
-        certified = None if iterative else self._in_krylov_space(factored, number)
+        certified = None if iterative else self._in_krylov_space(factored, number, loads)
         if certified is not None:
-            return (*certified, cluster(certified[0], number))
+            return certified
         eigenvalues, fields = self._search(factored, self._smooth, number + 1)
         while True:
             last, end = cluster(eigenvalues, number)
@@ -102,17 +105,23 @@ class EigenSolver:
                     "another number of modes, may help"
                 )
             eigenvalues, fields = self._ritz(factored, np.hstack([fields, others]))
-        return eigenvalues, fields, (last, end)
+        masses = self.elasticity.apply(factored.clamped_mass, fields)
+        return eigenvalues, fields, masses, (last, end), factored.solve(loads)
 
-    def _in_krylov_space(self, factored: FactoredBody, number: int) -> tuple[Array, Block] | None:
+    def _in_krylov_space(self, factored: FactoredBody, number: int, loads: Block) -> Found | None:
         """The modes of `lowest`, certified, or None if that takes too many vectors."""
         # K^-1 M V y, unlike V y, is free of fields that the mass does not see, in void
-        space = KrylovSpace(factored, self._block, images=True)
+        space = KrylovSpace(factored, self._block)
         certificate: Certificate | None = None
+        known = [space.mass_last, noise(factored, self._clamped, 0), loads]
+        ends = np.cumsum([block.shape[1] for block in known])
+        image: Block | None
+        image, noisy, static = np.split(factored.solve(np.hstack(known)), ends[:2], axis=1)
         rounds = looked = found = 0
         while space.size <= MOST + MOST_EACH * max(number, found):
             if not space.invariant:
-                space.grow()
+                space.grow(image)
+                image = None
                 if space.complete < max(number + 1, (1.0 + LOOK) * looked):
                     continue
             looked = space.complete
@@ -129,11 +138,13 @@ class EigenSolver:
                 limit = 1.0 / below_following(eigenvalues, end)
                 holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
-                # column by column in memory, as the solver takes them
-                fields = (vectors[:, :found].T @ space.images.T).T
-                return eigenvalues, self._normalized(factored, fields)
+                fields = space.image_of(vectors[:, :found])
+                fields, masses = self._normalized(factored, fields)
+                return eigenvalues, fields, masses, cluster(eigenvalues, number), static
             if space.invariant or (end < found and holds is False):
-                certificate = Certificate(space, noise(factored, self._clamped, rounds))
+                if rounds:
+                    noisy = factored.solve(noise(factored, self._clamped, rounds))
+                certificate = Certificate(space, noisy)
                 rounds += 1
                 if space.invariant and end == found:
                     return None  # there is nothing else
@@ -163,14 +174,15 @@ class EigenSolver:
         # In void and in clamped rows there is no mass, and round-off grows there without bound as
         # modes become many. K^-1 M only scales an eigenvector, and takes that away.
         fields = factored.solve(self.elasticity.apply(mass, fields))
-        return eigenvalues, self._normalized(factored, fields)
+        return eigenvalues, self._normalized(factored, fields)[0]
 
-    def _normalized(self, factored: FactoredBody, fields: Block) -> Block:
-        """Fields with zeros in clamped rows, and of modal mass one."""
+    def _normalized(self, factored: FactoredBody, fields: Block) -> tuple[Block, Block]:
+        """Fields with zeros in clamped rows, and of modal mass one, and M times them."""
         fields[self._clamped] = 0.0
         image = self.elasticity.apply(factored.clamped_mass, fields)
         # a sum along a column could differ in its last bit by where the memory lies
-        return fields / np.sqrt(np.diag(self.elasticity.inner(fields, image)))
+        norms = np.sqrt(np.diag(self.elasticity.inner(fields, image)))
+        return fields / norms, image / norms
 
     def _ritz(self, factored: FactoredBody, fields: Block) -> tuple[Array, Block]:
         """The best eigenpairs in the span of fields."""
