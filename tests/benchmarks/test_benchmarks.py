@@ -47,7 +47,7 @@ integration_summary 4, integration_damping 10, time_steps 3,
 boundary_starts 1, boundary_short 0, boundary_outline 1,
 boundary_meshes 0, boundary_stress_limit 1, space 3, space_parts 3,
 space_solvers 1, space_steps 1, published_slider_crank 11, published_rod 3, published_squeezer 11,
-arrays 2, arrays_scipy 1, ranks 1"""
+arrays 2, arrays_scipy 1, ranks 1, stress 2"""
 Rows = Callable[..., list[dict[str, str]]]
 
 

@@ -23,8 +23,8 @@ from ..arrays import Array, Mask
 
 #: Numbers in one tile of stresses, and instants
 TILE, INSTANTS = 150_000, 128
-#: Shares of the derivative, and of the coordinates, that are left out, as round-off does
-NEGLIGIBLE, ROUND_OFF = 1e-15, 1e-16
+#: Largest shares of the derivative, where stresses are small, and of coordinates that are left out
+NEGLIGIBLE, ROUND_OFF = 1e-12, 1e-16
 
 
 @dataclass(frozen=True, eq=False)
