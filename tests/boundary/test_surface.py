@@ -169,6 +169,22 @@ def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
     assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
 
 
+@pytest.mark.parametrize(("depth", "stays"), [(0.0118, False), (0.01, True)])
+def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -> None:
+    """A hollow that opens through a face by 4.4 mm, and one that opens by 13 mm."""
+    middle = np.array([0.08, 0.003, 0.02 - depth])
+
+    def hollow(x: np.ndarray) -> np.ndarray:
+        return np.asarray(np.linalg.norm(x - middle, axis=1) - 0.012)
+
+    found = surface(beam(MPI.COMM_SELF), hollow)
+    face = np.linspace(-0.006, 0.006, 41)
+    there = np.stack(np.meshgrid(0.08 + face, 0.003 + face, [0.02], indexing="ij"), axis=-1)
+    assert np.any(found.field(there.reshape(-1, 3)) < 0.0) == stays
+    assert len(found.part.cavities) == (not stays)
+    assert found.walls.thickness[0] > 0.999 * MEMBER
+
+
 def test_a_pointed_hollow_ends_in_a_wall() -> None:
     """All samples around its tip have inclined normals; the nearest is at most half apart."""
     slope, least = np.tan(np.radians(25.0)), 0.009

@@ -27,7 +27,7 @@ class Rows(NamedTuple):
     """Constraints value + slope . offsets <= 0."""
 
     values: Array  #: (m,)
-    slopes: Array  #: (m, controls) [1/m]
+    slopes: Array | csr_matrix  #: (m, controls) [1/m]
     least: Array  #: Size of which the value is 1 - size / least, (m,) [m]
     #: For a member the numbers of the two curves beside it, (m, 2); -1 where one stays, or for both
     members: Integers

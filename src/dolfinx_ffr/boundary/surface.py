@@ -10,7 +10,7 @@ normal n by the change over the slope, so the derivative by the nodes gives that
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -46,11 +46,11 @@ _SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
 #: Thickness in minimum members below which a wall becomes one of balls, and theirs: the fit takes
 #: some of it away; others are moved by their slopes
 _THIN, _THICKER = 0.8, 1.06
-#: Most constraints of one body: the thinnest walls
-_MOST = 600
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
-#: they are not larger than the minimum member; if they are; and on which a result is told
+#: they are small enough; if they are not; and on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
+#: Size of tetrahedra, in minimum members, that is small enough: psi changes by 0.2 % on the next
+_SMALL = 1.3
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall
 _COARSE = 2.0
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
@@ -153,9 +153,9 @@ class Surface:
                 f"surface: a member of {member:.4g} m is thicker than the body, which is "
                 f"{np.min(high - low):.4g} m; give a smaller one"
             )
-        count = float(np.prod((high - low) / (_SPACING * member) + 4.0))
+        knots = float(np.prod((high - low) / (_SPACING * member) + 4.0))
         with on_every_rank(body.comm, "surface"):
-            check_count("surface", count, "knots", "take a larger member [m]", each=64.0 * PAIR)
+            check_count("surface", knots, "knots", "take a larger member [m]", each=64.0 * PAIR)
         counts = np.ceil((high - low) / (_SPACING * member) - 1e-9).astype(int)
         spacing = (high - low) / counts
         if size is None:
@@ -172,11 +172,7 @@ class Surface:
         none = np.zeros(tuple(counts + 3))
         empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
 
-        def found() -> Array:
-            fitted = empty._fitted(lambda x: solid.field(np.clip(x, low, high)))
-            return fitted._thick().coefficients
-
-        return empty._with(on_rank_0(body.comm, found))
+        return empty._made(lambda: empty._fitted(lambda x: solid.field(np.clip(x, low, high))))
 
     # ------------------------------------------------------------------ field
 
@@ -199,11 +195,9 @@ class Surface:
 
     def _slopes(self, x: Array) -> Array:
         """The gradient of the field at points, (n, 3)."""
-        c, found = self.coefficients.ravel(), np.zeros((len(x), 3))
+        found = np.zeros((len(x), 3))
         for image in self._images:
-            at = image(x), self._low, self._spacing, self.coefficients.shape
-            own = np.column_stack([_basis(*at, axis) @ c for axis in range(3)])
-            found += own @ image.turn
+            found += _gradients(image(x), self._low, self._spacing, self.coefficients) @ image.turn
         return found / len(self._images)
 
     # ------------------------------------------------------------------ solid
@@ -222,16 +216,28 @@ class Surface:
         little, by more than a short step may cost.
         """
 
-        def found() -> Array:
+        def found() -> Surface:
             changed = self.shifted(offsets)
             assert self._sides is not None
             x, _ = self._sides.surface(changed.field, changed._slopes)
             steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), _SHARES)
             if steep[0] < _STEEP[0] or steep[1] > _STEEP[1]:
                 changed = changed._fitted(changed.field)
-            return changed._thick().coefficients
+            return changed
 
-        return self._with(on_rank_0(self.body.comm, found))
+        return self._made(found)
+
+    def _made(self, make: Callable[[], Surface]) -> Surface:
+        """What is made on rank 0, with thick walls, and sent to all ranks; collective."""
+
+        def found() -> tuple[Array, Walls]:
+            thick = make()._thick()
+            return thick.coefficients, thick.walls
+
+        coefficients, walls = on_rank_0(self.body.comm, found)
+        made = self._with(coefficients)
+        made.walls = walls
+        return made
 
     def _fitted(self, field: Field) -> Surface:
         """That of a field, which becomes a distance; on rank 0."""
@@ -239,35 +245,45 @@ class Surface:
         return self._with(_fitted(field, self._low, self._spacing, shape))
 
     def _thick(self) -> Surface:
-        """The same with walls as thick as asked; on rank 0."""
+        """The same without windows that are too narrow, with walls as thick as asked; on rank 0."""
         assert self._sides is not None
-        member, shape, found = self.member, self.coefficients.shape, self
-        nodes = self._low + self._spacing * np.indices(shape).reshape(3, -1).T
+        member, found = self.member, self
+        if closed := self._sides.closed(self.field, self.gap, _THICKER * member):
+            found = self._as(closed)
+        walls, everywhere = found._walls(), True
         for _ in range(_ROUNDS):
-            thin = self._sides.walls(found.field, found._slopes, *(SPARE * member,) * 2)
-            least = np.min(thin.thickness, initial=np.inf)
-            if least > (1.0 - _ALMOST) * member:
+            if not everywhere and walls.least > (1.0 - _ALMOST) * member:
+                walls, everywhere = found._walls(), True
+            if walls.least > (1.0 - _ALMOST) * member:
                 break
-            if least < _THIN * member:
-                balls = self._sides.thickened(found.field, thin, _THICKER * member)
-                more = (balls(nodes) - found.field(nodes)).reshape(shape)
-                found = found._with(found.coefficients + spline_filter(more, mode="mirror"))
-                continue
-            rows, still, metric = found.rows(thin), np.zeros(self.n_controls), self.metric(member)
-            step = best_step(metric, still, rows.values, rows.slopes, self.held, member)
-            found = found.shifted(step.offsets)
+            thin = walls.upto(SPARE * member)
+            if walls.least < _THIN * member:
+                found = found._as(self._sides.thickened(found.field, thin, _THICKER * member))
+            else:
+                rows, still = found.rows(thin), np.zeros(self.n_controls)
+                of_rows = rows.values, rows.slopes, self.held, member
+                step = best_step(self.metric(member), still, *of_rows)
+                found = found.shifted(step.offsets)
+            walls, everywhere = found._walls(thin.middles), False
+        found.walls = walls if everywhere else found._walls()
         return found
+
+    def _as(self, field: Field) -> Surface:
+        """With the values of a field, which differs in places, at the points of the grid."""
+        nodes = self._low + self._spacing * np.indices(self.coefficients.shape).reshape(3, -1).T
+        more = (field(nodes) - self.field(nodes)).reshape(self.coefficients.shape)
+        return self._with(self.coefficients + spline_filter(more, mode="mirror"))
 
     @cached_property
     def walls(self) -> Walls:
         """Those up to 1.5 times the minimum; collective."""
+        return on_rank_0(self.body.comm, self._walls)
 
-        def found() -> Walls:
-            assert self._sides is not None
-            least = SPARE * self.member
-            return self._sides.walls(self.field, self._slopes, least, SEEN * least)
-
-        return on_rank_0(self.body.comm, found)
+    def _walls(self, near: Array | None = None) -> Walls:
+        """The same, or those near some places (n, 3) [m] only; on rank 0."""
+        assert self._sides is not None
+        least = SPARE * self.member
+        return self._sides.walls(self.field, self._slopes, least, SEEN * least, near)
 
     def rows(self, walls: Walls) -> Rows:
         """1 - d / d_min for the thinnest of walls, one in each cell of the grid of the motion.
@@ -275,10 +291,10 @@ class Surface:
         The thickness d is the diameter of a ball that touches both sides. It grows as these move
         outwards; where their normals are not opposite, the ball also moves along the wall.
         """
-        # of each cell the thinnest wall, found from either side
+        # of each cell the thinnest wall, found from either side: one without a row would become
+        # thinner for nothing
         cell = np.floor((walls.middles - self.body.bounding_box[0]) / self.knots + 1e-9)
-        first = np.unique(cell.astype(int), axis=0, return_index=True)[1]
-        first = np.sort(first)[:_MOST]
+        first = np.sort(np.unique(cell.astype(int), axis=0, return_index=True)[1])
         cosine = np.einsum("nd,nd->n", walls.inward[first], walls.across[first])
         there = diags(1.0 * walls.moving[first]) @ self.outwards(walls.ends[first])
         there = there - diags(cosine) @ self.outwards(walls.points[first])
@@ -286,7 +302,7 @@ class Surface:
         slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
         values = 1.0 - walls.thickness[first] / least
         none = np.full((len(first), 2), -1)
-        return Rows(values, slopes.toarray(), np.full(len(first), least), none)
+        return Rows(values, csr_matrix(slopes), np.full(len(first), least), none)
 
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
@@ -368,36 +384,49 @@ def _size(body: Domain, member: float) -> float:
     """The size of tetrahedra [m] that is fine enough for psi and walls, if it is not too dear."""
     finer = 0
     while body.n_cells_global * Tetrahedra.each(body, finer + 1) <= (
-        _TETRAHEDRA if Tetrahedra.size(body, finer) <= member else _DEAR
+        _TETRAHEDRA if Tetrahedra.size(body, finer) <= _SMALL * member else _DEAR
     ):
         finer += 1
     return Tetrahedra.size(body, finer)
 
 
-def _basis(
-    x: Array, low: Array, spacing: Array, shape: Sequence[int], axis: int | None = None
-) -> csr_matrix:
-    """Values of the tensor-product B-splines at points, or derivatives, (n, product of shape)."""
+def _along(
+    x: Array, low: Array, spacing: Array, shape: Sequence[int]
+) -> tuple[list[Array], list[Array], list[Integers]]:
+    """B-splines at points along each axis: values, derivatives, and numbers, (n, 4) each."""
     at = (x - low) / spacing
-    weights, places = [], []
+    values, slopes, places = [], [], []
     for k, count in enumerate(shape):
         first = np.floor(at[:, k])
         t = at[:, k] - first
         s = 1.0 - t
-        if k == axis:
-            own = [-0.5 * s**2, 1.5 * t**2 - 2.0 * t, 0.5 + t - 1.5 * t**2, 0.5 * t**2]
-            weights.append(np.stack(own, axis=1) / spacing[k])
-        else:
-            own = [s**3, 4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * s**2 + 3.0 * s**3, t**3]
-            weights.append(np.stack(own, axis=1) / 6.0)
+        own = [s**3, 4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * s**2 + 3.0 * s**3, t**3]
+        values.append(np.stack(own, axis=1) / 6.0)
+        own = [-0.5 * s**2, 1.5 * t**2 - 2.0 * t, 0.5 + t - 1.5 * t**2, 0.5 * t**2]
+        slopes.append(np.stack(own, axis=1) / spacing[k])
         place = first[:, None].astype(np.int64) + np.arange(-1, 3)
         places.append(np.clip(place, 0, count - 1))  # as `map_coordinates` does
+    return values, slopes, places
+
+
+def _basis(x: Array, low: Array, spacing: Array, shape: Sequence[int]) -> csr_matrix:
+    """Values of the tensor-product B-splines at points, (n, product of shape)."""
+    weights, _, (i, j, k) = _along(x, low, spacing, shape)
     values = np.einsum("ni,nj,nk->nijk", *weights).reshape(len(x), 64)
-    i, j, k = places
     columns = (i[:, :, None, None] * shape[1] + j[:, None, :, None]) * shape[2] + k[:, None, None]
     rows = np.repeat(np.arange(len(x)), 64)
     size = len(x), int(np.prod(shape))
     return csr_matrix((values.ravel(), (rows, columns.ravel())), shape=size)
+
+
+def _gradients(x: Array, low: Array, spacing: Array, c: Array) -> Array:
+    """Derivatives of the splines with coefficients c at points, (n, 3)."""
+    (u, v, w), (du, dv, dw), (i, j, k) = _along(x, low, spacing, c.shape)
+    near = c[i[:, :, None, None], j[:, None, :, None], k[:, None, None]]
+    of_z, of_w = (np.einsum("nijk,nk->nij", near, part) for part in (w, dw))
+    parts = (of_z, v, du), (of_z, dv, u), (of_w, v, u)
+    found = [np.einsum("nij,nj,ni->n", *part, optimize=True) for part in parts]
+    return np.stack(found, axis=1)
 
 
 def _refined(count: int) -> csr_matrix:

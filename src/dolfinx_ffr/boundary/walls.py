@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Mask
-from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra
+from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra, connected
 from ..part import Balls, outer_faces, spread, tangent_balls
 from .sizes import SEEN
 
@@ -26,6 +26,8 @@ Field = Callable[[Array], Array]
 _FACING = -np.cos(np.radians(30.0))
 #: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
 _SIDES = 4
+#: Distance from places up to which walls are looked for, and samples, in least thicknesses
+_NEAR, _SAMPLED = 3.0, 6.0
 
 
 class Walls(NamedTuple):
@@ -42,6 +44,16 @@ class Walls(NamedTuple):
     def middles(self) -> Array:
         """Centres of the balls, (n, 3) [m]."""
         return self.points + 0.5 * self.thickness[:, None] * self.inward
+
+    @property
+    def least(self) -> float:
+        """The least thickness [m]; infinite if there is none."""
+        return float(np.min(self.thickness, initial=np.inf))
+
+    def upto(self, thickness: float) -> Walls:
+        """Those that are no thicker [m]."""
+        count = int(np.searchsorted(self.thickness, thickness))
+        return Walls._make(part[:count] for part in self)
 
 
 class Sides:
@@ -72,8 +84,13 @@ class Sides:
         found = Tetrahedra.of(body)
         return None if body.comm.rank else Sides(found, spacing)
 
-    def surface(self, field: Field, slopes: Field) -> tuple[Array, Array]:
-        """Samples of the zero surface of a field in the designed region, and normals inwards."""
+    def surface(
+        self, field: Field, slopes: Field, near: Array | None = None, reach: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Samples of the zero surface of a field in the designed region, and normals inwards.
+
+        All of them, or those up to a ``reach`` [m] from places ``near`` (n, 3).
+        """
         import pyvista
 
         counts = np.ceil((self.high - self.low) / self.spacing).astype(int) + 1
@@ -83,6 +100,7 @@ class Sides:
         spacing = (self.high - self.low) / (counts - 1)
         grid = pyvista.ImageData(dimensions=tuple(counts), origin=self.low, spacing=spacing)
         x = np.asarray(grid.contour([0.0], scalars=level).points, dtype=np.float64)
+        x = x[_within(x, near, reach)]
         for _ in range(2):
             slope = slopes(x)
             square = np.maximum(np.sum(slope**2, axis=1), 1e-300)
@@ -92,15 +110,21 @@ class Sides:
         x = x[np.asarray(self._designed.find_containing_cell(x)).reshape(-1) >= 0]
         return x, _unit(slopes(x))
 
-    def walls(self, field: Field, slopes: Field, least: float, widest: float) -> Walls:
+    def walls(
+        self, field: Field, slopes: Field, least: float, widest: float, near: Array | None = None
+    ) -> Walls:
         """Walls up to the ``widest``, and posts up to the ``least``, of where a field is positive.
 
-        Thicknesses in [m]; a post has sides that are not opposite.
+        Thicknesses in [m]; a post has sides that are not opposite. Where places ``near`` (n, 3) are
+        given, those around them only.
         """
-        x, inward = self.surface(field, slopes)
+        x, inward = self.surface(field, slopes, near, _SAMPLED * least)
         there, bare = field(self.outline[0]) > 0.0, field(self.solid[0]) < 0.0
         still = ((self.outline, there), (self.solid, bare))
-        parts = (x, inward), *((sides[m], way[m]) for (sides, way), m in still)
+        parts = [(x, inward)]
+        for (sides, way), chosen in still:
+            chosen = chosen & _within(sides, near, _SAMPLED * least)
+            parts.append((sides[chosen], way[chosen]))
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
         most = 0.5 * max(widest, SEEN * least)
         balls = Balls(at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing)
@@ -108,11 +132,34 @@ class Sides:
         walls = (balls.cosine[: len(x)] < _FACING) & (end >= 0)
         posts = balls.thin(0.5 * least)
         walls[posts[posts < len(x)]] = True
-        chosen = np.flatnonzero(walls & (2.0 * radius < widest))
-        chosen = chosen[np.argsort(radius[chosen], kind="stable")]
-        end = end[chosen]
-        own = x[chosen], inward[chosen], at[end], normals[end], end < len(x)
-        return Walls(*own, 2.0 * radius[chosen])
+        walls &= _within(x, near, _NEAR * least)
+        found = np.flatnonzero(walls & (2.0 * radius < widest))
+        found = found[np.argsort(radius[found], kind="stable")]
+        end = end[found]
+        own = x[found], inward[found], at[end], normals[end], end < len(x)
+        return Walls(*own, 2.0 * radius[found])
+
+    def closed(self, field: Field, gap: float, thickness: float) -> Field | None:
+        """A field without windows in which no disc of a diameter fits, None if there is none.
+
+        They are filled by balls. The ``gap`` is the diameter of discs, the ``thickness`` that of
+        balls [m].
+        """
+        x, inward = self.outline
+        bare = field(x) < 0.0
+        open_ = bare & ~_within(x, self.solid[0], 1e-6 * self.spacing)
+        holes = x[open_]
+        pairs = cKDTree(holes).query_pairs(2.0 * self.spacing, output_type="ndarray")
+        which = connected(pairs, len(holes))
+        widest = np.zeros(len(holes))
+        np.maximum.at(widest, which, cKDTree(x[~open_]).query(holes)[0])
+        narrow = 2.0 * widest[which] < gap
+        if not np.any(narrow):
+            return None
+        depth = 0.5 * thickness * inward[open_][narrow]
+        # they reach beyond the outline, which balls within it only touch
+        balls = cKDTree(np.concatenate([holes[narrow], holes[narrow] + depth]))
+        return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
 
     def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
         """A field with balls of a diameter [m] amid the walls, off the sides of the body."""
@@ -124,6 +171,15 @@ class Sides:
             centers = centers + np.maximum(0.5 * thickness - depth, 0.0)[:, None] * normal
         balls = cKDTree(centers)
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
+
+
+def _within(x: Array, places: Array | None, distance: float) -> Mask:
+    """Which points are up to a distance from any of some places, all if these are None."""
+    if places is None or not len(x):
+        return np.ones(len(x), dtype=bool)
+    if not len(places):
+        return np.zeros(len(x), dtype=bool)
+    return np.asarray(np.isfinite(cKDTree(places).query(x, distance_upper_bound=distance)[0]))
 
 
 def _samples(body: Tetrahedra, chosen: Mask, spacing: float) -> tuple[Array, Array]:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import block_diag as sparse_block_diag
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix, issparse
+from scipy.sparse import vstack as sparse_vstack
 
 from ..arrays import Array
 from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
@@ -112,7 +113,7 @@ class Slopes:
 
     psi: Array  #: Of log psi, (masters,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
-    slopes: Array  #: Their derivatives, (m, masters)
+    slopes: Array | csr_matrix  #: Their derivatives, (m, masters)
     bounds: int  #: Number of bounds
     evaluation: Evaluation  #: With the gradients
 
@@ -186,9 +187,9 @@ class Descent:
                 parts.append(boundary.member * (boundary.shares.T @ bar))
             return np.concatenate(parts)
 
-        def rows(found: dict[str, Rows]) -> Array:
+        def rows(found: dict[str, Rows]) -> Array | csr_matrix:
             own = [b.member * (found[n].slopes @ b.shares) for n, b in boundaries.items()]
-            return np.asarray(block_diag(*own))
+            return csr_matrix(sparse_block_diag(own)) if issparse(own[0]) else block_diag(*own)
 
         bounds = [along(bound.nodes) for bound in evaluation.constraints.values()]
         excesses = []
@@ -209,7 +210,7 @@ class Descent:
         return Slopes(
             along(evaluation.nodes) / evaluation.psi,
             np.concatenate([*values, excesses]),
-            np.vstack([*map(rows, geometric), *bounds]),
+            _stacked([*map(rows, geometric), *(row[None] for row in bounds)]),
             len(bounds),
             evaluation,
         )
@@ -333,6 +334,11 @@ def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem
     most = (1.0 - _LOWERED) * value_of(problem.objective, response)
     bound = Constraint(problem.objective, upper=most, name="objective: largest stress")
     return replace(found, constraints=[*found.constraints, *bound.parts(response)])
+
+
+def _stacked(rows: list[Array | csr_matrix]) -> Array | csr_matrix:
+    """Rows below each other, sparse where some are."""
+    return csr_matrix(sparse_vstack(rows)) if any(map(issparse, rows)) else np.vstack(rows)
 
 
 def of_stress(problem: Problem, spare: float) -> dict[str, float]:
