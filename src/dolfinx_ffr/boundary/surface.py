@@ -49,7 +49,8 @@ _THIN, _THICKER = 0.8, 1.06
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
 #: they are small enough; if they are not; and on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
-#: Size of tetrahedra, in minimum members, that is small enough: psi changes by 0.2 % on the next
+#: Size of tetrahedra, in minimum members, that is small enough: psi changes by 0.2 to 0.5 % on the
+#: next finer ones
 _SMALL = 1.3
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall
 _COARSE = 2.0
@@ -131,7 +132,7 @@ class Surface:
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
                 allow with 30,000 of them for all of it, or with 150,000 where fewer are larger than
-                the member.
+                1.3 members.
 
         Raises:
             TypeError: On every rank, if an argument is of a wrong kind.
