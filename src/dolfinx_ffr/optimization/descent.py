@@ -338,7 +338,9 @@ def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem
 
 def _stacked(rows: list[Array | csr_matrix]) -> Array | csr_matrix:
     """Rows below each other, sparse where some are."""
-    return csr_matrix(sparse_vstack(rows)) if any(map(issparse, rows)) else np.vstack(rows)
+    if not any(map(issparse, rows)):
+        return np.vstack(rows)
+    return csr_matrix(sparse_vstack(list(map(csr_matrix, rows))))
 
 
 def of_stress(problem: Problem, spare: float) -> dict[str, float]:
