@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from ..arrays import Array
+from ..reduction import FlexibleBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +21,13 @@ class BodyFigures:
     #: Largest von Mises stress over the trajectory [Pa]; None without one and before finer meshes
     stress: float | None
     place: Array | None  #: Where it is, in the mesh (dimension,) [m]
+
+    def told_by(self, body: FlexibleBody, before: FlexibleBody) -> bool:
+        """Whether a full ``body`` on a new mesh is the one ``before``, of which they are."""
+        one, two = body.domain, before.domain
+        same = self.cells == one.n_cells_global and one.order == two.order
+        full = self.volume * (two.whole or two).area
+        return same and body.modes == before.modes and math.isclose(full, one.area, rel_tol=1e-10)
 
 
 @dataclass(frozen=True, eq=False)

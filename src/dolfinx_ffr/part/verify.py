@@ -481,11 +481,11 @@ def verify(
     wanted |= {n: number for n, number in given.items() if n in wanted and number is not None}
     limits = {f"volume of {name}": f"at most {bound:.4g}" for name, bound in bounds.items()}
     limits |= {constraint.label: constraint.limit for constraint in problem.constraints}
-    reported = _figures(None, *problem.calibrated(evaluation), parts, bounds)
+    own = problem.calibrated(evaluation)
+    reported = _figures(None, *own, parts, bounds)
     for name in parts:  # the factor of the design would stay beside those of its parts
         problem.flexible[name].release()
     fitted: list[Figures] = []
-    own = problem, evaluation
     every = {name: part.sizes(size, meshes) for name, part in parts.items()}
     silent = not progress or problem.comm.rank > 0
     for mesh in tqdm(range(meshes), "verify", unit="mesh", leave=False, disable=silent):
@@ -507,7 +507,10 @@ def verify(
             name: np.ones(body.domain.n_cells) if name in parts else evaluation.bodies[name].density
             for name, body in again.flexible.items()
         }
-        own = again.calibrated(again.value(densities))
+        # solids whose surface was moved are told by their first meshes
+        of = {name: (again.flexible[name], problem.flexible[name]) for name in parts}
+        if fitted or not all(reported.bodies[n].told_by(*pair) for n, pair in of.items()):
+            own = again.calibrated(again.value(densities))
         # the first mesh is never the last one, of which the stress is told
         fitted.append(_figures(max(sizes.values()), *own, parts, bounds, stressed=mesh > 0))
         last = {name: (own[0].flexible[name], own[1].bodies[name]) for name in parts}
