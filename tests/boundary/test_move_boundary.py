@@ -137,6 +137,22 @@ def test_narrow_and_tight_places_and_their_derivatives(
     assert (ahead - behind) / (2.0 * step) == pytest.approx(exact, rel=1e-3)
 
 
+def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
+    """A member is 3 % too thin; where none is, all stays."""
+    kind, boundary = InThePlane(), scene(alone=True)[1]
+    smallest = kind.sizes(replace(boundary, member=0.0185)).smallest
+    thin = replace(boundary, member=1.03 * smallest)
+    assert kind.sizes(thin).missed == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
+    mended = kind.mended(thin, 2e-3, 0.65)
+    assert kind.sizes(mended).missed <= 2e-3 and kind.radii(mended).missed <= 2e-3
+    way = thin.shares @ kind.way(thin, mended) * thin.member
+    assert 1e-4 < np.max(np.abs(way)) < 3e-3
+    there, here = (np.vstack([c.control for c in b.free.values()]) for b in (thin, mended))
+    # but for controls that are kept where they may be
+    assert np.quantile(np.abs(there + way[:, None] * thin.normals - here), 0.9) < 1e-9
+    assert kind.mended(boundary, 2e-3, 0.65) is boundary
+
+
 def test_mirror_images_move_alike() -> None:
     """Of a part with two mirror lines a quarter is free, and all that moves stays symmetric."""
     problem, boundary = scene(alone=True)
@@ -508,6 +524,7 @@ def test_steps_go_on_where_they_were_ended(
 
     monkeypatch.setattr(StepsCheckpoint, "save", kept_too)
     whole, steps = run(), list(saved)
+    assert steps[1][0].known.shape[:2] == (2, 2)
     save_checkpoint(domain.comm, path, steps[1][1])
     rest = run(resume=True)
     assert len(saved) == 2 * len(steps) - 2  # those before are not made again

@@ -11,13 +11,16 @@ import pytest
 from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
-from dolfinx_ffr.boundary.step import best_step
+from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 
-@pytest.mark.parametrize(("kind", "error"), [(np.asarray, 1e-5), (csr_matrix, 1e-3)])
+@pytest.mark.parametrize(
+    ("kind", "known", "error"),
+    [(np.asarray, 0, 1e-5), (np.asarray, 3, 1e-5), (csr_matrix, 0, 1e-3)],
+)
 @pytest.mark.parametrize("seed", range(4))
 def test_the_step_is_the_minimum_within_the_constraints(
-    seed: int, kind: Callable[[np.ndarray], Any], error: float
+    seed: int, kind: Callable[[np.ndarray], Any], known: int, error: float
 ) -> None:
     """Of a few constraints exactly, of many, with sparse slopes, by iterations."""
     random = np.random.default_rng(seed)
@@ -26,18 +29,20 @@ def test_the_step_is_the_minimum_within_the_constraints(
     gradient, slopes = random.standard_normal(n), random.standard_normal((m, n))
     values = random.uniform(-0.5, 0.2, m)
     held = np.arange(n) == 0
-    found = best_step(metric, gradient, values, kind(slopes), held, 0.3)
+    curved = random.standard_normal((n, known))
+    found = best_step(metric, gradient, values, kind(slopes), held, 0.3, curved)
+    whole = metric.toarray() + found.weight * curved @ curved.T
     assert np.max(np.abs(found.offsets)) <= 0.45 + 1e-12
     assert found.offsets[0] == 0.0
     assert np.min(found.multipliers) >= 0.0
 
     def cost(a: np.ndarray) -> float:
-        return float(0.5 * a @ (metric @ a) + found.weight * gradient @ a)
+        return float(0.5 * a @ (whole @ a) + found.weight * gradient @ a)
 
     best = minimize(
         cost,
         np.zeros(n),
-        jac=lambda a: metric @ a + found.weight * gradient,
+        jac=lambda a: whole @ a + found.weight * gradient,
         constraints=[
             {"type": "ineq", "fun": lambda a: -values - slopes @ a, "jac": lambda a: -slopes},
             {"type": "eq", "fun": lambda a: a[:1], "jac": lambda a: np.eye(n)[:1]},
@@ -55,3 +60,41 @@ def test_without_constraints_it_is_steepest_descent_in_the_metric() -> None:
     nothing = np.zeros(0), np.zeros((0, 3))
     found = best_step(metric, np.array([1.0, -1.0, 1.0]), *nothing, np.zeros(3, dtype=bool), 0.1)
     assert found.offsets == pytest.approx([-0.1, 0.05, -0.025])
+
+
+def test_steps_tell_the_curvature_along_them() -> None:
+    """Of a quadratic form it is exact there, and nowhere more than it; what is negative is left."""
+    random = np.random.default_rng(0)
+    bends = random.standard_normal((6, 6))
+    form, metric, known = (
+        bends @ bends.T,
+        csc_matrix(diags(np.arange(1.0, 7.0))),
+        np.zeros((2, 0, 0)),
+    )
+    x = random.standard_normal(6)
+    for move in random.standard_normal((3, 6)):
+        known, x = secants(known, move, form @ x), x + move
+        found = curvature(metric, known, form @ x)
+        assert found.shape == (6, known.shape[1])
+        assert found @ found.T @ move == pytest.approx(form @ move)
+        assert np.min(np.linalg.eigvalsh(form - found @ found.T)) > -1e-9
+    assert curvature(metric, secants(known[:, :0], move, form @ x), form @ (x - move)).size == 0
+    assert curvature(metric, secants(known[:, :0], 0.0 * move, x), form @ x).size == 0
+    for _ in range(9):
+        known = secants(known, move, x)
+    assert known.shape == (2, 8, 6)
+
+
+def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
+    """Of two directions one is a hundred times as steep: without it they go across."""
+    metric, curvatures, left = csc_matrix(np.eye(2)), np.array([100.0, 1.0]), []
+    nothing = np.zeros(0), np.zeros((0, 2)), np.zeros(2, dtype=bool)
+    for learns in (False, True):
+        x, known = np.array([0.5, 10.0]), np.zeros((2, 0, 0))
+        for _ in range(20):
+            gradient = curvatures * x
+            step = best_step(metric, gradient, *nothing, 0.4, curvature(metric, known, gradient))
+            known = secants(known, step.offsets, gradient) if learns else known
+            x = x + step.offsets
+        left.append(float(curvatures @ x**2))
+    assert left[1] < 0.2 * left[0], left

@@ -11,6 +11,8 @@ from .kinds import Kind as Kind
 from .outline import Boundary as Boundary
 from .sizes import Rows as Rows
 from .step import best_step as best_step
+from .step import curvature as curvature
+from .step import secants as secants
 from .surface import Surface as Surface
 
 explain_fields(globals())

@@ -19,6 +19,7 @@ from ..reduction import Struts
 from .derivative import NodeMotion
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
+from .step import best_step
 from .struts import missing
 from .surface import Surface, SurfaceMotion
 
@@ -89,6 +90,14 @@ class Kind(ABC, Generic[B]):
     def size(self, boundary: B, given: float | None) -> float:
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
+    def mended(self, boundary: B, missed: float, reach: float) -> B:
+        """The same, sizes that are ``missed`` by such a share mended; lengths in members."""
+        return boundary
+
+    def way(self, before: B, after: B) -> Array:
+        """Offsets of masters from one boundary to the next, in members; empty if not known."""
+        return np.zeros(0)
+
     def finer(self, boundary: B) -> B:
         """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
@@ -117,7 +126,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=1.4)
+    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
@@ -143,6 +152,24 @@ class InThePlane(Kind[Boundary]):
         if given is not None:
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
+
+    def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
+        rows = [self.sizes(boundary), self.radii(boundary)]
+        if max(part.missed for part in rows) <= missed:
+            return boundary
+        shares, member = boundary.shares, boundary.member
+        rows.append(self.room(boundary, 1.5 * reach * member))
+        values = np.concatenate([part.values for part in rows])
+        slopes = np.vstack([member * (part.slopes @ shares) for part in rows])
+        metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
+        still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0
+        step = best_step(metric, still, values, slopes, held, reach)
+        return boundary.moved(member * (shares @ step.offsets))
+
+    def way(self, before: Boundary, after: Boundary) -> Array:
+        control = [np.vstack([c.control for c in b.free.values()]) for b in (before, after)]
+        along = np.einsum("kd,kd->k", control[1] - control[0], before.normals)
+        return np.asarray(before.shares.T @ along / before.shares.sum(axis=0).A1 / before.member)
 
     def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
         for ends in missing(boundary, struts):

@@ -18,6 +18,9 @@ from ..arrays import Array, Mask
 _AT_ONCE = 0.25
 #: How often the weight of the gradient is found anew
 _ROUNDS = 6
+#: Earlier steps that tell the curvature, and its share of the largest from which on it is told:
+#: the gradient is as much another one on another mesh
+_EARLIER, _TOLD = 8, 1e-2
 #: Iterations for many multipliers, and their change, relative to the largest, that ends them;
 #: iterations for the largest eigenvalue of their matrix, and a factor of safety
 _ITERATIONS, _STILL, _POWERS, _MARGIN = 250, 1e-5, 12, 1.1
@@ -28,9 +31,8 @@ _SYMMETRIC = {
     "options": {"SymmetricMode": True},
 }
 
-#: By values and the weight of the gradient; the motion by multipliers
-Multipliers = Callable[[Array, float], Array]
-Motion = Callable[[Array], Array]
+#: The motion, and its multipliers, by values and the weight of the gradient
+Motion = Callable[[Array, float], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class Step:
     offsets: Array  #: Along the normals, one for each control [m]
     multipliers: Array  #: What each constraint costs of psi, not negative
     weight: float  #: Of the gradient
+    promised: float  #: Fall of psi by its gradient and the curvature that is known
 
 
 def best_step(
@@ -49,29 +52,35 @@ def best_step(
     slopes: Array | csr_matrix,
     held: Mask,
     reach: float,
+    curved: Array | None = None,
 ) -> Step:
-    """The step a that minimises 1/2 a.M a + mu g.a within values + slopes a <= 0.
+    """The step a that minimises 1/2 a.M a + mu (g.a + 1/2 |a.W|^2) within values + slopes a <= 0.
 
-    The weight mu is that for which the longest offset is ``reach`` [m]. By duality it is a problem
-    of non-negative least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least
-    Squares Problems, SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many
-    constraints, multipliers are found by accelerated gradients (A. Beck, M. Teboulle, SIAM Journal
-    on Imaging Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and held
-    (n,), values (m,), slopes (m, n).
+    The weight mu is that for which the longest offset is ``reach`` [m], and ``curved`` W (n, k)
+    what is known of the curvature, see `curvature`. By duality it is a problem of non-negative
+    least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
+    SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many constraints, nothing
+    may be known, and multipliers are found by accelerated gradients (A. Beck, M. Teboulle, SIAM
+    Journal on Imaging Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and
+    held (n,), values (m,), slopes (m, n).
     """
     free = np.flatnonzero(~held)
     how: dict[str, Any] = _SYMMETRIC if issparse(slopes) else {}
     factor = splu(metric[free][:, free].tocsc(), **how)
     downhill = -factor.solve(gradient[free])
     wanted = np.minimum(values, _AT_ONCE)
-    found = _accelerated if issparse(slopes) else _exact
-    multipliers, moved = found(factor, slopes[:, free], downhill)
-
+    bends = np.zeros((len(free), 0)) if curved is None else curved[free]
+    step = (
+        _accelerated(factor, slopes[:, free], downhill)
+        if issparse(slopes)
+        else _exact(factor, slopes[:, free], downhill, bends)
+    )
+    once = not issparse(slopes) and not np.any(gradient)
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(_ROUNDS):
-        inner = weight * downhill - moved(multipliers(wanted, weight))
+        inner = step(wanted, weight)[0]
         longest = float(np.max(np.abs(inner), initial=0.0))
-        if longest == 0.0 or 0.9 < longest / reach < 1.1:
+        if once or longest == 0.0 or 0.9 < longest / reach < 1.1:
             break
         weight *= float(np.clip(reach / longest, 0.3, 3.0))
     if longest > 1.5 * reach:
@@ -79,28 +88,64 @@ def best_step(
     offsets = np.zeros(len(gradient))
     offsets[free] = inner
     # what it takes to mend a violation is no cost of psi
-    return Step(offsets, multipliers(np.minimum(wanted, 0.0), weight) / weight, weight)
+    costs = step(np.minimum(wanted, 0.0), weight)[1] / weight
+    promised = -float(gradient[free] @ inner + 0.5 * np.sum((inner @ bends) ** 2))
+    return Step(offsets, costs, weight, promised)
 
 
-def _exact(factor: Any, slopes: Array, downhill: Array) -> tuple[Multipliers, Motion]:
-    """Multipliers by values and the weight of the gradient, and the motion that they cost."""
+def secants(known: Array, move: Array, gradient: Array) -> Array:
+    """The last steps (2, steps, n): moves, and the gradient before each; with one more."""
+    last = np.stack([move, gradient])[:, None]
+    return np.hstack([known, last])[:, -_EARLIER:] if known.size else last
+
+
+def curvature(metric: csc_matrix, known: Array, gradient: Array) -> Array:
+    """Columns W (n, k) of the curvature W W^T that the last steps have shown.
+
+    Along moves S, columns, the gradient has changed by Y. If Y = H S for a symmetric H, that is
+    Y (S^T Y)^-1 Y^T: what the moves tell of H, never more than it. Moves along which the curvature
+    is not positive tell nothing.
+    """
+    if not known.size:
+        return np.zeros((len(gradient), 0))
+    moves, change = known[0].T, np.diff([*known[1], gradient], axis=0).T
+    size, way = np.linalg.eigh(moves.T @ (metric @ moves))
+    apart = size > 1e-6 * size[-1]
+    way = way[:, apart] / np.sqrt(size[apart])
+    bend = way.T @ (moves.T @ change) @ way
+    along, turn = np.linalg.eigh(0.5 * (bend + bend.T))
+    told = along > _TOLD * np.max(along, initial=0.0)
+    return np.asarray(change @ way @ turn[:, told] / np.sqrt(along[told]))
+
+
+def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
+    """With a curvature W W^T by the columns W of ``bends``."""
     count = len(slopes)
-    toward = factor.solve(slopes.T) if count else np.zeros((len(downhill), 0))
-    gram = slopes @ toward
-    # constraints that say the same leave the multipliers undetermined, and not the step
-    gram += 1e-10 * np.trace(gram) / max(count, 1) * np.eye(count)
-    root = np.linalg.cholesky(gram) if count else gram
+    every = np.column_stack([slopes.T, bends])
+    every = np.column_stack([downhill, factor.solve(every) if every.size else every])
+    stiff = every[:, 1 + count :]
 
-    def multipliers(wanted: Array, weight: float) -> Array:
+    def step(wanted: Array, weight: float) -> tuple[Array, Array]:
+        # the inverse of M + mu W W^T by that of M
+        inner = np.eye(bends.shape[1]) / weight + bends.T @ stiff
+        ways = every[:, : 1 + count]
+        ways = ways - stiff @ np.linalg.solve(inner, bends.T @ ways)
+        way: Array = weight * ways[:, 0]
+        toward: Array = ways[:, 1:]
         if not count:
-            return wanted
-        right = np.linalg.solve(root, wanted + weight * (slopes @ downhill))
-        return np.asarray(nnls(root.T, right, maxiter=100 * count)[0])
+            return way, wanted
+        gram = slopes @ toward
+        # constraints that say the same leave the multipliers undetermined, and not the step
+        gram += 1e-10 * np.trace(gram) / count * np.eye(count)
+        root = np.linalg.cholesky(gram)
+        right = np.linalg.solve(root, wanted + slopes @ way)
+        costs = np.asarray(nnls(root.T, right, maxiter=100 * count)[0])
+        return way - toward @ costs, costs
 
-    return multipliers, lambda costs: np.asarray(toward @ costs)
+    return step
 
 
-def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> tuple[Multipliers, Motion]:
+def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> Motion:
     """The same for thousands of constraints, without their products; from those of the last call.
 
     Rows are of length one, so that those of a bound count as those of a wall.
@@ -112,7 +157,7 @@ def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> tuple[Mult
         largest = rows @ factor.solve(rows.T @ largest / max(np.linalg.norm(largest), 1e-300))
     step = 1.0 / max(_MARGIN * float(np.linalg.norm(largest)), 1e-300)
 
-    def multipliers(wanted: Array, weight: float) -> Array:
+    def step_of(wanted: Array, weight: float) -> tuple[Array, Array]:
         nonlocal last
         ahead, pace = last, 1.0
         for _ in range(_ITERATIONS):
@@ -125,6 +170,7 @@ def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> tuple[Mult
             change, last = np.max(np.abs(found - last), initial=0.0), found
             if change <= _STILL * np.max(found, initial=0.0):
                 break
-        return last / length
+        costs = last / length
+        return weight * downhill - factor.solve(slopes.T @ costs), costs
 
-    return multipliers, lambda costs: np.asarray(factor.solve(slopes.T @ costs))
+    return step_of

@@ -20,7 +20,7 @@ from ..arrays import Array
 from ..boundary import Boundary, Kind, Surface
 from ..part import PartWarning
 from ..problem import Problem
-from .descent import HELD, LONGEST, TURN, Descent, Trial, is_stress, kind_of, of_stress
+from .descent import HELD, LONGEST, NONE, TURN, Descent, Trial, is_stress, kind_of, of_stress
 from .enough_modes import EVERY
 from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
@@ -29,6 +29,8 @@ from .topology import GONE, changed
 
 #: First step, in minimum members, and factor of the reach after one that is better
 _FIRST, _LONGER = 0.5, 1.2
+#: Share of what a step promises that it must keep to be better
+_PROMISED = 0.25
 #: Shortest step where the stress counts, in minimum members
 _NOISE = 0.06
 #: By which share of its violation a bound is tightened there, and at most
@@ -172,13 +174,13 @@ def _descended(
             checkpoint.check(kept, trial.evaluation.psi)
             errors = known = kept.errors
             reach, weight, margin = kept.learnt.reach, kept.learnt.weight, kept.learnt.margin
-            told, shown = kept.told, kept.shown
+            told, shown, secants = kept.told, kept.shown, kept.known
             bar.update(len(told) - 1)
         else:
             trial = descent.tried(boundaries)
             descent, trial, errors = descent.accurate(trial, tolerance, first)
             best, known = trial, errors
-            reach, weight, margin = _FIRST, _OF_BOUNDS, 0.0
+            reach, weight, margin, secants = _FIRST, _OF_BOUNDS, 0.0, NONE
             told = [trial.told(0.0, 0, 0, 0)]
             shown = {n: [b.material] for n, b in boundaries.items() if b.material is not None}
         last = steps - _MENDING * (min(0, steps + 1 - len(told)) // _MENDING)
@@ -191,7 +193,8 @@ def _descended(
                     break
                 descent = replace(descent, spare=tighter)
                 trial = best = replace(best, spare=tighter)
-                reach = min(reach, 2.0 * _NOISE)  # what is near its best moves little
+                # what is near its best moves little
+                reach, secants = min(reach, 2.0 * _NOISE), NONE
                 last += _MENDING
                 bar.total = last
             if asked := interrupted():
@@ -207,8 +210,9 @@ def _descended(
                     trial, inserted, removed = changed(descent, trial, *own, stuck)
                     if trial is not before:
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
+                        secants = NONE
                 while found is None and reach >= pace.shortest:
-                    step = descent.step(trial, slopes, reach)
+                    step = descent.step(trial, slopes, reach, secants)
                     weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))
                     found = descent.moved(trial, step)
                     if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
@@ -224,18 +228,20 @@ def _descended(
             if found is None:
                 reason = "no better step"
                 break
-            better = found.merit(weight) < trial.merit(weight)
+            # one that keeps little of what it promises by its curvature was too long
+            promised = _PROMISED * max(0.0, step.promised) if secants.size else 0.0
+            better = found.merit(weight) < trial.merit(weight) - promised
             reach = min(reach * (_LONGER if better else pace.shorter), LONGEST)
             if descent.turn < math.inf:
                 reach = max(reach, _NOISE)
                 # its largest value is always a little more than its slopes say
                 late = _TIGHTENED * found.excess if found.excess > HELD else -0.2 * margin
                 margin = min(margin + late, _TIGHTEST)
-            trial = found
+            secants, trial = descent.secants(secants, trial, slopes, found), found
             if number % EVERY == 0 or number == last:
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
-                    descent, best = grown, trial
+                    descent, best, secants = grown, trial, NONE
                 reach = max(reach, pace.again)
             if trial.rank(weight, GONE if removed else 0.0) <= best.rank(weight):
                 best, known = trial, errors
@@ -247,7 +253,7 @@ def _descended(
             bar.update()
             if checkpoint:
                 learnt = Learnt(trial.evaluation.psi, reach, weight, margin)
-                checkpoint.save(descent.kept(learnt, trial, best, known, told, shown))
+                checkpoint.save(descent.kept(learnt, trial, best, known, told, shown, secants))
         if reason != "iterations":
             ends.append(descent.finer(best))
         best, change = min(ends, key=lambda end: end[0].rank(weight))

@@ -15,7 +15,18 @@ from scipy.sparse import csc_matrix, csr_matrix, issparse
 from scipy.sparse import vstack as sparse_vstack
 
 from ..arrays import Array
-from ..boundary import Boundary, Costs, InSpace, InThePlane, Kind, Rows, Surface, best_step
+from ..boundary import (
+    Boundary,
+    Costs,
+    InSpace,
+    InThePlane,
+    Kind,
+    Rows,
+    Surface,
+    best_step,
+    curvature,
+    secants,
+)
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
 from ..objective import Constraint, Objective, PeakStress, Response, value_of
@@ -41,6 +52,8 @@ _LOWERED = 0.05
 _OF_SIZES = 0.05
 #: Violation of bounds and of minimum sizes up to which a boundary may be the best one
 HELD = 2e-3
+#: Nothing is known by steps, as before the first one
+NONE = np.zeros((2, 0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,20 +228,18 @@ class Descent:
             evaluation,
         )
 
-    def step(self, trial: Trial, found: Slopes, reach: float) -> Step:
-        """The best step, the longest offset of which is ``reach`` minimum members."""
+    def step(self, trial: Trial, found: Slopes, reach: float, known: Array = NONE) -> Step:
+        """The best step, the longest offset of which is ``reach`` minimum members.
+
+        The curvature is what is ``known`` by the last steps.
+        """
         boundaries = trial.boundaries
         smooth = max(self.kind.pace.smooth, _SMOOTHER if self.turn < math.inf else 0.0)
         metrics = [b.shares.T @ b.metric(smooth * b.member) @ b.shares for b in boundaries.values()]
         held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
-        step = best_step(
-            csc_matrix(sparse_block_diag(metrics)),
-            found.psi,
-            found.values,
-            found.slopes,
-            np.concatenate(held),
-            reach,
-        )
+        metric, held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(held)
+        constraints, curved = (found.values, found.slopes), curvature(metric, known, found.psi)
+        step = best_step(metric, found.psi, *constraints, held, reach, curved)
         cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
         for name, boundary in boundaries.items():
@@ -241,7 +252,16 @@ class Descent:
                 if 0 <= a < b and cost[row] > 0.0:
                     own[a, b] = own.get((a, b), 0.0) + float(cost[row])
                 row += 1
-        return Step(offsets, costs, cost[len(cost) - found.bounds :])
+        return Step(offsets, costs, cost[len(cost) - found.bounds :], step.promised)
+
+    def secants(self, known: Array, trial: Trial, found: Slopes, after: Trial) -> Array:
+        """What is ``known`` by the last steps, with the one from a trial to that ``after`` it.
+
+        Nothing where the largest stress counts, which is another one's in each step, and in space.
+        """
+        ways = [self.kind.way(b, after.boundaries[n]) for n, b in trial.boundaries.items()]
+        moves = np.concatenate(ways)
+        return secants(known, moves, found.psi) if moves.size and self.turn == math.inf else NONE
 
     def kept(self, learnt: Learnt, trial: Trial, best: Trial, *others: Any) -> Kept:
         """The state after a step; ``others`` are the last fields of `Kept`."""
@@ -261,6 +281,8 @@ class Descent:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
         try:
             moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
+            if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
+                moved = {n: self.kind.mended(b, HELD, LONGEST) for n, b in moved.items()}
             return self.tried(moved)
         except (ValueError, SimulationError):
             return None
@@ -320,6 +342,7 @@ class Step:
     offsets: dict[str, Array]  #: Of the controls along their normals, by body [m]
     costs: dict[str, Costs]  #: Of struts, by body
     of_bounds: Array  #: Multipliers of constraints and volumes, in units of log psi
+    promised: float  #: Fall of log psi by its slopes and the curvature that is known
 
 
 def _parted(problem: MechanicalProblem, response: Response) -> MechanicalProblem:

@@ -56,6 +56,7 @@ class Kept:
     errors: dict[str, float]  #: Of the best by its modes
     told: list[dict[str, float]]  #: One row for the start and each step
     shown: dict[str, list[BaseGeometry]]  #: Material at the same places, by body
+    known: NDArray[np.float64]  #: By the last steps, see `boundary.secants`
 
     def arrays(self) -> dict[str, Any]:
         """As arrays by name."""
@@ -68,6 +69,7 @@ class Kept:
             **{f"modes {n}": count for n, count in self.modes.items()},
             **{f"error {n}": error for n, error in self.errors.items()},
             "methods": self.methods,
+            "known": self.known,
             "columns": list(self.told[0]),
             "rows": [list(row.values()) for row in self.told],
             **{f"film {n}": np.frombuffer(b"".join(film), np.uint8) for n, film in films.items()},
@@ -93,6 +95,7 @@ class Kept:
             {n: float(error) for n, error in _under("error ", data).items()},
             [dict(zip(columns, row, strict=True)) for row in data["rows"].tolist()],
             shown,
+            data["known"],
         )
 
 
