@@ -67,16 +67,14 @@ def reference_problem(
     comm: MPI.Comm,
     elements: tuple[int, int] = (200, 20),
     *,
-    cell: str = "quadrilateral",
-    order: int = 1,
     domain: ffr.Domain | None = None,
     modes: int = MODES,
     steps: int | None = None,
+    **mesh: Any,
 ) -> ffr.Problem:
-    """The rod built in or on a ``domain``; ``steps`` of generalised-alpha, or psi to 1e-4."""
+    """The rod on a ``domain``, or a ``mesh`` of its own; ``steps`` to take, or psi to 1e-4."""
     if domain is None:
-        size = {"elements": elements, "cell": cell, "order": order}
-        domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, **size)
+        domain = ffr.Domain.rectangle(comm, LENGTH, HEIGHT, elements=elements, **mesh)
     rod = ffr.FlexibleBody(domain, STEEL, frame=ffr.ChordFrame("left", "right"), modes=modes)
     times = ffr.GeneralizedAlpha(DURATION, steps) if steps else ffr.TimeInterval(DURATION)
     mechanism = slider_crank(DURATION, SLIDER)
