@@ -130,7 +130,7 @@ def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
         inner = np.eye(bends.shape[1]) / weight + bends.T @ stiff
         ways = every[:, : 1 + count]
         ways = ways - stiff @ np.linalg.solve(inner, bends.T @ ways)
-        way: Array = weight * ways[:, 0]
+        way = np.asarray(weight * ways[:, 0])
         toward: Array = ways[:, 1:]
         if not count:
             return way, wanted
