@@ -11,6 +11,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
+from dolfinx_ffr.boundary.curve import FreeCurve
+from dolfinx_ffr.boundary.fair import ripples
 from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 
@@ -98,3 +100,19 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
             x = x + step.offsets
         left.append(float(curvatures @ x**2))
     assert left[1] < 0.2 * left[0], left
+
+
+def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
+    """Circles stay, the shortest wave on one is halved, and a corner hardly moves."""
+    angle = 2.0 * np.pi * np.arange(40) / 40
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    assert np.max(np.abs(ripples(FreeCurve(circle), 0.05))) < 1e-12
+    wave = 1e-3 * np.where(np.arange(40) % 2, -1.0, 1.0)
+    rippled = FreeCurve(circle * (1.0 + wave[:, None]))
+    assert ripples(rippled, 0.05) == pytest.approx(-0.5 * wave, abs=2e-5)
+    assert ripples(FreeCurve(rippled.control, (0, 1)), 0.05)[5:35] == pytest.approx(
+        -0.5 * wave[5:35], abs=2e-5
+    )
+    t, zero = np.linspace(0.0, 1.0, 10, endpoint=False), np.zeros(10)
+    square = np.hstack([[t, zero], [1.0 + zero, t], [1.0 - t, 1.0 + zero], [zero, 1.0 - t]]).T
+    assert np.max(np.abs(ripples(FreeCurve(square), 0.3))) < 1e-3

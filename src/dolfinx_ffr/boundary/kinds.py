@@ -17,6 +17,7 @@ from ..fem import Domain
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import NodeMotion
+from .fair import faired
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .step import best_step
@@ -91,7 +92,10 @@ class Kind(ABC, Generic[B]):
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
     def mended(self, boundary: B, missed: float, reach: float) -> B:
-        """The same, sizes that are ``missed`` by such a share mended; lengths in members."""
+        """The same without ripples, and sizes that are ``missed`` by such a share mended.
+
+        Lengths are in members.
+        """
         return boundary
 
     def way(self, before: B, after: B) -> Array:
@@ -154,6 +158,7 @@ class InThePlane(Kind[Boundary]):
         return min(_SIZE * boundary.member, _enough(boundary))
 
     def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
+        boundary = faired(boundary)
         rows = [self.sizes(boundary), self.radii(boundary)]
         if max(part.missed for part in rows) <= missed:
             return boundary

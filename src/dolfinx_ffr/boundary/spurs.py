@@ -13,9 +13,9 @@ from ..arrays import Array
 from ..design import Isometry
 
 #: Width of spurs at most, and way around one at least, in minimum members
-_WIDE, _AROUND = 3.0, 5.0
-#: Way around a spur at least, in its widths where it begins: less is a corner
-_LONG = 3.0
+_WIDE, _AROUND = 3.0, 4.0
+#: Way around a spur at least, in its widths where it begins: less is a corner, of 60 degrees
+_LONG = 2.0
 
 
 def spurs(

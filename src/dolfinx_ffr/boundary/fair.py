@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""Curves without ripples: short waves that no step asks for, and meshes cannot tell from noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array
+from .curve import FreeCurve
+from .outline import Boundary
+
+#: Share of the shortest wave that controls can show, which is left
+_LEFT = 0.5
+#: Times the curvature of a minimum member from which on a curve turns by intention
+_TURN = 0.5
+
+
+def faired(boundary: Boundary) -> Boundary:
+    """The same with short waves made smaller, but for corners.
+
+    The offsets a of controls along their normals minimise |a|^2 plus the weighted changes of the
+    curvature, which are the third differences of the controls across the curve (M. Eck,
+    J. Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3). Waves along
+    six or more controls hardly change.
+    """
+    offsets = np.concatenate([ripples(c, boundary.member) for c in boundary.free.values()])
+    offsets[boundary.held] = 0.0
+    shares = boundary.shares
+    return boundary.moved(shares @ (shares.T @ offsets / shares.sum(axis=0).A1))
+
+
+def ripples(curve: FreeCurve, member: float) -> Array:
+    """Offsets of the controls of one curve along their normals (n,) that make them smaller [m]."""
+    n, x, normals = len(curve.control), curve.control, curve.control_normals
+    first = np.arange(n if curve.closed else n - 3)
+    four = (first[:, None] + np.arange(4)) % n
+    if not len(four):
+        return np.zeros(n)
+    along = x[four[:, 2]] - x[four[:, 1]]
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+    across = np.column_stack([along[:, 1], -along[:, 0]]) / length[:, None]
+    # third differences, and second ones amid them
+    change = np.einsum("j,mjd,md->m", [-1.0, 3.0, -3.0, 1.0], x[four], across)
+    bend = np.einsum("j,mjd,md->m", [0.5, -0.5, -0.5, 0.5], x[four], across) / length**2
+    weight = (1.0 / _LEFT - 1.0) / 64.0 / (1.0 + (bend * member / _TURN) ** 2) ** 2
+    slopes = np.zeros((len(first), n))
+    own = np.array([-1.0, 3.0, -3.0, 1.0]) * np.einsum("mjd,md->mj", normals[four], across)
+    np.put_along_axis(slopes, four, own, axis=1)
+    matrix = np.eye(n) + slopes.T @ (weight[:, None] * slopes)
+    return np.asarray(np.linalg.solve(matrix, -slopes.T @ (weight * change)))
