@@ -228,7 +228,8 @@ def report_boundary(study: Study, results: Results) -> None:
 
     steps = {key: jobs[0][0][key] for key in ("iterations", "boundary")}
     mesh = {key: jobs[0][0][key] for key in ("elements", "cell")}
-    study.table("boundary_starts", starts := of(**mesh, **steps))
+    starts = [{**row, "inflections": _inflections(row)} for row in of(**mesh, **steps)]
+    study.table("boundary_starts", starts)
     study.table("boundary_short", of(**mesh, **SHORT))
     study.table("boundary_outline", of(**mesh, **steps, outline=False))
     study.table("boundary_meshes", of(**steps, start="even"))
@@ -239,6 +240,20 @@ def report_boundary(study: Study, results: Results) -> None:
         study.table("boundary_ways", ways)
     _draw(study, "", "The parts of all starts", starts, "part")
     _draw(study, "boundary_stress", "Parts for a largest stress", limited, "limited")
+
+
+def _inflections(row: dict[str, Any]) -> float:
+    """How often edges turn the other way [1/mm], where radii are below 25 mm."""
+    changes = length = 0.0
+    for ring in (np.array(ring) for loops in row.get("rings", []) for ring in loops):
+        way = np.diff(ring, axis=0)
+        way = way[(size := np.linalg.norm(way, axis=1)) > 1e-5]
+        turn = np.diff(np.unwrap(np.arctan2(way[:, 1], way[:, 0])))
+        sides = np.linalg.norm(way, axis=1)
+        turn = turn[np.abs(turn) > 20.0 * (sides[1:] + sides[:-1])]
+        changes += np.count_nonzero(np.diff(np.sign(turn)))
+        length += float(size.sum())
+    return 1e-3 * changes / length if length else np.nan
 
 
 def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], told: str) -> None:
