@@ -146,6 +146,7 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     assert kind.sizes(thin).missed == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
     mended = kind.mended(thin, 2e-3, 0.65)
     assert kind.sizes(mended).missed <= 2e-3 and kind.radii(mended).missed <= 2e-3
+    assert mended.material.area < faired(thin).material.area * (1.0 + 1e-4)
     way = thin.shares @ kind.way(thin, mended) * thin.member
     assert 1e-4 < np.max(np.abs(way)) < 3e-3
     there, here = (np.vstack([c.control for c in b.free.values()]) for b in (thin, mended))

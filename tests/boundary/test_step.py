@@ -103,12 +103,14 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
 
 
 def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
-    """Circles stay, the shortest wave on one is halved, and a corner hardly moves."""
+    """Circles stay, the shortest wave on one is halved, a corner hardly moves, areas stay."""
     angle = 2.0 * np.pi * np.arange(40) / 40
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     assert np.max(np.abs(ripples(FreeCurve(circle), 0.05))) < 1e-12
     wave = 1e-3 * np.where(np.arange(40) % 2, -1.0, 1.0)
     rippled = FreeCurve(circle * (1.0 + wave[:, None]))
+    there = rippled.control + ripples(rippled, 0.05)[:, None] * rippled.control_normals
+    assert rippled.moved(there).area[0] == pytest.approx(rippled.area[0], rel=1e-9)
     assert ripples(rippled, 0.05) == pytest.approx(-0.5 * wave, abs=2e-5)
     assert ripples(FreeCurve(rippled.control, (0, 1)), 0.05)[5:35] == pytest.approx(
         -0.5 * wave[5:35], abs=2e-5

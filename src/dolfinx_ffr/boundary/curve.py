@@ -108,6 +108,18 @@ class FreeCurve:
             s[[0, -1]] = 0.0, self.spans
         return self.normals(s)
 
+    @property
+    def area(self) -> tuple[float, Array]:
+        """The area on its left [m^2] but for a constant, and its slopes by offsets (n,) [m]."""
+        # three points of Gauss integrate polynomials of degree 5
+        t, share = np.polynomial.legendre.leggauss(3)
+        s = (np.arange(self.spans)[:, None] + 0.5 + 0.5 * t).ravel()
+        (x, y), (u, v) = (self.at(s, order).T for order in (0, 1))
+        share = np.tile(0.5 * share, self.spans)
+        slopes = self.rows(s).T @ (share[:, None] * np.column_stack([v, -u]))
+        slopes = np.einsum("kd,kd->k", slopes, self.control_normals)
+        return 0.5 * float(share @ (x * v - y * u)), slopes
+
     def sampled(self, step: float, each: int = 4) -> Array:
         """Parameters, ``each`` of a span or more, of points at most about ``step`` [m] apart."""
         fine = self.at(np.linspace(0.0, self.spans, 8 * self.spans + 1))

@@ -20,11 +20,10 @@ def faired(boundary: Boundary) -> Boundary:
 
     The offsets a of controls along their normals minimise |a|^2 plus the weighted changes of the
     curvature, which are the third differences of the controls across the curve (M. Eck,
-    J. Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3). Waves along
-    six or more controls hardly change.
+    J. Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3), and keep the
+    area beside each curve. Waves along six or more controls hardly change.
     """
     offsets = np.concatenate([ripples(c, boundary.member) for c in boundary.free.values()])
-    offsets[boundary.held] = 0.0
     shares = boundary.shares
     return boundary.moved(shares @ (shares.T @ offsets / shares.sum(axis=0).A1))
 
@@ -46,5 +45,12 @@ def ripples(curve: FreeCurve, member: float) -> Array:
     slopes = np.zeros((len(first), n))
     own = np.array([-1.0, 3.0, -3.0, 1.0]) * np.einsum("mjd,md->mj", normals[four], across)
     np.put_along_axis(slopes, four, own, axis=1)
-    matrix = np.eye(n) + slopes.T @ (weight[:, None] * slopes)
-    return np.asarray(np.linalg.solve(matrix, -slopes.T @ (weight * change)))
+    free = np.flatnonzero(~curve.held)
+    matrix = (np.eye(n) + slopes.T @ (weight[:, None] * slopes))[np.ix_(free, free)]
+    area, gains = curve.area
+    right = np.column_stack([-slopes.T[free] @ (weight * change), gains[free]])
+    offsets, wider = np.zeros(n), np.zeros(n)
+    offsets[free], wider[free] = np.linalg.solve(matrix, right).T
+    more = curve.moved(x + offsets[:, None] * normals).area[0] - area
+    offsets -= more / (gains @ wider) * wider
+    return offsets

@@ -35,7 +35,8 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: What the minimum width of a strut must cost to be tried without it, or what it carries at most,
 #: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
 _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
-
+#: Rounds in which sizes are mended, and squares of the minimum member more that this may take
+_MENDED, _MORE = 3, 0.1
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
 _THINNER = 0.97
 
@@ -159,17 +160,23 @@ class InThePlane(Kind[Boundary]):
 
     def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
         boundary = faired(boundary)
-        rows = [self.sizes(boundary), self.radii(boundary)]
-        if max(part.missed for part in rows) <= missed:
-            return boundary
-        shares, member = boundary.shares, boundary.member
-        rows.append(self.room(boundary, 1.5 * reach * member))
-        values = np.concatenate([part.values for part in rows])
-        slopes = np.vstack([member * (part.slopes @ shares) for part in rows])
+        most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
         metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
         still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0
-        step = best_step(metric, still, values, slopes, held, reach)
-        return boundary.moved(member * (shares @ step.offsets))
+        for _ in range(_MENDED):
+            rows = [self.sizes(boundary), self.radii(boundary)]
+            # a member that becomes wider takes no more material
+            area, gains = _area(boundary)
+            more, gain = area - most, member * (gains @ shares)
+            if max(part.missed for part in rows) <= missed and more <= _MORE * member**2:
+                break
+            rows.append(self.room(boundary, 1.5 * reach * member))
+            scale = np.linalg.norm(gain)
+            values = np.concatenate([*(part.values for part in rows), [more / scale]])
+            slopes = np.vstack([*(member * (part.slopes @ shares) for part in rows), gain / scale])
+            step = best_step(metric, still, values, slopes, held, reach)
+            boundary = boundary.moved(member * (shares @ step.offsets))
+        return boundary
 
     def way(self, before: Boundary, after: Boundary) -> Array:
         control = [np.vstack([c.control for c in b.free.values()]) for b in (before, after)]
@@ -218,6 +225,12 @@ class InThePlane(Kind[Boundary]):
                 continue
             if found.valid:
                 yield found, max(len(boundary.holes) - len(found.holes), int(what is not crowded))
+
+
+def _area(boundary: Boundary) -> tuple[float, Array]:
+    """The area within free curves but for a constant [m^2], and its slopes by offsets [m]."""
+    areas, gains = zip(*(curve.area for curve in boundary.free.values()), strict=True)
+    return sum(areas), np.concatenate(gains)
 
 
 def _enough(boundary: Boundary) -> float:
