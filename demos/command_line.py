@@ -99,11 +99,11 @@ def draw(
         ffr.plotting.plot_design(domain, {told: x}, output / f"{file}.png")
     bounds: dict[str, Any] = {"psi_solid": full} if full else {"psi_unit": "m^2 s"}
     ffr.plotting.plot_history(result.history, output / "history.png", volume_bound=volume, **bounds)
-    ffr.plotting.plot_scene(result.problem, result.evaluation, output / "scene.png", **view)
+    ffr.plotting.plot_scene(*result.told, output / "scene.png", **view)
     solid = any(body.domain.dimension == 3 for body in result.problem.flexible.values())
     # a picture in space takes a third of a second
     film: dict[str, Any] = {"frames": 48, "frames_per_second": 8.0} if solid else {}
-    ffr.plotting.animate_motion(result.problem, result.evaluation, output / "motion.gif", **film)
+    ffr.plotting.animate_motion(*result.told, output / "motion.gif", **film)
 
 
 def leave_machine(

@@ -52,15 +52,15 @@ def main(arguments: list[str] | None = None) -> None:
     # a design may need more modes than the full rod, and is compared with the same ones
     solid = result.problem.value(np.ones(domain.n_cells))
 
-    # %% Numbers and pictures; elements between void and solid bear little: their stress counts less
+    # %% Numbers and pictures of the part
     draw(result, output, full=solid.psi, volume=VOLUME)
-    rod, evaluation = result.problem.flexible["rod"], result.evaluation
-    full, worst = (ffr.worst_stress(rod, e, "rod", relaxation=0.5) for e in (solid, evaluation))
-    fields = {"density": result.x, "von_mises": worst.stress, "time": worst.time}
-    ffr.write_fields(domain, fields, output / "design.xdmf")
-    for name, stress in (("full_rod", full), ("design", worst)):
+    last, evaluation = result.told
+    rod, full_rod = last.flexible["rod"], result.problem.flexible["rod"]
+    worst, full = ffr.worst_stress(rod, evaluation, "rod"), ffr.worst_stress(full_rod, solid, "rod")
+    ffr.write_fields(rod.domain, {"von_mises": worst.stress}, output / "stress.xdmf")
+    for name, body, stress in (("full_rod", full_rod, full), ("part", rod, worst)):
         title = f"{name.replace('_', ' ')}: largest stress of each element during the motion"
-        ffr.plotting.plot_stress(domain, stress, output / f"stress_{name}.png", title=title)
+        ffr.plotting.plot_stress(body.domain, stress, output / f"stress_{name}.png", title=title)
     ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
     say(f"largest stress {worst.largest:.3e} Pa, that of the full rod {full.largest:.3e} Pa")
     of = {"stress_solid": full.largest, "stress_final": worst.largest, "most": 0.55 * solid.psi}

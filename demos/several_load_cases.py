@@ -78,9 +78,9 @@ def main(arguments: list[str] | None = None) -> None:
     how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
     ffr.plotting.plot_history(result.history, output / "history.png", **how)
     for speed in ("slow", "fast"):
-        own = (each.alone(f"{speed}, heavy") for each in (result.problem, result.evaluation))
+        own = (each.alone(f"{speed}, heavy") for each in result.told)
         ffr.plotting.plot_scene(*own, output / f"scene_{speed}.png")
-    own = (each.alone("fast, light") for each in (result.problem, result.evaluation))
+    own = (each.alone("fast, light") for each in result.told)
     ffr.plotting.animate_motion(*own, output / "motion.gif")
     numbers = {"psi_over_best": ratios, "psi_full": {m: e.psi for m, e in full.items()}}
     worst, numbers["most"] = max(1.0 / share for share in alone.values()), MARK

@@ -120,15 +120,15 @@ def main(arguments: list[str] | None = None) -> None:
         # the part: files for CAD, pictures, and psi on meshes that fit it
         found = result.verify() if options.bare else result.finish(output)
     # a design may need more modes than the full rod, and is compared with the same ones
-    last = (result.moved or result).problem.flexible["rod"]
-    solid = result.problem.with_modes({"rod": last.modes}).value(simple["solid"]).psi
+    last, evaluation = result.told
+    rod = last.flexible["rod"]
+    solid = result.problem.with_modes({"rod": rod.modes}).value(simple["solid"]).psi
     if options.bare and found:
         files = result.part().write(output)
         return say(f"psi is {found.psi / solid:.3f} of the full rod's", found, *files, sep="\n")
 
     # %% Numbers and pictures
     draw(result, output, full=solid, volume=VOLUME)
-    rod, evaluation = result.problem.flexible["rod"], result.evaluation
     ffr.plotting.plot_modes(rod, evaluation.bodies["rod"], output / "modes.png")
     ffr.plotting.plot_crank_motion(evaluation.trajectory, output / "crank_motion.png", comm=comm)
     numbers: dict[str, Any] = {f"compliance_{name}": psi for name, psi in compliance.items()}

@@ -200,7 +200,7 @@ SCENES = {
     ),
     "connecting_rod": (
         ["--size", "0.01", "--order", "1", "--iterations", "16", "--boundary", "1"],
-        [*FILES, *PART, "stress_design.png", "stress_full_rod.png"],
+        [*FILES, *PART, "stress_part.png", "stress_full_rod.png"],
     ),
     "spin_up": (["--elements", "20", "1", "--steps", "1500"], ["tip.png", "motion.gif"]),
     "pendulum": (["--elements", "20", "1", "--steps", "200"], ["tip.png", "motion.gif"]),

@@ -144,7 +144,7 @@ class Result(Shown):
 
     def _shown(self) -> list[tuple[str, str, str]]:
         told = self.summary()
-        cases = (self.moved or self).evaluation.load_cases.values()
+        cases = self.told[1].load_cases.values()
         asked = [case.trajectory.integrator.chosen_for or 0.0 for case in cases if case.trajectory]
         errors = {"modes left out": told["mode_error"], "time steps": max(asked, default=0.0)}
         error = ", ".join(f"{share:.1e} by {why}" for why, share in errors.items() if share)
@@ -267,8 +267,8 @@ class Result(Shown):
         """
         validation.keywords("result.verify", options, verify)
         parts = {name: self.part(name) for name in self._designs_of_parts}
-        told = self.moved or self
-        return verify(told.problem, parts, told.evaluation, **{"volume": self.bounds, **options})
+        problem, evaluation = self.told
+        return verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
         """Write the parts of all designed bodies for CAD, draw them, and evaluate them; collective.
@@ -355,9 +355,14 @@ class Result(Shown):
         return {name: design for name, design in self.designs.items() if isinstance(design, kinds)}
 
     @property
+    def told(self) -> tuple[Problem, Evaluation]:
+        """The problem of the parts that were moved, else of the densities, and its evaluation."""
+        return (self.moved or self).problem, (self.moved or self).evaluation
+
+    @property
     def psi(self) -> float:
         """Objective of the parts whose boundaries were moved, else of the densities."""
-        return (self.moved or self).evaluation.psi
+        return self.told[1].psi
 
     @property
     def iterations(self) -> int:

@@ -180,8 +180,7 @@ def _draw(result: Result, folder: Path) -> None:
         write_density(domain, x, folder / f"{file}.xdmf")
         plotting.plot_design(domain, x, folder / f"{file}.png", title=name)
     plotting.plot_history(result.history, folder / "history.png", psi_unit=_unit(result))
-    told = result.moved or result
-    shown = _first(told.problem, told.evaluation)
+    shown = _first(*result.told)
     plotting.plot_scene(*shown, folder / "scene.png")
     plotting.animate_motion(*shown, folder / "motion.gif")
 

@@ -49,8 +49,8 @@ with ffr.recorded_warnings() as warnings:
     part = result.finish(output)
 title = {heading}
 record = ffr.run_record(result, title=title, verification=part, warnings=warnings)
-plotting.plot_scene(result.problem, result.evaluation, f"{{output}}/scene.png")
-plotting.animate_motion(result.problem, result.evaluation, f"{{output}}/motion.gif")
+plotting.plot_scene(*result.told, f"{{output}}/scene.png")
+plotting.animate_motion(*result.told, f"{{output}}/motion.gif")
 ffr.write_summary(comm, f"{{output}}/summary.json", record)
 ffr.write_report(comm, output)
 if comm.rank == 0:
