@@ -129,10 +129,10 @@ def on_rank_0(comm: MPI.Comm, action: Callable[[], Any]) -> Any:
     return comm.bcast(found, root=0)
 
 
-def agreed_memory(comm: MPI.Comm, most: int | None = None) -> int:
-    """Least memory that a rank may take, where at most ``most`` on a machine take any [bytes]."""
+def agreed_memory(comm: MPI.Comm) -> int:
+    """Least memory that a rank may take [bytes]."""
     neighbours = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    sharing = neighbours.size if most is None else min(neighbours.size, most)
+    sharing = neighbours.size
     neighbours.Free()
     return int(comm.allreduce(available_memory(sharing), MPI.MIN))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Direct solutions, with one factor on all ranks and with copies of it."""
+"""Direct solutions, with one factor on all ranks and with one of each part."""
 
 from __future__ import annotations
 
@@ -14,11 +14,19 @@ from shared.rods import rod
 
 from dolfinx_ffr.fem import Elasticity
 from dolfinx_ffr.reduction import direct_solver as module
-from dolfinx_ffr.reduction.direct_solver import CopiedFactor, LinearSolver, SharedFactor
+from dolfinx_ffr.reduction.direct_solver import Between, LinearSolver, PartedFactor, SharedFactor
+
+
+def parted(elasticity: Elasticity) -> PartedFactor:
+    matrix = elasticity.new_matrix()
+    solver = PartedFactor(elasticity, matrix, Between.of(elasticity, matrix))
+    matrix.destroy()
+    return solver
+
 
 SOLVERS: dict[str, Callable[[Elasticity], LinearSolver]] = {
     "shared": lambda elasticity: SharedFactor(elasticity, "mumps"),
-    "copied": CopiedFactor,
+    "parted": parted,
 }
 
 
@@ -60,7 +68,7 @@ def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
     elasticity = body(comm)
     matrix = positive(elasticity, 1.0)
     matrix.zeroEntries()
-    solver = CopiedFactor(elasticity)
+    solver = parted(elasticity)
     with pytest.raises(PETSc.Error):
         solver.factor(matrix)
     for item in (solver, matrix):
@@ -68,19 +76,30 @@ def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
 
 
 @pytest.mark.mpi
-def test_copies_are_made_where_the_memory_suffices(
+def test_parts_are_factored_where_little_is_between_them(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elasticity = body(comm)
     matrix = elasticity.new_matrix()
-    expected: type[LinearSolver] = SharedFactor if comm.size == 1 else CopiedFactor
-    many = module.direct_solver(elasticity, matrix)
-    monkeypatch.setattr(module, "agreed_memory", lambda comm, most=None: 100_000)
-    few = module.direct_solver(elasticity, matrix)
-    assert type(many) is expected
-    assert type(few) is SharedFactor
-    for item in (many, few, matrix):
+    expected: type[LinearSolver] = SharedFactor if comm.size == 1 else PartedFactor
+    little = module.direct_solver(elasticity, matrix)
+    monkeypatch.setattr(module, "factor_entries", lambda *_: 100.0)
+    much = module.direct_solver(elasticity, matrix)
+    monkeypatch.setattr(module.cholmod, "is_known", lambda: False)
+    unknown = module.direct_solver(elasticity, matrix)
+    assert [*map(type, (little, much, unknown))] == [expected, SharedFactor, SharedFactor]
+    for item in (little, much, unknown, matrix):
         item.destroy()
+
+
+@pytest.mark.mpi
+def test_a_cut_between_elements_has_one_row_of_nodes(comm: MPI.Intracomm) -> None:
+    """Where each rank has some of them, none beside the cut counts."""
+    elasticity = rod(comm, (40, 4)).elasticity
+    matrix = elasticity.new_matrix()
+    between = Between.of(elasticity, matrix)
+    assert between.size <= (comm.size - 1) * 2 * (4 + 3)
+    matrix.destroy()
 
 
 @pytest.mark.mpi

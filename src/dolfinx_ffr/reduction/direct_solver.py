@@ -1,38 +1,40 @@
 # SPDX-License-Identifier: MIT
 """Solution of symmetric positive definite systems whose rows are shared by ranks.
 
-CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. So where the memory
-suffices, a few ranks hold the whole factor each, and share the columns of a block. A body whose
-factor is too large for that is factored by MUMPS, its rows on all ranks.
+CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. So each rank factors the
+matrix of its own unknowns and of those between the parts, which come last: of this L L^T the corner
+of the last unknowns g is that of A_gg - A_gi A_ii^-1 A_ig. Nothing but the corners is left to be
+added up, factored as a dense matrix, and solved with, which every rank does. Where so many ranks
+share a body that this is much of it, MUMPS factors, its rows on all ranks.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from ..arrays import Integers
-from ..fem import Block, Elasticity, by_dense, dense_matrix
+from ..arrays import Array, Integers
+from ..fem import Block, Elasticity, by_dense
 from ..limits import check_count
 from ..parallel import agreed_memory
+from . import cholmod
 
 #: How bodies are solved: by factors, or by conjugate gradients with multigrid
 SOLVERS = DIRECT, ITERATIVE = "direct", "iterative"
-#: Most ranks that hold a whole factor: a block has few columns.
-HOLDERS = 4
-#: Share of the memory of a machine that copies of a factor may take
-SHARE = 0.25
 #: Names of CHOLMOD in PETSc, which depend on how that was built
 CHOLMOD = ("cholmod", "suitesparse")
-#: Options of CHOLMOD. Below so many operations for each entry of the factor its columns are taken
-#: one by one: dense blocks of them, of which CHOLMOD makes some from 40 on, are then too small, and
-#: at 55 take a quarter more time. By Cholesky's L L^T, which refuses what is not positive definite,
+#: PETSc's number of the error that a matrix is not positive definite
+_SINGULAR = 81
+#: Options of CHOLMOD on one rank. Below so many operations for each entry of the factor its columns
+#: are taken one by one: dense blocks of them, of which CHOLMOD makes some from 40 on, are then too
+#: small, and at 55 take a quarter more time. By L L^T, which refuses what is not positive definite,
 #: as CHOLMOD's L D L^T does not
 _CHOLMOD = {"supernodal_switch": 64.0, "final_asis": False, "final_ll": True}
 _PREFIX = "dolfinx_ffr_"
@@ -62,8 +64,11 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
     """
     comm = elasticity.comm
     check_memory(elasticity, matrix, 'take solver="iterative" for the body, or fewer elements')
-    if comm.size > 1 and _has_cholmod() and copies_fit(elasticity, matrix):
-        return CopiedFactor(elasticity)
+    if comm.size > 1 and cholmod.is_known():
+        between = Between.of(elasticity, matrix)
+        # a dense factor as large as that of a part takes as long
+        if comm.size * between.size**2 <= factor_entries(elasticity, matrix):
+            return PartedFactor(elasticity, matrix, between)
     return SharedFactor(elasticity, factor_package(comm))
 
 
@@ -101,12 +106,6 @@ def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None
         most=math.inf,
         available=comm.size * agreed_memory(comm),
     )
-
-
-def copies_fit(elasticity: Elasticity, matrix: PETSc.Mat) -> bool:
-    """Whether the memory lets a few ranks hold the whole factor each; the same on every rank."""
-    largest = 16.0 * factor_entries(elasticity, matrix) + 12.0 * _entries(matrix)
-    return bool(largest <= SHARE * agreed_memory(matrix.comm.tompi4py(), HOLDERS))
 
 
 def _entries(matrix: PETSc.Mat) -> float:
@@ -160,75 +159,120 @@ class SharedFactor(LinearSolver):
         self._ksp.destroy()
 
 
-class CopiedFactor(LinearSolver):
-    """The same factor on a few ranks, which share the columns of a block."""
+@dataclass(frozen=True, eq=False)
+class Between:
+    """Unknowns without which no rank's unknowns are coupled to another rank's."""
 
-    def __init__(self, elasticity: Elasticity) -> None:
-        self._comm = comm = elasticity.comm
-        self._holders = min(comm.size, HOLDERS)
-        self._rows = np.array(comm.allgather(elasticity.n_dofs))  # of each rank
-        self._size = int(self._rows.sum())
-        self._ksp = _ksp(PETSc.COMM_SELF, "cholmod") if comm.rank < self._holders else None
-        self._matrix: PETSc.Mat | None = None
-        self._pattern: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
-        self._entries = np.zeros(0, dtype=np.int64)  # of each rank
+    every: Integers  #: Of all ranks, in the numbers of the matrix
+    own: Integers  #: Of this rank
 
-    def factor(self, matrix: PETSc.Mat) -> None:
-        indptr, indices, values = matrix.getValuesCSR()
-        if self._pattern is None:
-            self._entries = np.array(self._comm.allgather(len(values)))
-            lengths = self._gathered(np.diff(indptr).astype(np.int32), self._rows)
-            columns = self._gathered(np.asarray(indices, dtype=np.int32), self._entries)
-            begins = np.concatenate([[0], np.cumsum(lengths)]).astype(PETSc.IntType)
-            self._pattern = begins, columns.astype(PETSc.IntType)
-        values = self._gathered(values, self._entries)
-        failed = 0
-        if self._ksp is not None:
-            try:
-                if self._matrix is None:
-                    self._matrix = PETSc.Mat().createAIJ(
-                        (self._size, self._size), csr=(*self._pattern, values), comm=PETSc.COMM_SELF
-                    )
-                else:
-                    self._matrix.setValuesCSR(*self._pattern, values)
-                self._matrix.assemble()
-                self._ksp.setOperators(self._matrix)
-                self._ksp.setUp()
-            except PETSc.Error as error:
-                failed = error.ierr
-        failed = self._comm.allreduce(failed, MPI.MAX)
-        if failed:
-            raise PETSc.Error(failed)
+    @staticmethod
+    def of(elasticity: Elasticity, matrix: PETSc.Mat) -> Between:
+        """Of each coupling the one with more of them, as is a node on a cut between elements.
 
-    def _gathered(self, part: NDArray, counts: Integers) -> NDArray:
-        """The parts of all ranks, one after the other."""
-        whole = np.empty(int(counts.sum()), dtype=part.dtype)
-        self._comm.Allgatherv(np.ascontiguousarray(part), (whole, counts))
+        Each rank has some nodes of a cut, and the rest is coupled to those of other ranks alone.
+        """
+        begin, end = matrix.getOwnershipRange()
+        begins, columns, _ = matrix.getValuesCSR()
+        rows = np.repeat(np.arange(begin, end), np.diff(begins))
+        across = (columns < begin) | (columns >= end)
+        rows, columns = rows[across], columns[across]
+        own, place, counts = np.unique(rows, return_inverse=True, return_counts=True)
+        every = zip(*elasticity.comm.allgather((own, counts)), strict=True)
+        coupled, couplings = map(np.concatenate, every)
+        here, there = counts[place], couplings[np.searchsorted(coupled, columns)]
+        own = np.unique(rows[(here > there) | ((here == there) & (rows < columns))])
+        return Between(np.concatenate(elasticity.comm.allgather(own)), own)
+
+    @property
+    def size(self) -> int:
+        """The number of all."""
+        return len(self.every)
+
+
+class PartedFactor(LinearSolver):
+    """A factor of its part of the body on each rank, and one of what is between the parts."""
+
+    def __init__(self, elasticity: Elasticity, matrix: PETSc.Mat, between: Between) -> None:
+        self._elasticity, self._size = elasticity, between.size
+        begin, end = matrix.getOwnershipRange()
+        beside = np.intersect1d(matrix.getValuesCSR()[1], between.every)
+        part = np.union1d(np.arange(begin, end), beside).astype(PETSc.IntType)
+        self._part = PETSc.IS().createGeneral(part, PETSc.COMM_SELF)
+        self._matrix = matrix.createSubMatrices(self._part)[0]
+        begins, columns, _ = self._matrix.getValuesCSR()
+        last = np.isin(part, between.every)
+        self._factor = cholmod.OrderedFactor(begins, columns, last)
+        places = self._factor.places
+        order = np.argsort(places)
+        #: Places in L of the last unknowns, and their numbers between the parts
+        self._corner = np.sort(places[last])
+        self._number = np.searchsorted(between.every, part[order[self._corner]])
+        #: Of each place in L the row of this rank, some row where it has none, and back
+        self._rows = np.clip(part[order] - begin, 0, max(end - begin - 1, 0))
+        self._places = places[(part >= begin) & (part < end)]
+        #: Rows of this rank between the parts, and their numbers there
+        self._edge = between.own - begin, np.searchsorted(between.every, between.own)
+        # Entries between the parts, their rows and columns in the corner, and their share: ranks
+        # add 1 / (number of ranks that have it) of each entry of A_gg
+        number = np.full(len(part), -1)
+        number[order[self._corner]] = np.arange(len(self._corner))
+        i, j = number[np.repeat(np.arange(len(part)), np.diff(begins))], number[columns]
+        at = np.flatnonzero((i >= 0) & (j >= 0))
+        i, j = i[at], j[at]
+        ranks = elasticity.sum(self._between(np.ones((len(self._corner),) * 2)))
+        share = 1.0 / ranks[self._number[i], self._number[j]]
+        self._entries = at, i, j, share - 1.0  # all of it is in the product of the corner
+
+    def _between(self, corner: Array) -> Array:
+        """A matrix by the corner's unknowns as one of all that are between the parts."""
+        whole = np.zeros((self._size, self._size))
+        whole[np.ix_(self._number, self._number)] = corner
         return whole
 
+    def factor(self, matrix: PETSc.Mat) -> None:
+        matrix.createSubMatrices(self._part, submats=[self._matrix])
+        values = self._matrix.getValuesCSR()[2]
+        failed = not self._factor.factor(values)
+        self._last = self._factor.corner(len(self._corner))
+        added = self._last @ self._last.T
+        at, i, j, share = self._entries
+        added[i, j] += share * values[at]
+        whole = self._elasticity.sum(self._between(added))
+        try:
+            self._middle = cho_factor(whole, lower=True) if self._size else None
+        except (LinAlgError, ValueError):  # not positive definite, not finite
+            failed = True
+        if self._elasticity.comm.allreduce(failed, MPI.LOR):
+            raise PETSc.Error(_SINGULAR)
+
     def solve(self, block: Block) -> Block:
-        n, columns = block.shape
-        # columns of each rank; the first ones get one more where they cannot have the same
-        share = np.zeros(self._comm.size, dtype=np.int64)
-        share[: self._holders] = (columns + np.arange(self._holders)[::-1]) // self._holders
-        mine = int(share[self._comm.rank])
-        # column by column in memory, what is sent to one rank stands together
-        arrived = np.empty(self._size * mine)
-        sent = np.asfortranarray(block, dtype=np.float64).ravel(order="F")
-        self._comm.Alltoallv((sent, n * share), (arrived, self._rows * mine))
-        found = np.empty_like(arrived)
-        if mine and self._ksp is not None:
-            ends = np.cumsum(self._rows)[:-1]
-            parts = np.split(arrived, ends * mine)
-            right = np.vstack([part.reshape(-1, mine, order="F") for part in parts])
-            dense = dense_matrix(PETSc.COMM_SELF, right)
-            left = np.split(solved(self._ksp.getPC(), dense), ends)
-            found = np.concatenate([part.ravel(order="F") for part in left])
-        result = np.empty(n * columns)
-        self._comm.Alltoallv((found, self._rows * mine), (result, n * share))
-        return result.reshape(n, columns, order="F")
+        if block.shape[1] == 0:
+            return np.zeros_like(block)
+        local = _columns_at(block, self._rows)
+        local[self._corner] = 0.0
+        self._factor.forward(local)
+        right = np.zeros((self._size, block.shape[1]))
+        right[self._number] = self._last @ local[self._corner]
+        rows, numbers = self._edge
+        right[numbers] += block[rows]
+        middle = self._elasticity.sum(right)
+        if self._size:
+            middle = cho_solve(self._middle, middle, check_finite=False)
+        local[self._corner] = self._last.T @ middle[self._number]
+        self._factor.backward(local)
+        result = _columns_at(local, self._places)
+        result[rows] = middle[numbers]
+        return result
 
     def destroy(self) -> None:
-        for item in (self._ksp, self._matrix):
-            if item is not None:
-                item.destroy()
+        for item in (self._factor, self._matrix, self._part):
+            item.destroy()
+
+
+def _columns_at(block: Block, rows: Integers) -> Block:
+    """Rows of a ``block``, column by column, which takes a third of the time."""
+    result = np.empty((len(rows), block.shape[1]), order="F")
+    for source, target in zip(block.T, result.T, strict=True):
+        np.take(source, rows, out=target, mode="clip")
+    return result
