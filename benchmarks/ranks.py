@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""What more ranks bring: a model from the parts of one rank, beside two ranks as measured."""
+"""What more ranks bring: a model from the parts of one rank, beside two ranks as measured.
 
+The model needs nothing of two ranks but how much two runs on one rank each, at the same time, slow
+each other down, by the memory that the cores share.
+"""
+
+import math
 from collections.abc import Callable
 from functools import wraps
 from time import perf_counter
@@ -13,17 +18,17 @@ from growth import PARTS, Row
 from jobs import Job, Progress, Results, measure
 from report import Study, line, plot
 from scene import holes_design, slider_crank, warm_up
+from scipy.linalg import cho_factor, cho_solve
 
+from dolfinx_ffr import FlexibleBody
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE
 from dolfinx_ffr.reduction import FactoredBody
-from dolfinx_ffr.reduction.direct_solver import HOLDERS
+from dolfinx_ffr.reduction.direct_solver import parts_pay
 
 #: Ranks for which the model is told
-RANKS = 2, 4, 16, 64
+RANKS = 2, 4, 8
 #: Every rank does this for itself
 ALONE = "simulation", "adjoint"
-#: Widths of blocks by which the time of a solution is measured
-WIDTHS = 1, 2, 4, 8, 16
 
 
 def ranks_jobs(*, quick: bool) -> list[Job]:
@@ -33,22 +38,28 @@ def ranks_jobs(*, quick: bool) -> list[Job]:
     else:
         sizes = [((200, 20), 9, 10.0), ((400, 40), 5, 15.0), ((800, 80), 3, 40.0)]
         sizes += [((80, 8, 8), 5, 30.0), ((80, 16, 16), 3, 60.0)]
-    return [
-        Job("ranks", "parts", seconds, {"elements": list(n), "repetitions": count}, ranks)
-        for ranks in (1, 2)
-        for n, count, seconds in sizes
-    ]
+    jobs = []
+    for n, count, seconds in sizes:
+        same = {"elements": list(n), "repetitions": count}
+        jobs += [Job("ranks", "parts", seconds, same, ranks) for ranks in (1, 2)]
+        jobs.append(Job("ranks", "parts", 2.0 * seconds, {**same, "apart": True}, 2))
+    return jobs
 
 
 def parts(
-    comm: MPI.Comm, progress: Progress, *, elements: list[int], repetitions: int
+    comm: MPI.Comm,
+    progress: Progress,
+    *,
+    elements: list[int],
+    repetitions: int,
+    apart: bool = False,
 ) -> dict[str, Any]:
-    """Seconds of value and gradient by part, and of solutions by the width of the block.
+    """Seconds of value and gradient by part, and of what is between so many parts as `RANKS`.
 
-    The least of the repetitions, of the slowest rank.
+    The least of the repetitions, of the slowest rank; if ``apart``, each has a rod of its own.
     """
     warm_up(comm, dimension=len(elements))
-    problem = slider_crank(comm, elements)
+    problem = slider_crank(MPI.COMM_SELF if apart else comm, elements)
     rod = problem.flexible["rod"]
     x = holes_design(rod.domain)
     inside: dict[str, float] = {}
@@ -86,43 +97,56 @@ def parts(
     finally:
         FactoredBody.solve = before[0]  # type: ignore[method-assign]
         rod.reduction.factor = before[1]  # type: ignore[method-assign]
-    widths = blocks.copy()
-    factored = rod.factored(problem.value(x).bodies["rod"])
-    generator = np.random.default_rng(0)
-    sides = {w: generator.standard_normal((rod.elasticity.n_dofs, w)) for w in WIDTHS}
-    solutions = {w: (lambda side=side: factored.solve(side)) for w, side in sides.items()}
-    solved, _ = measure(solutions, max(repetitions, 3), lambda part: None, clock)
     least = {name: min(one[name] for one in own) for name in own[0]}
     least |= {"gradient": min(times["gradient"])}
     found = {name: comm.allreduce(value, MPI.MAX) for name, value in least.items()}
     found |= {"dofs": rod.elasticity.n_dofs_global, "cells": rod.domain.n_cells_global}
-    return {**found, "blocks": widths, "widths": [min(solved[w]) for w in WIDTHS]}
+    if comm.size > 1:
+        return found
+    return {**found, "between": [_between(rod, elements, blocks, p) for p in RANKS]}
 
 
-def modelled(row: Row, ranks: int) -> float:
-    """Seconds of value and gradient on some ranks, out of the parts of one.
+def _between(rod: FlexibleBody, elements: list[int], blocks: list[int], ranks: int) -> float:
+    """Seconds with the dense factor of what is between so many parts; nan if MUMPS would be taken.
 
-    Each of the first ranks has the whole factor, and solves for its columns of a block; what else
-    the reduction does goes by rows of the mesh; simulation and adjoint are done by every rank.
+    The parts are cut by sections of the rod. The factor and a solution for each of ``blocks``.
     """
+    count = (ranks - 1) * len(elements) * math.prod(n + 1 for n in elements[1:])
+    matrix = rod.elasticity.new_matrix()
+    pays = parts_pay(rod.elasticity, matrix, ranks, count)
+    matrix.destroy()
+    if not pays:
+        return math.nan
+    dense, sides = np.eye(count), {k: np.ones((count, k)) for k in blocks}
 
-    def solution(columns: float) -> float:
-        return float(np.interp(columns, WIDTHS, row["widths"]))
+    def once() -> None:
+        factor = cho_factor(dense, lower=True)
+        for k in blocks:
+            cho_solve(factor, sides[k])
 
-    holders = min(ranks, HOLDERS)
-    before = sum(solution(width) for width in row["blocks"])
-    after = sum(solution(int(np.ceil(width / holders))) for width in row["blocks"])
-    solves = row["solves"] * after / before
-    return float(row["factor"] + row["alone"] + solves + row["rows"] / ranks)
+    seconds, _ = measure({"once": once}, 3, lambda part: None)
+    return float(min(seconds["once"]))
+
+
+def modelled(row: Row, place: int) -> float:
+    """Seconds of value and gradient on ``RANKS[place]`` ranks, out of the parts of one.
+
+    Factors and solutions go by parts, with what is between them on every rank, and what else the
+    reduction does by rows of the mesh; simulation and adjoint are done by every rank. All of it
+    takes as much longer as two runs at once slow each other down.
+    """
+    shared = (row["factor"] + row["solves"] + row["rows"]) / RANKS[place]
+    return float(row["slower"] * (row["alone"] + shared + row["between"][place]))
 
 
 def rows_of_ranks(results: Results) -> list[Row]:
     """One row for each mesh: parts of one rank, two ranks, and the model."""
-    found, two = [], {}
+    found = []
+    two: dict[tuple[str, bool], float] = {}
     for job, result in results:
         mesh = "x".join(map(str, job.parameters["elements"]))
         if job.ranks == 2:
-            two[mesh] = result["gradient"]
+            two[mesh, job.parameters.get("apart", False)] = result["gradient"]
             continue
         alone = sum(result[name] for name in ALONE)
         whole = sum(result[name] for name in PARTS)
@@ -131,8 +155,9 @@ def rows_of_ranks(results: Results) -> list[Row]:
         found.append({**result, "mesh": mesh, "alone": alone, "rows": by_rows})
     for row in found:
         gradient = row["gradient"]
-        row["two"] = gradient / two.get(row["mesh"], np.nan)
-        row |= {f"on_{p}": gradient / modelled(row, p) for p in RANKS}
+        row["two"] = gradient / two.get((row["mesh"], False), np.nan)
+        row["slower"] = two.get((row["mesh"], True), np.nan) / gradient
+        row |= {f"on_{p}": gradient / modelled(row, k) for k, p in enumerate(RANKS)}
         names = ("factor", "solves", "rows", "alone")
         row |= {f"share_{name}": 100.0 * row[name] / gradient for name in names}
     return found
@@ -141,7 +166,7 @@ def rows_of_ranks(results: Results) -> list[Row]:
 def report_ranks(study: Study, results: Results) -> None:
     """Table and picture."""
     rows = rows_of_ranks(results)
-    study.table("ranks", rows, holders=HOLDERS)
+    study.table("ranks", rows)
     with study.picture("Times faster over the number of ranks", 1, 1, (9.0, 4.6)) as (axes,):
         for row, color in zip(rows, (BLUE, ORANGE, GRAY, DARK, "#0b8043"), strict=False):
             model = [{"ranks": p, "faster": row[f"on_{p}"]} for p in RANKS]

@@ -66,8 +66,7 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
     check_memory(elasticity, matrix, 'take solver="iterative" for the body, or fewer elements')
     if comm.size > 1 and cholmod.is_known():
         between = Between.of(elasticity, matrix)
-        # a dense factor as large as that of a part takes as long
-        if comm.size * between.size**2 <= factor_entries(elasticity, matrix):
+        if parts_pay(elasticity, matrix, comm.size, between.size):
             return PartedFactor(elasticity, matrix, between)
     return SharedFactor(elasticity, factor_package(comm))
 
@@ -106,6 +105,11 @@ def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None
         most=math.inf,
         available=comm.size * agreed_memory(comm),
     )
+
+
+def parts_pay(elasticity: Elasticity, matrix: PETSc.Mat, ranks: int, between: int) -> bool:
+    """Whether unknowns ``between`` parts have no larger factor, a dense one, than a part."""
+    return bool(ranks * between**2 <= factor_entries(elasticity, matrix))
 
 
 def _entries(matrix: PETSc.Mat) -> float:
