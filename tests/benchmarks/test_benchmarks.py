@@ -36,8 +36,8 @@ MAY_BE_ZERO = set(
 WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", "solver", "start"}
 #: Cosines and differences may have any sign
 SIGNED = {"cosine", "levelset_cosine", "difference"}
-#: Columns that may hold nothing, where a part has no such place
-LEFT_OUT = {"thinnest", "gap"}
+#: Columns that may hold nothing, where a part has no such place, or ranks no parts
+LEFT_OUT = {"thinnest", "gap", "on_4", "on_8"}
 #: Tables and their numbers of rows
 TABLES = """growth 3, growth_exponents 1, growth_parts 3, growth_memory 3, accuracy_steps 3,
 accuracy_tolerance 3, accuracy_differences 3, mesh 14, mesh_orders 6, mesh_smooth 18,

@@ -75,6 +75,30 @@ def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
         item.destroy()
 
 
+@pytest.mark.skipif(not module.cholmod.is_known(), reason="PETSc is built without CHOLMOD")
+def test_the_end_of_an_ordered_factor_is_that_of_the_schur_complement() -> None:
+    """Unknowns in the midst of a chain; and what is not positive definite is refused."""
+    n = 30
+    diagonal = np.eye(n)
+    chain = 3.0 * diagonal - np.roll(diagonal, 1, axis=0) - np.roll(diagonal, -1, axis=0)
+    rows, columns = np.nonzero(chain)
+    begins = np.searchsorted(rows, np.arange(n + 1)).astype(PETSc.IntType)
+    last = np.isin(np.arange(n), [5, 17, 20])
+    factor = module.cholmod.OrderedFactor(begins, columns.astype(PETSc.IntType), last)
+    assert factor.factor(chain[rows, columns])
+    inverse = np.linalg.inv(chain)
+    order = np.argsort(factor.places)[-3:]
+    corner = factor.corner(3)
+    assert np.allclose(np.linalg.inv(corner @ corner.T), inverse[np.ix_(order, order)], atol=1e-14)
+    block = np.empty((n, 2), order="F")
+    block[factor.places] = chain[:, :2]
+    factor.forward(block)
+    factor.backward(block)
+    assert np.allclose(block[factor.places], diagonal[:, :2], atol=1e-14)
+    assert not factor.factor(-chain[rows, columns])
+    factor.destroy()
+
+
 @pytest.mark.mpi
 def test_parts_are_factored_where_little_is_between_them(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
