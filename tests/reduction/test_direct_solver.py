@@ -100,6 +100,20 @@ def test_the_end_of_an_ordered_factor_is_that_of_the_schur_complement() -> None:
 
 
 @pytest.mark.mpi
+def test_a_part_without_memory_is_told_on_every_rank(
+    comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def order(*_: object) -> None:
+        if comm.rank == comm.size - 1:
+            raise MemoryError("none for the last part")
+
+    elasticity = body(comm)
+    monkeypatch.setattr(module.cholmod, "OrderedFactor", order)
+    with pytest.raises(MemoryError, match="none for the last part"):
+        parted(elasticity)
+
+
+@pytest.mark.mpi
 def test_parts_are_factored_where_little_is_between_them(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -168,7 +168,7 @@ class OrderedFactor:
         result = ctypes.POINTER(_Factor)
         factor = _call(self._library, "analyze_p", *arguments, result=result)
         if not factor or factor.contents.n != matrix.nrow:
-            raise PETSc.Error(76)  # of a library
+            raise MemoryError("reduction: CHOLMOD has no memory for the factor of a part of a body")
         return factor
 
     def _integers(self, factor: Any, name: str, count: int) -> Integers:
@@ -223,8 +223,8 @@ class OrderedFactor:
     def _half(self, name: str, block: Array) -> None:
         work = np.empty((max(int(self._factor.contents.maxesize), 1), block.shape[1]), order="F")
         sides = (ctypes.byref(_Dense.of(each)) for each in (block, work))
-        if not _call(self._library, name, self._factor, *sides, ctypes.byref(self._common)):
-            raise PETSc.Error(76)
+        done = _call(self._library, name, self._factor, *sides, ctypes.byref(self._common))
+        assert done, "sizes that do not fit"
 
     def _free(self, factor: Any) -> None:
         name, common = "free_factor", ctypes.byref(self._common)

@@ -23,7 +23,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from ..arrays import Array, Integers
 from ..fem import Block, Elasticity, by_dense
 from ..limits import check_count
-from ..parallel import agreed_memory
+from ..parallel import agreed_memory, on_every_rank
 from . import cholmod
 
 #: How bodies are solved: by factors, or by conjugate gradients with multigrid
@@ -206,7 +206,8 @@ class PartedFactor(LinearSolver):
         self._matrix = matrix.createSubMatrices(self._part)[0]
         begins, columns, _ = self._matrix.getValuesCSR()
         last = np.isin(part, between.every)
-        self._factor = cholmod.OrderedFactor(begins, columns, last)
+        with on_every_rank(elasticity.comm, "the order of a factor"):
+            self._factor = cholmod.OrderedFactor(begins, columns, last)
         places = self._factor.places
         order = np.argsort(places)
         #: Places in L of the last unknowns, and their numbers between the parts
