@@ -150,8 +150,9 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     way = thin.shares @ kind.way(thin, mended) * thin.member
     assert 1e-4 < np.max(np.abs(way)) < 3e-3
     there, here = (np.vstack([c.control for c in b.free.values()]) for b in (thin, mended))
-    # but for controls that are kept where they may be
-    assert np.quantile(np.abs(there + way[:, None] * thin.normals - here), 0.9) < 1e-9
+    # across the curves, but for controls that are kept where they may be
+    off = np.einsum("kd,kd->k", here - there, thin.normals) - way
+    assert np.quantile(np.abs(off), 0.9) < 1e-9
     left, only = kind.mended(boundary, 2e-3, 0.65), faired(boundary)
     for key, curve in only.free.items():
         assert np.array_equal(left.free[key].control, curve.control)
@@ -255,7 +256,7 @@ def test_a_strut_that_ends_free_goes() -> None:
     (spur,) = spurred.spurs
     assert spur.centroid.x == pytest.approx(here, abs=5e-4) and end < spur.centroid.y < top
     assert boundary.spurs == []
-    ((trimmed, count),) = InThePlane().simpler(spurred, {}, {})
+    ((trimmed, count, _),) = InThePlane().simpler(spurred, {}, {})
     assert count == 1
     assert trimmed.spurs == [] and len(trimmed.holes) == len(spurred.holes)
     assert psi(problem, trimmed)[1].psi < psi(problem, spurred)[1].psi
@@ -270,8 +271,9 @@ def test_small_holes_are_tried_without() -> None:
 
     given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
     assert len(given.holes) == len(boundary.holes) + 1
-    ((without, count),) = InThePlane().simpler(given, {}, {})
-    assert count == 1 and len(without.holes) == len(boundary.holes)
+    ((without, count, making),) = InThePlane().simpler(given, {}, {})
+    assert count == 1 and making == 1e-3  # psi may rise by as much
+    assert len(without.holes) == len(boundary.holes)
     assert not list(InThePlane().simpler(boundary, {}, {}))
 
 
@@ -334,7 +336,7 @@ def test_controls_that_crowd_are_set_apart() -> None:
     told = radius_rows(creased)
     assert told.smallest == pytest.approx(creased.smallest_radius, rel=1e-9)
     assert told.missed > 0.1 and creased.crowded == [key] and not boundary.crowded
-    ((without, count),) = InThePlane().simpler(creased, {}, {})
+    ((without, count, _),) = InThePlane().simpler(creased, {}, {})
     assert count == 0 and not without.crowded and radius_rows(without).missed == 0.0
     assert without.hole(key).area == pytest.approx(creased.hole(key).area, rel=0.03)
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from dolfinx_ffr.boundary.curve import FreeCurve
-from dolfinx_ffr.boundary.fair import ripples
+from dolfinx_ffr.boundary.fair import ripples, slid
 from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 
@@ -103,7 +103,10 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
 
 
 def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
-    """Circles stay, the shortest wave on one is halved, a corner hardly moves, areas stay."""
+    """Circles stay, the shortest wave on one is halved, a corner hardly moves, areas stay.
+
+    Controls along a curve become as far apart.
+    """
     angle = 2.0 * np.pi * np.arange(40) / 40
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     assert np.max(np.abs(ripples(FreeCurve(circle), 0.05))) < 1e-12
@@ -115,6 +118,9 @@ def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
     assert ripples(FreeCurve(rippled.control, (0, 1)), 0.05)[5:35] == pytest.approx(
         -0.5 * wave[5:35], abs=2e-5
     )
+    uneven = angle + 0.02 * np.where(np.arange(40) % 2, -1.0, 1.0)
+    even = slid(FreeCurve(np.column_stack([np.cos(uneven), np.sin(uneven)])))
+    assert np.diff(np.unwrap(np.arctan2(*even.control.T[::-1]))) == pytest.approx(0.157, abs=1e-3)
     t, zero = np.linspace(0.0, 1.0, 10, endpoint=False), np.zeros(10)
     square = np.hstack([[t, zero], [1.0 + zero, t], [1.0 - t, 1.0 + zero], [zero, 1.0 - t]]).T
     assert np.max(np.abs(ripples(FreeCurve(square), 0.3))) < 1e-3

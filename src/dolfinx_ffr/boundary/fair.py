@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..arrays import Array
@@ -16,20 +18,39 @@ _TURN = 0.5
 
 
 def faired(boundary: Boundary) -> Boundary:
-    """The same with short waves made smaller, but for corners.
+    """The same with controls less uneven, and with short waves made smaller, but for corners.
 
     The offsets a of controls along their normals minimise |a|^2 plus the weighted changes of the
     curvature, which are the third differences of the controls across the curve (M. Eck,
     J. Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3), and keep the
     area beside each curve. Waves along six or more controls hardly change.
     """
-    offsets = np.concatenate([ripples(c, boundary.member) for c in boundary.free.values()])
-    shares = boundary.shares
-    return boundary.moved(shares @ (shares.T @ offsets / shares.sum(axis=0).A1))
+    member, shares = boundary.member, boundary.shares
+    even = replace(boundary, free={key: slid(curve) for key, curve in boundary.free.items()})
+    areas = [curve.area[0] for curve in boundary.free.values()]
+    found = zip(even.free.values(), areas, strict=True)
+    offsets = np.concatenate([ripples(curve, member, area) for curve, area in found])
+    return even.moved(shares @ (shares.T @ offsets / shares.sum(axis=0).A1))
 
 
-def ripples(curve: FreeCurve, member: float) -> Array:
-    """Offsets of the controls of one curve along their normals (n,) that make them smaller [m]."""
+def slid(curve: FreeCurve) -> FreeCurve:
+    """The same with controls moved along the curve, each half of the way to amid its neighbours.
+
+    Steps move controls across the curve only, so where a curve grows it had too few of them, and
+    where it shrinks they crowd. Of distances that alternate nothing is left.
+    """
+    x, normals = curve.control, curve.control_normals
+    amid = 0.5 * (np.roll(x, 1, axis=0) + np.roll(x, -1, axis=0))
+    along = np.column_stack([-normals[:, 1], normals[:, 0]])
+    way = 0.5 * np.einsum("ij,ij->i", amid - x, along) * ~curve.held
+    return curve.moved(x + way[:, None] * along)
+
+
+def ripples(curve: FreeCurve, member: float, area: float | None = None) -> Array:
+    """Offsets of the controls of one curve along their normals (n,) that make them smaller [m].
+
+    The area beside it, `FreeCurve.area`, becomes ``area`` [m^2], by default the one it has.
+    """
     n, x, normals = len(curve.control), curve.control, curve.control_normals
     first = np.arange(n if curve.closed else n - 3)
     four = (first[:, None] + np.arange(4)) % n
@@ -47,10 +68,10 @@ def ripples(curve: FreeCurve, member: float) -> Array:
     np.put_along_axis(slopes, four, own, axis=1)
     free = np.flatnonzero(~curve.held)
     matrix = (np.eye(n) + slopes.T @ (weight[:, None] * slopes))[np.ix_(free, free)]
-    area, gains = curve.area
+    now, gains = curve.area
     right = np.column_stack([-slopes.T[free] @ (weight * change), gains[free]])
     offsets, wider = np.zeros(n), np.zeros(n)
     offsets[free], wider[free] = np.linalg.solve(matrix, right).T
-    more = curve.moved(x + offsets[:, None] * normals).area[0] - area
+    more = curve.moved(x + offsets[:, None] * normals).area[0] - (now if area is None else area)
     offsets -= more / (gains @ wider) * wider
     return offsets

@@ -35,6 +35,8 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: What the minimum width of a strut must cost to be tried without it, or what it carries at most,
 #: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
 _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
+#: By which share of psi each small hole must lower it to be worth its making
+_MAKING = 1e-3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
@@ -111,12 +113,15 @@ class Kind(ABC, Generic[B]):
         """What struts carry, by pairs of curves, as shares of psi; collective."""
         return {}
 
-    def simpler(self, boundary: B, costs: Costs, carried: Costs) -> Iterator[tuple[B, int]]:
-        """The boundary without what may not pay, and how many holes and struts that were."""
+    def simpler(self, boundary: B, costs: Costs, carried: Costs) -> Iterator[tuple[B, int, float]]:
+        """The boundary without what may not pay, how many holes and struts, and their making.
+
+        That is how much psi may rise if they go, as a share of it.
+        """
         return iter(())
 
-    def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int]]:
-        """The boundary with a strut more, which may lower psi, and how many these are; collective.
+    def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int, float]]:
+        """The boundary with a strut more, which may lower psi, as `simpler`; collective.
 
         One for each that is to be tried.
         """
@@ -183,14 +188,14 @@ class InThePlane(Kind[Boundary]):
         along = np.einsum("kd,kd->k", control[1] - control[0], before.normals)
         return np.asarray(before.shares.T @ along / before.shares.sum(axis=0).A1 / before.member)
 
-    def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int]]:
+    def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int, float]]:
         for ends in missing(boundary, struts):
             try:
                 found = boundary.braced(ends)
             except ValueError:
                 continue
             if found.valid:
-                yield found, 1
+                yield found, 1, 0.0
 
     def carried(self, boundary: Boundary, struts: Struts) -> Costs:
         domain, found = struts.domain, {}
@@ -203,12 +208,12 @@ class InThePlane(Kind[Boundary]):
 
     def simpler(
         self, boundary: Boundary, costs: Costs, carried: Costs
-    ) -> Iterator[tuple[Boundary, int]]:
+    ) -> Iterator[tuple[Boundary, int, float]]:
         """Without small holes, crowds of controls, what ends free, idle struts and dear ones."""
         small = [boundary.specks, *boundary.pockets[:_TRIED]]
         for holes in small:
             if holes and len(holes) < len(boundary.holes):
-                yield boundary.without(holes), len(holes)
+                yield boundary.without(holes), len(holes), _MAKING * len(holes)
         every, crowded = set(boundary.holes), boundary.crowded
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
         dear.sort(key=lambda pair: -costs[pair])
@@ -224,7 +229,8 @@ class InThePlane(Kind[Boundary]):
             except ValueError:
                 continue
             if found.valid:
-                yield found, max(len(boundary.holes) - len(found.holes), int(what is not crowded))
+                fewer = len(boundary.holes) - len(found.holes)
+                yield found, max(fewer, int(what is not crowded)), 0.0
 
 
 def _area(boundary: Boundary) -> tuple[float, Array]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
-from ..boundary import Boundary, Costs, Surface
+from ..boundary import Costs
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from ..reduction import Struts
@@ -81,13 +82,13 @@ def _struts(
 
 
 def _tried(
-    descent: Descent, trial: Trial, name: str, others: Iterator[tuple[Boundary | Surface, int]]
-) -> Iterator[tuple[Trial, int]]:
+    descent: Descent, trial: Trial, name: str, others: Iterator[tuple[Any, int, float]]
+) -> Iterator[tuple[Trial, int, float]]:
     """Those of the ``others`` in the place of a boundary that can be meshed and simulated."""
-    for changed, count in others:
+    for changed, count, making in others:
         descent.tell(f"psi {trial.evaluation.psi:.5g}")
         try:
-            yield descent.tried({**trial.boundaries, name: changed}), count
+            yield descent.tried({**trial.boundaries, name: changed}), count, making
         except (ValueError, SimulationError):
             continue
 
@@ -98,7 +99,7 @@ def _braced(
     """With a strut across a hole that lowers psi, None if there is none; collective."""
     for name, own in struts.items():
         others = descent.kind.braced(trial.boundaries[name], own)
-        for other, _ in _tried(descent, trial, name, others):
+        for other, *_ in _tried(descent, trial, name, others):
             if other.carries(weight) < trial.carries(weight) - _WORTH:
                 return other
     return None
@@ -118,7 +119,7 @@ def _simpler(
         others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
         found = list(_tried(descent, trial, name, others))
         if found:
-            best, fewer = min(found, key=lambda pair: pair[0].carries(weight))
-            if best.carries(weight) < trial.carries(weight) + rise:
+            best, fewer, making = min(found, key=lambda t: t[0].carries(weight) - max(rise, t[2]))
+            if best.carries(weight) < trial.carries(weight) + max(rise, making):
                 trial, removed = best, removed + fewer
     return trial, removed
