@@ -12,21 +12,23 @@ from time import perf_counter
 from typing import Any
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from growth import PARTS, Row
 from jobs import Job, Progress, Results, measure
 from report import Study, line, plot
 from scene import holes_design, slider_crank, warm_up
-from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import kron
 
 from dolfinx_ffr import FlexibleBody
 from dolfinx_ffr.plotting.style import BLUE, DARK, GRAY, ORANGE
 from dolfinx_ffr.reduction import FactoredBody
+from dolfinx_ffr.reduction.cholmod import OrderedFactor
 from dolfinx_ffr.reduction.direct_solver import parts_pay
 
 #: Ranks for which the model is told
-RANKS = 2, 4, 8
+RANKS = 2, 4, 16, 64
 #: Every rank does this for itself
 ALONE = "simulation", "adjoint"
 
@@ -107,24 +109,34 @@ def parts(
 
 
 def _between(rod: FlexibleBody, elements: list[int], blocks: list[int], ranks: int) -> float:
-    """Seconds with the dense factor of what is between so many parts; nan if MUMPS would be taken.
+    """Seconds with the factor of what is between so many parts; nan if MUMPS would be taken.
 
-    The parts are cut by sections of the rod. The factor and a solution for each of ``blocks``.
+    The parts are cut by sections of the rod, each coupled to its neighbours. The factor and a
+    solution for each of ``blocks``.
     """
-    count = (ranks - 1) * len(elements) * math.prod(n + 1 for n in elements[1:])
+    section = len(elements) * math.prod(n + 1 for n in elements[1:])
     matrix = rod.elasticity.new_matrix()
-    pays = parts_pay(rod.elasticity, matrix, ranks, count)
+    # those of one section for both parts at the ends, of two for all others
+    pays = parts_pay(rod.elasticity, matrix, (1.0 + 2.0 * (ranks - 2)) * section**2)
     matrix.destroy()
     if not pays:
         return math.nan
-    dense, sides = np.eye(count), {k: np.ones((count, k)) for k in blocks}
+    cuts = np.arange(ranks - 1)
+    neighbours = np.where(np.abs(cuts[:, None] - cuts) <= 1, 1.0, 0.0)
+    chain = kron(neighbours, np.ones((section, section)), format="csr")
+    begins, columns = (k.astype(PETSc.IntType) for k in (chain.indptr, chain.indices))
+    rows = np.repeat(np.arange(len(begins) - 1), np.diff(begins))
+    factor = OrderedFactor(begins, columns, np.zeros(len(begins) - 1, dtype=bool))
+    values = np.where(rows == columns, 1.0, 0.0)
+    sides = {k: np.ones((factor.size, k)) for k in blocks}
 
     def once() -> None:
-        factor = cho_factor(dense, lower=True)
+        factor.factor(values)
         for k in blocks:
-            cho_solve(factor, sides[k])
+            factor.solve(sides[k])
 
     seconds, _ = measure({"once": once}, 3, lambda part: None)
+    factor.destroy()
     return float(min(seconds["once"]))
 
 

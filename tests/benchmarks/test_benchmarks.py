@@ -37,7 +37,7 @@ WORDS = {"mesh", "task", "design", "kernel", "kind", "cell", "scene", "method", 
 #: Cosines and differences may have any sign
 SIGNED = {"cosine", "levelset_cosine", "difference"}
 #: Columns that may hold nothing, where a part has no such place, or ranks no parts
-LEFT_OUT = {"thinnest", "gap", "on_4", "on_8"}
+LEFT_OUT = {"thinnest", "gap", "on_4", "on_16", "on_64"}
 #: Tables and their numbers of rows
 TABLES = """growth 3, growth_exponents 1, growth_parts 3, growth_memory 3, accuracy_steps 3,
 accuracy_tolerance 3, accuracy_differences 3, mesh 14, mesh_orders 6, mesh_smooth 18,

@@ -136,7 +136,7 @@ def test_a_cut_between_elements_has_one_row_of_nodes(comm: MPI.Intracomm) -> Non
     elasticity = rod(comm, (40, 4)).elasticity
     matrix = elasticity.new_matrix()
     between = Between.of(elasticity, matrix)
-    assert between.size <= (comm.size - 1) * 2 * (4 + 3)
+    assert len(between.every) <= (comm.size - 1) * 2 * (4 + 3)
     matrix.destroy()
 
 

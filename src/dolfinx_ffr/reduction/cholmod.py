@@ -123,6 +123,7 @@ class OrderedFactor:
         last: Of each unknown, whether it comes after all others.
 
     Attributes:
+        size: Number of unknowns n.
         places: Of each unknown in L (n,).
     """
 
@@ -130,7 +131,7 @@ class OrderedFactor:
         found = _library()
         assert found is not None
         self._library, self._common = found
-        n = len(begins) - 1
+        n = self.size = len(begins) - 1
         self._values = np.zeros(len(columns))
         self._matrix = self._sparse(begins, columns, self._values)
         first = np.flatnonzero(~last)
@@ -211,6 +212,14 @@ class OrderedFactor:
             numbers = (c_double * found.xsize).from_address(found.x)
             result[i, j] = np.ctypeslib.as_array(numbers)[at]
         return result
+
+    def solve(self, block: Array) -> Array:
+        """The inverse times a ``block``."""
+        local = np.empty(block.shape, order="F")
+        local[self.places] = block
+        self.forward(local)
+        self.backward(local)
+        return local[self.places]
 
     def forward(self, block: Array) -> None:
         """L^-1 times a ``block`` in Fortran's order, rows as in L, in its place."""

@@ -4,8 +4,8 @@
 CHOLMOD solves 1.6 to 3 times as fast as MUMPS, but runs on one rank only. So each rank factors the
 matrix of its own unknowns and of those between the parts, which come last: of this L L^T the corner
 of the last unknowns g is that of A_gg - A_gi A_ii^-1 A_ig. Nothing but the corners is left to be
-added up, factored as a dense matrix, and solved with, which every rank does. Where so many ranks
-share a body that this is much of it, MUMPS factors, its rows on all ranks.
+added up, factored as one matrix, and solved with, which every rank does. Where so many ranks share
+a body that this is much of it, MUMPS factors, its rows on all ranks.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import csr_array
 
-from ..arrays import Array, Integers
+from ..arrays import Integers
 from ..fem import Block, Elasticity, by_dense
 from ..limits import check_count
 from ..parallel import agreed_memory, on_every_rank
@@ -30,6 +30,9 @@ from . import cholmod
 SOLVERS = DIRECT, ITERATIVE = "direct", "iterative"
 #: Names of CHOLMOD in PETSc, which depend on how that was built
 CHOLMOD = ("cholmod", "suitesparse")
+#: Share of the entries of the whole factor that the factor between parts may have: every rank makes
+#: it, and solves with it
+MOST_BETWEEN = 0.25
 #: PETSc's number of the error that a matrix is not positive definite
 _SINGULAR = 81
 #: Options of CHOLMOD on one rank. Below so many operations for each entry of the factor its columns
@@ -66,7 +69,7 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
     check_memory(elasticity, matrix, 'take solver="iterative" for the body, or fewer elements')
     if comm.size > 1 and cholmod.is_known():
         between = Between.of(elasticity, matrix)
-        if parts_pay(elasticity, matrix, comm.size, between.size):
+        if parts_pay(elasticity, matrix, between.entries):
             return PartedFactor(elasticity, matrix, between)
     return SharedFactor(elasticity, factor_package(comm))
 
@@ -107,9 +110,9 @@ def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None
     )
 
 
-def parts_pay(elasticity: Elasticity, matrix: PETSc.Mat, ranks: int, between: int) -> bool:
-    """Whether unknowns ``between`` parts have no larger factor, a dense one, than a part."""
-    return bool(ranks * between**2 <= factor_entries(elasticity, matrix))
+def parts_pay(elasticity: Elasticity, matrix: PETSc.Mat, between: float) -> bool:
+    """Whether a factor with entries ``between`` parts, which every rank makes, is small enough."""
+    return between <= MOST_BETWEEN * factor_entries(elasticity, matrix)
 
 
 def _entries(matrix: PETSc.Mat) -> float:
@@ -169,6 +172,8 @@ class Between:
 
     every: Integers  #: Of all ranks, in the numbers of the matrix
     own: Integers  #: Of this rank
+    beside: Integers  #: To which this rank's are coupled, those of its own among them
+    entries: float  #: Of a factor, about: those of each part among each other
 
     @staticmethod
     def of(elasticity: Elasticity, matrix: PETSc.Mat) -> Between:
@@ -177,36 +182,33 @@ class Between:
         Each rank has some nodes of a cut, and the rest is coupled to those of other ranks alone.
         """
         begin, end = matrix.getOwnershipRange()
-        begins, columns, _ = matrix.getValuesCSR()
+        begins, coupled_to, _ = matrix.getValuesCSR()
         rows = np.repeat(np.arange(begin, end), np.diff(begins))
-        across = (columns < begin) | (columns >= end)
-        rows, columns = rows[across], columns[across]
+        across = (coupled_to < begin) | (coupled_to >= end)
+        rows, columns = rows[across], coupled_to[across]
         own, place, counts = np.unique(rows, return_inverse=True, return_counts=True)
-        every = zip(*elasticity.comm.allgather((own, counts)), strict=True)
-        coupled, couplings = map(np.concatenate, every)
+        said = zip(*elasticity.comm.allgather((own, counts)), strict=True)
+        coupled, couplings = map(np.concatenate, said)
         here, there = counts[place], couplings[np.searchsorted(coupled, columns)]
         own = np.unique(rows[(here > there) | ((here == there) & (rows < columns))])
-        return Between(np.concatenate(elasticity.comm.allgather(own)), own)
-
-    @property
-    def size(self) -> int:
-        """The number of all."""
-        return len(self.every)
+        every = np.concatenate(elasticity.comm.allgather(own))
+        beside = np.intersect1d(coupled_to, every)
+        entries = elasticity.comm.allreduce(0.5 * len(beside) ** 2)
+        return Between(every, own, beside, entries)
 
 
 class PartedFactor(LinearSolver):
     """A factor of its part of the body on each rank, and one of what is between the parts."""
 
     def __init__(self, elasticity: Elasticity, matrix: PETSc.Mat, between: Between) -> None:
-        self._elasticity, self._size = elasticity, between.size
+        self._elasticity, comm = elasticity, elasticity.comm
         begin, end = matrix.getOwnershipRange()
-        beside = np.intersect1d(matrix.getValuesCSR()[1], between.every)
-        part = np.union1d(np.arange(begin, end), beside).astype(PETSc.IntType)
+        part = np.union1d(np.arange(begin, end), between.beside).astype(PETSc.IntType)
         self._part = PETSc.IS().createGeneral(part, PETSc.COMM_SELF)
         self._matrix = matrix.createSubMatrices(self._part)[0]
         begins, columns, _ = self._matrix.getValuesCSR()
         last = np.isin(part, between.every)
-        with on_every_rank(elasticity.comm, "the order of a factor"):
+        with on_every_rank(comm, "the order of a factor"):
             self._factor = cholmod.OrderedFactor(begins, columns, last)
         places = self._factor.places
         order = np.argsort(places)
@@ -218,37 +220,40 @@ class PartedFactor(LinearSolver):
         self._places = places[(part >= begin) & (part < end)]
         #: Rows of this rank between the parts, and their numbers there
         self._edge = between.own - begin, np.searchsorted(between.every, between.own)
+        # how many ranks add to each entry of the matrix between parts
+        pairs = [np.stack(np.broadcast_arrays(k[:, None], k)) for k in comm.allgather(self._number)]
+        rows, others = np.hstack([pair.reshape(2, -1) for pair in pairs])
+        size = len(between.every)
+        ranks = csr_array((np.ones(len(rows)), (rows, others)), (size, size))
+        ranks.sort_indices()
+        begins_, columns_ = (k.astype(PETSc.IntType) for k in (ranks.indptr, ranks.indices))
+        with on_every_rank(comm, "the order of what is between parts"):
+            self._between = cholmod.OrderedFactor(begins_, columns_, np.zeros(size, dtype=bool))
+        keys = np.repeat(np.arange(size), np.diff(ranks.indptr)) * size + ranks.indices
+        own = self._number[:, None] * size + self._number
+        #: Where this rank's corner adds to the entries, of so many
+        self._added, self._count = np.searchsorted(keys, own), len(keys)
         # Entries between the parts, their rows and columns in the corner, and their share: ranks
         # add 1 / (number of ranks that have it) of each entry of A_gg
         number = np.full(len(part), -1)
         number[order[self._corner]] = np.arange(len(self._corner))
         i, j = number[np.repeat(np.arange(len(part)), np.diff(begins))], number[columns]
         at = np.flatnonzero((i >= 0) & (j >= 0))
-        i, j = i[at], j[at]
-        ranks = elasticity.sum(self._between(np.ones((len(self._corner),) * 2)))
-        share = 1.0 / ranks[self._number[i], self._number[j]]
-        self._entries = at, i, j, share - 1.0  # all of it is in the product of the corner
-
-    def _between(self, corner: Array) -> Array:
-        """A matrix by the corner's unknowns as one of all that are between the parts."""
-        whole = np.zeros((self._size, self._size))
-        whole[np.ix_(self._number, self._number)] = corner
-        return whole
+        share = 1.0 / ranks.data[self._added[i[at], j[at]]]
+        self._entries = at, i[at], j[at], share - 1.0  # all of it is in the product of the corner
 
     def factor(self, matrix: PETSc.Mat) -> None:
         matrix.createSubMatrices(self._part, submats=[self._matrix])
         values = self._matrix.getValuesCSR()[2]
-        failed = not self._factor.factor(values)
+        positive = self._factor.factor(values)
         self._last = self._factor.corner(len(self._corner))
-        added = self._last @ self._last.T
+        corner = self._last @ self._last.T
         at, i, j, share = self._entries
-        added[i, j] += share * values[at]
-        whole = self._elasticity.sum(self._between(added))
-        try:
-            self._middle = cho_factor(whole, lower=True) if self._size else None
-        except (LinAlgError, ValueError):  # not positive definite, not finite
-            failed = True
-        if self._elasticity.comm.allreduce(failed, MPI.LOR):
+        corner[i, j] += share * values[at]
+        whole = np.zeros(self._count)
+        whole[self._added] = corner
+        positive &= self._between.factor(self._elasticity.sum(whole))
+        if not self._elasticity.comm.allreduce(positive, MPI.LAND):
             raise PETSc.Error(_SINGULAR)
 
     def solve(self, block: Block) -> Block:
@@ -257,13 +262,11 @@ class PartedFactor(LinearSolver):
         local = _columns_at(block, self._rows)
         local[self._corner] = 0.0
         self._factor.forward(local)
-        right = np.zeros((self._size, block.shape[1]))
+        right = np.zeros((self._between.size, block.shape[1]))
         right[self._number] = self._last @ local[self._corner]
         rows, numbers = self._edge
         right[numbers] += block[rows]
-        middle = self._elasticity.sum(right)
-        if self._size:
-            middle = cho_solve(self._middle, middle, check_finite=False)
+        middle = self._between.solve(self._elasticity.sum(right))
         local[self._corner] = self._last.T @ middle[self._number]
         self._factor.backward(local)
         result = _columns_at(local, self._places)
@@ -271,7 +274,7 @@ class PartedFactor(LinearSolver):
         return result
 
     def destroy(self) -> None:
-        for item in (self._factor, self._matrix, self._part):
+        for item in (self._factor, self._between, self._matrix, self._part):
             item.destroy()
 
 
