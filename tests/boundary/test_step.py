@@ -18,7 +18,7 @@ from dolfinx_ffr.boundary.step import best_step, curvature, secants
 
 @pytest.mark.parametrize(
     ("kind", "known", "error"),
-    [(np.asarray, 0, 1e-5), (np.asarray, 3, 1e-5), (csr_matrix, 0, 1e-3)],
+    [(np.asarray, 0, 1e-5), (np.asarray, 3, 1e-5), (csr_matrix, 0, 1e-3), (csr_matrix, 3, 1e-3)],
 )
 @pytest.mark.parametrize("seed", range(4))
 def test_the_step_is_the_minimum_within_the_constraints(

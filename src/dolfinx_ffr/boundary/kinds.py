@@ -95,9 +95,9 @@ class Kind(ABC, Generic[B]):
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
     def mended(self, boundary: B, missed: float, reach: float) -> B:
-        """The same without ripples, and sizes that are ``missed`` by such a share mended.
+        """The same with what a step leaves mended, if that is not done as it moves.
 
-        Lengths are in members.
+        ``missed`` is the share by which sizes may be missed, ``reach`` that of a step in members.
         """
         return boundary
 
@@ -262,6 +262,9 @@ class InSpace(Kind[Surface]):
 
     def size(self, boundary: Surface, given: float | None) -> float:
         return boundary.size
+
+    def way(self, before: Surface, after: Surface) -> Array:
+        return before.offsets_to(after) / before.member
 
     def finer(self, boundary: Surface) -> Surface:
         return boundary.finer()

@@ -59,10 +59,10 @@ def best_step(
     The weight mu is that for which the longest offset is ``reach`` [m], and ``curved`` W (n, k)
     what is known of the curvature, see `curvature`. By duality it is a problem of non-negative
     least squares in the multipliers (C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
-    SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many constraints, nothing
-    may be known, and multipliers are found by accelerated gradients (A. Beck, M. Teboulle, SIAM
-    Journal on Imaging Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and
-    held (n,), values (m,), slopes (m, n).
+    SIAM 1995, doi:10.1137/1.9781611971217). Where slopes are sparse, of many constraints,
+    multipliers are found by accelerated gradients (A. Beck, M. Teboulle, SIAM Journal on Imaging
+    Sciences 2, 2009, doi:10.1137/080716542). Shapes: metric (n, n), gradient and held (n,), values
+    (m,), slopes (m, n).
     """
     free = np.flatnonzero(~held)
     how: dict[str, Any] = _SYMMETRIC if issparse(slopes) else {}
@@ -71,7 +71,7 @@ def best_step(
     wanted = np.minimum(values, _AT_ONCE)
     bends = np.zeros((len(free), 0)) if curved is None else curved[free]
     step = (
-        _accelerated(factor, slopes[:, free], downhill)
+        _accelerated(factor, slopes[:, free], downhill, bends)
         if issparse(slopes)
         else _exact(factor, slopes[:, free], downhill, bends)
     )
@@ -145,13 +145,14 @@ def _exact(factor: Any, slopes: Array, downhill: Array, bends: Array) -> Motion:
     return step
 
 
-def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> Motion:
+def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array, bends: Array) -> Motion:
     """The same for thousands of constraints, without their products; from those of the last call.
 
     Rows are of length one, so that those of a bound count as those of a wall.
     """
     length = np.sqrt(np.asarray(slopes.multiply(slopes).sum(axis=1)).ravel() + 1e-300)
     rows = diags(1.0 / length) @ slopes
+    stiff = factor.solve(bends) if bends.size else bends
     last, largest = np.zeros(len(length)), np.sin(1.0 + np.arange(len(length)))
     for _ in range(_POWERS):
         largest = rows @ factor.solve(rows.T @ largest / max(np.linalg.norm(largest), 1e-300))
@@ -159,9 +160,16 @@ def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> Motion:
 
     def step_of(wanted: Array, weight: float) -> tuple[Array, Array]:
         nonlocal last
+        inverse = np.linalg.inv(np.eye(bends.shape[1]) / weight + bends.T @ stiff)
+
+        def curved(way: Array) -> Array:
+            """By the inverse of M + mu W W^T, from that of M."""
+            return np.asarray(way - stiff @ (inverse @ (bends.T @ way)))
+
+        way = weight * curved(downhill)
         ahead, pace = last, 1.0
         for _ in range(_ITERATIONS):
-            inner = weight * downhill - factor.solve(rows.T @ ahead)
+            inner = way - curved(factor.solve(rows.T @ ahead))
             found = np.maximum(ahead + step * (wanted / length + rows @ inner), 0.0)
             if (ahead - found) @ (found - last) > 0.0:  # it went too far
                 pace = 1.0
@@ -171,6 +179,6 @@ def _accelerated(factor: Any, slopes: csr_matrix, downhill: Array) -> Motion:
             if change <= _STILL * np.max(found, initial=0.0):
                 break
         costs = last / length
-        return weight * downhill - factor.solve(slopes.T @ costs), costs
+        return way - curved(factor.solve(slopes.T @ costs)), costs
 
     return step_of

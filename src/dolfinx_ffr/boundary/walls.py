@@ -43,7 +43,9 @@ class Walls(NamedTuple):
     @property
     def middles(self) -> Array:
         """Centres of the balls, (n, 3) [m]."""
-        return self.points + 0.5 * self.thickness[:, None] * self.inward
+        side = np.where(self.moving[:, None], self.points, self.ends)
+        normal = np.where(self.moving[:, None], self.inward, self.across)
+        return side + 0.5 * self.thickness[:, None] * normal
 
     @property
     def least(self) -> float:
@@ -128,16 +130,23 @@ class Sides:
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
         most = 0.5 * max(widest, SEEN * least)
         balls = Balls(at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing)
-        radius, end = balls.radius[: len(x)], balls.ends[: len(x)]
-        walls = (balls.cosine[: len(x)] < _FACING) & (end >= 0)
-        posts = balls.thin(0.5 * least)
-        walls[posts[posts < len(x)]] = True
-        walls &= _within(x, near, _NEAR * least)
+        radius, end = balls.radius, balls.ends
+        free = np.arange(len(at)) < len(x)
+        walls = (balls.cosine < _FACING) & (end >= 0)
+        walls[balls.thin(0.5 * least)] = True
+        # at the tip of a hollow samples are inclined: below a face, but for rims of windows, the
+        # ball is that which touches one of them
+        tips = np.flatnonzero(~free & free[end] & ~walls & (end >= 0))
+        walls &= free
+        way = at[end[tips]] - at[tips]
+        radius[tips] = 0.5 * np.sum(way**2, axis=1) / np.sum(way * normals[tips], axis=1)
+        rims = _within(at[tips], self.outline[0][self._open(field)], least)
+        walls[tips] = (2.0 * radius[tips] < least) & ~rims
+        walls &= _within(at, near, _NEAR * least)
         found = np.flatnonzero(walls & (2.0 * radius < widest))
         found = found[np.argsort(radius[found], kind="stable")]
-        end = end[found]
-        own = x[found], inward[found], at[end], normals[end], end < len(x)
-        return Walls(*own, 2.0 * radius[found])
+        one, two = np.where(free[found], [found, end[found]], [end[found], found])
+        return Walls(at[one], normals[one], at[two], normals[two], free[two], 2.0 * radius[found])
 
     def closed(self, field: Field, gap: float, thickness: float) -> Field | None:
         """A field without windows in which no disc of a diameter fits, None if there is none.
@@ -146,8 +155,7 @@ class Sides:
         balls [m].
         """
         x, inward = self.outline
-        bare = field(x) < 0.0
-        open_ = bare & ~_within(x, self.solid[0], 1e-6 * self.spacing)
+        open_ = self._open(field)
         holes = x[open_]
         pairs = cKDTree(holes).query_pairs(2.0 * self.spacing, output_type="ndarray")
         which = connected(pairs, len(holes))
@@ -160,6 +168,11 @@ class Sides:
         # they reach beyond the outline, which balls within it only touch
         balls = cKDTree(np.concatenate([holes[narrow], holes[narrow] + depth]))
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
+
+    def _open(self, field: Field) -> Mask:
+        """Which samples of the outline are in windows."""
+        x = self.outline[0]
+        return (field(x) < 0.0) & ~_within(x, self.solid[0], 1e-6 * self.spacing)
 
     def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
         """A field with balls of a diameter [m] amid the walls, off the sides of the body."""

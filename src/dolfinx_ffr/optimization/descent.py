@@ -257,7 +257,7 @@ class Descent:
     def secants(self, known: Array, trial: Trial, found: Slopes, after: Trial) -> Array:
         """What is ``known`` by the last steps, with the one from a trial to that ``after`` it.
 
-        Nothing where the largest stress counts, which is another one's in each step, and in space.
+        Nothing where the largest stress counts, which is another one's in each step.
         """
         ways = [self.kind.way(b, after.boundaries[n]) for n, b in trial.boundaries.items()]
         moves = np.concatenate(ways)
