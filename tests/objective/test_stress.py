@@ -16,6 +16,7 @@ from shared.derivatives import check_gradient
 from shared.meshes import star
 from shared.rods import HELD, rod
 from shared.scenes import slider_crank_mechanism
+from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.objective import stress, stress_mean, von_mises_root
@@ -156,8 +157,7 @@ def test_blocks_ranks_units_and_large_powers(
     objective, found = ffr.PeakStress("rod", power), []
     for group, unit, tile in ((comm, 1.0, None), (comm, 1e-3, None), (MPI.COMM_SELF, 1.0, 7)):
         if tile:
-            monkeypatch.setattr(stress_mean, "TILE", tile)
-            monkeypatch.setattr(stress_mean, "INSTANTS", tile)
+            monkeypatch.setattr(stress_mean, "POINTS", tile)
         problem = slider_crank(group, objective, metre=unit, kilogram=unit)
         x, direction = design(problem, unit)
         gradient = problem.gradient(x).gradient
@@ -166,6 +166,28 @@ def test_blocks_ranks_units_and_large_powers(
         found.append((problem.value(x).psi, slope))
     assert np.all(np.isfinite(found)) and found[0][0] > 1e5
     np.testing.assert_allclose(found, [found[0]] * 3, rtol=1e-7)
+
+
+@pytest.mark.mpi
+def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of short steps few instants are gone through, and the numbers are those of all."""
+    objective, found = ffr.PeakStress("rod"), []
+    given = reference_problem(comm, (20, 4), steps=2000, modes=2)
+    problem = ffr.Problem(given.bodies, given.mechanism, given.integrator, objective)
+    direction = design(problem)[1]
+    x = np.ones(len(direction))
+    for smooth in (stress_mean.SMOOTH, -1.0):
+        monkeypatch.setattr(stress_mean, "SMOOTH", smooth)
+        evaluation = problem.gradient(x)
+        assert evaluation.gradient is not None
+        response = problem.response(evaluation)
+        spans = objective._mean(response).spans
+        few = [1.0 if s is None else len(told) / len(s) for _, told, s in spans]
+        assert np.mean(few) < 0.6 if smooth > 0.0 else few == [1.0] * len(few)
+        slope = problem.flexible["rod"].domain.sum(evaluation.gradient["rod"] * direction)
+        found.append((evaluation.psi, slope, 1e2 * objective.largest(response)))
+    assert_allclose(*found, rtol=1e-9)
+    assert found[0][2] == pytest.approx(found[1][2], rel=1e-12)
 
 
 PLAIN = ffr.PeakStress("rod", correction=False)

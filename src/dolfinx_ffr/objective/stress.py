@@ -26,6 +26,8 @@ from .stress_coordinates import stress_coordinates, stress_coordinates_pullback
 from .stress_mean import Mean, Stresses
 from .time_average import time_weights
 
+#: Numbers of stresses up to which they are kept for the derivative
+_KEPT = 4_000_000
 #: Where ranges of stress below the largest one begin, as shares of it
 LEVELS = (0.75, 0.9, 0.97)
 
@@ -140,7 +142,8 @@ class PeakStress(Objective):
         return found
 
     def derivatives(self, response: Response) -> Derivatives:
-        mean, points = self._mean(response), self._points(response)
+        mean = self._mean(response)
+        points = response.known[self._key][1] or self._points(response)
         field, x = response.stresses[self.body], response.densities[self.body].values
         modes_bar, z_bar = points.stresses.slopes(mean, self.power)
         modes_bar *= self.scale
@@ -153,7 +156,7 @@ class PeakStress(Objective):
         weights_bar = points.scattered(2.0 / self.power * through / areas)
         weights_bar = (weights_bar - self.scale * mean.value / self.power) / points.area
         modes_bar *= points.share[:, None]
-        stress_bar = points.scattered(np.einsum("ij,ipn->pjn", points.root, modes_bar))
+        stress_bar = points.scattered(np.moveaxis(_times(points.root.T, modes_bar), 0, 1))
         z_bar = field.sum(self.scale * z_bar)
         return Derivatives(
             stress_coordinates_pullback(response.trajectory, self.body, field.n_constraint, z_bar),
@@ -176,7 +179,7 @@ class PeakStress(Objective):
         modes, of = field.modes(self.correction), {"correction": self.correction}
         root = von_mises_root(field.out_of_plane, modes.shape[2])
         solid = modes.reshape(len(share), *modes.shape[2:])
-        weighted = np.einsum("ij,pjn->ipn", root, solid if share.all() else solid[chosen])
+        weighted = _times(root, np.moveaxis(solid if share.all() else solid[chosen], 1, 0))
         weighted *= share[chosen, None]
         z = stress_coordinates(response.trajectory, self.body, field.n_constraint, **of)
         times, areas = time_weights(response.trajectory), field.weights.ravel()[chosen] / area
@@ -185,15 +188,20 @@ class PeakStress(Objective):
 
     def _mean(self, response: Response) -> Mean:
         """The mean over all points and instants, the same on every rank; once for a response."""
-        key = replace(self, scale=1.0), id(self.counted)
-        if key not in response.known:
+        if self._key not in response.known:
             points = self._points(response)
             own = points.stresses.mean(self.power, response.stresses[self.body].gathered)
+            mean = replace(own, highest=points.scattered(own.highest))
             # what is counted stays, so that nothing else takes its place
-            known = replace(own, highest=points.scattered(own.highest)), self.counted
-            response.known[key] = known
-        found: Mean = response.known[key][0]
+            kept = points if points.stresses.modes.size <= _KEPT else None
+            response.known[self._key] = mean, kept, self.counted
+        found: Mean = response.known[self._key][0]
         return found
+
+    @property
+    def _key(self) -> tuple[PeakStress, int]:
+        """What the mean depends on beside the response."""
+        return replace(self, scale=1.0), id(self.counted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,3 +222,9 @@ class _Points:
         if len(values) < total:
             found[self.chosen] = values
         return found.reshape(*self.shape, *values.shape[1:])
+
+
+def _times(matrix: Array, stresses: Array) -> Array:
+    """A matrix times stresses (3 or 6, points, coordinates)."""
+    flat = stresses.reshape(len(stresses), -1)
+    return np.asarray((matrix @ flat).reshape(stresses.shape))

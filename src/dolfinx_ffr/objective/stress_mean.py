@@ -7,7 +7,9 @@ The stress is the length of a few numbers that are linear in coordinates z,
 
 Points and instants are gone through in tiles that stay in the cache of a core. Coordinates over a
 motion that is nearly quasi-static depend on each other: fewer combinations of them have the same
-stress but for round-off.
+stress but for round-off. Where steps are small s^p is smooth: a polynomial through some instants
+gives it at all of them. Where it does so within `SMOOTH` for the points of highest stress, about as
+well as the equations of motion are solved, only these instants are gone through.
 """
 
 from __future__ import annotations
@@ -15,16 +17,33 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Integers
 
-#: Numbers in one tile of stresses, and instants
-TILE, INSTANTS = 150_000, 128
+#: Points and instants of a tile
+POINTS, INSTANTS = 384, 128
 #: Largest shares of the derivative, where stresses are small, and of coordinates that are left out
-NEGLIGIBLE, ROUND_OFF = 1e-12, 1e-16
+NEGLIGIBLE, ROUND_OFF = 1e-12, 1e-15
+#: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
+SMOOTH = 1e-9
+#: Shares of instants that may tell of all, of how many points that is tried, and every so manieth
+#: instant tells which ones
+_SHARES, _TRIED, _LOOKED = (0.25, 0.375), 16, 32
+#: Share of the largest square from which on that of a point is sought at all instants
+_SOUGHT = 0.5
+
+
+class Span(NamedTuple):
+    """Instants that follow each other."""
+
+    where: slice  #: In those that count
+    told: Integers  #: Which of these tell of all of them
+    spread: Array | None  #: From values at those to values at all; None if they are all
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +53,8 @@ class Mean:
     value: float  #: The mean [Pa]
     largest: float  #: Largest square of all points and instants, the same on every rank [Pa^2]
     highest: Array  #: Largest square of each point over the time that counts [Pa^2]
-    matters: Mask  #: (points, tiles) where in time the derivative is more than round-off
+    levels: Array  #: Of each point in each tile of instants that tell of all, (points, tiles)
+    spans: list[Span]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,65 +68,77 @@ class Stresses:
 
     def mean(self, power: float, gathered: Callable[[Any], list[Any]]) -> Mean:
         """The mean over the points of all ranks, which are ``gathered``; collective."""
-        half, counts = 0.5 * power, self.times > 0.0
-        times, (history, basis) = self.times[counts], self._compressed()
-        tiles, start = _tiles(times), self.coordinates[~counts]
-        highest = np.zeros((len(self.areas), len(tiles)))
+        half, counts, work = 0.5 * power, self.times > 0.0, _Work(len(self.modes))
+        history, basis = self._compressed()
+        spans = self._spans(half, history, basis, work)
+        told, shares = _told(spans, self.times[counts])
+        tiles, start = _tiles(told), self.coordinates[~counts]
+        levels = np.zeros((len(self.areas), len(tiles)))
         # the largest value so far is divided out, so that no power overflows
         largest = reference = total = 0.0
         for part in self._parts():
             modes = self.modes[:, part]
-            rest = _squared(start @ modes.swapaxes(1, 2))
+            rest = np.sum((start @ modes.swapaxes(1, 2)) ** 2, axis=0)
             largest = max(largest, float(np.max(rest, initial=0.0)))
-            short = (modes @ basis.T).swapaxes(1, 2)
+            short = modes @ basis.T
             for k, tile in enumerate(tiles):
-                squared = _squared(history[tile] @ short)
-                highest[part, k] = np.max(squared, axis=0)
-                now = float(np.max(highest[part, k]))
+                work.stress(history[told[tile]], short)
+                squared = work.squares()
+                levels[part, k] = np.max(squared, axis=0)
+                now = float(np.max(levels[part, k]))
                 if now > reference:
                     total *= (reference / now) ** half
                     reference = now
                 if reference > 0.0:
                     squared /= reference
-                    total += float(times[tile] @ power_of(squared, half) @ self.areas[part])
-        ranks = gathered((max(largest, reference), reference, total))
+                    total += float(shares[tile] @ power_of(squared, half) @ self.areas[part])
+        highest = np.max(levels, axis=1, initial=0.0)
+        sought = np.flatnonzero(highest > _SOUGHT * reference)
+        for some in (sought[i : i + POINTS] for i in range(0, len(sought), POINTS)):
+            short = self.modes[:, some] @ basis.T
+            for where, _, spread in spans:
+                if spread is not None:
+                    work.stress(history[where], short)
+                    highest[some] = np.maximum(highest[some], np.max(work.squares(), axis=0))
+        ranks = gathered((max(largest, float(np.max(highest, initial=0.0))), reference, total))
         largest, reference = (max(rank[i] for rank in ranks) for i in (0, 1))
         if reference == 0.0:
-            return Mean(0.0, largest, np.max(highest, axis=1), highest > 0.0)
+            return Mean(0.0, largest, highest, levels, spans)
         total = sum(part * (own / reference) ** half for _, own, part in ranks)
         value = math.sqrt(reference) * total ** (1.0 / power)
-        least = value * NEGLIGIBLE ** (1.0 / (power - 1.0))
-        return Mean(value, largest, np.max(highest, axis=1), highest > least**2)
+        return Mean(value, largest, highest, levels, spans)
 
     def slopes(self, mean: Mean, power: float) -> tuple[Array, Array]:
         """Derivatives of the ``mean`` by M and by z, the latter of this rank's points alone."""
         modes_bar, z_bar = np.zeros_like(self.modes), np.zeros_like(self.coordinates)
         if mean.value == 0.0:
             return modes_bar, z_bar
-        counts, exponent = self.times > 0.0, 0.5 * power - 1.0
+        counts, exponent, work = self.times > 0.0, 0.5 * power - 1.0, _Work(len(self.modes))
         history, basis = self._compressed()
-        # with their roots in both factors a product has the weights in its power
-        lasting = self.times[counts, None] ** (1.0 / power)
-        history *= lasting
+        told, shares = _told(mean.spans, self.times[counts])
+        # with its root in both factors a product has the area in its power
         scale = self.areas ** (1.0 / power) / mean.value
-        by_time = np.zeros((len(history), basis.shape[1]))
+        by_time = np.zeros((len(told), z_bar.shape[1]))
+        least = mean.value**2 * NEGLIGIBLE ** (2.0 / (power - 1.0))
         for part in self._parts():
             modes = self.modes[:, part] * scale[part, None]
             short = modes @ basis.T
             bar = np.zeros_like(short)
-            for k, tile in enumerate(_tiles(lasting)):
-                of = np.flatnonzero(mean.matters[part, k])
-                if not len(of):
+            for tile, level in zip(_tiles(told), np.max(mean.levels[part], axis=0), strict=True):
+                if level <= least:
                     continue
-                at = slice(None) if len(of) == modes.shape[1] else of
-                stress = history[tile] @ short[:, at].swapaxes(1, 2)
-                stress *= power_of(_squared(stress), exponent)
-                bar[:, at] += stress.swapaxes(1, 2) @ history[tile]
-                for each, of_each in zip(stress, modes[:, at], strict=True):
+                own = history[told[tile]]
+                stress = work.stress(own, short)
+                stress *= power_of(work.squares(), exponent)
+                bar += stress.swapaxes(1, 2) @ (shares[tile, None] * own)
+                for each, of_each in zip(stress, modes, strict=True):
                     by_time[tile] += each @ of_each
             modes_bar[:, part] = bar @ basis
         modes_bar *= mean.value * scale[:, None]
-        z_bar[counts] = mean.value * lasting * by_time
+        ends = np.cumsum([len(some) for _, some, _ in mean.spans])[:-1]
+        own = np.split(by_time, ends)
+        every = [b if s is None else s @ b for b, (*_, s) in zip(own, mean.spans, strict=True)]
+        z_bar[counts] = mean.value * self.times[counts, None] * np.vstack(every)
         return modes_bar, z_bar
 
     def _compressed(self) -> tuple[Array, Array]:
@@ -118,23 +150,81 @@ class Stresses:
         kept = values > ROUND_OFF * np.max(values, initial=0.0)
         return u[:, kept] * values[kept], basis[kept] / size
 
+    def _spans(self, half: float, history: Array, basis: Array, work: _Work) -> list[Span]:
+        """All instants, and which of them tell of all."""
+        every, found = history[::_LOOKED].copy(), list[Span]()
+        starts = np.arange(0, len(every), INSTANTS // _LOOKED)
+        seen = np.zeros((len(starts), len(self.areas)))
+        for part in self._parts():
+            work.stress(every, self.modes[:, part] @ basis.T)
+            seen[:, part] = np.maximum.reduceat(work.squares(), starts, axis=0)
+        top, tried = float(np.max(seen, initial=0.0)), min(_TRIED, POINTS, len(self.areas))
+        for first in range(0, len(history), INSTANTS):
+            where = slice(first, min(first + INSTANTS, len(history)))
+            span = Span(where, np.arange(where.start, where.stop), None)
+            if top > 0.0 and half == int(half):
+                points = np.argpartition(seen[len(found)], -tried)[-tried:]
+                work.stress(history[where], self.modes[:, points] @ basis.T)
+                squared = work.squares() / top
+                # in the mean, and in the derivative
+                powers = power_of(squared.copy(), half - 1.0)
+                values = np.hstack([powers * squared, powers * math.sqrt(np.max(squared))])
+                for told, spread in _spreads(len(values)):
+                    if np.max(np.abs(spread @ values[told] - values)) <= SMOOTH:
+                        span = Span(where, first + told, spread)
+                        break
+            found.append(span)
+        return found
+
     def _parts(self) -> list[slice]:
         """Points that are gone through at a time."""
-        several = max(1, TILE // (len(self.modes) * INSTANTS))
-        return [slice(i, i + several) for i in range(0, len(self.areas), several)]
+        return [slice(i, i + POINTS) for i in range(0, len(self.areas), POINTS)]
 
 
-def _squared(stress: Array) -> Array:
-    """The squares (instants, points) of components (3 or 6, instants, points)."""
-    total, more = np.square(stress[0]), np.empty_like(stress[0])
-    for each in stress[1:]:
-        total += np.square(each, out=more)
-    return np.asarray(total)
+class _Work:
+    """Places for the stresses of a tile; new ones for each would take as long as the products."""
+
+    def __init__(self, components: int) -> None:
+        self._places = np.empty((components + 2, INSTANTS * POINTS))
+
+    def stress(self, history: Array, short: Array) -> Array:
+        """The stress (3 or 6, instants, points) of a history of coordinates."""
+        shape = len(history), short.shape[1]
+        places = self._places[:, : math.prod(shape)].reshape(len(self._places), *shape)
+        *_, self._squared, self._more = places
+        self._stress: Array = np.matmul(history, short.swapaxes(1, 2), out=places[:-2])
+        return self._stress
+
+    def squares(self) -> Array:
+        """The squares (instants, points) of the last one."""
+        total: Array = np.square(self._stress[0], out=self._squared)
+        for each in self._stress[1:]:
+            total += np.square(each, out=self._more)
+        return total
 
 
-def _tiles(times: Array) -> list[slice]:
+@cache
+def _spreads(instants: int) -> list[tuple[Integers, Array]]:
+    """Some of so many instants, dense at the ends, and polynomials through them at all."""
+    every, found = np.linspace(-1.0, 1.0, instants), []
+    for count in (int(share * instants) for share in _SHARES if share * instants >= 2.0):
+        nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        told = np.unique(np.round(nodes * (instants - 1)).astype(int))
+        powers = chebvander(every, len(told) - 1)
+        found.append((told, np.linalg.solve(powers[told].T, powers.T).T))
+    return found
+
+
+def _told(spans: list[Span], times: Array) -> tuple[Integers, Array]:
+    """The instants that tell of all that count, and their shares in the ``times`` of all."""
+    own = [times[where] if each is None else times[where] @ each for where, _, each in spans]
+    told = [np.zeros(0, dtype=int), *(span.told for span in spans)]
+    return np.concatenate(told), np.concatenate([np.zeros(0), *own])
+
+
+def _tiles(told: Integers) -> list[slice]:
     """Instants that are gone through at a time."""
-    return [slice(i, i + INSTANTS) for i in range(0, len(times), INSTANTS)]
+    return [slice(i, i + INSTANTS) for i in range(0, len(told), INSTANTS)]
 
 
 def power_of(values: Array, exponent: float) -> Array:
