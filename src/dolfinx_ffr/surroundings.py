@@ -28,7 +28,8 @@ _AMBIGUOUS = "_ZNSt8__detail8_ScannerIcE14_M_scan_normalEv"
 
 
 def prepare() -> None:
-    """See to NumPy, VTK and the arguments of the program."""
+    """See to threads, NumPy, VTK and the arguments of the program."""
+    _limit_threads()
     _check_numpy()
     _load_vtk_apart()
     _load_dolfinx_with_readable_arguments()
@@ -74,6 +75,17 @@ def needing_fenics(name: str) -> Iterator[None]:
             "--system-site-packages FOLDER'",
             name=error.name,
         ) from error
+
+
+def _limit_threads() -> None:
+    """Let CHOLMOD have as many threads as OMP_NUM_THREADS says, where that says something.
+
+    That of SuiteSparse 5 starts four some thousands of times in a factor, whatever it says, which
+    on two processors takes as long as the factor. OpenMP reads the limit when it is loaded.
+    """
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    if wanted.isdigit():
+        os.environ.setdefault("OMP_THREAD_LIMIT", wanted)
 
 
 def _check_numpy() -> None:
