@@ -334,10 +334,11 @@ def _first_unstable(trajectory: Trajectory, b: int, steps: Iterable[int]) -> int
     elastic = arrays.coordinates(b).elastic
     stiffened = np.any(arrays.vector_stiffened[arrays.vector_body == b] >= 0)
     inertia = np.diag(elastic_mass(arrays, b))
-    kinematics = Kinematics(arrays, trajectory.turns)
+    kinematics: Kinematics | None = None  # for most bodies there are no such steps
     for k in steps:
         if not stiffened:
             return int(k)
+        kinematics = kinematics or Kinematics(arrays, trajectory.turns)
         y, v, w = trajectory.y[k], trajectory.v[k], trajectory.w[k]
         Ky = kinematics.evaluated(int(k), y, v, w, trajectory.multipliers[k]).stiffness
         stiffness = Ky[elastic, elastic] + Ky[elastic, elastic].T

@@ -33,8 +33,8 @@ from ..fem import Block
 from .factored_body import FactoredBody
 from .krylov import KrylovSpace, symmetric
 
-#: Fields of noise. In space twice as many cost little more, but those of the plane do
-COLUMNS = 4
+#: Fields of noise: with three the space is done when its modes are accurate, as with four
+COLUMNS = 3
 #: Probability with which a missing mode remains unseen, at most
 RISK = 1e-10
 #: Part of the noise along a mode, relative to its standard deviation, that has this probability
