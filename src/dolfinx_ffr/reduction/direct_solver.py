@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Integers
-from ..fem import Block, Elasticity, by_dense
+from ..fem import Block, Elasticity, dense_matrix
 from ..limits import check_count
 from ..parallel import agreed_memory, on_every_rank
 from . import cholmod
@@ -137,13 +137,12 @@ def _ksp(comm: MPI.Comm, package: str) -> PETSc.KSP:
 
 def solved(pc: PETSc.PC, right: PETSc.Mat) -> Block:
     """The solution by a factor for a dense matrix of right-hand sides, which is destroyed."""
-
-    def solution(right: PETSc.Mat) -> PETSc.Mat:
-        left = right.duplicate()
-        pc.getFactorMatrix().matSolve(right, left)
-        return left
-
-    return by_dense(solution, right)
+    found = np.empty((right.getLocalSize()[0], right.getSize()[1]), order="F")
+    left = dense_matrix(right.getComm(), found)  # of these entries
+    pc.getFactorMatrix().matSolve(right, left)
+    left.destroy()
+    right.destroy()
+    return found
 
 
 class SharedFactor(LinearSolver):
