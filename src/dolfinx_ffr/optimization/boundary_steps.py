@@ -207,7 +207,7 @@ def _descended(
                 if (stuck or number % EVERY == 1) and number < max(steps - 1, 2):
                     before, there = trial, descent.step(trial, slopes, reach)
                     own = slopes.evaluation, there, weight
-                    trial, inserted, removed = changed(descent, trial, *own, stuck)
+                    trial, inserted, removed = changed(descent, trial, *own, stuck, number == 1)
                     if trial is not before:
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
                         secants = NONE

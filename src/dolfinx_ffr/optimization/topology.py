@@ -28,16 +28,18 @@ def changed(
     evaluation: Evaluation,
     step: Step,
     weight: float,
-    stuck: bool = False,
+    stuck: bool,
+    first: bool,
 ) -> tuple[Trial, int, int]:
     """With struts that were missing and without what does not pay, how many of both; collective.
 
     The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
     there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
-    Where steps are ``stuck``, psi may rise by more.
+    Where steps are ``stuck``, psi may rise by more; before the ``first`` one small holes may still
+    grow, and need not be worth their making.
     """
     inserted, removed = 0, 0
-    first = struts = _struts(descent, trial, evaluation, step)
+    given = struts = _struts(descent, trial, evaluation, step)
     while inserted < _MOST:
         more = _braced(descent, trial, struts, weight)
         if more is None:
@@ -46,11 +48,10 @@ def changed(
         there = trial.problem.differentiate(trial.evaluation, densities=False)
         struts = _struts(descent, trial, there, step)
     # what was inserted counts as idle: the next strut may have made it needless
-    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in first.items()}
+    carried = {n: descent.kind.carried(trial.boundaries[n], own) for n, own in given.items()}
+    rise = _STUCK if stuck else GONE
     for _ in range(_MOST):
-        trial, fewer = _simpler(
-            descent, trial, step.costs, carried, weight, _STUCK if stuck else GONE
-        )
+        trial, fewer = _simpler(descent, trial, step.costs, carried, weight, rise, first)
         removed += fewer
         if not fewer:
             break
@@ -112,14 +113,18 @@ def _simpler(
     carried: dict[str, Costs],
     weight: float,
     rise: float,
+    first: bool,
 ) -> tuple[Trial, int]:
     """Without struts and holes that do not pay, and how many of them went; collective."""
     removed = 0
     for name, boundary in trial.boundaries.items():
         others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
-        found = list(_tried(descent, trial, name, others))
+        found = [
+            (other.carries(weight) - (rise if first else max(rise, making)), other, fewer)
+            for other, fewer, making in _tried(descent, trial, name, others)
+        ]
         if found:
-            best, fewer, making = min(found, key=lambda t: t[0].carries(weight) - max(rise, t[2]))
-            if best.carries(weight) < trial.carries(weight) + max(rise, making):
+            merit, best, fewer = min(found, key=lambda each: each[0])
+            if merit < trial.carries(weight):
                 trial, removed = best, removed + fewer
     return trial, removed
