@@ -27,10 +27,8 @@ def faired(boundary: Boundary) -> Boundary:
     """
     member, shares = boundary.member, boundary.shares
     even = replace(boundary, free={key: slid(curve) for key, curve in boundary.free.items()})
-    areas = [curve.area[0] for curve in boundary.free.values()]
-    found = zip(even.free.values(), areas, strict=True)
-    offsets = np.concatenate([ripples(curve, member, area) for curve, area in found])
-    return even.moved(shares @ (shares.T @ offsets / shares.sum(axis=0).A1))
+    offsets = [ripples(even.free[k], member, c.area[0]) for k, c in boundary.free.items()]
+    return even.moved(shares @ (shares.T @ np.concatenate(offsets) / shares.sum(axis=0).A1))
 
 
 def slid(curve: FreeCurve) -> FreeCurve:

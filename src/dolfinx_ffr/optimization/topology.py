@@ -35,8 +35,7 @@ def changed(
 
     The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
     there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
-    Where steps are ``stuck``, psi may rise by more; before the ``first`` one small holes may still
-    grow, and need not be worth their making.
+    Where steps are ``stuck``, psi may rise by more; before the ``first`` small holes may yet grow.
     """
     inserted, removed = 0, 0
     given = struts = _struts(descent, trial, evaluation, step)
@@ -119,12 +118,11 @@ def _simpler(
     removed = 0
     for name, boundary in trial.boundaries.items():
         others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
+        there = trial.carries(weight), trial, 0
         found = [
             (other.carries(weight) - (rise if first else max(rise, making)), other, fewer)
             for other, fewer, making in _tried(descent, trial, name, others)
         ]
-        if found:
-            merit, best, fewer = min(found, key=lambda each: each[0])
-            if merit < trial.carries(weight):
-                trial, removed = best, removed + fewer
+        _, trial, fewer = min(there, *found, key=lambda each: each[0])
+        removed += fewer
     return trial, removed
