@@ -75,6 +75,8 @@ class Sides:
         self.outline = _samples(body, body.regions != VOID, spacing)
         #: Of its solid region, likewise
         self.solid = _samples(body, body.regions == SOLID, spacing)
+        #: Where the outline may have windows, (n,)
+        self._free = ~_within(self.outline[0], self.solid[0], 1e-6 * spacing)
         cells = body.cells[body.regions == DESIGNED]
         table = np.column_stack([np.full(len(cells), 4), cells]).ravel()
         kinds = np.full(len(cells), pyvista.CellType.TETRA)
@@ -140,7 +142,7 @@ class Sides:
         walls &= free
         way = at[end[tips]] - at[tips]
         radius[tips] = 0.5 * np.sum(way**2, axis=1) / np.sum(way * normals[tips], axis=1)
-        rims = _within(at[tips], self.outline[0][self._open(field)], least)
+        rims = _within(at[tips], self.outline[0][self._free & ~there], least)
         walls[tips] = (2.0 * radius[tips] < least) & ~rims
         walls &= _within(at, near, _NEAR * least)
         found = np.flatnonzero(walls & (2.0 * radius < widest))
@@ -155,7 +157,7 @@ class Sides:
         balls [m].
         """
         x, inward = self.outline
-        open_ = self._open(field)
+        open_ = self._free & (field(x) < 0.0)
         holes = x[open_]
         pairs = cKDTree(holes).query_pairs(2.0 * self.spacing, output_type="ndarray")
         which = connected(pairs, len(holes))
@@ -168,11 +170,6 @@ class Sides:
         # they reach beyond the outline, which balls within it only touch
         balls = cKDTree(np.concatenate([holes[narrow], holes[narrow] + depth]))
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
-
-    def _open(self, field: Field) -> Mask:
-        """Which samples of the outline are in windows."""
-        x = self.outline[0]
-        return (field(x) < 0.0) & ~_within(x, self.solid[0], 1e-6 * self.spacing)
 
     def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
         """A field with balls of a diameter [m] amid the walls, off the sides of the body."""
