@@ -318,6 +318,8 @@ def test_a_stress_limit_is_one_of_the_part() -> None:
     found = ffr.worst_stress(result.problem.flexible["rod"], result.evaluation, "rod").largest
     assert found < 1.05 * 1.003 * largest
     assert "PeakStress" not in result.violations
+    verified = result.part("rod").verify(result.problem, result.evaluation, progress=False)
+    assert verified.fitted[-1].bodies["rod"].stress == pytest.approx(found, rel=0.01)
     # the first steps go beyond the limit, and the later ones come back to it with less material
     excess = result.history["excess"]
     assert np.min(excess[np.argmax(excess) :]) < 0.5 * np.max(excess)

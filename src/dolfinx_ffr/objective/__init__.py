@@ -36,6 +36,7 @@ from .properties import Frequency as Frequency
 from .properties import Mass as Mass
 from .properties import Volume as Volume
 from .stress import PeakStress as PeakStress
+from .stress import is_stress as is_stress
 from .stress import von_mises_root as von_mises_root
 from .stress_coordinates import stress_coordinates as stress_coordinates
 

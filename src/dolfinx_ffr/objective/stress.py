@@ -224,6 +224,11 @@ class _Points:
         return found.reshape(*self.shape, *values.shape[1:])
 
 
+def is_stress(objective: Objective) -> bool:
+    """Whether it counts the largest stress."""
+    return any(isinstance(term, PeakStress) for _, term in objective._summands())
+
+
 def _times(matrix: Array, stresses: Array) -> Array:
     """A matrix times stresses (3 or 6, points, coordinates)."""
     flat = stresses.reshape(len(stresses), -1)

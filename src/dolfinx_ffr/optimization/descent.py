@@ -29,7 +29,7 @@ from ..boundary import (
 )
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
-from ..objective import Constraint, Objective, PeakStress, Response, value_of
+from ..objective import Constraint, PeakStress, Response, is_stress, value_of
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
 from .steps_checkpoint import Kept, Learnt
@@ -43,9 +43,9 @@ LONGEST, _SMOOTHER = 0.65, 2.4
 #: By how much stress is kept below its bounds where it is told: it differs as much from mesh to
 #: mesh
 _SPARED = 5e-3
-#: Size of triangles in notches, in radii, where the stress counts, and where the result is told:
-#: by coarser ones it is up to 5 % off, and a limit that the steps keep is missed by what is told
-TURN = 0.25
+#: Size of triangles in notches, in radii, where the stress counts, by which it is up to 5 % too
+#: high, and where the result is told then: within 1 %
+TURN, _FINE = 0.25, 0.1
 #: By which share a step lowers the largest stress, where that is the objective
 _LOWERED = 0.05
 #: Weight of the largest violation of sizes in the merit, which decides whether a step is taken
@@ -305,8 +305,8 @@ class Descent:
         """Boundaries on meshes that resolve notches or walls; collective."""
         fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
-        spare = of_stress(self.problem, _SPARED)
-        return replace(self, turn=TURN, sizes=sizes, spare=spare).tried(fine)
+        spare, turn = of_stress(self.problem, _SPARED), _FINE if self.turn < math.inf else TURN
+        return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
         """The same on such meshes, if these can be made, and how much psi changed at last.
@@ -369,11 +369,6 @@ def _stacked(rows: list[Array | csr_matrix]) -> Array | csr_matrix:
 def of_stress(problem: Problem, spare: float) -> dict[str, float]:
     """What to ``spare`` of bounds of a largest stress, by their names."""
     return {c.label: spare for c in problem.constraints if is_stress(c.objective)}
-
-
-def is_stress(objective: Objective) -> bool:
-    """Whether it counts the largest stress."""
-    return any(isinstance(term, PeakStress) for _, term in objective._summands())
 
 
 def kind_of(problem: Problem) -> Kind[Any]:

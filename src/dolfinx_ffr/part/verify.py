@@ -19,6 +19,7 @@ from ..design import Design
 from ..documentation import Shown
 from ..fem import Domain, ElasticMaterial
 from ..mechanism import RayleighDamping
+from ..objective import is_stress
 from ..parallel import on_every_rank, on_rank_0
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
@@ -211,6 +212,10 @@ class Enclosed(Shown, ABC):
 
         It has the interfaces of the body, with the same centres, and its solid regions; collective.
         """
+
+    def resolved(self, size: float, order: int) -> Domain:
+        """As `domain` for a ``size`` and ``order``, with smaller cells where the stress is high."""
+        return self.domain(size, order)
 
     def verify(self, problem: Problem, evaluation: Evaluation, **options: Any) -> Verification:
         """Evaluate a ``problem`` of one designed body with this in its place, see `verify`.
@@ -411,10 +416,11 @@ def verify(
 ) -> Verification:
     """Evaluate a problem with parts in the place of designed bodies; collective.
 
-    Each part is meshed by triangles, each solid by tetrahedra that fit its boundary, all of full
-    density, and the whole motion is computed again; on finer meshes, until psi stands still. Its
-    difference to the reported psi is then that between the densities and the part. A third mesh
-    tells of constraints that are nearer to their bounds than they have changed.
+    Each part is meshed by triangles, small ones in notches where a largest stress counts, each
+    solid by tetrahedra that fit its boundary, all of full density, and the whole motion is computed
+    again; on finer meshes, until psi stands still. Its difference to the reported psi is then that
+    between the densities and the part. A third mesh tells of constraints that are nearer to their
+    bounds than they have changed.
 
     Objectives that stand for other numbers are corrected at the densities and anew at each mesh
     (`Problem.calibrated`): a `PeakStress` is the largest stress of the part itself.
@@ -534,9 +540,11 @@ def _meshed(
     modes: Mapping[str, int],
 ) -> Problem:
     """The problem with parts on meshes of ``sizes`` [m]; ValueError where memory is too small."""
-    bodies = dict(problem.bodies)
+    bodies, cases = dict(problem.bodies), problem.load_cases.values()
+    stressed = any(is_stress(each) for case in cases for each in case.objectives.values())
     for name, part in parts.items():
-        given, domain = problem.flexible[name], part.domain(sizes[name], order)
+        given, make = problem.flexible[name], part.resolved if stressed else part.domain
+        domain = make(sizes[name], order)
         domain.whole = given.domain.whole or given.domain
         bodies[name] = body = given.with_domain(domain).with_modes(modes[name])
         body.check_memory(
