@@ -123,6 +123,6 @@ def _simpler(
             (other.carries(weight) - (rise if first else max(rise, making)), other, fewer)
             for other, fewer, making in _tried(descent, trial, name, others)
         ]
-        _, trial, fewer = min(there, *found, key=lambda each: each[0])
+        _, trial, fewer = min([there, *found], key=lambda each: each[0])
         removed += fewer
     return trial, removed
