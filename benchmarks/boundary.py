@@ -270,5 +270,6 @@ def _draw(study: Study, name: str, caption: str, rows: list[dict[str, Any]], tol
             axes.set_title(text, fontsize=8, loc="left", pad=1.0)
             for loops in row.get("rings", []):
                 for k, ring in enumerate(loops):
-                    axes.fill(*np.array(ring).T, color="white" if k else GRAY, linewidth=0.0)
-                    axes.plot(*np.array(ring).T, color=BLUE, linewidth=0.5)
+                    closed = np.array([*ring, ring[0]]).T
+                    axes.fill(*closed, color="white" if k else GRAY, linewidth=0.0)
+                    axes.plot(*closed, color=BLUE, linewidth=0.5)

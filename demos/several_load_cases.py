@@ -68,13 +68,11 @@ def main(arguments: list[str] | None = None) -> None:
     with ffr.recorded_warnings() as warnings:
         result = ffr.optimize(problem, ffr.LevelSet(domain), volume=VOLUME, **options.run)
         found = result.finish(output)
-    ratios = {m: e.psi * weights[m] for m, e in result.evaluation.load_cases.items()}
+    ratios = {m: e.psi * weights[m] for m, e in result.told[1].load_cases.items()}
     told = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
     say("psi over that of the best design:", told)
 
     # %% Numbers and pictures
-    told = f"for the worst of six load cases: at most {max(ratios.values()):.3f} times the best psi"
-    ffr.plotting.plot_design(domain, {told: result.x}, output / "design.png")
     how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}
     ffr.plotting.plot_history(result.history, output / "history.png", **how)
     for speed in ("slow", "fast"):
