@@ -220,7 +220,7 @@ SCENES = {
     ),
     "several_load_cases": (
         ["--elements", "20", "4", "--iterations", "2", "--boundary", "1", "--steps", "60"],
-        ["part.png", "scene_slow.png", "scene_fast.png", "report.html", "motion.gif"],
+        ["history.png", "scene_slow.png", "scene_fast.png", "report.html", "motion.gif"],
     ),
     "approximate_gradient": (
         ["--elements", "24", "6", "--iterations", "3"],
