@@ -29,7 +29,7 @@ import dolfinx_ffr as ffr
 SPEEDS = {"slow": 4.0, "medium": 2.0, "fast": 1.0}  # time of five turns, from rest to rest [s]
 SLIDERS = {"light": 0.1, "heavy": 1.0}  # mass [kg]
 PRESSURE = 60.0  # force on the slider, towards the crank [N]
-#: psi that a design for a load case alone has, over that of the full rod; light and heavy
+#: psi of designs on elements for a load case alone, over that of the full rod; light and heavy
 ALONE = {"slow": (2.04, 2.02), "medium": (1.23, 1.36), "fast": (0.46, 0.88)}
 MARK = 1.15  # what a finished design has at most in any load case, over the best one for it
 
@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> None:
         found = result.finish(output)
     ratios = {m: e.psi * weights[m] for m, e in result.told[1].load_cases.items()}
     told = ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
-    say("psi over that of the best design:", told)
+    say("psi of the part over that of designs on elements for each load case alone:", told)
 
     # %% Numbers and pictures
     how = {"psi_unit": "", "volume_bound": VOLUME, "comm": comm}

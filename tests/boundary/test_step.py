@@ -103,10 +103,7 @@ def test_steps_that_know_the_curvature_go_along_a_narrow_valley() -> None:
 
 
 def test_ripples_become_smaller_where_a_curve_has_no_corner() -> None:
-    """Circles stay, the shortest wave on one is halved, a corner hardly moves, areas stay.
-
-    Controls along a curve become as far apart.
-    """
+    """Circles, corners and areas stay, the shortest wave is halved, controls become even."""
     angle = 2.0 * np.pi * np.arange(40) / 40
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     assert np.max(np.abs(ripples(FreeCurve(circle), 0.05))) < 1e-12

@@ -78,8 +78,7 @@ def test_singular_matrix_is_refused_on_every_rank(comm: MPI.Intracomm) -> None:
 @pytest.mark.skipif(not module.cholmod.is_known(), reason="PETSc is built without CHOLMOD")
 def test_the_end_of_an_ordered_factor_is_that_of_the_schur_complement() -> None:
     """Unknowns in the midst of a chain; and what is not positive definite is refused."""
-    n = 30
-    diagonal = np.eye(n)
+    n, diagonal = 30, np.eye(30)
     chain = 3.0 * diagonal - np.roll(diagonal, 1, axis=0) - np.roll(diagonal, -1, axis=0)
     rows, columns = np.nonzero(chain)
     begins = np.searchsorted(rows, np.arange(n + 1)).astype(PETSc.IntType)
@@ -103,14 +102,19 @@ def test_the_end_of_an_ordered_factor_is_that_of_the_schur_complement() -> None:
 def test_a_part_without_memory_is_told_on_every_rank(
     comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def order(*_: object) -> None:
-        if comm.rank == comm.size - 1:
-            raise MemoryError("none for the last part")
+    elasticity, call = body(comm), module.cholmod._call
+    solver, matrix = parted(elasticity), positive(elasticity, 1.0)
 
-    elasticity = body(comm)
-    monkeypatch.setattr(module.cholmod, "OrderedFactor", order)
-    with pytest.raises(MemoryError, match="none for the last part"):
-        parted(elasticity)
+    def without(library: object, name: str, *given: object, **how: object) -> object:
+        failing = comm.rank == comm.size - 1 and name in ("analyze_p", "factorize")
+        return 0 if failing else call(library, name, *given, **how)
+
+    monkeypatch.setattr(module.cholmod, "_call", without)
+    for action in (lambda: solver.factor(matrix), lambda: parted(elasticity)):
+        with pytest.raises(MemoryError, match=r"no memory .* take solver"):
+            action()
+    solver.destroy()
+    matrix.destroy()
 
 
 @pytest.mark.mpi
@@ -136,7 +140,6 @@ def test_a_cut_between_elements_has_one_row_of_nodes(comm: MPI.Intracomm) -> Non
     elasticity = rod(comm, (40, 4)).elasticity
     matrix = elasticity.new_matrix()
     between = Between.of(elasticity, matrix)
-    # corners of the cells of each rank, in units of half a cell
     domain = elasticity.domain
     middles = np.rint(2.0 * domain.centroids[:, :2] / domain.cell_size).astype(int)
     corners = middles[:, None] + [(-1, -1), (-1, 1), (1, -1), (1, 1)]

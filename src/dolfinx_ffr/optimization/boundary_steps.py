@@ -19,9 +19,9 @@ from .. import validation
 from ..arrays import Array
 from ..boundary import Boundary, Kind, Surface
 from ..objective import is_stress
-from ..part import PartWarning
+from ..part import TURN, PartWarning
 from ..problem import Problem
-from .descent import HELD, LONGEST, NONE, TURN, Descent, Trial, kind_of, of_stress
+from .descent import HELD, LONGEST, NONE, Descent, Trial, kind_of, of_stress
 from .enough_modes import EVERY
 from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above

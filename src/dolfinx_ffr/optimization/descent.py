@@ -30,6 +30,7 @@ from ..boundary import (
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
 from ..objective import Constraint, PeakStress, Response, is_stress, value_of
+from ..part import STRESSED, TURN
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
 from .steps_checkpoint import Kept, Learnt
@@ -43,9 +44,6 @@ LONGEST, _SMOOTHER = 0.65, 2.4
 #: By how much stress is kept below its bounds where it is told: it differs as much from mesh to
 #: mesh
 _SPARED = 5e-3
-#: Size of triangles in notches, in radii, where the stress counts, by which it is up to 5 % too
-#: high, and where the result is told then: within 1 %
-TURN, _FINE = 0.25, 0.1
 #: By which share a step lowers the largest stress, where that is the objective
 _LOWERED = 0.05
 #: Weight of the largest violation of sizes in the merit, which decides whether a step is taken
@@ -305,7 +303,7 @@ class Descent:
         """Boundaries on meshes that resolve notches or walls; collective."""
         fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
-        spare, turn = of_stress(self.problem, _SPARED), _FINE if self.turn < math.inf else TURN
+        spare, turn = of_stress(self.problem, _SPARED), STRESSED if self.turn < math.inf else TURN
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:

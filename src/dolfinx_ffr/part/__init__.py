@@ -10,6 +10,8 @@ from .ball_widths import spread as spread
 from .ball_widths import tangent_balls as tangent_balls
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures
+from .part import STRESSED as STRESSED
+from .part import TURN as TURN
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part
 from .solid import Cavity as Cavity

@@ -61,8 +61,8 @@ _ACCURACY, _CROSSING = 1e-3, 1e-4
 _FIRST = 2.0
 #: Largest size of triangles in a member, in units of its width
 _ACROSS = 0.7
-#: Size of triangles in a notch, in units of its radius, and where its stress counts
-_TURN, _STRESSED = 0.25, 0.1
+#: Size of triangles in a notch, in units of its radius, and of those that tell its stress
+TURN, STRESSED = 0.25, 0.1
 #: Sizes that are tried where gmsh fails, in units of what was asked for
 _SMALLER = (1.0, 0.5, 0.25)
 #: Smallest size of triangles, and accuracy of the polygons in which narrow members and notches are
@@ -271,15 +271,15 @@ class Part(Enclosed):
         return [first / 2**halving for halving in range(count)]
 
     def domain(
-        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = _TURN
+        self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = TURN
     ) -> Domain:
         """A mesh of triangles that fits the part, see `Enclosed.domain`; collective.
 
         The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
         units of its width: thin members get smaller ones, by default about two across; ``turn`` is
-        that in a notch, in units of its radius, by default 0.25, by which its stress may be 5 % too
-        high, by 0.1 1 %; infinite for none. From an ``order`` of 2 on cells at curves are curved. A
-        ValueError on every rank if gmsh cannot mesh the part, or a number is out of range.
+        that in a notch, in radii, infinite for none: with 0.25, the default, its stress may be 5 %
+        too high, with 0.1 1 %. From an ``order`` of 2 on cells at curves are curved. A ValueError
+        on every rank if gmsh cannot mesh the part, or a number is out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
         validation.number("part: across", across, above=0.0)
@@ -295,7 +295,7 @@ class Part(Enclosed):
             return Domain.from_gmsh_model(comm, None if gmsh is None else gmsh.model, **how)
 
     def resolved(self, size: float, order: int) -> Domain:
-        return self.domain(size, order, turn=_STRESSED)
+        return self.domain(size, order, turn=STRESSED)
 
     def _mesh(self, gmsh: Any, size: float, degree: int, across: float, turn: float) -> None:
         check_size("part: the mesh", self.drawing, size)

@@ -83,6 +83,7 @@ class _Factor(ctypes.Structure):
     )
 
 
+_NO_MEMORY = 'reduction: no memory for the factor of a part of the body: take solver="iterative"'
 _REAL, _SIMPLICIAL, _SUPERNODAL, _GIVEN = 1, 0, 2, 1
 _LONG = PETSc.IntType().itemsize == 8
 
@@ -146,8 +147,7 @@ class OrderedFactor:
         self._free(ordering)
         order = np.concatenate([order, np.flatnonzero(last)]).astype(PETSc.IntType)
         self._factor = self._analysed(self._matrix, order)
-        self.places = np.empty(n, dtype=np.int64)
-        self.places[self._integers(self._factor, "perm", n)] = np.arange(n)
+        self.places = np.argsort(self._integers(self._factor, "perm", n))
         self._corner = self._corner_entries(np.sort(self.places[last]))
 
     def _sparse(self, begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
@@ -169,7 +169,7 @@ class OrderedFactor:
         result = ctypes.POINTER(_Factor)
         factor = _call(self._library, "analyze_p", *arguments, result=result)
         if not factor or factor.contents.n != matrix.nrow:
-            raise MemoryError("reduction: CHOLMOD has no memory for the factor of a part of a body")
+            raise MemoryError(_NO_MEMORY)
         return factor
 
     def _integers(self, factor: Any, name: str, count: int) -> Integers:
@@ -200,9 +200,9 @@ class OrderedFactor:
         """Factor the matrix of ``values`` of the entries; whether it is positive definite."""
         self._values[:] = values
         common = ctypes.byref(self._common)
-        done = _call(self._library, "factorize", ctypes.byref(self._matrix), self._factor, common)
-        found = self._factor.contents
-        return bool(done and found.minor == found.n)
+        if not _call(self._library, "factorize", ctypes.byref(self._matrix), self._factor, common):
+            raise MemoryError(_NO_MEMORY)
+        return bool(self._factor.contents.minor == self._factor.contents.n)
 
     def corner(self, count: int) -> Array:
         """L in the rows and columns of the last ``count`` unknowns, as they stand in L."""
@@ -236,8 +236,7 @@ class OrderedFactor:
         assert done, "sizes that do not fit"
 
     def _free(self, factor: Any) -> None:
-        name, common = "free_factor", ctypes.byref(self._common)
-        _call(self._library, name, ctypes.byref(factor), common)
+        _call(self._library, "free_factor", ctypes.byref(factor), ctypes.byref(self._common))
 
     def destroy(self) -> None:
         """Free the factor."""

@@ -76,11 +76,8 @@ def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
 
 def factor_package(comm: MPI.Comm) -> str:
     """The library for a factor whose rows all ranks share."""
-    return "cholmod" if comm.size == 1 and _has_cholmod() else "mumps"
-
-
-def _has_cholmod() -> bool:
-    return any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
+    known = comm.size == 1 and any(map(PETSc.Sys.hasExternalPackage, CHOLMOD))
+    return "cholmod" if known else "mumps"
 
 
 def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat) -> float:
@@ -203,8 +200,9 @@ class PartedFactor(LinearSolver):
         self._elasticity, comm = elasticity, elasticity.comm
         begin, end = matrix.getOwnershipRange()
         part = np.union1d(np.arange(begin, end), between.beside).astype(PETSc.IntType)
-        self._part = PETSc.IS().createGeneral(part, PETSc.COMM_SELF)
-        self._matrix = matrix.createSubMatrices(self._part)[0]
+        wanted = PETSc.IS().createGeneral(part, PETSc.COMM_SELF)
+        self._part, self._matrix = part, matrix.createSubMatrices(wanted)[0]
+        wanted.destroy()
         begins, columns, _ = self._matrix.getValuesCSR()
         last = np.isin(part, between.every)
         with on_every_rank(comm, "the order of a factor"):
@@ -232,26 +230,29 @@ class PartedFactor(LinearSolver):
         own = self._number[:, None] * size + self._number
         #: Where this rank's corner adds to the entries, of so many
         self._added, self._count = np.searchsorted(keys, own), len(keys)
-        # Entries between the parts, their rows and columns in the corner, and their share: ranks
-        # add 1 / (number of ranks that have it) of each entry of A_gg
+        # Entries between the parts, their rows and columns in the corner, which holds all of them,
+        # and what is taken off: ranks add 1 / (number of ranks that have it) of each entry of A_gg
         number = np.full(len(part), -1)
         number[order[self._corner]] = np.arange(len(self._corner))
         i, j = number[np.repeat(np.arange(len(part)), np.diff(begins))], number[columns]
         at = np.flatnonzero((i >= 0) & (j >= 0))
-        share = 1.0 / ranks.data[self._added[i[at], j[at]]]
-        self._entries = at, i[at], j[at], share - 1.0  # all of it is in the product of the corner
+        self._entries = at, i[at], j[at], 1.0 / ranks.data[self._added[i[at], j[at]]] - 1.0
 
     def factor(self, matrix: PETSc.Mat) -> None:
-        matrix.createSubMatrices(self._part, submats=[self._matrix])
+        wanted = PETSc.IS().createGeneral(self._part, PETSc.COMM_SELF)
+        matrix.createSubMatrices(wanted, submats=[self._matrix])
+        wanted.destroy()
         values = self._matrix.getValuesCSR()[2]
-        positive = self._factor.factor(values)
+        with on_every_rank(self._elasticity.comm, "a factor"):
+            positive = self._factor.factor(values)
         self._last = self._factor.corner(len(self._corner))
         corner = self._last @ self._last.T
         at, i, j, share = self._entries
         corner[i, j] += share * values[at]
         whole = np.zeros(self._count)
         whole[self._added] = corner
-        positive &= self._between.factor(self._elasticity.sum(whole))
+        with on_every_rank(self._elasticity.comm, "the factor between parts"):
+            positive &= self._between.factor(self._elasticity.sum(whole))
         if not self._elasticity.comm.allreduce(positive, MPI.LAND):
             raise PETSc.Error(_SINGULAR)
 
@@ -273,7 +274,7 @@ class PartedFactor(LinearSolver):
         return result
 
     def destroy(self) -> None:
-        for item in (self._factor, self._between, self._matrix, self._part):
+        for item in (self._factor, self._between, self._matrix):
             item.destroy()
 
 
