@@ -11,7 +11,7 @@ markers, its rows and, where pictures show something else than a pin, its symbol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -57,6 +57,20 @@ class Joint(Connection):
         """
         raise NotImplementedError
 
+    def _check(self, what: str) -> None:
+        """Refuse directions, motions and angles that are none, known by the types of fields."""
+        for part in fields(self):
+            given, said = getattr(self, part.name), f"{what}: the {part.name.replace('_', ' ')}"
+            if part.type == "Motion":
+                needed = "a Motion (Motion.constant(...) where the coordinate is held)"
+                validation.instance(said, given, Motion, needed)
+            elif part.type == "float | None" and given is not None:
+                validation.number(said, given)
+            elif part.type == "Pair | Triple" and np.shape(given) != (3,):
+                validation.direction(f"{said} of the line", given, 2, expected="two components")
+            elif part.type in ("Triple", "Triple | None", "Pair | Triple") and given is not None:
+                axis_vector(said, given)
+
 
 @dataclass(frozen=True)
 class _Between(Joint):
@@ -81,9 +95,6 @@ class Revolute(_Between):
         shared = parallel(self.a, self.b, self.axis, undeformed)
         return [*coincidence(self.a, self.b, undeformed), *shared]
 
-    def _check(self, what: str) -> None:
-        axis_vector(f"{what}: the axis", self.axis)
-
 
 @dataclass(frozen=True)
 class Weld(_Between):
@@ -102,9 +113,6 @@ class Weld(_Between):
     def rows(self, undeformed: Undeformed) -> list[Row]:
         fixed = aligned(self.a, self.b, (0.0, 0.0, 1.0), undeformed, self.angle)
         return [*coincidence(self.a, self.b, undeformed), *fixed]
-
-    def _check(self, what: str) -> None:
-        _check_angle(what, self.angle)
 
 
 @dataclass(frozen=True)
@@ -126,9 +134,6 @@ class PointOnLine(Joint):
     @property
     def symbols(self) -> tuple[Symbol, ...]:
         return (Slider(self.markers, self.direction),)
-
-    def _check(self, what: str) -> None:
-        _check_direction(what, self.direction)
 
 
 @dataclass(frozen=True)
@@ -154,10 +159,6 @@ class Translational(_Between):
     @property
     def symbols(self) -> tuple[Symbol, ...]:
         return (Slider(self.markers, self.direction),)
-
-    def _check(self, what: str) -> None:
-        _check_direction(what, self.direction)
-        _check_angle(what, self.angle)
 
 
 @dataclass(frozen=True)
@@ -187,11 +188,9 @@ class Gear(_Between):
         return [Row(RowKind.GEAR, tuple(vectors), ratio=self.ratio)]
 
     def _check(self, what: str) -> None:
+        super()._check(what)
         if validation.number(f"{what}: the ratio", self.ratio) == 0.0:
             raise ValueError(f"{what}: the ratio must be a number other than zero")
-        axis_vector(f"{what}: the axis", self.axis)
-        if self.second_axis is not None:
-            axis_vector(f"{what}: the second axis", self.second_axis)
 
 
 @dataclass(frozen=True)
@@ -247,10 +246,6 @@ class PrescribedAngle(Joint):
         ends = self.marker, self.relative_to
         return [relative_angle(*ends, self.axis, undeformed, motion=self.motion)]
 
-    def _check(self, what: str) -> None:
-        _check_motion(what, self.motion)
-        axis_vector(f"{what}: the axis", self.axis)
-
 
 @dataclass(frozen=True)
 class PrescribedPosition(Joint):
@@ -271,8 +266,8 @@ class PrescribedPosition(Joint):
         return [Row(RowKind.POINT, ends, (x, y, z), motion=self.motion)]
 
     def _check(self, what: str) -> None:
+        super()._check(what)
         validation.choice(f"{what}: the axis", self.axis, ("x", "y", "z"))
-        _check_motion(what, self.motion)
 
 
 @dataclass(frozen=True)
@@ -291,18 +286,12 @@ class LinearDrive(Joint):
     direction: Pair | Triple = (1.0, 0.0)
     name: str = ""  #: Name for results and messages.
 
+    drawn = (Line,)
+
     def rows(self, undeformed: Undeformed) -> list[Row]:
         # The position along a line is the distance from the plane across it.
         across = on_plane(self.point, self.line, undeformed.line(self.direction))
         return [replace(across, motion=self.motion)]
-
-    @property
-    def symbols(self) -> tuple[Symbol, ...]:
-        return (Line(self.markers),)
-
-    def _check(self, what: str) -> None:
-        _check_direction(what, self.direction)
-        _check_motion(what, self.motion)
 
 
 @dataclass(frozen=True)
@@ -349,10 +338,6 @@ class Universal(_Between):
         forks = direction(self.a, self.axis), direction(self.b, self.second_axis)
         return [*coincidence(self.a, self.b, undeformed), Row(RowKind.DOT, forks)]
 
-    def _check(self, what: str) -> None:
-        axis_vector(f"{what}: the axis", self.axis)
-        axis_vector(f"{what}: the second axis", self.second_axis)
-
 
 @dataclass(frozen=True)
 class Cylindrical(_Between):
@@ -371,9 +356,6 @@ class Cylindrical(_Between):
         turned = parallel(self.a, self.b, self.axis, undeformed)
         return [*on_line(self.a, self.b, self.axis, undeformed), *turned]
 
-    def _check(self, what: str) -> None:
-        axis_vector(f"{what}: the axis", self.axis)
-
 
 @dataclass(frozen=True)
 class Planar(_Between):
@@ -391,9 +373,6 @@ class Planar(_Between):
     def rows(self, undeformed: Undeformed) -> list[Row]:
         turned = parallel(self.a, self.b, self.normal, undeformed)
         return [on_plane(self.a, self.b, self.normal), *turned]
-
-    def _check(self, what: str) -> None:
-        axis_vector(f"{what}: the normal", self.normal)
 
 
 @dataclass(frozen=True)
@@ -414,25 +393,3 @@ class PointOnPlane(Joint):
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
         return [on_plane(self.point, self.plane, self.normal)]
-
-    def _check(self, what: str) -> None:
-        axis_vector(f"{what}: the normal", self.normal)
-
-
-def _check_motion(what: str, motion: object) -> None:
-    needed = "a Motion (Motion.constant(...) where the coordinate is held)"
-    validation.instance(f"{what}: the motion", motion, Motion, needed)
-
-
-def _check_direction(what: str, direction: Pair | Triple) -> None:
-    if np.shape(direction) == (3,):
-        axis_vector(f"{what}: the direction of the line", direction)
-        return
-    validation.direction(
-        f"{what}: the direction of the line", direction, 2, expected="two components"
-    )
-
-
-def _check_angle(what: str, angle: float | None) -> None:
-    if angle is not None:
-        validation.number(f"{what}: the angle", angle)

@@ -65,8 +65,24 @@ class OutsideError(ValueError):
     """A time at which a law is not known."""
 
 
+class _Formula:
+    """The three functions of a law by one that has the order of the derivative."""
+
+    def at(self, order: int, t: Array) -> Array:
+        raise NotImplementedError
+
+    def value(self, t: Array) -> Array:
+        return self.at(0, t)
+
+    def velocity(self, t: Array) -> Array:
+        return self.at(1, t)
+
+    def acceleration(self, t: Array) -> Array:
+        return self.at(2, t)
+
+
 @dataclass(frozen=True)
-class SmoothStep:
+class SmoothStep(_Formula):
     """Rest-to-rest motion, a polynomial of degree 5."""
 
     distance: float
@@ -80,36 +96,23 @@ class SmoothStep:
         unit = replace(self, distance=1.0)
         return np.array([np.vdot(bars, [unit.value(t), unit.velocity(t), unit.acceleration(t)])])
 
-    def _share(self, t: Array) -> Array:
-        return np.minimum(np.maximum((np.asarray(t) - self.start) / self.duration, 0.0), 1.0)
-
-    def value(self, t: Array) -> Array:
-        x = self._share(t)
-        return self.distance * x**3 * (10.0 + x * (-15.0 + 6.0 * x))
-
-    def velocity(self, t: Array) -> Array:
-        x = self._share(t)
-        return self.distance / self.duration * 30.0 * (x * (1.0 - x)) ** 2
-
-    def acceleration(self, t: Array) -> Array:
-        x = self._share(t)
+    def at(self, order: int, t: Array) -> Array:
+        x = np.minimum(np.maximum((np.asarray(t) - self.start) / self.duration, 0.0), 1.0)
+        if order == 0:
+            return self.distance * x**3 * (10.0 + x * (-15.0 + 6.0 * x))
+        if order == 1:
+            return self.distance / self.duration * 30.0 * (x * (1.0 - x)) ** 2
         return self.distance / self.duration**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomial:
+class Polynomial(_Formula):
     """The coefficients of a polynomial of time."""
 
     coefficients: Array  #: (coefficients,)
 
-    def value(self, t: Array) -> Array:
-        return polynomial.polyval(t, self.coefficients)
-
-    def velocity(self, t: Array) -> Array:
-        return polynomial.polyval(t, polynomial.polyder(self.coefficients))
-
-    def acceleration(self, t: Array) -> Array:
-        return polynomial.polyval(t, polynomial.polyder(self.coefficients, 2))
+    def at(self, order: int, t: Array) -> Array:
+        return polynomial.polyval(t, polynomial.polyder(self.coefficients, order))
 
     def stated(self) -> Stated:
         return self.coefficients, (Polynomial, self.coefficients.size)
@@ -124,7 +127,7 @@ class Polynomial:
 
 
 @dataclass(frozen=True, eq=False)
-class Fourier:
+class Fourier(_Formula):
     """A mean and the harmonics of a period."""
 
     mean: float
@@ -132,18 +135,12 @@ class Fourier:
     sines: Array  #: (harmonics,)
     rates: Array  #: (harmonics,) angular frequencies [rad/s]
 
-    def _series(self, t: Array, cosines: Array, sines: Array) -> Array:
+    def at(self, order: int, t: Array) -> Array:
+        mean, cosines, sines = self.mean, self.cosines, self.sines
+        for _ in range(order):
+            mean, cosines, sines = 0.0, self.rates * sines, -self.rates * cosines
         phase = np.multiply.outer(np.asarray(t), self.rates)
-        return np.asarray(np.cos(phase) @ cosines + np.sin(phase) @ sines)
-
-    def value(self, t: Array) -> Array:
-        return self.mean + self._series(t, self.cosines, self.sines)
-
-    def velocity(self, t: Array) -> Array:
-        return self._series(t, self.rates * self.sines, -self.rates * self.cosines)
-
-    def acceleration(self, t: Array) -> Array:
-        return self._series(t, -(self.rates**2) * self.cosines, -(self.rates**2) * self.sines)
+        return np.asarray(mean + (np.cos(phase) @ cosines + np.sin(phase) @ sines))
 
     def stated(self) -> Stated:
         numbers = np.concatenate([[self.mean], self.cosines, self.sines])
@@ -158,7 +155,7 @@ class Fourier:
 
 
 @dataclass(frozen=True, eq=False)
-class Combined:
+class Combined(_Formula):
     """Weighted sum of laws."""
 
     terms: tuple[tuple[float, Law], ...]
@@ -177,46 +174,31 @@ class Combined:
         laws = [law.pullback(t, weight * bars) for weight, law in self.terms]
         return np.concatenate([weights, *laws])
 
-    def _sum(self, part: str, t: Array) -> Array:
-        return sum(
-            (weight * np.asarray(getattr(law, part)(t)) for weight, law in self.terms),
-            np.zeros(np.shape(t)),
-        )
-
-    def value(self, t: Array) -> Array:
-        return self._sum("value", t)
-
-    def velocity(self, t: Array) -> Array:
-        return self._sum("velocity", t)
-
-    def acceleration(self, t: Array) -> Array:
-        return self._sum("acceleration", t)
+    def at(self, order: int, t: Array) -> Array:
+        parts = (weight * np.asarray(_parts(law)[order](t)) for weight, law in self.terms)
+        return sum(parts, np.zeros(np.shape(t)))
 
 
 @dataclass(frozen=True, eq=False)
-class Composed:
+class Composed(_Formula):
     """A law as a function of another one."""
 
     outer: Law
     inner: Law
 
-    def _at(self, t: Array) -> Array:
-        return np.array(np.broadcast_to(np.asarray(self.inner.value(t)), np.shape(t)))
-
-    def value(self, t: Array) -> Array:
-        return np.asarray(self.outer.value(self._at(t)))
-
-    def velocity(self, t: Array) -> Array:
-        return np.asarray(self.outer.velocity(self._at(t))) * np.asarray(self.inner.velocity(t))
-
-    def acceleration(self, t: Array) -> Array:
-        x, rate = self._at(t), np.asarray(self.inner.velocity(t))
+    def at(self, order: int, t: Array) -> Array:
+        x = np.array(np.broadcast_to(np.asarray(self.inner.value(t)), np.shape(t)))
+        if order == 0:
+            return np.asarray(self.outer.value(x))
+        slope, rate = np.asarray(self.outer.velocity(x)), np.asarray(self.inner.velocity(t))
+        if order == 1:
+            return slope * rate
         bend = np.asarray(self.outer.acceleration(x)) * rate**2
-        return bend + np.asarray(self.outer.velocity(x)) * np.asarray(self.inner.acceleration(t))
+        return bend + slope * np.asarray(self.inner.acceleration(t))
 
 
 @dataclass(frozen=True, eq=False)
-class OnCircle:
+class OnCircle(_Formula):
     """A coordinate that turns with an angle, middle + cosine cos(angle) + sine sin(angle)."""
 
     middle: float
@@ -229,21 +211,15 @@ class OnCircle:
         own = np.array([self.middle, self.cosine, self.sine, *numbers])
         return own, fixed and (OnCircle, fixed)
 
-    def value(self, t: Array) -> Array:
-        return self.middle + _wave(self.cosine, self.sine, self.angle.value(t))
-
-    def velocity(self, t: Array) -> Array:
-        return self._slope(t) * np.asarray(self.angle.velocity(t))
-
-    def acceleration(self, t: Array) -> Array:
-        rate, growth = np.asarray(self.angle.velocity(t)), np.asarray(self.angle.acceleration(t))
-        return (
-            self._slope(t) * growth - _wave(self.cosine, self.sine, self.angle.value(t)) * rate**2
-        )
-
-    def _slope(self, t: Array) -> Array:
-        """Derivative by the angle, (n,)."""
-        return _wave(self.sine, -self.cosine, self.angle.value(t))
+    def at(self, order: int, t: Array) -> Array:
+        phi = self.angle.value(t)
+        if order == 0:
+            return self.middle + _wave(self.cosine, self.sine, phi)
+        slope, rate = _wave(self.sine, -self.cosine, phi), np.asarray(self.angle.velocity(t))
+        if order == 1:
+            return slope * rate
+        growth = np.asarray(self.angle.acceleration(t))
+        return slope * growth - _wave(self.cosine, self.sine, phi) * rate**2
 
     def pullback(self, t: Array, bars: Array) -> Array:
         phi, rate, growth = (np.broadcast_to(part(t), t.shape) for part in _parts(self.angle))
@@ -286,7 +262,7 @@ class _Way(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class Spline(_Formula):
     """A spline over time, and how it goes on beyond its ends."""
 
     start: float  #: Time of the first value [s]
@@ -316,7 +292,7 @@ class Spline:
         assert self.way is not None
         own = np.zeros(self.way.matrices[0].shape[1])
         for order, (bar, matrix) in enumerate(zip(bars, self.way.matrices, strict=True)):
-            _, *sides = self._at(order, t)
+            _, *sides = self._kept(order, t)
             bar = np.where(self._still(order, sides), 0.0, bar)
             rows = self._rows(order, t)
             own += (rows.T @ bar) @ matrix[: rows.shape[1]] / self.unit**order
@@ -337,7 +313,7 @@ class Spline:
         both = zip(self._edges, self.ends, strict=True)
         return tuple(t for t, end in both if end in ("rest", "uniform"))
 
-    def _at(self, order: int, t: Array) -> _Found:
+    def _kept(self, order: int, t: Array) -> _Found:
         """Derivative by t of the spline at times (n,), or at the end beyond; what is beyond.
 
         That last found is kept: a crank's pin asks for the same angle many times.
@@ -379,25 +355,14 @@ class Spline:
             found = np.asarray(part(inside), dtype=np.float64) / self.unit**order
         return found, x < 0.0, x > self.length
 
-    def value(self, t: Array) -> Array:
-        found, *sides = self._at(0, t)
-        for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
-            if end == "uniform" and np.any(beyond):
-                speed = self._at(1, np.array([edge]))[0][0]
-                found[beyond] += speed * (np.asarray(t)[beyond] - edge)
-        return found
-
-    def velocity(self, t: Array) -> Array:
-        # Beyond an end of uniform motion the velocity is that at the end.
-        return self._held(1, t)
-
-    def acceleration(self, t: Array) -> Array:
-        return self._held(2, t)
-
-    def _held(self, order: int, t: Array) -> Array:
-        """A derivative which is zero beyond some kinds of ends."""
-        found, *sides = self._at(order, t)
+    def at(self, order: int, t: Array) -> Array:
+        found, *sides = self._kept(order, t)
         found[self._still(order, sides)] = 0.0
+        for end, beyond, edge in zip(self.ends, sides, self._edges, strict=True):
+            # beyond an end of uniform motion the velocity is that at the end
+            if order == 0 and end == "uniform" and np.any(beyond):
+                speed = self._kept(1, np.array([edge]))[0][0]
+                found[beyond] += speed * (np.asarray(t)[beyond] - edge)
         return found
 
     def _still(self, order: int, sides: Sequence[Mask]) -> Mask:
