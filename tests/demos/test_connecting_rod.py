@@ -16,8 +16,7 @@ from meshes.connecting_rod import ConnectingRod, main, session
 from shared.meshes import area_of
 
 from dolfinx_ffr import ChordFrame, Domain, FlexibleBody, PlaneStress
-from dolfinx_ffr.fem import _compat
-from dolfinx_ffr.fem.circles import fit_circle
+from dolfinx_ffr.fem import _compat, fit_circle
 from dolfinx_ffr.io import on_rank_0
 from dolfinx_ffr.verification import convergence_order
 

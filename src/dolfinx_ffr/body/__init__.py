@@ -7,11 +7,11 @@ from ..documentation import explain_fields
 from ..interchange import axial as axial
 from ..interchange import cross_matrix as cross_matrix
 from ..interchange import theta as theta
-from .derivatives_file import save_derivatives as save_derivatives
-from .marker import LOADS as LOADS
+from .marker import LOADS
 from .marker import BodyMarker as BodyMarker
 from .parametric import ParametricBody as ParametricBody
-from .volume_integrals import QUARTER_TURN as QUARTER_TURN
+from .parametric import save_derivatives as save_derivatives
+from .volume_integrals import QUARTER_TURN
 from .volume_integrals import VolumeIntegrals as VolumeIntegrals
 
 explain_fields(globals())

@@ -4,34 +4,30 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .density_field import density_field as density_field
 from .density_filter import DensityFilter as DensityFilter
 from .density_filter import HeavisideProjection as HeavisideProjection
 from .dimensions import DimensionDesign as DimensionDesign
 from .level_set import LevelSet as LevelSet
 from .level_set_step import Evolution as Evolution
 from .level_set_step import VelocityExtension as VelocityExtension
-from .mirrors import Isometry as Isometry
+from .mirrors import Isometry, image_cells, images
 from .mirrors import Mirror as Mirror
-from .mirrors import image_cells as image_cells
-from .mirrors import images as images
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes
-from .node_motion import DimensionMotion as DimensionMotion
-from .parameter_design import ParameterDesign as ParameterDesign
+from .node_motion import DimensionMotion
 from .parametrization import CRISP as CRISP
 from .parametrization import SHARP as SHARP
 from .parametrization import DensityDesign as DensityDesign
 from .parametrization import Design as Design
+from .parametrization import ParameterDesign, check_volume, shrunk
 from .parametrization import Variables as Variables
-from .parametrization import check_volume as check_volume
-from .parametrization import shrunk as shrunk
+from .parametrization import density_field as density_field
 from .rbf import ExponentialSpline as ExponentialSpline
 from .rbf import Gaussian as Gaussian
 from .rbf import Kernel as Kernel
 from .rbf import Multiquadric as Multiquadric
 from .rbf import ThinPlate as ThinPlate
 from .rbf import Wendland as Wendland
-from .rbf import check_kernel as check_kernel
+from .rbf import check_kernel
 
 explain_fields(globals())

@@ -10,11 +10,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
 from .. import validation
 from ..fem import Array, Domain
-from .density_field import density_field
+from ..mechanism import Parameters
 from .density_filter import DensityFilter, HeavisideProjection
+from .rbf import Wendland, neighbours
 
 #: Steepness of the projection of a finished design: a step within a fifth of an element with the
 #: shortest kernel, and in proportion to its radius
@@ -23,6 +26,40 @@ SHARP = 32.0
 #: before it to find the topology, and after it to find the best crisp boundary
 CRISP = 0.55
 SHARPENING = (0.05, CRISP)
+#: Reach of a cell's density, in units of the edge of a square or cube as large
+_REACH = 1.5
+
+
+def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
+    """A smooth field that is zero where the densities of cells cross one half; collective.
+
+        phi(X) = sum_e w_e(X) x_e / sum_e w_e(X) - 1/2,    w_e(X) = g(|X - X_e| / r_e),
+
+    with `Wendland`'s function g of the distance from the centroids. The radius r_e is 1.5 times the
+    size of the cell: an edge between solid and void cells stays where it is, and members of one row
+    of cells stay members.
+
+    From densities ``x`` (cells,) in [0, 1] of the cells of a ``domain`` owned by this rank to a
+    function of positions (n, dimension) [m], on every rank, that gives (n,) numbers. ValueError on
+    every rank if the density is not usable.
+    """
+    parts = domain.check_density(x), domain.centroids, domain.cell_volumes
+    values, centers, volumes = map(domain.everywhere, parts)
+    radii = _REACH * volumes ** (1.0 / domain.dimension)
+    tree, reach, wendland = cKDTree(centers), float(radii.max()), Wendland(1.0)
+
+    def field(points: Array) -> Array:
+        near = neighbours(points, tree, reach)
+        weight = wendland(near["v"] / radii[near["j"]])  # zero beyond the radius of the cell
+        places = near["i"], near["j"]
+        matrix = csr_matrix((weight, places), shape=(len(points), len(centers)))
+        total = np.asarray(matrix.sum(axis=1)).ravel()
+        bare = ~(total > 0.0)  # no centroid is near: the cell is much longer than wide
+        means = np.asarray(matrix @ values) / np.where(bare, 1.0, total)
+        means[bare] = values[tree.query(points[bare])[1]]
+        return means - 0.5
+
+    return field
 
 
 def steepness(progress: float) -> float:
@@ -247,3 +284,39 @@ def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
             + ("" if finite else " with NaN or infinity")
         )
     return vector
+
+
+class ParameterDesign(Variables):
+    """Parameters of a mechanism; the variables are shares of their ranges, on their scales.
+
+    So all of them are of one size, and steps are shares of the ranges.
+    """
+
+    each: ClassVar[str] = "parameter"
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self.size = len(parameters.names)
+
+    def even(self, value: float | None = None) -> Array:
+        """The values of the start, shape (size,); or all at a share ``value`` of their range."""
+        if value is None:
+            return self.parameters.array
+        return self.parameters.from_shares(super().even(value))[0]
+
+    def begin(self, start: ArrayLike) -> Array:
+        """The variables at values ``start`` of the parameters, shape (size,)."""
+        values = finite_vector(start, self.size, "design", "values, one a parameter")
+        return self.parameters.shares(self.parameters.at(values).array)
+
+    def point(self, variables: Array) -> Array:
+        return self.parameters.from_shares(variables)[0]
+
+    def pullback(self, variables: Array, x_bar: Array) -> Array:
+        bar = validation.real_array("design: the derivative by parameters", x_bar, (self.size,))
+        return bar * self.parameters.from_shares(variables)[1]
+
+    def identity(self) -> dict[str, Any]:
+        scales = [entry.scale for entry in self.parameters.entries.values()]
+        names = f"{self.parameters.names} {scales}"
+        return {"parameters": names, "bounds": np.ravel(self.parameters.bounds)}

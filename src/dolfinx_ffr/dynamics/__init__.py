@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..documentation import explain_fields
 from .adjoint import Bars as Bars
-from .adjoint import adjoint as adjoint
+from .adjoint import adjoint
 from .failures import SimulationError as SimulationError
 from .integration.certificate import Certificate as Certificate
 from .integration.certificate import Judge as Judge
@@ -25,26 +25,14 @@ from .integration.time_interval import TimeInterval as TimeInterval
 from .integration.time_interval import recorded as recorded
 from .integration.time_interval import refined as refined
 from .integration.time_interval import restored_method as restored_method
-from .kinematics import MarkerMotion as MarkerMotion
-from .kinematics import marker_motion as marker_motion
-from .kinematics import marker_motion_pullback as marker_motion_pullback
+from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
 from .mechanism_bars import MechanismBars as MechanismBars
-from .mechanism_bars import fixed_slopes as fixed_slopes
-from .mechanism_bars import influence as influence
-from .mechanism_bars import parameter_slopes as parameter_slopes
-from .mechanism_bars import parametric as parametric
+from .mechanism_bars import fixed_slopes, influence, parameter_slopes, parametric
 from .model import FlatModel as FlatModel
-from .model import assemble_model as assemble_model
-from .model import check_names as check_names
-from .power import drives as drives
-from .power import driving_power as driving_power
-from .power import driving_power_pullback as driving_power_pullback
-from .power import forces_on_frame as forces_on_frame
-from .simulation import check_memory as check_memory
+from .model import assemble_model, check_names
+from .power import drives, driving_power, driving_power_pullback, forces_on_frame
+from .simulation import check_memory, load_cells, required_memory, restored
 from .simulation import integrate as integrate
-from .simulation import load_cells as load_cells
-from .simulation import required_memory as required_memory
-from .simulation import restored as restored
 from .simulation import simulate as simulate
 from .trajectory import Integrator as Integrator
 from .trajectory import Trajectory as Trajectory
@@ -53,6 +41,6 @@ from .validity import LargeDeformationWarning as LargeDeformationWarning
 from .validity import SofteningWarning as SofteningWarning
 from .validity import TiltedAxisWarning as TiltedAxisWarning
 from .validity import TimeStepWarning as TimeStepWarning
-from .validity import warn_of_limits as warn_of_limits
+from .validity import warn_of_limits
 
 explain_fields(globals())

@@ -19,15 +19,11 @@ from .files import write_body as write_body
 from .format import Arrays as Arrays
 from .format import Format as Format
 from .format import InterchangeWarning as InterchangeWarning
-from .moments import axial as axial
-from .moments import cross_matrix as cross_matrix
-from .moments import theta as theta
+from .moments import axial, cross_matrix, theta
 from .nastran import read_nastran as read_nastran
-from .numpy_file import MARKERS as MARKERS
-from .numpy_file import STIFFENING as STIFFENING
-from .numpy_file import write_all as write_all
+from .numpy_file import MARKERS, STIFFENING, write_all
 from .sid import DERIVED as DERIVED
-from .sid import derived_terms as derived_terms
+from .sid import derived_terms
 from .sid import read_terms as read_terms
 from .sid import sid_terms as sid_terms
 

@@ -35,17 +35,13 @@ from .marker import Marker as Marker
 from .marker import Moving as Moving
 from .marker import Pair as Pair
 from .marker import Triple as Triple
-from .marker import marker_name as marker_name
+from .marker import marker_name
 from .mechanism import Mechanism as Mechanism
 from .mechanism import PointMass as PointMass
 from .mechanism import RayleighDamping as RayleighDamping
 from .motion import Motion as Motion
 from .motion import Signal as Signal
-from .motion import check_signal as check_signal
-from .motion import evaluated as evaluated
-from .motion import is_zero as is_zero
-from .motion import sample as sample
-from .motion import tabulated as tabulated
+from .motion import check_signal, evaluated, is_zero, sample, tabulated
 from .parametric import Parameter as Parameter
 from .parametric import Parameters as Parameters
 from .parametric import ParametricMechanism as ParametricMechanism
@@ -59,8 +55,7 @@ from .parts import relative_angle as relative_angle
 from .parts import turning as turning
 from .rotation import PlacementWarning as PlacementWarning
 from .rotation import RotationLike as RotationLike
-from .rotation import rotation_matrix as rotation_matrix
-from .rotation import rotation_vector as rotation_vector
+from .rotation import rotation_matrix, rotation_vector
 from .rows import BodyVector as BodyVector
 from .rows import Element as Element
 from .rows import Load as Load

@@ -16,17 +16,15 @@ from .base import Objective as Objective
 from .base import Response as Response
 from .base import StressField as StressField
 from .base import Sum as Sum
-from .base import check_objective as check_objective
-from .base import derivatives_of as derivatives_of
-from .base import value_of as value_of
+from .base import check_objective, derivatives_of, value_of
 from .combination import Combination as Combination
 from .combination import PowerMean as PowerMean
 from .combination import WeightedSum as WeightedSum
 from .combination import WorstCase as WorstCase
 from .compliance import IntegralCompliance as IntegralCompliance
 from .compliance import PeakCompliance as PeakCompliance
-from .drives import DrivePower as DrivePower
-from .drives import DriveWork as DriveWork
+from .joints import DrivePower as DrivePower
+from .joints import DriveWork as DriveWork
 from .joints import JointForce as JointForce
 from .markers import MarkerAcceleration as MarkerAcceleration
 from .markers import MarkerVelocity as MarkerVelocity
@@ -36,8 +34,7 @@ from .properties import Frequency as Frequency
 from .properties import Mass as Mass
 from .properties import Volume as Volume
 from .stress import PeakStress as PeakStress
-from .stress import is_stress as is_stress
-from .stress import von_mises_root as von_mises_root
-from .stress_coordinates import stress_coordinates as stress_coordinates
+from .stress import is_stress, von_mises_root
+from .stress_coordinates import stress_coordinates
 
 explain_fields(globals())

@@ -181,8 +181,13 @@ class Derivatives:
                     raise ValueError(f"{said}, but the bodies {of} are {list(names)}")
                 yield name, own, said
 
+        def arrays(part: str, names: Collection[str], of: str, shape: Callable) -> dict:
+            given = getattr(self, {"density": "densities", "stress": "stresses"}.get(part, part))
+            found = present(part, given, names, of)
+            return {n: validation.real_array(said, own, shape(n)) for n, own, said in found}
+
         bodies, fields, stresses = response.bodies, response.densities, response.stresses
-        integrals, densities, by_stress = {}, {}, {}
+        integrals = {}
         for name, own, said in present("integrals", self.integrals, bodies, "there"):
             integrals[name] = validation.instance(said, own, VolumeIntegrals, "VolumeIntegrals")
             body = bodies[name]
@@ -191,21 +196,16 @@ class Derivatives:
                 validation.real_array(f"{said}: {key}", getattr(own, key), shape)
             if not math.isfinite(body.zeros_like().dot(own)):
                 raise ValueError(f"{said} hold NaN or infinity")
-        for name, own, said in present("density", self.densities, fields, "with a density"):
-            densities[name] = validation.real_array(said, own, fields[name].values.shape)
-        for name, own, said in present("stress", self.stresses, stresses, "with a mesh"):
-            # the stress itself is not asked for here: that takes all ranks
-            cells = len(fields[name].values) if name in fields else None
-            by_stress[name] = validation.real_array(said, own, (cells, None, None, None))
-        areas = {
-            name: validation.real_array(said, own, fields[name].areas.shape)
-            for name, own, said in present("areas", self.areas, fields, "with a density")
-        }
-        weights = {
-            name: validation.real_array(said, own, stresses[name].weights.shape)
-            for name, own, said in present("weights", self.weights, stresses, "with a mesh")
-        }
-        return Derivatives(bar, integrals, densities, by_stress, areas, weights)
+        # the stress itself is not asked for here: that takes all ranks
+        cells = {name: len(field.values) for name, field in fields.items()}
+        return Derivatives(
+            bar,
+            integrals,
+            arrays("density", fields, "with a density", lambda n: fields[n].values.shape),
+            arrays("stress", stresses, "with a mesh", lambda n: (cells.get(n), None, None, None)),
+            arrays("areas", fields, "with a density", lambda n: fields[n].areas.shape),
+            arrays("weights", stresses, "with a mesh", lambda n: stresses[n].weights.shape),
+        )
 
     def scaled(self, factor: float) -> Derivatives:
         """The derivatives times a ``factor``."""

@@ -14,7 +14,7 @@ from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
 from .loop import Optimizer as Optimizer
 from .mma import MMA as MMA
-from .optimize import default_steps as default_steps
+from .optimize import default_steps
 from .optimize import optimize as optimize
 from .result import BoundaryResult as BoundaryResult
 from .result import DesignWarning as DesignWarning

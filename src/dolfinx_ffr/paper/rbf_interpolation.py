@@ -160,10 +160,7 @@ class ScatteredInterpolation:
                 f"degree {self.degree}; give more points or a lower degree"
             )
         if self._diagonal is None:
-            if self._definite:
-                inverse = lapack.dpotri(self._factor, lower=1)[0]
-            else:
-                inverse = lapack.dgetri(self._factor, self._pivots)[0]
+            inverse = lapack.dgetri(*self._factor)[0]
             self._diagonal = np.diag(inverse)[:n].copy()
         return (self._solve(fields)[:n] / self._diagonal[:, None]).reshape(v.shape)
 
@@ -182,7 +179,6 @@ class ScatteredInterpolation:
         matrix /= self._scale
         matrix[:n, n:] = self._monomials(self.points)
         matrix[n:, :n] = matrix[:n, n:].T
-        self._definite = not self._terms and self.kernel.minimal_degree < 0
         norm = float(np.linalg.norm(matrix, 1))
         condition = self._factorise(matrix, norm)
         if not condition <= LARGEST_CONDITION:
@@ -194,20 +190,14 @@ class ScatteredInterpolation:
 
     def _factorise(self, matrix: Array, norm: float) -> float:
         """Factor the matrix; its condition number, infinite where it is singular."""
-        if self._definite:
-            self._factor, info = lapack.dpotrf(matrix, lower=1)
-            reciprocal = 0.0 if info else lapack.dpocon(self._factor, norm, uplo="L")[0]
-        else:
-            self._factor, self._pivots, info = lapack.dgetrf(matrix)
-            reciprocal = 0.0 if info else lapack.dgecon(self._factor, norm)[0]
+        *self._factor, info = lapack.dgetrf(matrix)
+        reciprocal = 0.0 if info else lapack.dgecon(self._factor[0], norm)[0]
         return 1.0 / reciprocal if reciprocal > 0.0 else math.inf
 
     def _solve(self, fields: Array) -> Array:
         """The coefficients of the kernel and of the polynomial, shape (n + terms, m)."""
         right = np.vstack([fields, np.zeros((self._terms, fields.shape[1]))])
-        if self._definite:
-            return scipy.linalg.cho_solve((self._factor, True), right)
-        return scipy.linalg.lu_solve((self._factor, self._pivots), right)
+        return scipy.linalg.lu_solve(self._factor, right)
 
     def _monomials(self, x: Array) -> Array:
         """The monomials at x (q, 2), scaled to the extent of the points, shape (q, terms)."""

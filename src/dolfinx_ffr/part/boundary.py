@@ -11,10 +11,9 @@ import numpy as np
 
 from ..arrays import Array, Integers, Mask
 from ..fem import Arc, Curve, Line, nearest_circle
-from .cut import Segments
+from .cut import Lattice, Segments
 from .field import Field, cross, turns
 from .fitting import corners, fitted, followed, thinned
-from .lattice import Lattice
 
 #: Nodes along a chain, and its marks
 Chain = tuple[list[int], Integers]

@@ -42,10 +42,9 @@ from ..fem import (
 )
 from ..parallel import on_rank_0
 from .boundary import boundary
-from .cut import cut
+from .cut import Lattice, cut
 from .export import Sheet, write
 from .field import Field, evaluated
-from .lattice import Lattice
 from .pieces import Piece, attached, drawing, outlines, pieces
 from .verify import Enclosed, Found
 from .widths import Width, member_widths, narrowest_gap, thinnest_member

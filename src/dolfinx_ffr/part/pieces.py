@@ -12,7 +12,7 @@ import shapely
 from ..arrays import Array
 from ..fem import Curve, Drawing, Face, connected, enclosed, polygon
 from .boundary import Side, loops
-from .lattice import DESIGN, SOLID
+from .cut import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
 

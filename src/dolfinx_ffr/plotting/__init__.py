@@ -8,7 +8,6 @@ Another kind of file is a ValueError on every rank, an argument of a wrong kind 
 
 from __future__ import annotations
 
-from .boundary_film import animate_boundary as animate_boundary
 from .diagrams import plot_crank_motion as plot_crank_motion
 from .diagrams import plot_curves as plot_curves
 from .diagrams import plot_history as plot_history
@@ -17,6 +16,7 @@ from .fields import plot_design as plot_design
 from .fields import plot_gradient_elements as plot_gradient_elements
 from .fields import plot_modes as plot_modes
 from .fields import plot_stress as plot_stress
+from .motion_pictures import animate_boundary as animate_boundary
 from .motion_pictures import animate_motion as animate_motion
 from .motion_pictures import plot_scene as plot_scene
 from .part_view import plot_part as plot_part

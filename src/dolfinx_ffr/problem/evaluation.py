@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from .. import validation
@@ -137,17 +137,9 @@ class Evaluation(Shown):
         """
         validation.choice("evaluation: load case", load_case, self.load_cases)
         found = self.load_cases[load_case]
-        return replace(
-            self,
-            psi=found.psi,
-            gradient=found.gradient,
-            nodes=found.nodes,
-            centers=found.centers,
-            constraints=found.constraints,
-            integrals_gradient=found.integrals_gradient,
-            parameters=found.parameters,
-            load_cases={load_case: found},
-        )
+        both = {each.name for each in fields(found)} & {each.name for each in fields(self)}
+        own = {name: getattr(found, name) for name in both}
+        return replace(self, **own, load_cases={load_case: found})
 
 
 def only_case(cases: Mapping[str, T], instead: str) -> T:

@@ -38,8 +38,7 @@ from ..objective import (
 from ..parallel import agreed_memory, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled, added
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
-from .load_cases import LoadCases, weighted
-from .parameters import apart, check_influence, parametric, shared
+from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
 from .spread import WORK, Job, adjoints, trajectories
 from .steps import checked_memory, chosen_again, chosen_before
 

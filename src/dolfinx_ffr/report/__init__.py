@@ -7,6 +7,6 @@ makes the page from the folder alone, at once or years later.
 
 from __future__ import annotations
 
-from .page import write_report as write_report
 from .record import recorded_warnings as recorded_warnings
 from .record import run_record as run_record
+from .sections import write_report as write_report

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from .drawing import Drawing, read_outline
-from .folder import data_uri
+from .folder import Row, Run, Table, data_uri
 from .numbers import NOTHING, Scale, fixed, percent, real
-from .run import Row, Run, Table
 
 #: Numbers of a material, with their units of SI
 _MATERIAL = {

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from .folder import Row, Run, Table, words
 from .numbers import NOTHING, Scale, fixed, percent, real
-from .run import Row, Run, Table, words
 
 #: Share by which a part may exceed a bound before the first sentence says so
 _BEYOND = 5e-3
