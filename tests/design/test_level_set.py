@@ -287,7 +287,8 @@ NO_LINE, NO_PLANE = (
     ("options", "message"),
     [
         ({"minimum_member": 0.05, "minimum_gap": 0.011}, "may differ by a factor of four"),
-        ({"spacing": 0.1}, "leaves fewer than 3 knots across the body"),
+        ({"spacing": 0.1}, "spacing is too large for the body .* fewer than 3 across it"),
+        ({"minimum_member": 5.0}, "minimum_member or minimum_gap is too large .* in metres"),
         ({"knots": np.zeros((5, 2))}, "two knots coincide"),
         ({"knots": scattered()[:200]}, "% of the body is beyond the reach of all knots"),
         ({"mirrors": [ffr.Mirror((0.2, 0.01), (0.0, 1.0))]}, NO_LINE),

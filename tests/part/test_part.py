@@ -153,7 +153,7 @@ def test_islands_are_left_out(comm: MPI.Comm) -> None:
 
 @pytest.mark.mpi
 def test_torn_design_is_refused(comm: MPI.Comm) -> None:
-    with pytest.raises(ValueError, match=r"no material connects the interfaces \{'left'\} and"):
+    with pytest.raises(ValueError, match=r"no material connects the interfaces 'left' with"):
         ffr.Part(rod(comm), lambda p: np.abs(p[:, 0] - 0.2) - 0.001, H)
 
 

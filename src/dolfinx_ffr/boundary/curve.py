@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix, lil_matrix
-from scipy.sparse.linalg import spsolve
+import shapely
+from scipy.sparse import csr_matrix
 
 from ..arrays import Array, Integers, Mask
 from ..fem import Spline
@@ -21,6 +21,8 @@ SMOOTHING = 1.0
 BENDS = 32
 #: Points to which a curve is fitted for each of its controls, at least
 _DENSE = 16
+#: Rounds in which a curve is kept where it may be, and by how much each of them overshoots
+_ROUNDS, _FURTHER = 40, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,21 +177,16 @@ class FreeCurve:
         t = np.linspace(0.0, 1.0, _DENSE * n, endpoint=not closed)
         x = np.column_stack([np.interp(t * length, along, ring[:, i]) for i in (0, 1)])
         shares = curve.rows(t * curve.spans)
-        bend = lil_matrix((n, n))
-        bend.setdiag(-2.0)
-        bend.setdiag(1.0, 1)
-        bend.setdiag(1.0, -1)
-        if closed:
-            bend[0, n - 1] = bend[n - 1, 0] = 1.0
-        else:
-            bend[0, :] = bend[n - 1, :] = 0.0
-        smooth = csr_matrix(bend)
-        matrix = (shares.T @ shares + SMOOTHING * _DENSE * (smooth.T @ smooth)).tocsc()
+        one = np.eye(n)
+        bend = np.roll(one, 1, axis=0) + np.roll(one, -1, axis=0) - 2.0 * one
+        if not closed:
+            bend[[0, -1]] = 0.0
+        matrix = (shares.T @ shares).toarray() + SMOOTHING * _DENSE * bend.T @ bend
         if closed:
             # smoothing shrinks what has few controls; a circle tells by how much
             angle = 2.0 * np.pi * t
             circle = np.column_stack([np.cos(angle), np.sin(angle)])
-            control = np.asarray(spsolve(matrix, shares.T @ np.hstack([x, circle])))
+            control = np.linalg.solve(matrix, shares.T @ np.hstack([x, circle]))
             radius = float(np.mean(np.linalg.norm(shares @ control[:, 2:], axis=1)))
             middle = np.mean(control[:, :2], axis=0)
             return curve.moved(middle + (control[:, :2] - middle) / radius)
@@ -197,5 +194,41 @@ class FreeCurve:
         control = np.zeros((n, 2))
         control[[0, -1]] = points[[0, -1]]
         right = (right - matrix @ control)[1:-1]
-        control[1:-1] = np.reshape(spsolve(matrix[1:-1, 1:-1], right), (-1, 2))
+        control[1:-1] = np.linalg.solve(matrix[1:-1, 1:-1], right)
         return curve.moved(control)
+
+
+def kept(
+    curve: FreeCurve, control: Array, room: shapely.Geometry, clear: shapely.Geometry, step: float
+) -> FreeCurve:
+    """The curve with these controls (n, 2), moved to the nearest places within ``room``.
+
+    It runs inside the polygon of its controls, so it may still cut into a convex solid, or leave
+    the body at a notch: points of it some ``step`` [m] apart that are not in ``clear``, but for
+    those at its ends, take their controls there.
+    """
+    for _ in range(_ROUNDS):
+        control = control + _ways(control, room)
+        found = curve.moved(np.where(curve.held[:, None], curve.control, control))
+        # as many in each span, so that mirror images stay alike
+        each = -(-len(found.sampled(step)) // found.spans)
+        s = np.arange(each * found.spans) / each
+        s = s if found.closed else s[(s > 1.0) & (s < found.spans - 1.0)]
+        ways = _ways(found.at(s), clear)
+        out = np.any(ways, axis=1)
+        if np.max(np.abs(ways), initial=0.0) < 0.01 * step:
+            break
+        shares = found.rows(s[out])
+        weight = np.maximum(shares.sum(axis=0).A1, 1e-300)
+        control = found.control + _FURTHER * (shares.T @ ways[out]) / weight[:, None]
+    return found
+
+
+def _ways(points: Array, room: shapely.Geometry) -> Array:
+    """From points (n, 2) outside a region to the nearest place in it, zero from others [m]."""
+    found, given = np.zeros_like(points), shapely.points(points)
+    out = np.flatnonzero(~shapely.contains(room, given))
+    if len(out):
+        ends = shapely.get_coordinates(shapely.shortest_line(room, given[out])).reshape(-1, 2, 2)
+        found[out] = ends[:, 0] - ends[:, 1]
+    return found

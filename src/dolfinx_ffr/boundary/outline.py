@@ -26,7 +26,7 @@ from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
 from ..fem import Curve, Domain, Drawing, Face, connected, polygon
 from ..part import Part, PartWarning
-from .curve import FreeCurve
+from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
 from .spurs import spurs
 from .symmetry import fitted
@@ -46,6 +46,8 @@ _BAR = 0.55
 #: Distance of the controls from what must stay solid, in minimum members: what they leave there is
 #: no member, as it is one piece with the solid
 _OFF_SOLID = 0.25
+#: That of curves, and of the points at which it is looked at: corners of solids stay between none
+_CLEAR = 0.05
 #: Smallest radius by default, in minimum gaps: that of the narrowest round hole
 _RADIUS = 0.5
 #: How far around a spur its curve is drawn anew, in minimum members, and points of a curve at least
@@ -233,14 +235,13 @@ class Boundary:
     def moved(self, offsets: Array) -> Boundary:
         """The boundary with its controls moved by ``offsets`` (controls,) along their normals [m].
 
-        They are kept where they may be.
+        They and their curves are kept where they may be.
         """
-        free = {}
+        free, clear = {}, self._off_solid(_CLEAR)
         for key, curve in self.free.items():
             part = slice(self.first[key], self.first[key] + len(curve.control))
             control = curve.control + offsets[part, None] * self.normals[part]
-            kept = _kept(control, self._inner)
-            free[key] = curve.moved(np.where(curve.held[:, None], curve.control, kept))
+            free[key] = kept(curve, control, self._inner, clear, _CLEAR * self.member)
         return replace(self, free=free)
 
     def ways(self, reach: float) -> Array:
@@ -261,11 +262,15 @@ class Boundary:
 
     @cached_property
     def _inner(self) -> shapely.Geometry:
-        """Where controls may be that are no ends: off what must stay solid."""
+        """Where controls may be that are no ends."""
+        return self._off_solid(_OFF_SOLID)
+
+    def _off_solid(self, distance: float) -> shapely.Geometry:
+        """The body without what is near what must stay solid, in minimum members."""
         solid = shapely.MultiPolygon(
             [self._polygon(loops) for group, loops in self.faces if group == "solid"]
         )
-        return self.room.difference(solid.buffer(_OFF_SOLID * self.member))
+        return self.room.difference(solid.buffer(distance * self.member))
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
         fine = _FINE * self.member
@@ -603,14 +608,3 @@ class Boundary:
 
 def _is_hole(loop: Sequence[Side], holes: set[int]) -> bool:
     return loop[0].free and loop[0].number in holes
-
-
-def _kept(points: Array, room: shapely.Geometry) -> Array:
-    """Points, those outside a region moved to the nearest place in it."""
-    found = points.copy()
-    given = shapely.points(points)
-    out = np.flatnonzero(~shapely.contains(room, given))
-    if len(out):
-        ways = shapely.get_coordinates(shapely.shortest_line(room, given[out])).reshape(-1, 2, 2)
-        found[out] = ways[:, 0]
-    return found

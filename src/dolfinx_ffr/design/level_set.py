@@ -154,9 +154,11 @@ class LevelSet(Design):
         # halves are rounded up, whatever the order in which the ranks add up the area
         counts = np.floor((high - low) / wanted + 0.5 + ROUND_OFF).astype(int) + 1
         if counts.min() < 3:
+            by = "spacing" if spacing is not None else "minimum_member or minimum_gap"
             raise ValueError(
-                f"level set: spacing = {wanted:.4g} m leaves fewer than 3 knots across the body of "
-                f"{' x '.join(f'{size:.4g} m' for size in high - low)}; take a smaller one"
+                f"level set: {by} is too large for the body of "
+                f"{' x '.join(f'{size:.4g} m' for size in high - low)}, as knots {wanted:.4g} m "
+                "apart leave fewer than 3 across it; take a smaller one, in metres"
             )
         count = math.prod(map(float, counts))
         with on_every_rank(domain.comm, "level set"):
@@ -213,7 +215,8 @@ class LevelSet(Design):
         if min(sizes) < SIZES * max(sizes):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
-                " may differ by a factor of four at most; raise the smaller one"
+                " may differ by a factor of four at most; raise the smaller one, or take smaller "
+                "elements, from which a size follows that is not given"
             )
         return sizes
 

@@ -156,10 +156,11 @@ def attached(
     for i in np.unique(pairs[:, 0]):
         groups.setdefault(int(label[i]), []).append(repr(names[i]))
     if len(groups) > 1:
-        shown = " and ".join("{" + ", ".join(group) + "}" for group in groups.values())
+        shown = " with ".join(" and ".join(group) for group in groups.values())
         raise ValueError(
-            f"part: no material connects the interfaces {shown}; the design is torn, or too thin "
-            "for the distance at which the field is given (take a design with thicker members)"
+            f"part: no material connects the interfaces {shown}; the design is torn, gray, or "
+            "too thin for the distance at which the field is given (more iterations, thicker "
+            "members)"
         )
     if len(stay) > 1:
         said.append(
