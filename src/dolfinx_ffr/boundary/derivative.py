@@ -12,8 +12,8 @@ from ..arrays import Array, Integers, Mask
 from ..fem import Domain, gathered_nodes, laplace
 from .outline import Boundary
 
-#: Middles of the sides of a triangle of order 2 and the ends of these sides, by local number
-_SIDES = ((3, (1, 2)), (4, (0, 2)), (5, (0, 1)))
+#: Ends and middles of the sides of a triangle of order 2, by local number
+_ENDS, _MIDDLES = ([1, 2], [0, 2], [0, 1]), (3, 4, 5)
 #: Distance of a node from a curve on which it lies, in minimum members
 _ON = 1e-5
 
@@ -27,7 +27,7 @@ class NodeMotion:
 
     Args:
         boundary: That of the mesh.
-        domain: Of triangles of order 1 or 2.
+        domain: Of triangles of order 2.
     """
 
     def __init__(self, boundary: Boundary, domain: Domain) -> None:
@@ -35,26 +35,21 @@ class NodeMotion:
         self.n_controls = boundary.n_controls
         x, cells, self._numbers = gathered_nodes(domain)
         self._count = len(x)
-        self._middles = np.zeros(0, dtype=np.int64)
-        self._ends = np.zeros((0, 2), dtype=np.int64)
         if domain.comm.rank == 0:
             self._prepare(boundary, x, cells)
 
     def _prepare(self, boundary: Boundary, x: Array, cells: Integers) -> None:
         corners = cells[:, :3]
-        sides = np.concatenate([corners[:, [1, 2]], corners[:, [0, 2]], corners[:, [0, 1]]])
+        sides = np.concatenate([cells[:, ends] for ends in _ENDS])
         key = np.sort(sides, axis=1) @ np.array([len(x), 1])
         _, first, count = np.unique(key, return_index=True, return_counts=True)
         outer = sides[first[count == 1]]
         edge = np.unique(outer)
-        candidates = edge
-        if cells.shape[1] == 6:
-            middles = np.concatenate([cells[:, local] for local, _ in _SIDES])[first]
-            candidates = np.concatenate([edge, middles[count == 1]])
+        middles = np.concatenate([cells[:, local] for local in _MIDDLES])[first]
+        candidates = np.concatenate([edge, middles[count == 1]])
         self._follow, on = _followers(boundary, x, candidates)
-        if cells.shape[1] == 6:
-            loose = ~on[middles]
-            self._middles, self._ends = middles[loose], sides[first][loose]
+        loose = ~on[middles]
+        self._middles, self._ends = middles[loose], sides[first][loose]
         self._edge = edge
         inside = np.zeros(len(x), dtype=bool)
         inside[np.unique(corners)] = True

@@ -11,6 +11,7 @@ import shapely
 
 from ..arrays import Array
 from ..fem import Drawing
+from .spurs import cross
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def _faces(
     """Loops around designed regions, counterclockwise, each with the holes in it, clockwise."""
     # runs that go on along a solid region go back there
     shapes = [shapely.Polygon(points).buffer(0.0) for _, points in loops]
-    outer = [k for k, (_, points) in enumerate(loops) if _signed_area(points) > 0.0]
+    outer = [k for k, (_, x) in enumerate(loops) if np.sum(cross(x, np.roll(x, -1, axis=0))) > 0.0]
     within: dict[int, list[int]] = {k: [] for k in sorted(outer, key=lambda k: shapes[k].area)}
     for k, (_, points) in enumerate(loops):
         if k not in within:
@@ -164,12 +165,6 @@ def _faces(
             within[around].append(k)
     for k in outer:
         yield "design", tuple(loops[j][0] for j in (k, *within[k]))
-
-
-def _signed_area(points: Array) -> float:
-    """Of a polygon (n, 2), positive where it is counterclockwise [m^2]."""
-    x, y = points.T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 class _Ends:

@@ -52,16 +52,17 @@ def _enclosed(x: Array, closed: bool, member: float) -> Iterator[tuple[float, sh
         x = np.vstack([x, x])
     steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    swept = np.concatenate([[0.0], np.cumsum(0.5 * _cross(x[:-1], x[1:]))])
+    swept = np.concatenate([[0.0], np.cumsum(0.5 * cross(x[:-1], x[1:]))])
     i, j = pairs.T
     around = along[j] - along[i]
     width = np.linalg.norm(x[j] - x[i], axis=1)
-    area = swept[j] - swept[i] + 0.5 * _cross(x[j], x[i])
+    area = swept[j] - swept[i] + 0.5 * cross(x[j], x[i])
     spur = (around > np.maximum(_LONG * width, _AROUND * member)) & (area > 0.0)
     spur &= 2.0 * area < _WIDE * member * around
     for k in np.flatnonzero(spur)[np.argsort(-around[spur], kind="stable")]:
         yield float(around[k]), shapely.Polygon(x[i[k] : j[k] + 1])
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
+    """The cross products of vectors (n, 2)."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -89,7 +89,6 @@ class Surface:
     """
 
     normals: Array
-    specks: tuple[()] = ()
     holes: tuple[()] = ()
     material = None
 

@@ -13,7 +13,6 @@ recognised, also of straight cells with vertices on a circle; other curved sides
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from copy import copy
@@ -41,8 +40,8 @@ from ..fem import (
     polygon,
 )
 from ..parallel import on_rank_0
-from .boundary import boundary
-from .cut import Lattice, cut
+from .boundary import Side, boundary
+from .cut import DESIGN, VOID, Lattice, cut
 from .export import Sheet, write
 from .field import Field, evaluated
 from .pieces import Piece, attached, drawing, outlines, pieces
@@ -168,11 +167,13 @@ class Part(Enclosed):
         made = copy(self)
         for name in ("_moments", "polygon", "thinnest_member", "narrowest_gap"):
             made.__dict__.pop(name, None)
-        around = outer_loops(drawing)
-        curves = [[curve for curve, _ in loop] for loop in around]
-        names = [[name for _, name in loop] for loop in around]
-        made.drawing, made.outlines = drawing, [curves]
-        found = replace(self._found, drawing=drawing, outlines=[curves], interfaces=[names])
+        number = {name: i for i, name in enumerate(self.body.interfaces)}
+        each = zip(drawing.curves, drawing.nodes, drawing.groups, strict=True)
+        sides = [Side(c, ends, DESIGN, VOID, number.get(n, -1), False) for c, ends, n in each]
+        whole = Piece([], drawing.faces, frozenset(), 0.0, np.zeros(2))
+        around, names = _curves_of(sides, [whole], self.accuracy, list(number))
+        made.drawing, made.outlines = drawing, around
+        found = replace(self._found, drawing=drawing, outlines=around, interfaces=names)
         made._found = replace(found, loose=[], deviation=0.0, left_out="")
         # the curves are exact; the field that they came from is another one
         made.field = lambda x: 2.0 * shapely.contains_xy(made.polygon, *np.transpose(x)) - 1.0
@@ -339,30 +340,6 @@ def _notches(ring: Array) -> tuple[Array, Array]:
     return ring[bent], side[bent] / -angle[bent]
 
 
-def outer_loops(drawing: Drawing) -> list[list[tuple[Curve, str]]]:
-    """The loops around all faces of one piece, the outer one first, each curve with its interface.
-
-    The material is on their left.
-    """
-    walked = [each for face in drawing.faces for loop in face.loops for each in loop]
-    uses, sides = Counter(i for i, _ in walked), {}
-    for i, forward in walked:
-        if uses[i] == 1:
-            start, end = drawing.nodes[i] if forward else drawing.nodes[i][::-1]
-            curve = drawing.curves[i] if forward else drawing.curves[i].reversed()
-            sides[start] = end, (curve, drawing.groups[i])
-    found = []
-    while sides:
-        first = node = next(iter(sides))
-        loop_found = []
-        while node in sides:
-            node, side = sides.pop(node)
-            loop_found.append(side)
-        assert node == first
-        found.append(loop_found)
-    return sorted(found, key=lambda loop: -float(enclosed([curve for curve, _ in loop])[0]))
-
-
 def _find(
     lattice: Lattice | None,
     field: Field,
@@ -388,13 +365,7 @@ def _find(
     left = lengths(segments.points[segments.ends], of)
     stay, left_out, said = attached(found, before, left)
 
-    def curves_of(kept: Sequence[Piece]) -> tuple[Outlines, list[list[list[str]]]]:
-        """The outlines of pieces, and the interface of each curve."""
-        bounds, known = outlines(sides, kept, accuracy), [*names, ""]  # -1 for none
-        curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
-        return curves, [[[known[s.interface] for s in loop] for loop in ls] for ls in bounds]
-
-    around, interfaces = curves_of(stay)
+    around, interfaces = _curves_of(sides, stay, accuracy, names)
     alone = [piece for piece in found if not piece.interfaces]
     on_field = [sides[i].curve for piece in stay for i in piece.sides if sides[i].field]
     return _Found(
@@ -405,10 +376,22 @@ def _find(
         deviation=_deviation(on_field, field, spacing),
         left_out=left_out,
         warnings=said,
-        loose=[LoosePiece(p.area, p.center, curves_of([p])[0][0]) for p in alone],
+        loose=[
+            LoosePiece(p.area, p.center, _curves_of(sides, [p], accuracy, names)[0][0])
+            for p in alone
+        ],
         lost=[name for name, length in left.items() if length == 0.0],
         crossing=_crossing(around, _CROSSING * spacing),
     )
+
+
+def _curves_of(
+    sides: Sequence[Side], kept: Sequence[Piece], accuracy: float, names: Sequence[str]
+) -> tuple[Outlines, list[list[list[str]]]]:
+    """The outlines of pieces, and the interface of each curve."""
+    bounds, known = outlines(sides, kept, accuracy), [*names, ""]  # -1 for none
+    curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
+    return curves, [[[known[s.interface] for s in loop] for loop in ls] for ls in bounds]
 
 
 def _polygons(around: Outlines, accuracy: float) -> shapely.MultiPolygon:
