@@ -267,7 +267,7 @@ def test_small_holes_are_tried_without() -> None:
     given = Boundary.of(ffr.Part(boundary.body, pocketed, 0.01), MEMBER)
     assert len(given.holes) == len(boundary.holes) + 1
     ((without, count, making),) = InThePlane().simpler(given, {}, {})
-    assert count == 1 and making == 1e-3  # psi may rise by as much
+    assert count == 1 and making == 2e-3  # psi may rise by as much
     assert len(without.holes) == len(boundary.holes)
     assert not list(InThePlane().simpler(boundary, {}, {}))
 
@@ -525,7 +525,7 @@ def test_steps_go_on_where_they_were_ended(
 
     monkeypatch.setattr(StepsCheckpoint, "save", kept_too)
     whole, steps = run(), list(saved)
-    assert steps[1][0].known.shape[:2] == (2, 2)
+    assert steps[1][0].known.shape[:2] == (2, 3)  # a slide of struts is one of them
     save_checkpoint(domain.comm, path, steps[1][1])
     rest = run(resume=True)
     assert len(saved) == 2 * len(steps) - 2  # those before are not made again

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from slider_crank import reference_problem
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import Boundary
+from dolfinx_ffr.boundary import Boundary, slides
 from dolfinx_ffr.optimization import move_boundary
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -58,6 +58,10 @@ def test_a_void_that_needs_struts_gets_them() -> None:
     psi, inserted = result.history["psi"], result.history["inserted"]
     assert inserted[1] > 0 and np.sum(inserted) == inserted[1]
     assert len(result.boundary.holes) > 3 and psi[1] < 0.8 * psi[0] and result.psi < psi[1]
-    control = np.vstack([curve.control for curve in result.boundary.free.values()])
-    for line in lines:
-        assert np.max(cKDTree(control).query(line.reflection(control))[0]) < 1e-12
+    # crossings slide along the rod, and across it where they have an image
+    motions = slides(end := result.boundary)
+    assert len(motions) and np.max(np.abs(motions), axis=(1, 2)) == pytest.approx(1.0)
+    for motion in (0.0 * motions[0], *motions):
+        control = np.vstack([c.control for c in end.slid(MEMBER * motion).free.values()])
+        for line in lines:
+            assert np.max(cKDTree(control).query(line.reflection(control))[0]) < 1e-12

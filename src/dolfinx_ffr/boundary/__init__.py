@@ -10,6 +10,7 @@ from .kinds import InThePlane as InThePlane
 from .kinds import Kind as Kind
 from .outline import Boundary as Boundary
 from .sizes import Rows as Rows
+from .slide import slides as slides
 from .step import best_step as best_step
 from .step import curvature as curvature
 from .step import secants as secants

@@ -36,7 +36,7 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
 _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 #: By which share of psi each small hole must lower it to be worth its making
-_MAKING = 1e-3
+_MAKING = 2e-3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
@@ -140,6 +140,8 @@ class InThePlane(Kind[Boundary]):
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
+        if not boundary.valid:
+            raise ValueError("boundary: curves cross")
         across = _ACROSS
         if turn == math.inf:
             across *= _LARGER
@@ -191,11 +193,9 @@ class InThePlane(Kind[Boundary]):
     def braced(self, boundary: Boundary, struts: Struts) -> Iterator[tuple[Boundary, int, float]]:
         for ends in missing(boundary, struts):
             try:
-                found = boundary.braced(ends)
+                yield boundary.braced(ends), 1, 0.0
             except ValueError:
                 continue
-            if found.valid:
-                yield found, 1, 0.0
 
     def carried(self, boundary: Boundary, struts: Struts) -> Costs:
         domain, found = struts.domain, {}
@@ -210,9 +210,8 @@ class InThePlane(Kind[Boundary]):
         self, boundary: Boundary, costs: Costs, carried: Costs
     ) -> Iterator[tuple[Boundary, int, float]]:
         """Without small holes, crowds of controls, what ends free, idle struts and dear ones."""
-        small = [boundary.specks, *boundary.pockets[:_TRIED]]
-        for holes in small:
-            if holes and len(holes) < len(boundary.holes):
+        for holes in boundary.pockets[:_TRIED]:
+            if len(holes) < len(boundary.holes):
                 yield boundary.without(holes), len(holes), _MAKING * len(holes)
         every, crowded = set(boundary.holes), boundary.crowded
         dear = [pair for pair, cost in costs.items() if cost > _PRICE and every.issuperset(pair)]
@@ -228,9 +227,8 @@ class InThePlane(Kind[Boundary]):
                 found = without(what)
             except ValueError:
                 continue
-            if found.valid:
-                fewer = len(boundary.holes) - len(found.holes)
-                yield found, max(fewer, int(what is not crowded)), 0.0
+            fewer = len(boundary.holes) - len(found.holes)
+            yield found, max(fewer, int(what is not crowded)), 0.0
 
 
 def _area(boundary: Boundary) -> tuple[float, Array]:

@@ -35,7 +35,7 @@ from .symmetry import fitted
 _FINE = 5e-3
 #: Area of the smallest hole, and of the smallest that is not tried without, in squares of the
 #: minimum member
-_SPECK, _POCKET = 5.0, 20.0
+_SPECK, _POCKET = 5.0, 30.0
 #: How far from the strut between them holes that are joined are made convex, so that no noses stay,
 #: and half the widths of bays that go and of bays that are filled then, in minimum members
 _CONVEX, _BETWEEN, _OPENED = 3.0, 0.9, 0.5
@@ -233,14 +233,15 @@ class Boundary:
         return csr_matrix((coo.data, where), (rows.shape[0], self.n_controls))
 
     def moved(self, offsets: Array) -> Boundary:
-        """The boundary with its controls moved by ``offsets`` (controls,) along their normals [m].
+        """The same with its controls moved by ``offsets`` (controls,) along their normals [m]."""
+        return self.slid(offsets[:, None] * self.normals)
 
-        They and their curves are kept where they may be.
-        """
+    def slid(self, motion: Array) -> Boundary:
+        """The same with a ``motion`` of its controls, (controls, 2) [m], kept where they may be."""
         free, clear = {}, self._off_solid(_CLEAR)
         for key, curve in self.free.items():
             part = slice(self.first[key], self.first[key] + len(curve.control))
-            control = curve.control + offsets[part, None] * self.normals[part]
+            control = curve.control + motion[part]
             free[key] = kept(curve, control, self._inner, clear, _CLEAR * self.member)
         return replace(self, free=free)
 
@@ -540,11 +541,6 @@ class Boundary:
         return shapely.Polygon(curve.at(curve.sampled(_STEP * self.member)))
 
     @property
-    def specks(self) -> list[int]:
-        """The numbers of holes that are too small to be kept."""
-        return self._below(_SPECK)
-
-    @property
     def pockets(self) -> list[list[int]]:
         """Holes that may not be worth their making, each with its images, the smallest first."""
         holes = {key: self.hole(key) for key in self._below(_POCKET)}
@@ -563,7 +559,7 @@ class Boundary:
 
     def _without_specks(self) -> Boundary:
         """Without holes that are too small, which is warned of."""
-        specks = self.specks
+        specks = self._below(_SPECK)
         if not specks:
             return self
         centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]

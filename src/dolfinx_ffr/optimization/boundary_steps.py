@@ -26,7 +26,7 @@ from .enough_modes import EVERY
 from .result import BoundaryResult, ranks_of
 from .running import interruptible, warnings_above
 from .steps_checkpoint import Learnt, StepsCheckpoint
-from .topology import GONE, changed
+from .topology import GONE, changed, shifted
 
 #: First step, in minimum members, and factor of the reach after one that is better
 _FIRST, _LONGER = 0.5, 1.2
@@ -65,9 +65,9 @@ def move_boundary(
     to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
     gaps and radii are linear constraints of the step. Before the first step and every fifth one
     after it, and where no step is better, struts are inserted across holes of a body in the plane
-    if psi falls by them, and struts that carry little or cost more than they carry, and holes that
-    close, are tried without. Every five steps normal modes are added where they do not suffice.
-    Ctrl-C ends the run after the step at hand.
+    if psi falls by them, struts that carry little or cost more than they carry, and small holes,
+    are tried without, and crossings slide as a whole. Every five steps normal modes are added where
+    they do not suffice. Ctrl-C ends the run after the step at hand.
 
     The result is told by finer meshes. Where these exceed a bound that those of the steps keep, it
     is tightened by the difference, and four more steps follow, up to three times.
@@ -212,6 +212,10 @@ def _descended(
                     if trial is not before:
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
                         secants = NONE
+                    before, old = trial, slopes
+                    trial, slopes = shifted(descent, trial, slopes, there.of_bounds, weight)
+                    if trial is not before:
+                        secants = descent.secants(secants, before, old, trial)
                 while found is None and reach >= pace.shortest:
                     step = descent.step(trial, slopes, reach, secants)
                     weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))

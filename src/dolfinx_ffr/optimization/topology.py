@@ -7,11 +7,15 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ..boundary import Costs
+import numpy as np
+from scipy.linalg import block_diag
+
+from ..arrays import Array
+from ..boundary import Boundary, Costs, slides
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from ..reduction import Struts
-from .descent import Descent, Step, Trial
+from .descent import Descent, Slopes, Step, Trial
 
 #: Fall of log psi at least for which a strut is inserted, rise up to which one, or a hole, goes,
 #: and where no step is better otherwise
@@ -20,6 +24,9 @@ _WORTH, GONE, _STUCK = 1e-3, 5e-4, 2e-3
 _STIFF = 0.1
 #: How often struts are inserted, and things go, between two steps
 _MOST = 8
+#: First slide of crossings, the slope of log psi at least for which it is tried, and the longest
+#: one, in minimum members
+_SLIDE, _SLOPE, _FARTHEST = 1.0, 1e-4, 4.0
 
 
 def changed(
@@ -126,3 +133,46 @@ def _simpler(
         _, trial, fewer = min([there, *found], key=lambda each: each[0])
         removed += fewer
     return trial, removed
+
+
+def shifted(
+    descent: Descent, trial: Trial, slopes: Slopes, of_bounds: Array, weight: float
+) -> tuple[Trial, Slopes]:
+    """With crossings of struts slid to where psi is lower, and the slopes there; collective.
+
+    A first slide tells the curvature along each, and a second one goes by that.
+    """
+    boundaries = {n: b for n, b in trial.boundaries.items() if isinstance(b, Boundary)}
+    motions = {n: slides(b) for n, b in boundaries.items()}
+    if descent.turn < math.inf or not any(map(len, motions.values())):
+        return trial, slopes
+    by_masters = [
+        np.einsum("skd,kd->sk", motions[n], b.normals) @ b.shares / b.shares.sum(axis=0).A1
+        for n, b in boundaries.items()
+    ]
+    ways, ends = block_diag(*by_masters), np.cumsum(list(map(len, by_masters)))[:-1]
+
+    def along(found: Slopes) -> Array:
+        bounds = found.slopes[len(found.values) - found.bounds :]
+        return np.asarray(ways @ (found.psi + of_bounds @ bounds))
+
+    def slid(lengths: Array) -> Trial | None:
+        each = zip(boundaries.items(), np.split(lengths, ends), strict=True)
+        there = {n: b.slid(b.member * np.tensordot(own, motions[n], 1)) for (n, b), own in each}
+        try:
+            return descent.tried({**trial.boundaries, **there})
+        except (ValueError, SimulationError):
+            return None
+
+    slope = along(slopes)
+    lengths = np.where(np.abs(slope) > _SLOPE, -_SLIDE * np.sign(slope), 0.0)
+    first = slid(lengths) if np.any(lengths) else None
+    if first is None:
+        return trial, slopes
+    there = descent.slopes(first)
+    bends = (along(there) - slope) * lengths / _SLIDE**2
+    second = slid(-slope * (lengths != 0.0) / np.maximum(bends, np.abs(slope) / _FARTHEST + 1e-12))
+    best = min(trial, first, second or trial, key=lambda each: each.carries(weight))
+    if best is second:
+        return second, descent.slopes(second)
+    return (first, there) if best is first else (trial, slopes)
