@@ -37,8 +37,10 @@ from .nodes import MeshNodes, add_ghosts
 Block = Array
 #: Fields on the nodes of each cell, shape (cells, nodes, dimension, columns)
 CellFields = Array
-#: Rows of blocks that are multiplied at a time
-ROWS = 4096
+#: Rows of blocks that are multiplied at a time, and columns that are taken to cells
+ROWS, COLUMNS = 4096, 32
+#: Pairs of fields for each dof of a cell from which on their products are summed first
+SUMMED = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +96,7 @@ class Elasticity:
         # one pair of fields for the mass and one for the stiffness: the number of modes does not
         # enter the compiled form
         self._fields = [fem.Function(space) for _ in range(4)]
-        w, y, phi, kappa = self._fields
-        self._pairing = (self._mass_density(w, y) + self._stiffness_density(phi, kappa)) * dx
-        self._gradient_form = self.density_form(self._pairing)
+        self._gradient_form = self.density_form(self._pairing(*self._fields))
         index_map = space.dofmap.index_map
         #: Displacements of a node: 2 in the plane, 3 in space
         self.dimension = domain.dimension
@@ -116,6 +116,9 @@ class Elasticity:
 
     def _mass_density(self, a: Expr, b: Expr) -> Expr:
         return self._factors[1] * self._bound.density * ufl.inner(a, b)
+
+    def _pairing(self, w: Expr, y: Expr, phi: Expr, kappa: Expr) -> ufl.Form:
+        return (self._mass_density(w, y) + self._stiffness_density(phi, kappa)) * self._dx
 
     def __reduce__(self) -> tuple[type[Elasticity], tuple[Any, ...]]:
         """Pickle and copy make it anew: forms and matrices cannot be handed on."""
@@ -173,8 +176,26 @@ class Elasticity:
         return MeshNodes(self.domain.space)
 
     @cached_property
+    def cell_space(self) -> Any:
+        """The displacements' space but that cells share no dofs."""
+        domain = self.domain
+        return _compat.function_space(domain.mesh, "DG", domain.order, (self.dimension,))
+
+    @cached_property
+    def _cell_dofs(self) -> Integers:
+        """Where the dofs of this rank's cells stand in a field of `cell_space`, cell by cell."""
+        nodes = _compat.dofmap_array(self.cell_space)[: self.domain.n_cells, :, None]
+        return (self.dimension * nodes.astype(np.int64) + np.arange(self.dimension)).ravel()
+
+    @cached_property
     def _node_form(self) -> fem.Form:
-        return self.nodes.form(self._pairing)
+        return self.nodes.form(self._pairing(*self._fields))
+
+    @cached_property
+    def _sums_form(self) -> tuple[fem.Form, list[fem.Function]]:
+        """The same of four fields of `cell_space`, and these fields."""
+        fields = [fem.Function(self.cell_space) for _ in range(4)]
+        return self.nodes.form(self._pairing(*fields)), fields
 
     @cached_property
     def _areas_form(self) -> fem.Form:
@@ -199,9 +220,13 @@ class Elasticity:
         if phi.shape[1] > w.shape[1]:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         self.set_density(x)
+        dofs = self.dimension * self.cell_space.dofmap.dof_layout.num_dofs
+        if nodes is not None and w.shape[1] > SUMMED * dofs:
+            self._add_node_sums(nodes, w, y, phi, kappa)
+            nodes = None
         # a new vector for each pair of fields would mean new communicators
         total = self.cell_zeros()
-        for a in range(w.shape[1]):
+        for a in range(w.shape[1] if cells or nodes is not None else 0):
             self.set(self._fields[0], w[:, a])
             self.set(self._fields[1], y[:, a])
             if a < phi.shape[1]:
@@ -215,6 +240,27 @@ class Elasticity:
                 fem.assemble_vector(nodes, self._node_form)
         return total[: self.domain.n_cells]
 
+    def _add_node_sums(self, nodes: Array, *pairs: Block) -> None:
+        """Add the derivative of the sum of `density_gradient` to ``nodes``, by sums of products.
+
+        At a cell of n dofs the products of all pairs are the n columns of a matrix with unit ones.
+        """
+        form, fields = self._sums_form
+        mass, stiffness = self._products(*pairs[:2]), self._products(*pairs[2:])
+        for i, unit in enumerate(np.eye(mass.shape[1])):
+            parts = unit, mass[:, i], unit, stiffness[:, i]
+            for field_, values in zip(fields, parts, strict=True):
+                self.set_cells(field_, values)
+            fem.assemble_vector(nodes, form)
+
+    def _products(self, a: Block, b: Block) -> Array:
+        """Sums over the columns of two blocks of their products at cells, (cells, dofs, dofs)."""
+        total: Array = np.zeros(())
+        for first in range(0, a.shape[1], COLUMNS):
+            left, right = (self._flat(each[:, first : first + COLUMNS]) for each in (a, b))
+            total = total + left @ right.swapaxes(1, 2)
+        return total
+
     def cell_derivatives(self, x: Array, w: Block, phi: Block) -> tuple[CellFields, CellFields]:
         """(dM/dx_e) w_a and (dK/dx_e) phi_i on the nodes of element e, for every element.
 
@@ -223,33 +269,41 @@ class Elasticity:
         with nodes as in the space's dofmap.
         """
         self.set_density(x)
-        space, of_mass, of_stiffness = self._cell_forms
-        nodes = _compat.dofmap_array(space)[: self.domain.n_cells]
-        return self._on_cells(nodes, w, 0, of_mass), self._on_cells(nodes, phi, 2, of_stiffness)
+        of_mass, of_stiffness = self._cell_forms
+        return self._forces_on_cells(w, 0, of_mass), self._forces_on_cells(phi, 2, of_stiffness)
 
     @cached_property
-    def _cell_forms(self) -> tuple[Any, fem.Form, fem.Form]:
-        """A space whose cells share no dofs, and each form's derivative tested with it."""
-        domain = self.domain
-        space = _compat.function_space(domain.mesh, "DG", domain.order, (self.dimension,))
-        test, unit = ufl.TestFunction(space), fem.Function(domain.density_space)
+    def _cell_forms(self) -> list[fem.Form]:
+        """Each form's derivative, tested with fields whose cells share no dofs."""
+        test, unit = ufl.TestFunction(self.cell_space), fem.Function(self.domain.density_space)
         unit.x.array[:] = 1.0
-        forms = [
+        return [
             fem.form(ufl.derivative(density(field, test) * self._dx, self._density, unit))
             for density, field in (
                 (self._mass_density, self._fields[0]),
                 (self._stiffness_density, self._fields[2]),
             )
         ]
-        return space, *forms
 
     def at_cells(self, block: Block) -> CellFields:
-        """The fields of a ``block`` on the nodes of each cell owned by this rank."""
+        """The fields of a ``block`` on the nodes of each cell owned by this rank; collective."""
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
-        return self._on_cells(nodes, block, 0)
+        return self.with_ghosts(block).reshape(-1, self.dimension, block.shape[1])[nodes]
+
+    def _flat(self, block: Block) -> Array:
+        """`at_cells` of a ``block``, shape (cells, dofs, columns)."""
+        local = self.at_cells(block)
+        return local.reshape(len(local), local.shape[1] * local.shape[2], block.shape[1])
+
+    def set_cells(self, function: fem.Function, values: Array) -> None:
+        """Give a ``function`` of `cell_space` values (cells, dofs), or (dofs,) at every cell."""
+        shape = self.domain.n_cells, len(self._cell_dofs) // max(self.domain.n_cells, 1)
+        function.x.array[self._cell_dofs] = np.broadcast_to(values, shape).ravel()
 
     def with_ghosts(self, block: Block) -> Block:
         """The fields of a ``block`` at the nodes of this rank and its ghosts; collective."""
+        if self.comm.size == 1:
+            return np.ascontiguousarray(block)
         own = self._fields[0]
         result = np.empty((len(own.x.array), block.shape[1]))
         for i, column in enumerate(block.T):
@@ -257,15 +311,13 @@ class Elasticity:
             result[:, i] = own.x.array
         return result
 
-    def _on_cells(
-        self, nodes: NDArray[np.int32], block: Block, number: int, form: fem.Form | None = None
-    ) -> CellFields:
-        """Each column as a field of the forms at ``nodes``, or what a ``form`` of it is there."""
-        result, own = np.empty((*nodes.shape, self.dimension, block.shape[1])), self._fields[number]
+    def _forces_on_cells(self, block: Block, number: int, form: fem.Form) -> CellFields:
+        """What one of the `_cell_forms` of each column is, as the field of a ``number``."""
+        nodes = _compat.dofmap_array(self.cell_space)[: self.domain.n_cells]
+        result = np.empty((*nodes.shape, self.dimension, block.shape[1]))
         for i, column in enumerate(block.T):
-            self.set(own, column)
-            values = own.x.array if form is None else fem.assemble_vector(form).array
-            result[..., i] = values.reshape(-1, self.dimension)[nodes]
+            self.set(self._fields[number], column)
+            result[..., i] = fem.assemble_vector(form).array.reshape(-1, self.dimension)[nodes]
         return result
 
     def from_cells(self, cells: Integers, columns: Iterable[Array]) -> Block:

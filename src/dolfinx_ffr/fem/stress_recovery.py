@@ -55,19 +55,18 @@ class StressRecovery:
             vertices = _compat.cell_geometry(domain.mesh)[: domain.n_cells, : len(corners)]
             self.points = domain.mesh.geometry.x[vertices][:, :, :d]
             self.weights = self.weights @ self._shares.T
-        # in a space whose cells share no nodes, all cells have the same displacement at once
-        space = _compat.function_space(domain.mesh, "DG", domain.order, (d,))
-        displacement = fem.Function(space)
+        # as cells share no dofs, all have the same displacement at once
+        displacement = fem.Function(elasticity.cell_space)
         stress = material.on(domain.mesh).stress(displacement)
         evaluate = _compat.compiled_expression(
             ufl.as_vector([stress[i, j] for i, j in COMPONENTS[d]]), reference, domain.mesh
         )
-        cells, nodes = np.arange(domain.n_cells, dtype=np.int32), _compat.dofmap_array(space)
+        cells = np.arange(domain.n_cells, dtype=np.int32)
         rows = len(COMPONENTS[d]) * len(self._continued)
-        found = np.empty((len(cells), rows, d * nodes.shape[1]))
-        for i in range(found.shape[2]):
-            displacement.x.array[:] = 0.0
-            displacement.x.array[d * nodes[:, i // d] + i % d] = 1.0
+        unit = np.eye(d * elasticity.cell_space.dofmap.dof_layout.num_dofs)
+        found = np.empty((len(cells), rows, len(unit)))
+        for i, values in enumerate(unit):
+            elasticity.set_cells(displacement, values)
             sampled = evaluate(cells)
             found[..., i] = (self._continued @ sampled).reshape(len(cells), -1)
         #: Map of each cell, shape (cells, points * components, dofs) [Pa/m]
@@ -112,17 +111,17 @@ class StressRecovery:
         return {"quadrature_degree": self._degree, "quadrature_rule": "default"}
 
     @cached_property
-    def _node_form(self) -> tuple[fem.Form, fem.Function, fem.Function]:
-        """Derivative of the sum over all points of a tensor : stress, the tensor, the field."""
+    def _node_form(self) -> tuple[fem.Form, fem.Function, list[fem.Function]]:
+        """Derivative of sums of stresses at chosen points, each component that of its own field."""
         domain, d = self.elasticity.domain, self.elasticity.dimension
-        tensor = fem.Function(_compat.quadrature_space(domain.mesh, self._degree, (d, d)))
-        displacement = fem.Function(domain.space)
-        stress = self._material.on(domain.mesh).stress(displacement) / self._material.thickness
+        chosen = fem.Function(_compat.quadrature_space(domain.mesh, self._degree))
+        fields = [fem.Function(self.elasticity.cell_space) for _ in COMPONENTS[d]]
+        law = self._material.on(domain.mesh)
+        parts = [law.stress(u)[k] for u, k in zip(fields, COMPONENTS[d], strict=True)]
         # the measure's own share is divided out: a sum over points, not an integral
-        size = abs(ufl.JacobianDeterminant(domain.mesh))
+        size = abs(ufl.JacobianDeterminant(domain.mesh)) * self._material.thickness
         dx = ufl.Measure("dx", domain=domain.mesh, metadata=self._metadata)
-        form = self.elasticity.nodes.form(ufl.inner(tensor, stress) / size * dx)
-        return form, tensor, displacement
+        return self.elasticity.nodes.form(chosen * sum(parts) / size * dx), chosen, fields
 
     @cached_property
     def _weights_form(self) -> tuple[fem.Form, fem.Function]:
@@ -134,21 +133,19 @@ class StressRecovery:
 
     def add_node_gradient(self, nodes: Array, fields: Block, bar: Array) -> None:
         """Add to ``nodes`` the derivative of sum ``bar`` . stress of ``fields`` (dofs, columns)."""
-        form, tensor, displacement = self._node_form
+        form, chosen, own = self._node_form
         bar = np.einsum("vq,cvkj->cqkj", self._continued, bar)
-        (cells, points), d = bar.shape[:2], self.elasticity.dimension
-        weights = self._rule[1]
-        values = tensor.x.array.reshape(-1, points, d, d)
-        for column in range(fields.shape[1]):
-            if not self.elasticity.largest(np.abs(bar[..., column])):
-                continue
-            values[:] = 0.0
-            for component, (i, j) in enumerate(COMPONENTS[d]):
-                half = 0.5 * bar[..., component, column] / weights
-                values[:cells, :, i, j] += half
-                values[:cells, :, j, i] += half
-            tensor.x.scatter_forward()
-            self.elasticity.set(displacement, fields[:, column])
+        cells, points, components, columns = bar.shape
+        # of each number, the sum of all fields times its derivatives
+        local = self.elasticity.at_cells(fields).reshape(cells, -1, columns).swapaxes(1, 2)
+        sums = bar.reshape(cells, points * components, columns) @ local
+        sums = sums.reshape(cells, points, components, local.shape[2])
+        at = chosen.x.array.reshape(-1, points)
+        for point, weight in enumerate(self._rule[1]):
+            at[:] = 0.0
+            at[:, point] = 1.0 / weight
+            for component, field in enumerate(own):
+                self.elasticity.set_cells(field, sums[:, point, component])
             fem.assemble_vector(nodes, form)
 
     def add_weights_gradient(self, nodes: Array, bar: Array) -> None:

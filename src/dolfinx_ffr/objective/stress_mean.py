@@ -9,7 +9,10 @@ Points and instants are gone through in tiles that stay in the cache of a core. 
 motion that is nearly quasi-static depend on each other: fewer combinations of them have the same
 stress but for round-off. Where steps are small s^p is smooth: a polynomial through some instants
 gives it at all of them. Where it does so within `SMOOTH` for the points of highest stress, about as
-well as the equations of motion are solved, only these instants are gone through.
+well as the equations of motion are solved, only these instants are gone through. Vibrations that
+the steps hardly resolve, and round-off, are not smooth, but small: the polynomial z~ closest to z
+in the mean over these times takes its place. As the slopes of the mean by z~ are polynomials, too,
+z - z~ adds to the mean by its square alone, and where that is below `SMOOTH` it is left out.
 """
 
 from __future__ import annotations
@@ -30,10 +33,12 @@ POINTS, INSTANTS = 384, 128
 #: Largest shares of the derivative, where stresses are small, and of coordinates that are left out
 NEGLIGIBLE, ROUND_OFF = 1e-12, 1e-15
 #: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
-SMOOTH = 1e-9
+SMOOTH = 3e-10
 #: Shares of instants that may tell of all, of how many points that is tried, and every so manieth
 #: instant tells which ones
-_SHARES, _TRIED, _LOOKED = (0.25, 0.375), 16, 32
+_SHARES, _TRIED, _LOOKED = (0.125, 0.1875, 0.25, 0.375), 16, 32
+#: Powers that smooth coordinates have, as a share of those by which powers of stresses are told
+_DEGREE = 2 / 3
 #: Share of the largest square from which on that of a point is sought at all instants
 _SOUGHT = 0.5
 
@@ -42,8 +47,9 @@ class Span(NamedTuple):
     """Instants that follow each other."""
 
     where: slice  #: In those that count
-    told: Integers  #: Which of these tell of all of them
+    shares: Array  #: In the time, of the instants that tell of all of them
     spread: Array | None  #: From values at those to values at all; None if they are all
+    smooth: Array | None  #: From coordinates at all to smooth ones at those that tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +77,7 @@ class Stresses:
         half, counts, work = 0.5 * power, self.times > 0.0, _Work(len(self.modes))
         history, basis = self._compressed()
         spans = self._spans(half, history, basis, work)
-        told, shares = _told(spans, self.times[counts])
+        told, shares = _told(spans, history)
         tiles, start = _tiles(told), self.coordinates[~counts]
         levels = np.zeros((len(self.areas), len(tiles)))
         # the largest value so far is divided out, so that no power overflows
@@ -82,7 +88,7 @@ class Stresses:
             largest = max(largest, float(np.max(rest, initial=0.0)))
             short = modes @ basis.T
             for k, tile in enumerate(tiles):
-                work.stress(history[told[tile]], short)
+                work.stress(told[tile], short)
                 squared = work.squares()
                 levels[part, k] = np.max(squared, axis=0)
                 now = float(np.max(levels[part, k]))
@@ -93,13 +99,13 @@ class Stresses:
                     squared /= reference
                     total += float(shares[tile] @ power_of(squared, half) @ self.areas[part])
         highest = np.max(levels, axis=1, initial=0.0)
-        sought = np.flatnonzero(highest > _SOUGHT * reference)
+        some_tell = any(span.smooth is not None for span in spans)
+        sought = np.flatnonzero(highest > _SOUGHT * reference) if some_tell else []
         for some in (sought[i : i + POINTS] for i in range(0, len(sought), POINTS)):
-            short = self.modes[:, some] @ basis.T
-            for where, _, spread in spans:
-                if spread is not None:
-                    work.stress(history[where], short)
-                    highest[some] = np.maximum(highest[some], np.max(work.squares(), axis=0))
+            short, highest[some] = self.modes[:, some] @ basis.T, 0.0
+            for tile in _tiles(history):
+                work.stress(history[tile], short)
+                highest[some] = np.maximum(highest[some], np.max(work.squares(), axis=0))
         ranks = gathered((max(largest, float(np.max(highest, initial=0.0))), reference, total))
         largest, reference = (max(rank[i] for rank in ranks) for i in (0, 1))
         if reference == 0.0:
@@ -115,7 +121,7 @@ class Stresses:
             return modes_bar, z_bar
         counts, exponent, work = self.times > 0.0, 0.5 * power - 1.0, _Work(len(self.modes))
         history, basis = self._compressed()
-        told, shares = _told(mean.spans, self.times[counts])
+        told, shares = _told(mean.spans, history)
         # with its root in both factors a product has the area in its power
         scale = self.areas ** (1.0 / power) / mean.value
         by_time = np.zeros((len(told), z_bar.shape[1]))
@@ -127,17 +133,16 @@ class Stresses:
             for tile, level in zip(_tiles(told), np.max(mean.levels[part], axis=0), strict=True):
                 if level <= least:
                     continue
-                own = history[told[tile]]
-                stress = work.stress(own, short)
+                stress = work.stress(told[tile], short)
                 stress *= power_of(work.squares(), exponent)
-                bar += stress.swapaxes(1, 2) @ (shares[tile, None] * own)
+                bar += stress.swapaxes(1, 2) @ (shares[tile, None] * told[tile])
                 for each, of_each in zip(stress, modes, strict=True):
                     by_time[tile] += each @ of_each
             modes_bar[:, part] = bar @ basis
         modes_bar *= mean.value * scale[:, None]
-        ends = np.cumsum([len(some) for _, some, _ in mean.spans])[:-1]
-        own = np.split(by_time, ends)
-        every = [b if s is None else s @ b for b, (*_, s) in zip(own, mean.spans, strict=True)]
+        own = np.split(by_time, np.cumsum([len(span.shares) for span in mean.spans])[:-1])
+        spreads = (span.spread for span in mean.spans)
+        every = [b if to is None else to @ b for b, to in zip(own, spreads, strict=True)]
         z_bar[counts] = mean.value * self.times[counts, None] * np.vstack(every)
         return modes_bar, z_bar
 
@@ -161,17 +166,29 @@ class Stresses:
         top, tried = float(np.max(seen, initial=0.0)), min(_TRIED, POINTS, len(self.areas))
         for first in range(0, len(history), INSTANTS):
             where = slice(first, min(first + INSTANTS, len(history)))
-            span = Span(where, np.arange(where.start, where.stop), None)
+            own, times = history[where], self.times[self.times > 0.0][where]
+            span = Span(where, times, None, None)
             if top > 0.0 and half == int(half):
                 points = np.argpartition(seen[len(found)], -tried)[-tried:]
-                work.stress(history[where], self.modes[:, points] @ basis.T)
-                squared = work.squares() / top
-                # in the mean, and in the derivative
-                powers = power_of(squared.copy(), half - 1.0)
-                values = np.hstack([powers * squared, powers * math.sqrt(np.max(squared))])
-                for told, spread in _spreads(len(values)):
-                    if np.max(np.abs(spread @ values[told] - values)) <= SMOOTH:
-                        span = Span(where, first + told, spread)
+                modes = self.modes[:, points] @ (basis.T / math.sqrt(top))
+                work.stress(own, modes)
+                exact = work.squares().copy()
+                for told, powers, spread in _spreads(len(times)):
+                    from_all, to_all = _closest(powers, times)
+                    smooth = to_all @ (from_all @ own)
+                    work.stress(own - smooth, modes)
+                    rest = work.squares().copy()
+                    work.stress(smooth, modes)
+                    squared = work.squares()
+                    # in the mean, and in the derivative
+                    below = power_of(squared.copy(), half - 1.0)
+                    values = np.hstack([below * squared, below * math.sqrt(np.max(squared))])
+                    error = spread @ values[told] - values
+                    # beyond what the rest adds by the slopes
+                    more = below * (squared + half * (exact - squared - rest))
+                    more -= power_of(exact.copy(), half)
+                    if max(np.max(np.abs(each)) for each in (error, more)) <= SMOOTH:
+                        span = Span(where, times @ spread, spread, to_all[told] @ from_all)
                         break
             found.append(span)
         return found
@@ -204,25 +221,32 @@ class _Work:
 
 
 @cache
-def _spreads(instants: int) -> list[tuple[Integers, Array]]:
-    """Some of so many instants, dense at the ends, and polynomials through them at all."""
+def _spreads(instants: int) -> list[tuple[Integers, Array, Array]]:
+    """Some of so many instants, dense at the ends; polynomials, and those through them, at all."""
     every, found = np.linspace(-1.0, 1.0, instants), []
     for count in (int(share * instants) for share in _SHARES if share * instants >= 2.0):
         nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
         told = np.unique(np.round(nodes * (instants - 1)).astype(int))
         powers = chebvander(every, len(told) - 1)
-        found.append((told, np.linalg.solve(powers[told].T, powers.T).T))
+        found.append((told, powers, np.linalg.solve(powers[told].T, powers.T).T))
     return found
 
 
-def _told(spans: list[Span], times: Array) -> tuple[Integers, Array]:
-    """The instants that tell of all that count, and their shares in the ``times`` of all."""
-    own = [times[where] if each is None else times[where] @ each for where, _, each in spans]
-    told = [np.zeros(0, dtype=int), *(span.told for span in spans)]
-    return np.concatenate(told), np.concatenate([np.zeros(0), *own])
+def _closest(powers: Array, times: Array) -> tuple[Array, Array]:
+    """From values at instants of so long ``times`` to the closest sum of ``powers``, and back."""
+    root = np.sqrt(times)[:, None]
+    basis, _ = np.linalg.qr(root * powers[:, : int(_DEGREE * powers.shape[1])])
+    return (root * basis).T, basis / root
 
 
-def _tiles(told: Integers) -> list[slice]:
+def _told(spans: list[Span], history: Array) -> tuple[Array, Array]:
+    """Coordinates at the instants that tell of all that count, and their shares in the time."""
+    own = [history[where] if to is None else to @ history[where] for where, *_, to in spans]
+    shares = [np.zeros(0), *(span.shares for span in spans)]
+    return np.concatenate([history[:0], *own]), np.concatenate(shares)
+
+
+def _tiles(told: Array) -> list[slice]:
     """Instants that are gone through at a time."""
     return [slice(i, i + INSTANTS) for i in range(0, len(told), INSTANTS)]
 
