@@ -27,8 +27,6 @@ from .material import ElasticMaterial
 
 #: Components of the stress by dimension
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-#: Displacements whose stress is found at a time
-_COLUMNS = 32
 #: Numbers of stresses at a time
 _BLOCK = 16_000_000
 
@@ -75,15 +73,11 @@ class StressRecovery:
 
     def __call__(self, fields: Block) -> Array:
         """Stresses (cells, points, components, columns) of displacements (dofs, columns) [Pa]."""
-        (cells, rows, unknowns), columns = self._matrices.shape, fields.shape[1]
-        found = np.empty((cells, rows, columns))
-        for first in range(0, columns, _COLUMNS):  # all of them at all nodes of cells are too much
-            part = slice(first, min(first + _COLUMNS, columns))
-            local = self.elasticity.at_cells(fields[:, part]).reshape(
-                cells, unknowns, part.stop - first
-            )
-            found[..., part] = self._matrices @ local
-        return found.reshape(cells, -1, len(COMPONENTS[self.elasticity.dimension]), columns)
+        shape = (*self.points.shape[:2], len(COMPONENTS[self.elasticity.dimension]))
+        found = np.empty((*shape, fields.shape[1]))
+        for part, values in self.in_blocks(fields):
+            found[part] = values
+        return found
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
         """The same for some cells of this rank at a time, with their places; collective at first.

@@ -99,8 +99,8 @@ class Stresses:
                     squared /= reference
                     total += float(shares[tile] @ power_of(squared, half) @ self.areas[part])
         highest = np.max(levels, axis=1, initial=0.0)
-        some_tell = any(span.smooth is not None for span in spans)
-        sought = np.flatnonzero(highest > _SOUGHT * reference) if some_tell else []
+        left_out = any(span.smooth is not None for span in spans)
+        sought = np.flatnonzero(left_out & (highest > _SOUGHT * reference))
         for some in (sought[i : i + POINTS] for i in range(0, len(sought), POINTS)):
             short, highest[some] = self.modes[:, some] @ basis.T, 0.0
             for tile in _tiles(history):
