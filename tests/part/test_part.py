@@ -111,6 +111,10 @@ def test_outline_of_a_curved_mesh(comm: MPI.Comm, order: int) -> None:
         assert isinstance(bore, Arc)
         assert bore.radius == pytest.approx(radius, rel=1e-9)
         np.testing.assert_allclose(bore.center, body.interfaces[name].center, atol=1e-9)
+    if order == 1:
+        coarse = shape.domain(comm, 0.016, order=1, near_bores=0.8)
+        with pytest.warns(ffr.PartWarning, match=r"'right' is a polygon of \d sides, .* a circle"):
+            ffr.Part(coarse, lambda p: np.ones(len(p)))
 
 
 def test_boundary_ends_on_arcs(comm: MPI.Comm) -> None:

@@ -131,12 +131,8 @@ def test_what_only_the_package_knows_is_told_with_file_and_table(
     for name, old, new, said in (
         ("slider_crank", '"rod.right"\nl', '"rod.rihgt"\nl', "slider_crank.toml: .*'rihgt'"),
         ("outline", 'pin = "pin"', 'pin = "pni"', "bodies.lever.domain: .* 'pni'"),
-        (
-            "outline",
-            'value = "lever"',
-            'value = "arm"',
-            "motions.swing: .* there is no column 'arm'",
-        ),
+        ("outline", 'value = "lever"', 'value = "arm"', "motions.swing: .* no column 'arm'"),
+        ("outline", '"12 mm"', '"12 m"', "designs.lever: .*minimum_member .*too large"),
         ("outline", '"8 mm"', '"-8 mm"', "bodies.lever.material: .*thickness must be positive"),
     ):
         Path(f"{name}.toml").unlink(missing_ok=True)

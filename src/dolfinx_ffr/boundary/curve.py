@@ -102,13 +102,18 @@ class FreeCurve:
         return 1.0 / max(float(np.max(np.abs(self.turn(s)[0]))), 1e-300)
 
     @property
-    def control_normals(self) -> Array:
-        """Normals of the curve where each control weighs most, shape (n, 2)."""
+    def amid(self) -> Array:
+        """Parameters at which each control weighs most, shape (n,)."""
         n = len(self.control)
         s = (np.arange(n) - 1.0) % n if self.closed else np.arange(n) + 1.0
         if not self.closed:
             s[[0, -1]] = 0.0, self.spans
-        return self.normals(s)
+        return s
+
+    @property
+    def control_normals(self) -> Array:
+        """Normals of the curve where each control weighs most, shape (n, 2)."""
+        return self.normals(self.amid)
 
     @property
     def area(self) -> tuple[float, Array]:

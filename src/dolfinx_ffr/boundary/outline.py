@@ -250,15 +250,17 @@ class Boundary:
 
         Shape (2, controls).
         """
-        found = []
+        found, clear = [], self._off_solid(_CLEAR)
         for key, curve in self.free.items():
-            first, room = self.first[key], self._inner
+            first = self.first[key]
             way = reach * self.normals[first : first + len(curve.control)]
-            lines = [
-                shapely.linestrings(np.stack([curve.control, curve.control + side * way], axis=1))
-                for side in (1.0, -1.0)
-            ]
-            found.append(shapely.length(shapely.intersection(lines, room)))
+            free = []
+            # where its curve may not follow, a control does not go either
+            for start, room in ((curve.control, self._inner), (curve.at(curve.amid), clear)):
+                lines = [np.stack([start, start + side * way], axis=1) for side in (1.0, -1.0)]
+                ways = shapely.intersection(shapely.linestrings(np.stack(lines)), room)
+                free.append(shapely.length(ways))
+            found.append(np.min(free, axis=0))
         return np.hstack(found)
 
     @cached_property

@@ -37,6 +37,8 @@ _GROWTH, _NEAREST = 0.3, 8
 _ROUNDS = 10
 #: A curve turns by so much along one cell, at most [rad], and points along it for each break
 _BEND, _POINTS = 0.8, 16
+#: That along one cell of an arc: of a mesh of straight cells, too, a part has the arc again
+_BEND_OF_ARCS = 0.6
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,8 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
     bent = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:])))
     turn = 0.5 * (np.r_[bent, 0.0] + np.r_[0.0, bent])
-    counted = np.cumsum(np.r_[0.0, np.maximum(length / wanted, turn / _BEND)])
+    most = _BEND_OF_ARCS if isinstance(curve, Arc) else _BEND
+    counted = np.cumsum(np.r_[0.0, np.maximum(length / wanted, turn / most)])
     # two curves with the same ends do not become the same chord
     n = max(math.ceil(counted[-1] * (1.0 - 1e-9)), 1 if isinstance(curve, Line) else 3)
     along = np.cumsum(np.r_[0.0, length])

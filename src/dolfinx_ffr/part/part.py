@@ -32,9 +32,11 @@ from ..fem import (
     Domain,
     Drawing,
     ElasticMaterial,
+    Line,
     LocalSizes,
     check_size,
     enclosed,
+    fit_circle,
     gmsh_model,
     mesh_faces,
     polygon,
@@ -364,6 +366,7 @@ def _find(
     of = np.where(segments.edge < 0, -1, lattice.interface[segments.edge])
     left = lengths(segments.points[segments.ends], of)
     stay, left_out, said = attached(found, before, left)
+    said += _polygonal([sides[i] for piece in stay for i in piece.sides], names)
 
     around, interfaces = _curves_of(sides, stay, accuracy, names)
     alone = [piece for piece in found if not piece.interfaces]
@@ -392,6 +395,21 @@ def _curves_of(
     bounds, known = outlines(sides, kept, accuracy), [*names, ""]  # -1 for none
     curves = [[[side.curve for side in loop] for loop in loops] for loops in bounds]
     return curves, [[[known[s.interface] for s in loop] for loop in ls] for ls in bounds]
+
+
+def _polygonal(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
+    """What is said of interfaces that may be round bores, but whose mesh is too coarse for arcs."""
+    said = []
+    for n, name in enumerate(names):
+        own = [side for side in sides if side.interface == n]
+        closed = {side.nodes[0] for side in own} == {side.nodes[1] for side in own}
+        if closed and own and all(isinstance(side.curve, Line) for side in own):
+            if fit_circle(np.array([side.curve.start for side in own])) is not None:
+                said.append(
+                    f"the interface {name!r} is a polygon of {len(own)} sides, with its corners on "
+                    "a circle: if it is a round bore, give it ten elements around, or order=2"
+                )
+    return said
 
 
 def _polygons(around: Outlines, accuracy: float) -> shapely.MultiPolygon:

@@ -72,12 +72,14 @@ class Scene:
     def made(self) -> tuple[Problem, Maker]:
         """The problem, and what makes the rest of it; collective.
 
-        Mechanisms come first, as meshes take time. A SceneError, on every rank, where the package
-        refuses something.
+        Mechanisms come first, as meshes take time, and designs last. A SceneError, on every rank,
+        where the package refuses something.
         """
         maker = Maker()
         maker(self.cases)
-        return maker(self.problem), maker
+        problem = maker(self.problem)
+        maker(self.run.arguments["design"])
+        return problem, maker
 
     def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
         """What `optimize` makes of the scene; collective."""
