@@ -148,11 +148,13 @@ class Result(Shown):
         asked = [case.trajectory.integrator.chosen_for or 0.0 for case in cases if case.trajectory]
         errors = {"modes left out": told["mode_error"], "time steps": max(asked, default=0.0)}
         error = ", ".join(f"{share:.1e} by {why}" for why, share in errors.items() if share)
-        of = "of the parts" if self.moved else "of the densities"
+        sized = self._sized.keys()
+        of = "of the parts" if self.moved or told["volume"].keys() <= sized else "of the densities"
         rows = [(f"psi {of}", f"{self.psi:.6g}", error)]
         for name, share in told["volume"].items():
             bound = f"at most {self.bounds[name]:.1%}" if name in self.bounds else ""
-            rows.append((f"volume of {name}", f"{share:.1%}", bound))
+            if name not in sized:
+                rows.append((f"volume of {name}", f"{share:.1%}", bound))
         for name, value in self.parameters.items():
             rows.append((f"parameter {name}", f"{value:.6g}", ""))
         for body, sizes in self.dimensions.items():
