@@ -28,9 +28,8 @@ from dolfinx_ffr.plotting import (
     plot_part,
     plot_scene,
 )
-from dolfinx_ffr.plotting.drawn_mesh import DrawnMesh
 from dolfinx_ffr.plotting.part_view import STEEL as MATERIAL
-from dolfinx_ffr.plotting.scene import Scene
+from dolfinx_ffr.plotting.scene import DrawnMesh, Scene
 from dolfinx_ffr.plotting.style import ACCENTS, GRAY, RED, nice_number, prefixed
 
 LENGTH, HEIGHT = 0.4, 0.04

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from shared.runs import PART
 
-from dolfinx_ffr.report.drawing import Drawing, read_outline
+from dolfinx_ffr.report.model import Drawing, read_outline
 
 
 def outline_of(text: str, folder: Path) -> Path:

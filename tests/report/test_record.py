@@ -14,7 +14,7 @@ import pytest
 from shared.problems import slider_crank, three_load_cases
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.report.drawing import read_outline
+from dolfinx_ffr.report.model import read_outline
 from dolfinx_ffr.report.record import KEYS
 
 COARSE = {"size": 0.014, "tolerance": 0.1, "order": 1, "most": 2}

@@ -7,6 +7,7 @@ from ..documentation import explain_fields
 from .density_filter import DensityFilter as DensityFilter
 from .density_filter import HeavisideProjection as HeavisideProjection
 from .dimensions import DimensionDesign as DimensionDesign
+from .dimensions import DimensionMotion
 from .level_set import LevelSet as LevelSet
 from .level_set_step import Evolution as Evolution
 from .level_set_step import VelocityExtension as VelocityExtension
@@ -14,7 +15,6 @@ from .mirrors import Isometry, image_cells, images
 from .mirrors import Mirror as Mirror
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes
-from .node_motion import DimensionMotion
 from .parametrization import CRISP as CRISP
 from .parametrization import SHARP as SHARP
 from .parametrization import DensityDesign as DensityDesign

@@ -216,11 +216,7 @@ class DensityDesign(Design):
 def volume_multiplier(
     volume: Callable[[float], float], bound: float, tolerance: float = 1e-6
 ) -> float:
-    """The smallest Lambda >= 0 with ``volume`` (Lambda) <= bound, a falling function.
-
-    The volume may end below its bound by the tolerance, relative to the bound. ValueError if no
-    multiplier brings it there.
-    """
+    """The smallest Lambda >= 0 with ``volume`` (Lambda) <= bound, a falling function."""
     if volume(0.0) <= bound:
         return 0.0
     low, high = 0.0, 1.0
@@ -287,10 +283,7 @@ def finite_vector(values: ArrayLike, size: int, where: str, what: str) -> Array:
 
 
 class ParameterDesign(Variables):
-    """Parameters of a mechanism; the variables are shares of their ranges, on their scales.
-
-    So all of them are of one size, and steps are shares of the ranges.
-    """
+    """Parameters of a mechanism; the variables are shares of their ranges, on their scales."""
 
     each: ClassVar[str] = "parameter"
 

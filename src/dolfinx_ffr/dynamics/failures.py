@@ -52,10 +52,7 @@ def cut(trajectory: Trajectory, last: int) -> Trajectory:
 def diagnosis(
     trajectory: Trajectory, k: int, where: str, iterations: int, status: int, remedy: str
 ) -> str:
-    """Message for a failed step, from the residual of its last iterate in row k.
-
-    `where` is the step in words, `iterations` and `status` are the outcome of its loop.
-    """
+    """Message for a failed step, from the residual of its last iterate in row k."""
     model, n = trajectory.model, trajectory.model.size
     y, v, w, lam = trajectory.y[k], trajectory.v[k], trajectory.w[k], trajectory.multipliers[k]
     residual = evaluate_equations(model.arrays, k, y, v, w, lam, trajectory.turns).residual

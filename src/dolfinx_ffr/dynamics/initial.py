@@ -80,10 +80,7 @@ def reversed_joint(
 
 
 def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, float]]:
-    """Distance [m] and angle [rad] between each undeformed body and its placement, by the joints.
-
-    They are empty without joints. The bodies start at the coordinates y (size,) if undeformed.
-    """
+    """Distance [m] and angle [rad] of each undeformed body from its placement, by the joints."""
     if not model.rows:
         return {}
     # Gears count from the placements, also where the motion begins far from them.
@@ -171,11 +168,7 @@ class _Closure:
         return gaps[0], gaps[1], jacobian.copy()
 
     def residual(self, y: Array, shift: Array | None = None) -> tuple[Array, Array]:
-        """Gaps and their Jacobian with respect to the rigid coordinates, scaled to lengths.
-
-        The Jacobian is with respect to the shift that has led to y, if it is given, else to
-        rotations of the bodies at y.
-        """
+        """Gaps and their Jacobian by rigid coordinates, or by the shift to y, scaled to lengths."""
         value, _, jacobian = self.constraints(y, np.zeros_like(y))
         if shift is not None:
             rows = [self.model.arrays.retract_pullback(shift, row)[0] for row in jacobian]
@@ -209,7 +202,6 @@ class _Closure:
         return y
 
     def refuse_open(self, y: Array, how: str) -> None:
-        """Raise where the joints do not close."""
         if self.model.rows:
             value, _ = self.residual(y)
             limit, units = _OPEN * self.length, ("m", "rad")

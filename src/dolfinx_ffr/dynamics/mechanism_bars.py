@@ -97,12 +97,9 @@ class _State(NamedTuple):
 def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> Array:
     """Derivatives by the parameters of a mechanism, through the trajectory: (numbers, parameters).
 
-    For each number its derivatives by what the mechanism says are given. They hold all but what
-    depends on the parameters at a fixed trajectory, see `fixed_slopes`.
-
-    Raises:
-        ValueError: If the topology, a jump or the branch of the start depends on a parameter, or
-            the mechanism cannot be built beside the values; the message names it.
+    They hold all but what depends on the parameters at a fixed trajectory, see `fixed_slopes`. A
+    ValueError names a parameter on which the topology, a jump or the branch of the start depends,
+    or beside whose value there is no mechanism.
     """
     own = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
     return _again(lambda: own.contracted(bars))
@@ -267,10 +264,7 @@ class _Differences:
 
         Two where the start stays, as tables and constants have no error but round-off. A start is
         solved for, so that steps are longer there, and of fourth order. Steps are shortened until
-        slopes hardly change over them.
-
-        Raises:
-            ValueError: If there is no derivative; the message names the parameter.
+        slopes hardly change over them. A ValueError names a parameter without a derivative.
         """
         name, below, above = self.ranges[k]
         try:
@@ -390,10 +384,7 @@ def without_markers(body: VolumeIntegrals) -> VolumeIntegrals:
 
 
 def _bends(bend: Array, change: Array, here: Array, where: Integers, count: int) -> Mask:
-    """Of each part whether second differences exceed a share of first ones and round-off, (count,).
-
-    Both and the values are given number by number, and the part ``where`` these belong.
-    """
+    """Of each part whether second differences exceed a share of first ones and round-off."""
     most = np.zeros((3, count))
     for own, values in zip(most, (bend, change, here), strict=True):
         np.maximum.at(own, where, np.abs(values))

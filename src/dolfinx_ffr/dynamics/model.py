@@ -59,10 +59,7 @@ class FlatModel:
         return replace(model, arrays=model.arrays._replace(start_angles=self.arrays.start_angles))
 
     def counting_from(self, turns: Array) -> FlatModel:
-        """The same mechanism with angles unwrapped from given ones at the start.
-
-        They have shape (1, rows and springs, 2) [rad], or are empty.
-        """
+        """The same with angles counted from those at the start, (1, rows and springs, 2) [rad]."""
         if not turns.size:
             return self
         return replace(self, arrays=self.arrays._replace(start_angles=turns[0].copy()))
@@ -144,10 +141,7 @@ def without(arrays: ModelArrays, column: int, *fields: str) -> ModelArrays:
 def check_names(
     mechanism: Mechanism, modes: Mapping[str, int], markers: Mapping[str, Collection[str]]
 ) -> None:
-    """Refuse, by a ValueError, names in a mechanism that do not exist, listing those that do.
-
-    The numbers of modes and the names of markers are given by name of the body.
-    """
+    """Refuse, by a ValueError, names in a mechanism that do not exist, listing those that do."""
     names = list(modes)
     for what, given in (("placement", mechanism.placements), ("damping", mechanism.damping)):
         for name in given:

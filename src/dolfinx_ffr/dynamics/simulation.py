@@ -142,10 +142,7 @@ def restored(
 def required_memory(
     integrator: Integrator, modes: Iterable[int], *, adjoint: bool = False, space: bool = False
 ) -> int:
-    """Estimate of the memory of a trajectory of bodies with so many modes each [bytes].
-
-    With `adjoint` an adjoint pass is included. It is zero if the steps follow from a tolerance.
-    """
+    """Estimate of the memory of a trajectory of bodies with so many modes, 0 of adaptive steps."""
     sizes = [(6 if space else 3) + number for number in modes]
     n, rows = sum(sizes), (6 if space else 3) * len(sizes)
     # Coordinates with three derivatives, multipliers of two kinds, tables of loads and of vectors

@@ -54,10 +54,7 @@ class _Entry(NamedTuple):
 
 
 class Numbers:
-    """The vector of all numbers of a mechanism, and where they stand in it.
-
-    The mechanism is that of a model, or has the same topology.
-    """
+    """The vector of all numbers of a mechanism, and where they stand in it."""
 
     def __init__(self, model: FlatModel) -> None:
         self.model = model
@@ -83,11 +80,7 @@ class Numbers:
         self.part = np.repeat(np.arange(len(self._own)), [part.size for part in self._own])
 
     def of(self, model: FlatModel) -> Array:
-        """The numbers of another model, shape (numbers,).
-
-        Raises:
-            OtherLawError: If a signal is of another kind; from then on it is sampled.
-        """
+        """The numbers of another model, (numbers,); OtherLawError: a signal is of another kind."""
         entries = list(_entries(model))
         if len(entries) != len(self._entries):
             raise ValueError("the number of vectors on which joints and forces depend changes")

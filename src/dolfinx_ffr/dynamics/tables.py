@@ -82,14 +82,11 @@ class TimeTables:
 
     @once_for_a_mechanism
     def check(self, start: float, end: float) -> None:
-        """Refuse motions whose derivatives differ from differences between two times [s].
-
-        Those by known formulas are right.
-        """
+        """Refuse motions whose derivatives differ from differences between two times [s]."""
         motions = list(self._motions)
         motions += [(row.motion, f"joint {label!r}") for row, label in self.rows if row.motion]
         for motion, where in motions:
-            if motion.stated()[1] is not None:
+            if motion.stated()[1] is not None:  # by known formulas
                 continue
             try:
                 motion.check(start, end)

@@ -25,8 +25,7 @@ from . import _compat
 from .form_cache import claim_form_cache
 from .interface import Interface, find_interfaces
 from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
-from .mesh_copy import MeshCopy
-from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model
+from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
 from .regions import Predicate, located_cells
 from .rod import rod_mesh

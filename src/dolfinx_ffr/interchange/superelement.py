@@ -28,12 +28,7 @@ class Superelement:
 
 
 def superelement(arrays: Arrays) -> Superelement:
-    """The superelement of a body with the constraint modes of its interfaces.
-
-    Raises:
-        ValueError: If the shape functions are not those of Craig and Bampton, as of bodies in the
-            plane, or with free modes.
-    """
+    """The superelement of a body with the constraint modes of its interfaces, or a ValueError."""
     mass, S, P, K = elastic(arrays)
     r, (every, at) = len(S) - 1, markers(arrays)
     motions = np.concatenate([at["displacements"], at["rotations"]], axis=1)  # marker, 6, q

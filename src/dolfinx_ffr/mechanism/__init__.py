@@ -4,6 +4,12 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .connection import Line as Line
+from .connection import Pin as Pin
+from .connection import Slider as Slider
+from .connection import Spring as Spring
+from .connection import Square as Square
+from .connection import Symbol as Symbol
 from .forces import AppliedForce as AppliedForce
 from .forces import Bushing as Bushing
 from .forces import Force as Force
@@ -65,12 +71,6 @@ from .rows import SpringRow as SpringRow
 from .rows import VectorKind as VectorKind
 from .rows import direction as direction
 from .rows import point as point
-from .symbols import Line as Line
-from .symbols import Pin as Pin
-from .symbols import Slider as Slider
-from .symbols import Spring as Spring
-from .symbols import Square as Square
-from .symbols import Symbol as Symbol
 from .undeformed import Undeformed as Undeformed
 
 explain_fields(globals())

@@ -1,23 +1,62 @@
 # SPDX-License-Identifier: MIT
-"""Base class of joints and forces: the markers that they connect, a name, and checks."""
+"""Base class of joints and forces: the markers that they connect, a name, checks, and symbols."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from .. import validation
-from .marker import BodyPoint, Marker, check_marker, marker_name
-from .symbols import Symbol
+from .marker import BodyPoint, Marker, Pair, Triple, check_marker, marker_name
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A part of a picture, at two markers, or at one."""
+
+    #: Sign at the first of its markers that is on a body, if there is one.
+    sign: ClassVar[Literal["", "pin", "square"]] = ""
+
+    markers: tuple[Marker, ...]  #: The markers at which it is drawn.
+
+
+@dataclass(frozen=True)
+class Pin(Symbol):
+    """A pin, with a support under each marker on the ground."""
+
+    sign = "pin"
+
+
+@dataclass(frozen=True)
+class Square(Symbol):
+    """A square, with a support under each marker on the ground."""
+
+    sign = "square"
+
+
+@dataclass(frozen=True)
+class Slider(Symbol):
+    """A block with a pin at the first marker, on a guide through the second."""
+
+    sign = "pin"
+
+    #: Direction of the guide in the axes of the second marker, of any length.
+    direction: Pair | Triple = (1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Line(Symbol):
+    """A straight line between two markers."""
+
+
+@dataclass(frozen=True)
+class Spring(Symbol):
+    """A wavy line between two markers."""
 
 
 @dataclass(frozen=True)
 class Connection:
-    """A joint or a force.
-
-    Raises:
-        TypeError: If something else stands where a marker belongs.
-    """
+    """A joint or a force; a TypeError refuses what is no marker where one belongs."""
 
     kind: ClassVar[str]  #: "joint" or "force", for messages.
 

@@ -15,12 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from .. import validation
-from .connection import Connection
+from .connection import Connection, Spring
 from .marker import BodyPoint, Marker, Triple, axis_vector
 from .motion import Motion, Signal, check_signal, is_zero
 from .parts import coincidence, on_plane, relative_angle
 from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
-from .symbols import Spring
 from .undeformed import Undeformed
 
 #: Error of a spring without any give.

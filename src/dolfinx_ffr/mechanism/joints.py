@@ -17,7 +17,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from .. import validation
-from .connection import Connection
+from .connection import Connection, Line, Pin, Slider, Square, Symbol
 from .marker import Ground, Marker, Pair, Triple, axis_vector
 from .motion import Motion
 from .parts import (
@@ -30,7 +30,6 @@ from .parts import (
     turning,
 )
 from .rows import Row, RowKind, direction, point
-from .symbols import Line, Pin, Slider, Square, Symbol
 from .undeformed import Undeformed
 
 #: The global axes.

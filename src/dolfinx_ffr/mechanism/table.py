@@ -30,10 +30,7 @@ def read_motion(
     units: tuple[str | None, str | None],
     unwrap: bool | None,
 ) -> tuple[Array, Array]:
-    """Times [s] and values [m or rad] of a file, shape (n,) each; see `Motion.from_table`.
-
-    Columns and units are those of times and of values.
-    """
+    """Times [s] and values [m or rad] of a file, shape (n,) each; see `Motion.from_table`."""
     file = validation.path("table: the path", path)
     what = f"table {str(file)!r}"
     if unwrap is not None:

@@ -125,11 +125,7 @@ class MeanOverTime(Objective):
         return self.scale * power_mean(*self._sizes(response), self.power)[0]
 
     def largest(self, response: Response) -> float:
-        """The largest size of the instants that count at a ``response``, in the unit of psi.
-
-        Raises:
-            ValueError: As :meth:`evaluate` does.
-        """
+        """The largest size of the instants that count at a ``response``, in the unit of psi."""
         sizes, weights = self._sizes(response)
         return float(np.max(sizes[weights > 0.0]))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from ..documentation import explain_fields
 from .boundary_steps import move_boundary as move_boundary
-from .gradient import Distance as Distance
-from .gradient import ExactAdjoint as ExactAdjoint
-from .gradient import GradientErrors as GradientErrors
-from .gradient import GradientMethod as GradientMethod
-from .gradient import GradientReport as GradientReport
 from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
+from .loop import Distance as Distance
+from .loop import ExactAdjoint as ExactAdjoint
+from .loop import GradientErrors as GradientErrors
+from .loop import GradientMethod as GradientMethod
+from .loop import GradientReport as GradientReport
 from .loop import Optimizer as Optimizer
 from .mma import MMA as MMA
 from .optimize import default_steps

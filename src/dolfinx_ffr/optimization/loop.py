@@ -10,9 +10,10 @@ import math
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from mpi4py import MPI
 
@@ -20,7 +21,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..design import Design, Variables
 from ..fem import Domain
 from ..io import CheckpointError, load_checkpoint, save_checkpoint, write_history
@@ -33,7 +34,6 @@ from .enough_modes import (
     with_methods,
     with_steps_for,
 )
-from .gradient import Distance, GradientErrors, GradientMethod, GradientReport
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import interruptible, warnings_above
 from .steps_checkpoint import StepsCheckpoint
@@ -88,6 +88,67 @@ CRISP = 16.0
 #: Share of a body's area between void and solid from which on a design is no part yet
 GRAY = 0.1
 NAN = float("nan")
+Distance = Callable[[str], Array | None]
+
+
+@dataclass(frozen=True)
+class GradientErrors:
+    """How a gradient differs from the exact one over some elements."""
+
+    l2: float  #: Euclidean norm of the difference, relative to that of the exact gradient
+    cosine: float  #: Cosine of the angle between both
+    worst: float  #: Largest difference of an element, relative to the largest exact value
+
+
+@dataclass(frozen=True, eq=False)
+class GradientReport:
+    """How the gradient of one body was computed, and how accurate it is."""
+
+    elements: int  #: Elements with exact values, on all ranks
+    share: float  #: Their share of the designed elements
+    selected: Mask = field(repr=False)  #: Which of this rank's cells they are
+    #: Estimated relative error (Euclidean norm) over the designed elements; 0 for exact gradients
+    estimate: float = 0.0
+    errors: GradientErrors | None = None  #: True errors over the designed elements, where asked for
+    #: True errors over the designed elements near the active boundary, where asked for
+    band_errors: GradientErrors | None = None
+    length: float = math.nan  #: Of the kernel [m]
+    condition: float = math.nan  #: Condition number of the interpolation
+
+
+class GradientMethod(Protocol):
+    """Adds the gradient to an evaluation; `dolfinx_ffr.paper` has two that are not exact."""
+
+    exact: ClassVar[bool]  #: Whether there is no error to report
+
+    def __call__(
+        self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
+    ) -> tuple[Evaluation, dict[str, GradientReport]]:
+        """The ``evaluation`` of a ``problem`` with a gradient, and a report for each body.
+
+        ``distance`` gives, by name of the body, the distance of the centroid of each cell of this
+        rank from the active boundary, shape (cells,) [m], or None where there is no boundary.
+        ``iteration`` is the number of the iteration.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ExactAdjoint:
+    """The exact gradient of `Problem.differentiate`."""
+
+    exact: ClassVar[bool] = True
+
+    def __call__(
+        self, problem: Problem, evaluation: Evaluation, distance: Distance, iteration: int
+    ) -> tuple[Evaluation, dict[str, GradientReport]]:
+        """The evaluation with the exact gradient, see `GradientMethod`."""
+        reports = {}
+        for name, body in problem.flexible.items():
+            design = body.domain.design_cells
+            count = body.domain.comm.allreduce(int(np.count_nonzero(design)))
+            reports[name] = GradientReport(count, 1.0, design)
+        return problem.differentiate(evaluation), reports
 
 
 class DesignLoop:

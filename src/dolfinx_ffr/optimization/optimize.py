@@ -19,8 +19,7 @@ from ..design import CRISP, Design, ParameterDesign, Variables
 from ..mechanism import Parameters
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
-from .gradient import ExactAdjoint, GradientMethod
-from .loop import Callback, DesignLoop, Optimizer
+from .loop import Callback, DesignLoop, ExactAdjoint, GradientMethod, Optimizer
 from .mma import MMA
 from .moved_parts import with_loose_pieces, with_moved_boundaries
 from .result import Result, ranks_of, warn

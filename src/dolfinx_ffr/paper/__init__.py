@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ..documentation import explain_fields
 from .approximate import ApproximateGradient as ApproximateGradient
+from .approximate import GradientElements as GradientElements
 from .approximate import gradient_errors as gradient_errors
 from .elementwise import ElementGradient as ElementGradient
 from .elementwise import IntegralDerivatives as IntegralDerivatives
@@ -20,6 +21,5 @@ from .mode_derivatives import mode_derivatives as mode_derivatives
 from .rbf_interpolation import IllConditionedWarning as IllConditionedWarning
 from .rbf_interpolation import ScatteredInterpolation as ScatteredInterpolation
 from .rbf_interpolation import best_length as best_length
-from .sampling import GradientElements as GradientElements
 
 explain_fields(globals())

@@ -23,10 +23,9 @@ from ..parallel import announce, on_every_rank
 from ..postprocessing import StressEnvelope
 from ..reduction import FlexibleBody, ReducedBody
 from . import style
-from .drawn_mesh import DrawnMesh
 from .in_space import designs_in_space, modes_in_space, stress_in_space
 from .mechanism_view import VOID
-from .scene import gathered_mesh
+from .scene import DrawnMesh, gathered_mesh
 
 if TYPE_CHECKING:
     import pyvista

@@ -23,8 +23,8 @@ from ..arrays import Array
 from ..fem import polygon
 from ..part import Part, Solid, Width
 from . import style
-from .drawn_mesh import DrawnMesh
 from .in_space import solid_in_space
+from .scene import DrawnMesh
 
 #: Void, zero line and material of the field
 _FIELD = LinearSegmentedColormap.from_list("field", ["#f3efe6", "#ffffff", "#dbe7f3"])

@@ -6,17 +6,121 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
+import basix
 import numpy as np
+from dolfinx import mesh
 from scipy.spatial.transform import Rotation
 
 from ..arrays import Array, Integers
 from ..body import BodyMarker
 from ..dynamics import Trajectory
-from ..fem import Domain, GatheredMesh
+from ..fem import Domain, GatheredMesh, _compat
 from ..mechanism import Ground, Marker, Mechanism, Moving
+from ..parallel import announce
 from ..problem import Evaluation, Problem
-from .drawn_mesh import DrawnMesh
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMesh:
+    """Points, pieces and lines of a body; everything on rank 0, empty arrays on the other ranks.
+
+    Each cell is cut into straight-sided pieces, n^2 where geometry or displacements have order n.
+    The cells stand in the order in which the mesh was made, so that the picture does not depend on
+    the number of ranks. All methods are collective.
+    """
+
+    points: Array  #: (points, 2) undeformed [m]; cells do not share points
+    pieces: Integers  #: (pieces, 3 or 4) points of each piece, in turn
+    parents: Integers  #: (pieces,) cell of each piece
+    outline: Integers  #: (lines, 2) ends of the lines on the boundary
+    interfaces: dict[str, Integers]  #: (lines, 2) ends of the lines of each interface
+    domain: Domain  #: The body
+
+    @staticmethod
+    def of(domain: Domain) -> DrawnMesh:
+        """Gather a body in the plane."""
+        announce(domain.comm, "the drawing of a body")
+        kind, degree, lattice, pieces = _reference(domain)
+        nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells]
+        x = domain.mesh.geometry.x[nodes][:, :, :2]
+        table = _shape_functions(kind, degree, lattice)
+        points = domain.on_rank_0(np.einsum("pn,cnd->cpd", table, x))
+        sides = [_points_on_facet(kind, i, lattice) for i in range(len(basix.topology(kind)[1]))]
+        topology = domain.mesh.topology
+        facets = topology.connectivity(2, 1).array.reshape(-1, len(sides))[: domain.n_cells]
+        chosen = {"": mesh.exterior_facet_indices(topology)}
+        chosen.update({name: part.facets for name, part in domain.interfaces.items()})
+        first = len(lattice) * np.arange(len(points), dtype=np.int64)
+        lines = {}
+        for name, part in chosen.items():
+            marked = domain.on_rank_0(np.isin(facets, part))
+            own = [first[marked[:, i]][:, None, None] + side for i, side in enumerate(sides)]
+            lines[name] = np.concatenate([each.reshape(-1, 2) for each in own])
+        parents = np.repeat(np.arange(len(points), dtype=np.int64), len(pieces))
+        every = (first[:, None, None] + pieces[None]).reshape(-1, pieces.shape[1])
+        outline = lines.pop("")
+        return DrawnMesh(points.reshape(-1, 2), every, parents, outline, lines, domain)
+
+    def displacements(self, block: Array) -> Array:
+        """Fields (owned dofs, columns) at the points on rank 0, shape (points, 2, columns)."""
+        kind, _, lattice, _ = _reference(self.domain)
+        table = _shape_functions(kind, self.domain.order, lattice)
+        fields = np.einsum("pn,cndk->cpdk", table, self.domain.on_cells(block))
+        return self.domain.on_rank_0(fields).reshape(-1, 2, block.shape[1])
+
+    def grid(self) -> pyvista.UnstructuredGrid:
+        """The pieces as a grid, on rank 0."""
+        import pyvista  # takes a while
+
+        three = self.pieces.shape[1] == 3
+        kind = pyvista.CellType.TRIANGLE if three else pyvista.CellType.QUAD
+        points = np.column_stack([self.points, np.zeros(len(self.points))])
+        return pyvista.UnstructuredGrid({kind: self.pieces}, points)
+
+
+def _reference(domain: Domain) -> tuple[basix.CellType, int, Array, Integers]:
+    """Kind and geometric degree of the cells, their lattice points and pieces."""
+    kind = getattr(basix.CellType, _compat.cell_name(domain.mesh))
+    degree = int(_compat.coordinate_element(domain.mesh).degree)
+    return kind, degree, *_lattice(kind, max(degree, domain.order))
+
+
+def _shape_functions(kind: basix.CellType, degree: int, points: Array) -> Array:
+    """The values of the Lagrange shape functions of a cell, shape (points, functions)."""
+    element = basix.create_element(
+        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+    )
+    return np.asarray(element.tabulate(0, points)).reshape(len(points), -1)
+
+
+def _lattice(kind: basix.CellType, n: int) -> tuple[Array, Integers]:
+    """Points (points, 2) that cut the sides of the reference cell into n, and pieces between."""
+    triangle = kind == basix.CellType.triangle
+    where = [(i, j) for j in range(n + 1) for i in range(n + 1 - j if triangle else n + 1)]
+    number = {position: k for k, position in enumerate(where)}
+    pieces = []
+    for i, j in number:
+        if not triangle and i < n and j < n:
+            pieces.append([number[i + a, j + b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+        elif triangle and i + j < n:
+            pieces.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+            if i + j < n - 1:
+                pieces.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+    return np.array(where, dtype=np.float64) / n, np.array(pieces, dtype=np.int64)
+
+
+def _points_on_facet(kind: basix.CellType, facet: int, lattice: Array) -> Integers:
+    """The lines between lattice points along a facet of the reference cell, (lines, 2)."""
+    a, b = basix.geometry(kind)[basix.topology(kind)[1][facet]][:, :2]
+    along, across = b - a, np.array([a[1] - b[1], b[0] - a[0]])
+    on = np.flatnonzero(np.abs((lattice - a) @ across) < 1e-9)
+    chain = on[np.argsort((lattice[on] - a) @ along)]
+    return np.column_stack([chain[:-1], chain[1:]]).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
-from .local_modes import LocalModes as LocalModes
-from .local_modes import LocalModesWarning as LocalModesWarning
-from .local_modes import local_modes as local_modes
+from .mode_truncation import LocalModes as LocalModes
+from .mode_truncation import LocalModesWarning as LocalModesWarning
 from .mode_truncation import ModeSelection as ModeSelection
+from .mode_truncation import local_modes as local_modes
 from .mode_truncation import mode_error as mode_error
 from .mode_truncation import propose_modes as propose_modes
 from .mode_truncation import select_modes as select_modes

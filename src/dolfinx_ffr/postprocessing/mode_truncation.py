@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The error of psi by truncated normal modes, and the number of modes that an accuracy needs.
+"""Error of psi by truncated normal modes, the number that an accuracy needs, and local modes.
 
 With the displacements that the truncated modes would add under the loads of the motion
 (`dolfinx_ffr.reduction.with_residual_modes`) psi changes by what is missing. That takes neither
@@ -16,14 +16,16 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import trapezoid
 
 from .. import validation
 from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
-from ..dynamics import Integrator, SimulationError, TimeStepWarning
+from ..dynamics import Integrator, SimulationError, TimeStepWarning, Trajectory
+from ..fem import floating_cells
+from ..parallel import announce
 from ..problem import Evaluation, Problem
-from ..reduction import CLUSTER, BodyStress, ReducedBody, with_residual_modes
-from .local_modes import trajectories_of, warn_of_local_modes
+from ..reduction import CLUSTER, BodyStress, FlexibleBody, ReducedBody, with_residual_modes
 
 #: Bodies by name, flexible ones with their shape functions.
 Bodies = dict[str, ReducedBody | VolumeIntegrals]
@@ -33,6 +35,11 @@ Bodies = dict[str, ReducedBody | VolumeIntegrals]
 ROOM = 1e-2
 #: Error by the modes left out from which on it is asked whether it is one of the steps
 DOUBTFUL = 1e-2
+#: Density relative to the body's mean by mass below which a cell counts as almost void. At 0.3 of
+#: the solid, SIMP with exponent 3 leaves a tenth of its stiffness by mass.
+THIN = 0.3
+#: Share of a mode's kinetic energy outside of what interfaces hold from which on it is local
+MOST = 0.9
 
 
 def mode_error(problem: Problem, evaluation: Evaluation) -> dict[str, float]:
@@ -272,3 +279,93 @@ def _uncut(reduced: ReducedBody) -> Integers:
     """The numbers of modes, of 0, 1, 2, ... and all, that keep close frequencies together."""
     eigenvalues = np.append(reduced.basis.eigenvalues, reduced.basis.first_truncated_eigenvalue)
     return np.flatnonzero(np.append(True, np.diff(eigenvalues) >= CLUSTER * eigenvalues[1:]))
+
+
+class LocalModesWarning(UserWarning):
+    """Modes of a body shake nothing but loose or almost void pieces of it."""
+
+
+@dataclass(frozen=True)
+class LocalModes:
+    """Normal modes of one body that are local, in ascending order."""
+
+    numbers: Integers  #: (k,) of the modes, counted from 1
+    frequencies: Array  #: (k,) [Hz]
+    places: Array  #: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m]
+    share: float  #: Of the body's strain energy over all load cases that they hold, in [0, 1]
+
+
+def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:
+    """The normal modes that move almost nothing but loose and almost void pieces of their body.
+
+    A mode is local if more than nine tenths of its kinetic energy lie outside the pieces that touch
+    an interface and consist of cells of at least 0.3 of the mean density (by mass, so that void
+    does not count): it swings on the void's own little stiffness, and takes the place of one that
+    matters (N. L. Pedersen, Structural and Multidisciplinary Optimization 20 (2000),
+    doi:10.1007/s001580050130). The ``evaluation`` is what a `value` of the ``problem`` returned, at
+    any time; a ValueError if nothing was simulated. All flexible bodies are in the result, by name.
+    """
+    moved = trajectories_of(problem, evaluation, "local_modes").values()
+    found = {}
+    for name, body in problem.flexible.items():
+        basis = evaluation.bodies[name].basis
+        numbers, places = _local(body, evaluation.bodies[name])
+        # normal modes do not share strain energy with each other, nor with constraint modes
+        eigenvalues, columns = basis.eigenvalues[numbers], basis.n_constraint + numbers
+        energies = [(0.5 * m.elastic(name)[:, columns] ** 2 @ eigenvalues, m.t) for m in moved]
+        own = sum(trapezoid(energy, t) for energy, t in energies)
+        whole = sum(trapezoid(m.strain_energy(name), m.t) for m in moved)
+        share = float(own / whole) if whole > 0.0 else 0.0
+        found[name] = LocalModes(numbers + 1, basis.frequencies[numbers], places, share)
+    return found
+
+
+def trajectories_of(problem: Problem, evaluation: Evaluation, call: str) -> dict[str, Trajectory]:
+    """The trajectories of an evaluation by load case, or refuse arguments of a wrong kind."""
+    validation.instance(f"{call}: problem", problem, Problem, "a Problem")
+    validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
+    evaluation.check_simulated()
+    announce(problem.comm, call)
+    load_cases = evaluation.load_cases.items()
+    return {name: m.trajectory for name, m in load_cases if m.trajectory is not None}
+
+
+def warn_of_local_modes(problem: Problem, evaluation: Evaluation) -> None:
+    """Warn of each body with local modes."""
+    for name, local in local_modes(problem, evaluation).items():
+        if not len(local.numbers):
+            continue
+        modes = evaluation.bodies[name].basis.eigenvalues
+        first = zip(local.numbers[:3], local.frequencies, local.places, strict=False)
+        listed = ", ".join(
+            f"mode {number} ({frequency:.4g} Hz) near ({', '.join(f'{x:.4g}' for x in place)}) m"
+            for number, frequency, place in first
+        )
+        others = ", and others" if len(local.numbers) > 3 else ""
+        warnings.warn(
+            f"{len(local.numbers)} of {len(modes)} normal modes of body {name!r} shake nothing but "
+            f"loose or almost void pieces: {listed}{others}. They take the places of modes that "
+            f"matter, and hold {100.0 * local.share:.2g} % of the strain energy of the motion, in "
+            "void: empty these cells or join them to the rest; where that share is negligible, so "
+            "many modes more will do",
+            LocalModesWarning,
+            stacklevel=3,
+        )
+
+
+def _local(body: FlexibleBody, reduced: ReducedBody) -> tuple[Integers, Array]:
+    """Numbers of a body's local modes, from 0, and the centres of their kinetic energies."""
+    domain, basis, x = body.domain, reduced.basis, reduced.density
+    mass = x * domain.cell_volumes
+    mean = domain.sum(mass * x) / domain.sum(mass)
+    dense = x >= THIN * mean
+    held = [interface.facets for interface in domain.interfaces.values()]
+    elsewhere = ~dense | floating_cells(domain.mesh, dense, held)[0]
+    numbers, places = [], []
+    for i, mode in enumerate(basis.shapes[:, basis.n_constraint :].T):
+        energy = body.elasticity.kinetic_energy(x, mode)
+        whole = domain.sum(energy)
+        if domain.sum(energy * elsewhere) > MOST * whole:
+            numbers.append(i)
+            places.append([domain.sum(energy * c) / whole for c in domain.centroids.T])
+    return np.array(numbers, dtype=np.int64), np.reshape(places, (-1, domain.dimension))

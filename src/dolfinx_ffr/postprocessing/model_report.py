@@ -20,10 +20,10 @@ from ..body import VolumeIntegrals
 from ..fem import Domain
 from ..problem import Evaluation, Problem
 from ..reduction import MARKERS
-from .local_modes import trajectories_of
 from .mode_truncation import (
     psi_with,
     relative_change,
+    trajectories_of,
     warn_of_stiff_damping,
     with_all_residual_modes,
 )

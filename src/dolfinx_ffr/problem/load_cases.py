@@ -144,10 +144,7 @@ def apart(
 
 
 def check_influence(cases: Cases, given: Response) -> None:
-    """Refuse parameters on which nothing depends, and functions that make other topologies.
-
-    The bodies of any design are ``given``.
-    """
+    """Refuse parameters on which nothing depends, and functions that make other topologies."""
     mechanisms = parametric(cases)
     idle: set[str] = set()
     for name, mechanism in mechanisms.items():

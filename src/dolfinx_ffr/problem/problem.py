@@ -39,8 +39,7 @@ from ..parallel import agreed_memory, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled, added
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
-from .spread import WORK, Job, adjoints, trajectories
-from .steps import checked_memory, chosen_again, chosen_before
+from .spread import WORK, Job, adjoints, checked_memory, chosen_again, chosen_before, trajectories
 
 Change = Callable[[MechanicalProblem, Response], MechanicalProblem]
 #: Name of a load case that is the only one

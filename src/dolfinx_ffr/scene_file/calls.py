@@ -81,10 +81,7 @@ class Writer:
         self._known: dict[int, str] = {}
 
     def __call__(self, node: Any, indent: int = 0, before: int = 0) -> str:
-        """The text of a call; variables that it uses are assigned in ``lines`` above it.
-
-        It stands in lines that are indented by some columns, behind a number of others.
-        """
+        """The text of a call; variables that it uses are assigned in ``lines`` above it."""
         if isinstance(node, Name):
             return node.text
         if isinstance(node, Call) and node.variable:

@@ -59,14 +59,7 @@ _BODY_POINT = tuple[str, str]
 
 
 class Reader:
-    """Makes calls of the tables of a file.
-
-    Args:
-        file: For messages; paths in the file are relative to its folder.
-        named: The tables of objects with names.
-        bodies: Names of the bodies.
-        variable: Makes names of variables of texts.
-    """
+    """Makes calls of the tables of a file, whose paths are relative to its folder."""
 
     def __init__(
         self,
