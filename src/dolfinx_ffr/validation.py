@@ -91,18 +91,16 @@ def _range(above: float, least: float, below: float, most: float) -> str:
     return f"lie between {low:g} and {high:g}{without[len(excluded)]}"
 
 
-def integer(what: str, value: Any, *, least: float = 0, most: float = math.inf) -> int:
+def integer(what: str, value: Any, *, least: float = 0) -> int:
     """A whole number in its range; 2.0 is one."""
     found = _as_float(what, value)
-    if not (found.is_integer() and least <= found <= most):
+    if not (found.is_integer() and least <= found):
         kind = {
             -math.inf: "a whole number",
             0: "a whole number that is not negative",
             1: "a positive whole number",
         }
         needed = kind.get(least, f"a whole number of at least {least:g}")
-        if most < math.inf:
-            needed = f"a whole number from {least} to {most:g}"
         raise ValueError(f"{what} must be {needed}, but it is {value}")
     return int(value)
 
@@ -230,12 +228,6 @@ def nearest_rotation(matrix: Array) -> Array:
         return matrix
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ vt)
-
-
-def plane_vector(what: str, value: Any) -> tuple[float, float]:
-    """Two finite numbers."""
-    x, y = real_array(what, value, (2,), expected="two components")
-    return float(x), float(y)
 
 
 def instance(what: str, value: Any, kind: type[T] | tuple[type[T], ...], needed: str) -> T:

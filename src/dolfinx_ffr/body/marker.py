@@ -51,7 +51,6 @@ class BodyMarker:
     axes: Array | None = None
 
     def __post_init__(self) -> None:
-        """Turn lists and other numbers into arrays."""
         for name, given in list(vars(self).items()):
             if given is not None or name not in ("stiffening", "axes"):
                 object.__setattr__(self, name, as_array(given))

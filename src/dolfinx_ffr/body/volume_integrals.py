@@ -111,7 +111,6 @@ class VolumeIntegrals:
     P: Array | None = None
 
     def __post_init__(self) -> None:
-        """Turn lists and other numbers into arrays."""
         made: dict[str, Any] = {"mass": float(self.mass), "markers": dict(self.markers)}
         made["stiffening"] = {load: as_array(array) for load, array in self.stiffening.items()}
         made |= {name: as_array(getattr(self, name)) for name in "SGNK"}

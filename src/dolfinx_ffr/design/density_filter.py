@@ -129,7 +129,6 @@ class HeavisideProjection:
     eta: float = 0.5  #: Threshold, in (0, 1)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         validation.number("projection: beta", self.beta, above=0.0)
         validation.number("projection: eta", self.eta, above=0.0, below=1.0)
 

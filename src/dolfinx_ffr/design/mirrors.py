@@ -38,7 +38,6 @@ class Mirror:
     normal: tuple[float, ...]  #: Perpendicular to it, of any length, shape (dimension,)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         d = 3 if np.shape(self.point) == (3,) else 2
         needed = "two components, in space three"
         validation.real_array("mirror: point", self.point, (d,), expected=needed)

@@ -69,7 +69,6 @@ class Wendland(Kernel):
     radius: float  #: Support [m]; two to four knot spacings are usual
 
     def __post_init__(self) -> None:
-        """Check the radius."""
         validation.number("Wendland kernel: radius", self.radius, above=0.0, unit="m")
 
     @property
@@ -88,7 +87,6 @@ class _Global(Kernel):
     length: float  #: Shape parameter [m], measured by the spacing of the knots
 
     def __post_init__(self) -> None:
-        """Check the length."""
         what = f"{type(self).__name__} kernel: length"
         validation.number(what, self.length, above=0.0, unit="m")
 

@@ -25,7 +25,6 @@ from .elasticity import (
     summed,
 )
 from .elasticity import Elasticity as Elasticity
-from .gathered_mesh import GatheredMesh, surface_of
 from .interface import Interface as Interface
 from .interface import fit_circle, fit_cylinder, nearest_circle, surface_reference
 from .material import RAMP as RAMP
@@ -53,6 +52,6 @@ from .plane_mesh import (
     surfaces,
 )
 from .stress_recovery import StressRecovery
-from .tetrahedra import DESIGNED, SOLID, VOID, Tetrahedra
+from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of
 
 explain_fields(globals())

@@ -23,11 +23,10 @@ from ..arrays import Array, Integers, Mask
 from ..parallel import gathered, on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
-from .interface import Interface, find_interfaces
+from .interface import Interface, Predicate, find_interfaces, located_cells
 from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
 from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
-from .regions import Predicate, located_cells
 from .rod import rod_mesh
 
 #: Densities that leave [0, 1] by less count as 0 or 1

@@ -149,7 +149,9 @@ def _of_entity(entity: Any, scale: float) -> list[Curve] | None:
             sweep = float(np.radians(angle)) or sweep
         if up[2] < 0.0:  # mirrored: x of its own coordinates is that of the drawing reversed
             center, first, sweep = center * [-1.0, 1.0], np.pi - first, -sweep
-        return [_arc(center, scale * abs(float(entity.dxf.radius)), first, sweep)]
+        radius, angles = scale * abs(float(entity.dxf.radius)), np.array([first, first + sweep])
+        a, b = center + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        return [Arc(a, a if abs(abs(sweep) - 2.0 * np.pi) < 1e-12 else b, center, sweep)]
     if kind == "SPLINE":
         tool = entity.construction_tool()
         control = np.array([[*p] for p in tool.control_points])
@@ -187,9 +189,3 @@ def _spline(control: Array, knots: Array, weights: Array, k: int) -> list[Curve]
 def _leaves_plane(x: Array) -> bool:
     """Whether points differ in z."""
     return bool(x.shape[1] > 2 and np.ptp(x[:, 2]) > 1e-9 * max(float(np.ptp(x[:, :2])), 1e-300))
-
-
-def _arc(center: Array, radius: float, first: float, sweep: float) -> Arc:
-    ends = [center + radius * np.array([np.cos(a), np.sin(a)]) for a in (first, first + sweep)]
-    whole = abs(abs(sweep) - 2.0 * np.pi) < 1e-12
-    return Arc(ends[0], ends[0] if whole else ends[1], center, sweep)

@@ -78,13 +78,10 @@ class _Announcement(logging.Filter):
 _quiet = _Announcement()
 
 
-def _users_own() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dolfinx_ffr"
-
-
 def _pool() -> Path:
     """The pool, where files can be locked: the user's, a temporary one, or this process's alone."""
-    for place in (_users_own, spare_directory):
+    users = os.environ.get("XDG_CACHE_HOME")
+    for place in (lambda: Path(users or Path.home() / ".cache") / "dolfinx_ffr", spare_directory):
         with contextlib.suppress(OSError, RuntimeError):
             if (pool := place()) is not None:
                 pool.mkdir(parents=True, exist_ok=True)

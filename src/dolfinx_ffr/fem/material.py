@@ -112,7 +112,6 @@ class _LinearElastic:
     out_of_plane: ClassVar[float] = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name in ("young", "density", "thickness"):
             validation.number(f"material: {name}", getattr(self, name), above=0.0)
         validation.number("material: poisson", self.poisson, above=-1.0, below=0.5)
@@ -194,7 +193,6 @@ class SuppressedVoidMass:
     threshold: float = 0.1  #: Density t below which the mass fades, in (0, 1)
 
     def __post_init__(self) -> None:
-        """Check the threshold."""
         validation.number("mass law: threshold", self.threshold, above=0.0, below=1.0)
 
     def on(self, domain: mesh.Mesh, x: Expr) -> Expr:
@@ -238,7 +236,6 @@ class _WithFloor:
     _own: ClassVar[tuple[str, float]]  #: The number of the law itself, and the least that it is
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         name, least = self._own
         validation.number(f"{type(self).__name__}: {name}", getattr(self, name), least=least)
         law = "a law of mass, as LinearMass()"

@@ -15,7 +15,7 @@ from .. import validation
 from ..arrays import Mask
 from ..limits import check_count
 from ..parallel import agreed_memory, on_every_rank
-from .regions import Predicate, located_cells
+from .interface import Predicate, located_cells
 
 #: Memory that a body takes for a cell, at least [bytes]
 _BYTES = 400

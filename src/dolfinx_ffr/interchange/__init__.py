@@ -19,7 +19,7 @@ from .files import write_body as write_body
 from .format import Arrays as Arrays
 from .format import Format as Format
 from .format import InterchangeWarning as InterchangeWarning
-from .moments import axial, cross_matrix, theta
+from .format import axial, cross_matrix, theta
 from .nastran import read_nastran as read_nastran
 from .numpy_file import MARKERS, STIFFENING, write_all
 from .sid import DERIVED as DERIVED

@@ -47,7 +47,6 @@ class AssembledMatrices:
     faces: Integers = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
 
     def __post_init__(self) -> None:
-        """Check all, and turn lists and other numbers into arrays."""
         nodes = validation.real_array("matrices: nodes", self.nodes, (None, 3))
         n = len(nodes)
         made: dict[str, Any] = {"nodes": nodes}

@@ -24,8 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .format import Arrays, elastic, markers
-from .moments import axial, cross_matrix, of_theta, theta
+from .format import Arrays, axial, cross_matrix, elastic, markers, of_theta, theta
 from .numpy_file import read_all, write_all
 
 #: What a file of Exudyn must have for a body to be made of it

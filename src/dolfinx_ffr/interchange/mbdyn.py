@@ -25,8 +25,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..files import replace_file
-from .format import SEAL, Arrays, elastic, markers, number, sealed, unsealed
-from .moments import axial, of_theta, theta
+from .format import SEAL, Arrays, axial, elastic, markers, number, of_theta, sealed, theta, unsealed
 
 _TITLES = {
     2: "FINITE ELEMENT NODE LIST",

@@ -21,8 +21,18 @@ import numpy as np
 
 from ..arrays import Array
 from ..files import replace_file
-from .format import FEATURES, SEAL, Arrays, elastic, markers, sealed, unsealed
-from .moments import axial, centrifugal, of_parts
+from .format import (
+    FEATURES,
+    SEAL,
+    Arrays,
+    axial,
+    centrifugal,
+    elastic,
+    markers,
+    of_parts,
+    sealed,
+    unsealed,
+)
 
 _BODY = "{http://www.mbsim-env.de/MBSimFlexibleBody}"
 _VALUES = "{http://www.mbsim-env.de/MBXMLUtils}"

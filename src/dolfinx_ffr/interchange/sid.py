@@ -48,13 +48,18 @@ from .format import (
     SEAL,
     Arrays,
     InterchangeWarning,
+    axial,
+    centrifugal,
+    cross_matrix,
     elastic,
     markers,
     number,
+    of_parts,
+    of_theta,
     sealed,
+    theta,
     unsealed,
 )
-from .moments import axial, centrifugal, cross_matrix, of_parts, of_theta, theta
 
 #: Terms of order zero, and of order one with the index of q before that of the column
 Taylor = tuple[Array, Array | None]

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from .format import Arrays, elastic, markers
-from .moments import axial, cross_matrix, theta
+from .format import Arrays, axial, cross_matrix, elastic, markers, theta
 
 
 @dataclass(frozen=True)

@@ -52,13 +52,6 @@ from .parametric import Parameter as Parameter
 from .parametric import Parameters as Parameters
 from .parametric import ParametricMechanism as ParametricMechanism
 from .parametric import TopologyError as TopologyError
-from .parts import aligned as aligned
-from .parts import coincidence as coincidence
-from .parts import on_line as on_line
-from .parts import on_plane as on_plane
-from .parts import parallel as parallel
-from .parts import relative_angle as relative_angle
-from .parts import turning as turning
 from .rotation import PlacementWarning as PlacementWarning
 from .rotation import RotationLike as RotationLike
 from .rotation import rotation_matrix, rotation_vector
@@ -72,5 +65,12 @@ from .rows import VectorKind as VectorKind
 from .rows import direction as direction
 from .rows import point as point
 from .undeformed import Undeformed as Undeformed
+from .undeformed import aligned as aligned
+from .undeformed import coincidence as coincidence
+from .undeformed import on_line as on_line
+from .undeformed import on_plane as on_plane
+from .undeformed import parallel as parallel
+from .undeformed import relative_angle as relative_angle
+from .undeformed import turning as turning
 
 explain_fields(globals())

@@ -18,9 +18,8 @@ from .. import validation
 from .connection import Connection, Spring
 from .marker import BodyPoint, Marker, Triple, axis_vector
 from .motion import Motion, Signal, check_signal, is_zero
-from .parts import coincidence, on_plane, relative_angle
 from .rows import BodyVector, Element, Load, Row, RowKind, SpringRow, VectorKind, direction, point
-from .undeformed import Undeformed
+from .undeformed import Undeformed, coincidence, on_plane, relative_angle
 
 #: Error of a spring without any give.
 _RIGID = "{}: the stiffness and the damping must be finite; a joint holds without giving way"

@@ -20,7 +20,9 @@ from .. import validation
 from .connection import Connection, Line, Pin, Slider, Square, Symbol
 from .marker import Ground, Marker, Pair, Triple, axis_vector
 from .motion import Motion
-from .parts import (
+from .rows import Row, RowKind, direction, point
+from .undeformed import (
+    Undeformed,
     aligned,
     coincidence,
     on_line,
@@ -29,8 +31,6 @@ from .parts import (
     relative_angle,
     turning,
 )
-from .rows import Row, RowKind, direction, point
-from .undeformed import Undeformed
 
 #: The global axes.
 _GROUND = Ground()

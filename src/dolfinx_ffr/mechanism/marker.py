@@ -219,8 +219,8 @@ class Moving:
         length = validation.number(f"{name}: radius", radius)
         validation.instance(f"{name}: angle", angle, Motion, "a Motion")
         spatial, what = np.shape(center) == (3,), f"{name}: center"
-        check = validation.real_array if spatial else validation.plane_vector
-        middle = check(what, center)
+        shape, expected = ((3,), "") if spatial else ((2,), "two components")
+        middle = validation.real_array(what, center, shape, expected=expected)
         normal = axis_vector(f"{name}: axis", axis) if spatial else (0.0, 0.0, 1.0)
         first, second = perpendicular(normal)
         paths = []

@@ -87,7 +87,6 @@ class GradientElements:
     share: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         if self.grid is None and self.band is None and self.share is None:
             raise ValueError("gradient elements: give a grid spacing, a band or a share")
         for name, most, unit in (("grid", np.inf, "m"), ("band", np.inf, "m"), ("share", 1.0, "")):
@@ -222,7 +221,6 @@ class ApproximateGradient:
     progress: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check kinds and numbers."""
         what, needed = "approximate gradient", "GradientElements(...)"
         validation.instance(f"{what}: elements", self.elements, GradientElements, needed)
         if not callable(self.kernel):

@@ -245,7 +245,8 @@ def best_length(
         if math.isfinite(kernel(extent).support):
             low = 1.001 * float(np.max(nearest))
         bounds = (low, max(extent, 2.0 * low))
-    bounds = validation.plane_vector("best length: bounds", bounds)
+    what, two = "best length: bounds", "two components"
+    bounds = tuple(validation.real_array(what, bounds, (2,), expected=two).tolist())
     if not 0.0 < bounds[0] < bounds[1]:
         raise ValueError(f"best length: bounds {bounds} must be positive, finite and in order")
 
