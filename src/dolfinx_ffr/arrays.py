@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Names of the types of arrays."""
+"""Names of the types of arrays, and the sum of arrays by name."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from operator import add
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,3 +13,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+def summed(a: Mapping, b: Mapping, plus: Callable[[Any, Any], Any] = add) -> dict[str, Any]:
+    """The sums by name of two sets of values, of which either may lack some."""
+    return {**a, **b, **{name: plus(a[name], b[name]) for name in a if name in b}}

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, summed
 from ..interchange import (
     MARKERS,
     STIFFENING,
@@ -520,7 +520,7 @@ class VolumeIntegrals:
             mass=self.mass + other.mass,
             **{key: getattr(self, key) + getattr(other, key) for key in self._arrays},
             markers={name: marker + other.markers[name] for name, marker in self.markers.items()},
-            stiffening=_summed(self.stiffening, other.stiffening),
+            stiffening=summed(self.stiffening, other.stiffening),
         )
 
     def dot(self, other: VolumeIntegrals) -> float:
@@ -552,7 +552,7 @@ class VolumeIntegrals:
         if point.stiffening is not None:
             loads = inertia_of_point(point.position, mass)
             shares = {load: np.tensordot(w, point.stiffening, 1) for load, w in loads.items()}
-            stiffening = _summed(stiffening, shares)
+            stiffening = summed(stiffening, shares)
         if self.P is not None:
             moments = {"P": self.P + mass * np.einsum("ka,lb->abkl", basis, basis)}
         else:
@@ -594,8 +594,3 @@ class VolumeIntegrals:
     def _require_same_markers(self, other: VolumeIntegrals) -> None:
         if self.markers.keys() != other.markers.keys():
             raise ValueError(f"different markers: {sorted(self.markers)}, {sorted(other.markers)}")
-
-
-def _summed(one: dict[str, Array], other: dict[str, Array]) -> dict[str, Array]:
-    """The sums of arrays by name, of which one may lack some."""
-    return one | {name: one[name] + a if name in one else a for name, a in other.items()}

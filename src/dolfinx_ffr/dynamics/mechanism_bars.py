@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, Integers, Mask
+from ..arrays import Array, Integers, Mask, summed
 from ..body import VolumeIntegrals
 from ..mechanism import Mechanism, ParametricMechanism
 from .initial import started
@@ -75,14 +75,12 @@ class MechanismBars:
         return MechanismBars(arrays, bodies, factor * self.y, factor * self.v)
 
     def __add__(self, other: MechanismBars) -> MechanismBars:
-        def both(a: Mapping, b: Mapping) -> dict:
-            return {**a, **b, **{name: a[name] + b[name] for name in a if name in b}}
-
         if not self.y.size or not other.y.size:
             y, v = (self.y, self.v) if self.y.size else (other.y, other.v)
         else:
             y, v = self.y + other.y, self.v + other.v
-        return MechanismBars(both(self.arrays, other.arrays), both(self.bodies, other.bodies), y, v)
+        arrays, bodies = summed(self.arrays, other.arrays), summed(self.bodies, other.bodies)
+        return MechanismBars(arrays, bodies, y, v)
 
 
 class _State(NamedTuple):

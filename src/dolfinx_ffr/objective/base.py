@@ -7,16 +7,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from operator import add
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, summed
 from ..body import VolumeIntegrals
 from ..dynamics import Trajectory, TrajectoryBar
 
 Bodies = Mapping[str, VolumeIntegrals]
-T = TypeVar("T")
 
 
 def _alone(local: Array) -> list[Array]:
@@ -236,18 +234,13 @@ class Derivatives:
         ours, theirs = self.trajectory, other.trajectory
         return Derivatives(
             ours if theirs is None else theirs if ours is None else ours + theirs,
-            _added(self.integrals, other.integrals, add),
-            _added(self.densities, other.densities, add),
-            _added(self.stresses, other.stresses, _sum_of_modes),
-            _added(self.areas, other.areas, add),
-            _added(self.weights, other.weights, add),
-            _added(self.parameters, other.parameters, add),
+            summed(self.integrals, other.integrals),
+            summed(self.densities, other.densities),
+            summed(self.stresses, other.stresses, _sum_of_modes),
+            summed(self.areas, other.areas),
+            summed(self.weights, other.weights),
+            summed(self.parameters, other.parameters),
         )
-
-
-def _added(a: Mapping[str, T], b: Mapping[str, T], plus: Callable[[T, T], T]) -> dict[str, T]:
-    """Sum by name of two sets of values; a missing value counts as zero."""
-    return {**a, **b, **{name: plus(a[name], b[name]) for name in a if name in b}}
 
 
 def _sum_of_modes(a: Array, b: Array) -> Array:

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from ..arrays import Array
 from ..design import DimensionDesign, DimensionMotion, Variables
 from ..dynamics import SimulationError
-from ..problem import Evaluation, Problem
+from ..problem import Evaluation, Problem, lengths_of_placements
 from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
 from .result import Result, of_problem
@@ -44,18 +44,13 @@ class Sizing:
         #: Bodies whose densities are designed
         self.flexible = {n: body for n, body in problem.flexible.items() if n not in designs}
         self.load_cases, self.combine = problem.load_cases, problem.combine
-        self._refuse_lengths()
-
-    def _refuse_lengths(self) -> None:
-        """Refuse lengths that follow from the placements of bearings, which may move."""
-        for case in self.load_cases.values():
-            for connection in (*case.mechanism.joints, *case.mechanism.forces):
-                ends = [m[0] for m in connection.markers if isinstance(m, tuple)]
-                if getattr(connection, "length", 0.0) is None and set(ends) & set(self._designs):
-                    raise ValueError(
-                        f"optimize: {connection.label!r} takes its length from the placements, "
-                        "where bearings may move: give its length"
-                    )
+        mechanisms = [case.mechanism for case in self.load_cases.values()]
+        for label, body, _ in lengths_of_placements(mechanisms):
+            if body in designs:
+                raise ValueError(
+                    f"optimize: {label!r} takes its length from the placements, where bearings may "
+                    "move: give its length"
+                )
 
     def with_bodies(self, bodies: Mapping[str, Any]) -> Sizing:
         """The same with other bodies whose densities are designed."""

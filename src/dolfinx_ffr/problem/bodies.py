@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array
+from ..arrays import Array, summed
 from ..body import VolumeIntegrals
 from ..fem import Domain
 from ..mechanism import Mechanism
@@ -32,6 +32,15 @@ class Pulled(NamedTuple):
     centers: dict[str, Array] | None  #: By body, for the center of each interface, likewise
     iterations: dict[str, int]  #: Conjugate gradient iterations, by body
     seconds: dict[str, float]  #: By name of the part [s]
+
+
+def lengths_of_placements(mechanisms: Iterable[Mechanism]) -> Iterator[tuple[str, str, str]]:
+    """Connections whose length follows from placements: label, and body and marker at an end."""
+    for mechanism in mechanisms:
+        for connection in (*mechanism.joints, *mechanism.forces):
+            if getattr(connection, "length", 0.0) is None:
+                ends = [marker for marker in connection.markers if isinstance(marker, tuple)]
+                yield from ((connection.label, *end) for end in ends)
 
 
 class DesignedBodies:
@@ -83,18 +92,13 @@ class DesignedBodies:
 
     def refuse_lengths_of_placements(self, mechanisms: Iterable[Mechanism]) -> None:
         """Refuse lengths between markers that move with the nodes, as these are left out."""
-        for mechanism in mechanisms:
-            for connection in (*mechanism.joints, *mechanism.forces):
-                if getattr(connection, "length", 0.0) is not None:
-                    continue
-                for marker in connection.markers:
-                    body, point = marker if isinstance(marker, tuple) else ("", "")
-                    if body in self.flexible and point in self.flexible[body].markers:
-                        raise ValueError(
-                            f"problem: {connection.label!r} takes its length from the placements, "
-                            f"where marker {point!r} of {body!r} moves with the nodes: give its "
-                            "length, which then has no derivative"
-                        )
+        for label, body, point in lengths_of_placements(mechanisms):
+            if body in self.flexible and point in self.flexible[body].markers:
+                raise ValueError(
+                    f"problem: {label!r} takes its length from the placements, where marker "
+                    f"{point!r} of {body!r} moves with the nodes: give its length, which then has "
+                    "no derivative"
+                )
 
     def filled(self, share: float) -> dict[str, Array]:
         """Densities, shape (cells,), that equal ``share`` in all designed elements."""
@@ -171,7 +175,7 @@ class DesignedBodies:
                     reduced[name], integrals, shapes, nodes=nodes, cells=cells
                 )
                 found.iterations[name] = int(learnt.pop("iterations"))
-                found.seconds.update(added([found.seconds, learnt]))
+                found.seconds.update(summed(found.seconds, learnt))
             if name in bars.densities:
                 gradient = gradient + bars.densities[name]
             found.gradient[name] = gradient
@@ -185,12 +189,6 @@ class DesignedBodies:
                     moved = moved + body.measures_pullback(*measures)
                 found.nodes[name] = moved
         return found
-
-
-def added(parts: list[dict[str, float]]) -> dict[str, float]:
-    """Sums by name."""
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: sum(part.get(name, 0.0) for part in parts) for name in names}
 
 
 def _field(body: FlexibleBody, density: Array) -> DensityField:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from time import perf_counter
 from typing import Any, Self
 
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import summed
 from ..body import VolumeIntegrals
 from ..dynamics import Integrator, SimulationError, Trajectory, check_names, compile_kernels
 from ..mechanical_problem import MechanicalProblem
@@ -36,7 +38,7 @@ from ..objective import (
     value_of,
 )
 from ..parallel import agreed_memory, check_alike, on_every_rank
-from .bodies import Body, Densities, DesignedBodies, Pulled, added
+from .bodies import Body, Densities, DesignedBodies, Pulled
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
 from .spread import WORK, Job, adjoints, checked_memory, chosen_again, chosen_before, trajectories
@@ -371,7 +373,7 @@ class Problem(LoadCases):
             fixed_interface_frequencies={n: part.basis.frequencies for n, part in reduced.items()},
             outer_gap={name: part.basis.spectral_gap for name, part in reduced.items()},
             solver_iterations={},
-            seconds=added([*(part.seconds for part in reduced.values()), seconds]),
+            seconds=reduce(summed, [*(part.seconds for part in reduced.values()), seconds]),
             constraints=self._labelled(cases),
             load_cases=cases,
             at=self.parameters,
@@ -479,7 +481,7 @@ class Problem(LoadCases):
             constraints=self._labelled(cases),
             load_cases=cases,
             solver_iterations={n: sum(p.iterations[n] for p in pulled) for n in self.flexible},
-            seconds=added([evaluation.seconds, seconds, *(part.seconds for part in pulled)]),
+            seconds=reduce(summed, [evaluation.seconds, seconds, *(p.seconds for p in pulled)]),
         )
 
     def _direct(
