@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -334,7 +335,12 @@ class DimensionDesign(Variables):
         for name, part in domain.interfaces.items():
             given = centers.get(name)
             found.append(part.center_rates(domain.mesh, here) if given is None else given)
-        return DimensionMotion(comm, here * own[:, None, None], np.array(found))
+        moved = DimensionMotion(comm, here * own[:, None, None], np.array(found))
+        here = np.max(np.abs(here), axis=(0, 1), initial=0.0)
+        largest = np.max([*comm.allgather(here), *np.max(np.abs(found), axis=1)], axis=0)
+        if idle := [n for n, way in zip(self.names, largest, strict=True) if way == 0.0]:
+            warnings.warn(f"dimensions: {idle} move nothing of the body", stacklevel=2)
+        return moved
 
     @contextmanager
     def _explained(self, variables: Array) -> Iterator[None]:

@@ -240,9 +240,8 @@ class _Run:
         # without densities nothing becomes sharp, so psi of feasible designs need never rise
         apart = APART if self.dense or worst > FEASIBLE else 0.0
         rises = found.psi > now.psi + apart * abs(now.psi) and not pays
-        if (
-            rises and not broken and self.dense
-        ):  # what becoming sharper alone brings is no fault of the step
+        # what becoming sharper alone brings is no fault of the step
+        if rises and not broken and self.dense:
             try:
                 before = self.loop.value(self.x(point.asymptotes.x, progress)).psi
             except SimulationError:

@@ -19,7 +19,7 @@ from ..dynamics import SimulationError
 from ..problem import Evaluation, Problem, lengths_of_placements
 from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
-from .result import Result, of_problem
+from .result import Result, of_problem, warn
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Sizing:
         #: Bodies whose densities are designed
         self.flexible = {n: body for n, body in problem.flexible.items() if n not in designs}
         self.load_cases, self.combine = problem.load_cases, problem.combine
+        self._begun = False
         mechanisms = [case.mechanism for case in self.load_cases.values()]
         for label, body, _ in lengths_of_placements(mechanisms):
             if body in designs:
@@ -68,7 +69,10 @@ class Sizing:
             problem = self._problem.with_bodies(bodies)
             found = problem.value(of_problem({**given, **_full(bodies)}))
         except (ValueError, RuntimeError) as error:
+            if self._begun and len(bodies) < len(self._designs):
+                warn(f"optimize: a step is taken back, as its body cannot be made: {error}")
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]
+        self._begun = True
         told = {
             f"{name}: {key}": number
             for name, design in self._designs.items()
