@@ -269,7 +269,7 @@ class InSpace(Kind[Surface]):
 
     def said(self, boundary: Surface) -> list[str]:
         # also between sides that are no wall, but a wedge
-        thin, said = boundary.part.thinnest_member, list(boundary.part.warnings)
+        thin, said = boundary.drawn.thinnest_member, list(boundary.drawn.warnings)
         if thin is not None and thin.value < _THINNER * boundary.member:
             at = ", ".join(f"{x:.4g}" for x in thin.ends.mean(axis=0))
             said.append(

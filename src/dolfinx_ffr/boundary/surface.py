@@ -31,7 +31,7 @@ from ..parallel import on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
-from .walls import Field, Sides, Walls
+from .walls import Field, Sides, Walls, contour
 
 #: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
 _SPACING = 0.5
@@ -56,8 +56,9 @@ _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 #: Size of tetrahedra, in minimum members, that is small enough: psi changes by 0.2 to 0.5 % on the
 #: next finer ones
 _SMALL = 1.3
-#: Size of tetrahedra, in minimum members, beyond which they may miss a wall
-_COARSE = 2.0
+#: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
+#: drawn, as chords of larger ones are off the surface by a tenth of a wall, and how many may be
+_COARSE, _DRAWN, _MANY = 2.0, 0.5, 1_000_000
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
@@ -176,7 +177,11 @@ class Surface:
         none = np.zeros(tuple(counts + 3))
         empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
 
-        return empty._made(lambda: empty._fitted(lambda x: solid.field(np.clip(x, low, high))))
+        def found() -> Surface:
+            fitted = empty._fitted(lambda x: solid.field(np.clip(x, low, high)))
+            return fitted._rounded()
+
+        return empty._made(found)
 
     # ------------------------------------------------------------------ field
 
@@ -213,6 +218,15 @@ class Surface:
             warnings.simplefilter("ignore", PartWarning)  # said of the last one
             return Solid(self.body, self.field, material=self.origin.material, size=self.size)
 
+    @cached_property
+    def drawn(self) -> Solid:
+        """The same solid, its surface cut out of smaller tetrahedra than its mesh; collective."""
+        size = min(self.size, _finest(self.body, _DRAWN * self.member, _MANY))
+        material = self.origin.material
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PartWarning)
+            return Solid(self.body, self.field, material=material, size=self.size, surface=size)
+
     def moved(self, offsets: Array) -> Surface:
         """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective.
 
@@ -248,6 +262,11 @@ class Surface:
         """That of a field, which becomes a distance; on rank 0."""
         shape = self.coefficients.shape
         return self._with(_fitted(field, self._low, self._spacing, shape))
+
+    def _rounded(self) -> Surface:
+        """The same without slots, pockets and pinholes that are too narrow; on rank 0."""
+        assert self._sides is not None
+        return self._as(self._sides.rounded(self.field, self.gap))
 
     def _faired(self) -> Surface:
         """The same without waves that are too short for the mesh; on rank 0.
@@ -405,10 +424,16 @@ class Surface:
 
 def _size(body: Domain, member: float) -> float:
     """The size of tetrahedra [m] that is fine enough for psi and walls, if it is not too dear."""
+    size = _finest(body, 0.0, _TETRAHEDRA)
+    return size if size <= _SMALL * member else _finest(body, _SMALL * member, _DEAR)
+
+
+def _finest(body: Domain, enough: float, most: int) -> float:
+    """The size of tetrahedra [m] that is small ``enough``, or that of the ``most`` at most."""
     finer = 0
-    while body.n_cells_global * Tetrahedra.each(body, finer + 1) <= (
-        _TETRAHEDRA if Tetrahedra.size(body, finer) <= _SMALL * member else _DEAR
-    ):
+    while Tetrahedra.size(body, finer) > enough:
+        if body.n_cells_global * Tetrahedra.each(body, finer + 1) > most:
+            break
         finer += 1
     return Tetrahedra.size(body, finer)
 
@@ -466,31 +491,23 @@ def _refined(count: int) -> csr_matrix:
 
 def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> Array:
     """Coefficients of the spline that has a field's zero surface and is near the distance."""
-    import pyvista  # takes a while
-
-    fine = [2 * int(count) - 1 for count in shape]
-    lines = [low[k] + 0.5 * spacing[k] * np.arange(fine[k]) for k in range(3)]
-    dense = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
-    values = np.asarray(field(dense.reshape(-1, 3))).reshape(fine)
-    grid = pyvista.ImageData(dimensions=tuple(fine), origin=low, spacing=0.5 * spacing)
-    surface = grid.contour([0.0], scalars=values.ravel(order="F"))
-    if not surface.n_cells:
+    nodes = low + spacing * np.indices(shape).reshape(3, -1).T
+    points = contour(field, low, nodes[-1], 0.5 * spacing)
+    if not len(points):
         raise ValueError("surface: the field has no zero surface that could move")
     # off the contour of linear pieces the first-order distance is exact on the field's zero surface
-    points = np.asarray(surface.points, dtype=np.float64)
     step = 1e-4 * spacing
     slope = [(field(points + s) - field(points - s)) / (2.0 * s.sum()) for s in np.diag(step)]
     steep = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
     target = np.clip(field(points) / steep, -spacing.min(), spacing.min())
     normal = (slope / steep).T
-    nodes = dense[::2, ::2, ::2].reshape(-1, 3)
     _, near = cKDTree(points).query(nodes)
     way = nodes - (points - target[:, None] * normal)[near]
     length, along = np.linalg.norm(way, axis=1), np.einsum("nd,nd->n", way, normal[near])
     # from the plane at the nearest point, but for nodes beyond an edge of the surface
     beside = np.sqrt(np.maximum(length**2 - along**2, 0.0)) < 0.5 * spacing.min()
     distance = np.where(beside, np.abs(along), length)
-    distance *= np.where(values[::2, ::2, ::2] > 0.0, 1.0, -1.0).ravel()
+    distance *= np.where(field(nodes) > 0.0, 1.0, -1.0)
     weight = np.concatenate([np.ones(len(nodes)), np.full(len(points), _EXACT)])
     rows = _basis(np.vstack([nodes, points]), low, spacing, shape).multiply(weight[:, None])
     right = weight * np.concatenate([distance, target])

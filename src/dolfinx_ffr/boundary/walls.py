@@ -95,15 +95,7 @@ class Sides:
 
         All of them, or those up to a ``reach`` [m] from places ``near`` (n, 3).
         """
-        import pyvista
-
-        counts = np.ceil((self.high - self.low) / self.spacing).astype(int) + 1
-        lines = [np.linspace(*ends) for ends in zip(self.low, self.high, counts, strict=True)]
-        dense = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
-        level = field(dense).reshape(counts).ravel(order="F")
-        spacing = (self.high - self.low) / (counts - 1)
-        grid = pyvista.ImageData(dimensions=tuple(counts), origin=self.low, spacing=spacing)
-        x = np.asarray(grid.contour([0.0], scalars=level).points, dtype=np.float64)
+        x = contour(field, self.low, self.high, self.spacing)
         x = x[_within(x, near, reach)]
         for _ in range(2):
             slope = slopes(x)
@@ -171,6 +163,42 @@ class Sides:
         balls = cKDTree(np.concatenate([holes[narrow], holes[narrow] + depth]))
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
 
+    def rounded(self, field: Field, diameter: float) -> Field:
+        """A field the void of which is where balls of a diameter [m] fit, off the solid region.
+
+        This is the opening of the void: slots, pockets and pinholes that are too narrow go. A
+        window goes on beyond its face. The field is near the distance.
+        """
+        radius, still = 0.5 * diameter, cKDTree(self.solid[0])
+
+        def level(x: Array) -> Array:
+            x = np.clip(x, self.low, self.high)
+            found = field(x)
+            away, near = still.query(x, distance_upper_bound=2.0 * diameter)
+            met = np.flatnonzero(np.isfinite(away))
+            way, inward = x[met] - self.solid[0][near[met]], self.solid[1][near[met]]
+            along = np.einsum("nd,nd->n", way, inward)
+            # void ends before a solid region, so that they do not meet in an edge
+            depth = np.where(along > 0.0, along, -away[met]) + self.spacing
+            found[met] = np.maximum(found[met], depth)
+            return found
+
+        ends = self.low - diameter, self.high + diameter
+        core = cKDTree(contour(level, *ends, self.spacing, -radius))
+        beside = np.sqrt(0.5) * self.spacing
+
+        def opened(x: Array) -> Array:
+            inner = np.clip(x, self.low, self.high)
+            beyond, found = field(x) - field(inner), level(inner)
+            void = np.flatnonzero(np.abs(found) < radius)
+            away = core.query(inner[void], distance_upper_bound=2.0 * diameter)[0]
+            # at least, as the nearest sample may be to the side of the nearest place
+            away = np.sqrt(np.maximum(np.minimum(away, 2.0 * diameter) ** 2 - beside**2, 0.0))
+            found[void] = np.maximum(found[void], away - radius)
+            return found + beyond
+
+        return opened
+
     def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
         """A field with balls of a diameter [m] amid the walls, off the sides of the body."""
         tree, centers = cKDTree(self.outline[0]), walls.middles
@@ -181,6 +209,20 @@ class Sides:
             centers = centers + np.maximum(0.5 * thickness - depth, 0.0)[:, None] * normal
         balls = cKDTree(centers)
         return lambda x: np.maximum(field(x), 0.5 * thickness - balls.query(x)[0])
+
+
+def contour(
+    field: Field, low: Array, high: Array, spacing: float | Array, level: float = 0.0
+) -> Array:
+    """Points at which a field has a level, on a grid with at most a spacing, (n, 3) [m]."""
+    import pyvista  # takes a while
+
+    counts = np.ceil((high - low) / spacing - 1e-9).astype(int) + 1
+    apart = (high - low) / (counts - 1)
+    nodes = low + apart * np.indices(counts).reshape(3, -1).T
+    grid = pyvista.ImageData(dimensions=tuple(counts), origin=low, spacing=apart)
+    values = np.asarray(field(nodes)).reshape(counts).ravel(order="F")
+    return np.asarray(grid.contour([level], scalars=values).points, dtype=np.float64)
 
 
 def _within(x: Array, places: Array | None, distance: float) -> Mask:

@@ -101,7 +101,8 @@ class BoundaryResult:
 
     def part(self, name: str | None = None) -> Part | Solid:
         """The part or solid of the body ``name``, by default of the only one."""
-        return (self.boundary if name is None else self.boundaries[name]).part
+        found = self.boundary if name is None else self.boundaries[name]
+        return found.drawn if isinstance(found, Surface) else found.part
 
 
 @dataclass(frozen=True, repr=False)

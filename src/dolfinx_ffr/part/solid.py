@@ -84,6 +84,7 @@ class Solid(Enclosed):
         material: Of the solid, for its mass.
         size: Of the tetrahedra whose cut is its surface, and of the first that `verify` takes [m];
             by default 24 tetrahedra for each hexahedron of the body, or as many as it has.
+        surface: Of those whose cut is its surface, if they are to be smaller [m].
 
     Raises:
         ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
@@ -108,14 +109,17 @@ class Solid(Enclosed):
         *,
         material: ElasticMaterial | None = None,
         size: float | None = None,
+        surface: float | None = None,
     ) -> None:
         self._keep(domain, field, material, "on")
-        if size is not None:
-            validation.number("solid: size", size, above=0.0, unit="m")
-        self._size = size
+        for what, given in (("size", size), ("surface", surface)):
+            if given is not None:
+                validation.number(f"solid: {what}", given, above=0.0, unit="m")
+        self._sizes = {"size": size, "surface": surface}
         self._first = 0 if size is None else self._finer(size)
+        seen = surface or size
         self._kept: dict[int, Tetrahedra] = {}  # cut once for the surface and the mesh
-        self._found: _Found = self._cut(self._first if size else _SURFACE[domain.cell])[1]
+        self._found: _Found = self._cut(self._finer(seen) if seen else _SURFACE[domain.cell])[1]
         #: Vertices of the surface, shape (points, 3) [m]
         self.points = self._found.points
         #: Vertices of each triangle, anticlockwise from outside, shape (triangles, 3)
@@ -169,7 +173,7 @@ class Solid(Enclosed):
 
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "solid: enclosed", PartWarning)
-            solid = Solid(self.body, drilled, material=self.material, size=self._size)
+            solid = Solid(self.body, drilled, material=self.material, **self._sizes)
         if left := solid.cavities:
             raise ValueError(
                 f"solid: with channels of {diameter:.4g} m cavities stay closed: {len(left)}, "
