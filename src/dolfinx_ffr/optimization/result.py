@@ -308,15 +308,19 @@ class Result(Shown):
         from ..plotting import animate_boundary, plot_part  # takes a while
 
         with alone_in(ranks_of(self.problem), place, "finish: folder"):
-            found = None
+            found, names = None, file_names(self._designs_of_parts)
+            folders = {n: place / own if len(names) > 1 else place for n, own in names.items()}
+            for name in self.moved.boundaries if self.moved else ():
+                # first, as a verification may take long, or more memory than there is
+                self.part(name).write(folders[name])
             try:
                 found = self.verify(**options)
             except (ValueError, SimulationError) as error:
                 warn(f"no part comes of this design: {error}", 2)
-            several, moved = len(self._designs_of_parts) > 1, dict[str, Path]()
-            for name, own in file_names(self._designs_of_parts).items():
+            moved = dict[str, Path]()
+            for name, at in folders.items():
                 part, title = self._parts.get(name), name
-                if self.moved is not None and name in self.moved.boundaries:
+                if written := self.moved is not None and name in self.moved.boundaries:
                     part = self.moved.part(name)
                 # the surface of a solid is worth a look in any case
                 if part is None or (found is None and not isinstance(part, Solid)):
@@ -324,8 +328,8 @@ class Result(Shown):
                 if found is not None:
                     ratio = 1.0 + found.difference
                     title += f": psi of the {part.kind} is {ratio:.3f} of that of the design"
-                at = place / own if several else place
-                part.write(at)
+                if not written:
+                    part.write(at)
                 plot_part(part, at / f"{part.kind}.png", title=title)
                 if self.moved is not None and name in self.moved.materials:
                     moved[name] = at
