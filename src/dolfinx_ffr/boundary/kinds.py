@@ -36,7 +36,7 @@ _SIZE, _ACROSS, _CELLS, _LARGER = 3.2, 1.2, 800, 1.3
 #: as shares of psi, and how many are tried at once: without most others psi is a tenth larger
 _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 #: By which share of psi each small hole must lower it to be worth its making
-_MAKING = 2e-3
+_MAKING = 1e-3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
