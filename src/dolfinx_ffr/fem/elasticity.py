@@ -11,7 +11,7 @@ Fields of the body are handled in blocks: arrays of shape (dofs owned by this ra
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,6 +23,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from numpy.typing import ArrayLike, NDArray
+from ufl.algorithms import extract_coefficients
+from ufl.checks import is_cellwise_constant
 from ufl.core.expr import Expr
 
 from .. import validation
@@ -37,10 +39,12 @@ from .nodes import MeshNodes, add_ghosts
 Block = Array
 #: Fields on the nodes of each cell, shape (cells, nodes, dimension, columns)
 CellFields = Array
-#: Rows of blocks that are multiplied at a time, and columns that are taken to cells
-ROWS, COLUMNS = 4096, 32
+#: Rows of blocks that are multiplied at a time, and cells
+ROWS, CELLS = 4096, 2048
+#: Difference of matrices of cells, relative to their entries, that is round-off of positions
+ALIKE = 1e-11
 #: Pairs of fields for each dof of a cell from which on their products are summed first
-SUMMED = 2
+SUMMED = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +93,18 @@ class Elasticity:
         self._energy_forms: dict[str, fem.Form] = {}
         with on_every_rank(self.comm, "an elastic body"):
             self._bound = material.on(domain.mesh)
-            self._factors = interpolation.on(domain.mesh, self._density)
+            self._factors = [ufl.as_ufl(k) for k in interpolation.on(domain.mesh, self._density)]
+            if not all(map(is_cellwise_constant, self._factors)):
+                raise ValueError(
+                    "body: the factors of the interpolation vary within cells; what varies there "
+                    "belongs to the material"
+                )
             stiffness = self._stiffness_density(u, v) * dx
             mass = self._mass_density(u, v) * dx
         self._stiffness_form, self._mass_form = fem.form(stiffness), fem.form(mass)
         # one pair of fields for the mass and one for the stiffness: the number of modes does not
         # enter the compiled form
         self._fields = [fem.Function(space) for _ in range(4)]
-        self._gradient_form = self.density_form(self._pairing(*self._fields))
         index_map = space.dofmap.index_map
         #: Displacements of a node: 2 in the plane, 3 in space
         self.dimension = domain.dimension
@@ -112,10 +120,16 @@ class Elasticity:
         PETSc.garbage_cleanup(self.comm)  # matrices of bodies before this one
 
     def _stiffness_density(self, a: Expr, b: Expr) -> Expr:
-        return self._factors[0] * ufl.inner(self._bound.stress(a), ufl.sym(ufl.grad(b)))
+        return self._factors[0] * self._solid_stiffness(a, b)
 
     def _mass_density(self, a: Expr, b: Expr) -> Expr:
-        return self._factors[1] * self._bound.density * ufl.inner(a, b)
+        return self._factors[1] * self._solid_mass(a, b)
+
+    def _solid_stiffness(self, a: Expr, b: Expr) -> Expr:
+        return ufl.inner(self._bound.stress(a), ufl.sym(ufl.grad(b)))
+
+    def _solid_mass(self, a: Expr, b: Expr) -> Expr:
+        return self._bound.density * ufl.inner(a, b)
 
     def _pairing(self, w: Expr, y: Expr, phi: Expr, kappa: Expr) -> ufl.Form:
         return (self._mass_density(w, y) + self._stiffness_density(phi, kappa)) * self._dx
@@ -183,9 +197,10 @@ class Elasticity:
 
     @cached_property
     def _cell_dofs(self) -> Integers:
-        """Where the dofs of this rank's cells stand in a field of `cell_space`, cell by cell."""
+        """Where the dofs of this rank's cells stand in a field of `cell_space`, (cells, dofs)."""
         nodes = _compat.dofmap_array(self.cell_space)[: self.domain.n_cells, :, None]
-        return (self.dimension * nodes.astype(np.int64) + np.arange(self.dimension)).ravel()
+        dofs = self.dimension * nodes.astype(np.int64) + np.arange(self.dimension)
+        return dofs.reshape(len(nodes), self.dimension * nodes.shape[1])
 
     @cached_property
     def _node_form(self) -> fem.Form:
@@ -220,46 +235,91 @@ class Elasticity:
         if phi.shape[1] > w.shape[1]:
             raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         self.set_density(x)
-        dofs = self.dimension * self.cell_space.dofmap.dof_layout.num_dofs
-        if nodes is not None and w.shape[1] > SUMMED * dofs:
+        if nodes is not None and w.shape[1] > SUMMED * self._cell_dofs.shape[1]:
             self._add_node_sums(nodes, w, y, phi, kappa)
-            nodes = None
-        # a new vector for each pair of fields would mean new communicators
-        total = self.cell_zeros()
-        for a in range(w.shape[1] if cells or nodes is not None else 0):
-            self.set(self._fields[0], w[:, a])
-            self.set(self._fields[1], y[:, a])
-            if a < phi.shape[1]:
-                self.set(self._fields[2], phi[:, a])
-                self.set(self._fields[3], kappa[:, a])
-            elif a == phi.shape[1]:
-                self._fields[3].x.array[:] = 0.0
-            if cells:
-                fem.assemble_vector(total, self._gradient_form)
-            if nodes is not None:
+        elif nodes is not None:
+            for a in range(w.shape[1]):
+                self.set(self._fields[0], w[:, a])
+                self.set(self._fields[1], y[:, a])
+                if a < phi.shape[1]:
+                    self.set(self._fields[2], phi[:, a])
+                    self.set(self._fields[3], kappa[:, a])
+                elif a == phi.shape[1]:
+                    self._fields[3].x.array[:] = 0.0
+                # it adds: a new vector for each pair of fields would mean new communicators
                 fem.assemble_vector(nodes, self._node_form)
-        return total[: self.domain.n_cells]
+        total, each = np.zeros(self.domain.n_cells), ((phi, kappa), (w, y))
+        for pair, (matrices, slopes) in zip(
+            each, self._cell_slopes(x) if cells else (), strict=False
+        ):
+            for part, products in self._products(*pair, matrices.shape[1]):
+                energies = np.einsum("cij,cij->c", matrices[part], products)
+                total[part] += slopes[part] * energies
+        return total
+
+    def _cell_slopes(self, x: Array) -> Iterator[tuple[Array, Array]]:
+        """Those of `_solid_cells`, and slopes of their factors at the density ``x``, (cells,)."""
+        self.set_density(x)
+        for matrices, form in self._solid_cells:
+            slopes = self.cell_zeros()
+            if form is not None:
+                fem.assemble_vector(slopes, form)
+            yield matrices, slopes[: self.domain.n_cells] / self.domain.cell_volumes
+
+    @cached_property
+    def _solid_cells(self) -> list[tuple[Array, fem.Form | None]]:
+        """Matrices of solid cells, and the forms of their factors' slopes times volumes.
+
+        Stiffness (cells, dofs, dofs), and mass (cells, nodes, nodes) of one component of
+        displacements. Cells that are alike but for round-off share a matrix. None if the density
+        does not matter.
+        """
+        own, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
+        densities, found = ((self._solid_stiffness, 1), (self._solid_mass, self.dimension)), []
+        for (density, step), factor in zip(densities, self._factors, strict=True):
+            form, rows = fem.form(density(own, test) * self._dx), []
+            for unit in np.eye(self._cell_dofs.shape[1])[::step]:
+                self.set_cells(own, unit)
+                values = np.zeros(len(own.x.array))
+                fem.assemble_vector(values, form)
+                row = values[self._cell_dofs[:, ::step]]
+                alike = len(row) and np.ptp(row, axis=0).max() <= ALIKE * np.abs(row).max()
+                rows.append(row[:1] if alike else row)
+            matrices = np.stack(np.broadcast_arrays(*rows), axis=1)
+            shape = self.domain.n_cells, *matrices.shape[1:]
+            follows = self._density in extract_coefficients(factor)
+            slopes = self.density_form(factor * self._dx) if follows else None
+            found.append((np.broadcast_to(matrices, shape), slopes))
+        return found
 
     def _add_node_sums(self, nodes: Array, *pairs: Block) -> None:
         """Add the derivative of the sum of `density_gradient` to ``nodes``, by sums of products.
 
         At a cell of n dofs the products of all pairs are the n columns of a matrix with unit ones.
         """
-        form, fields = self._sums_form
-        mass, stiffness = self._products(*pairs[:2]), self._products(*pairs[2:])
-        for i, unit in enumerate(np.eye(mass.shape[1])):
+        (form, fields), dofs = self._sums_form, self._cell_dofs.shape[1]
+        mass, stiffness = np.zeros((2, self.domain.n_cells, dofs, dofs))
+        for total, (a, b) in ((mass, pairs[:2]), (stiffness, pairs[2:])):
+            for part, products in self._products(a, b, dofs):
+                total[part] = products
+        for i, unit in enumerate(np.eye(dofs)):
             parts = unit, mass[:, i], unit, stiffness[:, i]
             for field_, values in zip(fields, parts, strict=True):
                 self.set_cells(field_, values)
             fem.assemble_vector(nodes, form)
 
-    def _products(self, a: Block, b: Block) -> Array:
-        """Sums over the columns of two blocks of their products at cells, (cells, dofs, dofs)."""
-        total: Array = np.zeros(())
-        for first in range(0, a.shape[1], COLUMNS):
-            left, right = (self._flat(each[:, first : first + COLUMNS]) for each in (a, b))
-            total = total + left @ right.swapaxes(1, 2)
-        return total
+    def _products(self, a: Block, b: Block, size: int) -> Iterator[tuple[slice, Array]]:
+        """Sums over the columns of two blocks of products of values at some cells at a time.
+
+        Shape (cells, size, size), with their places; of ``size`` nodes components are summed, too.
+        """
+        if a.shape[1] == 0:
+            return
+        nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
+        a, b = self._by_nodes(a), self._by_nodes(b)
+        for part in (slice(i, i + CELLS) for i in range(0, len(nodes), CELLS)):
+            left, right = (k[nodes[part]].reshape(len(nodes[part]), size, -1) for k in (a, b))
+            yield part, left @ right.swapaxes(1, 2)
 
     def cell_derivatives(self, x: Array, w: Block, phi: Block) -> tuple[CellFields, CellFields]:
         """(dM/dx_e) w_a and (dK/dx_e) phi_i on the nodes of element e, for every element.
@@ -268,37 +328,27 @@ class Elasticity:
         (dofs, i); given back are (cells, nodes, dimension, a) and (cells, nodes, dimension, i),
         with nodes as in the space's dofmap.
         """
-        self.set_density(x)
-        of_mass, of_stiffness = self._cell_forms
-        return self._forces_on_cells(w, 0, of_mass), self._forces_on_cells(phi, 2, of_stiffness)
-
-    @cached_property
-    def _cell_forms(self) -> list[fem.Form]:
-        """Each form's derivative, tested with fields whose cells share no dofs."""
-        test, unit = ufl.TestFunction(self.cell_space), fem.Function(self.domain.density_space)
-        unit.x.array[:] = 1.0
-        return [
-            fem.form(ufl.derivative(density(field, test) * self._dx, self._density, unit))
-            for density, field in (
-                (self._mass_density, self._fields[0]),
-                (self._stiffness_density, self._fields[2]),
-            )
-        ]
+        found = []
+        for block, (matrices, slopes) in zip((phi, w), self._cell_slopes(x), strict=True):
+            local = self.at_cells(block)
+            size = len(local), matrices.shape[1], local[:1].size // matrices.shape[1]
+            forces = slopes[:, None, None] * (matrices.swapaxes(1, 2) @ local.reshape(size))
+            found.append(forces.reshape(local.shape))
+        return found[1], found[0]
 
     def at_cells(self, block: Block) -> CellFields:
         """The fields of a ``block`` on the nodes of each cell owned by this rank; collective."""
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
-        return self.with_ghosts(block).reshape(-1, self.dimension, block.shape[1])[nodes]
+        return self._by_nodes(block)[nodes]
 
-    def _flat(self, block: Block) -> Array:
-        """`at_cells` of a ``block``, shape (cells, dofs, columns)."""
-        local = self.at_cells(block)
-        return local.reshape(len(local), local.shape[1] * local.shape[2], block.shape[1])
+    def _by_nodes(self, block: Block) -> Array:
+        """`with_ghosts` of a ``block``, shape (nodes, dimension, columns)."""
+        whole = self.with_ghosts(block)
+        return whole.reshape(len(whole) // self.dimension, self.dimension, block.shape[1])
 
     def set_cells(self, function: fem.Function, values: Array) -> None:
         """Give a ``function`` of `cell_space` values (cells, dofs), or (dofs,) at every cell."""
-        shape = self.domain.n_cells, len(self._cell_dofs) // max(self.domain.n_cells, 1)
-        function.x.array[self._cell_dofs] = np.broadcast_to(values, shape).ravel()
+        function.x.array[self._cell_dofs] = values
 
     def with_ghosts(self, block: Block) -> Block:
         """The fields of a ``block`` at the nodes of this rank and its ghosts; collective."""
@@ -309,15 +359,6 @@ class Elasticity:
         for i, column in enumerate(block.T):
             self.set(own, column)
             result[:, i] = own.x.array
-        return result
-
-    def _forces_on_cells(self, block: Block, number: int, form: fem.Form) -> CellFields:
-        """What one of the `_cell_forms` of each column is, as the field of a ``number``."""
-        nodes = _compat.dofmap_array(self.cell_space)[: self.domain.n_cells]
-        result = np.empty((*nodes.shape, self.dimension, block.shape[1]))
-        for i, column in enumerate(block.T):
-            self.set(self._fields[number], column)
-            result[..., i] = fem.assemble_vector(form).array.reshape(-1, self.dimension)[nodes]
         return result
 
     def from_cells(self, cells: Integers, columns: Iterable[Array]) -> Block:

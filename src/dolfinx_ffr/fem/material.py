@@ -206,7 +206,7 @@ class Interpolation(Protocol):
     """Stiffness and mass of an element between void (x = 0) and solid (x = 1)."""
 
     def on(self, domain: mesh.Mesh, x: Expr) -> tuple[Expr, Expr]:
-        """The factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
+        """The factors of stiffness and mass as UFL of ``x`` on ``domain``, constant in cells."""
         ...
 
 
@@ -244,7 +244,7 @@ class _WithFloor:
         validation.number("interpolation: floor", self.floor, above=0.0, below=1.0)
 
     def on(self, domain: mesh.Mesh, x: Expr) -> tuple[Expr, Expr]:
-        """The factors of stiffness and mass as UFL of the density ``x`` on ``domain``."""
+        """The factors of stiffness and mass as UFL of ``x`` on ``domain``, constant in cells."""
         floor = fem.Constant(domain, np.float64(self.floor))
         return floor + (1 - floor) * self._stiffness(domain, x), self.mass.on(domain, x)
 

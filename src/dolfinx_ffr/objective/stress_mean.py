@@ -30,8 +30,8 @@ from ..arrays import Array, Integers
 
 #: Points and instants of a tile
 POINTS, INSTANTS = 384, 128
-#: Largest shares of the derivative, where stresses are small, and of coordinates that are left out
-NEGLIGIBLE, ROUND_OFF = 1e-12, 1e-15
+#: Largest share of coordinates that are left out
+ROUND_OFF = 1e-15
 #: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
 SMOOTH = 3e-10
 #: Shares of instants that may tell of all, of how many points that is tried, and every so manieth
@@ -59,7 +59,6 @@ class Mean:
     value: float  #: The mean [Pa]
     largest: float  #: Largest square of all points and instants, the same on every rank [Pa^2]
     highest: Array  #: Largest square of each point over the time that counts [Pa^2]
-    levels: Array  #: Of each point in each tile of instants that tell of all, (points, tiles)
     spans: list[Span]
 
 
@@ -79,7 +78,7 @@ class Stresses:
         spans = self._spans(half, history, basis, work)
         told, shares = _told(spans, history)
         tiles, start = _tiles(told), self.coordinates[~counts]
-        levels = np.zeros((len(self.areas), len(tiles)))
+        highest = np.zeros(len(self.areas))
         # the largest value so far is divided out, so that no power overflows
         largest = reference = total = 0.0
         for part in self._parts():
@@ -87,18 +86,17 @@ class Stresses:
             rest = np.sum((start @ modes.swapaxes(1, 2)) ** 2, axis=0)
             largest = max(largest, float(np.max(rest, initial=0.0)))
             short = modes @ basis.T
-            for k, tile in enumerate(tiles):
+            for tile in tiles:
                 work.stress(told[tile], short)
                 squared = work.squares()
-                levels[part, k] = np.max(squared, axis=0)
-                now = float(np.max(levels[part, k]))
+                highest[part] = np.maximum(highest[part], np.max(squared, axis=0))
+                now = float(np.max(highest[part]))
                 if now > reference:
                     total *= (reference / now) ** half
                     reference = now
                 if reference > 0.0:
                     squared /= reference
                     total += float(shares[tile] @ power_of(squared, half) @ self.areas[part])
-        highest = np.max(levels, axis=1, initial=0.0)
         left_out = any(span.smooth is not None for span in spans)
         sought = np.flatnonzero(left_out & (highest > _SOUGHT * reference))
         for some in (sought[i : i + POINTS] for i in range(0, len(sought), POINTS)):
@@ -109,10 +107,10 @@ class Stresses:
         ranks = gathered((max(largest, float(np.max(highest, initial=0.0))), reference, total))
         largest, reference = (max(rank[i] for rank in ranks) for i in (0, 1))
         if reference == 0.0:
-            return Mean(0.0, largest, highest, levels, spans)
+            return Mean(0.0, largest, highest, spans)
         total = sum(part * (own / reference) ** half for _, own, part in ranks)
         value = math.sqrt(reference) * total ** (1.0 / power)
-        return Mean(value, largest, highest, levels, spans)
+        return Mean(value, largest, highest, spans)
 
     def slopes(self, mean: Mean, power: float) -> tuple[Array, Array]:
         """Derivatives of the ``mean`` by M and by z, the latter of this rank's points alone."""
@@ -125,14 +123,11 @@ class Stresses:
         # with its root in both factors a product has the area in its power
         scale = self.areas ** (1.0 / power) / mean.value
         by_time = np.zeros((len(told), z_bar.shape[1]))
-        least = mean.value**2 * NEGLIGIBLE ** (2.0 / (power - 1.0))
         for part in self._parts():
             modes = self.modes[:, part] * scale[part, None]
             short = modes @ basis.T
             bar = np.zeros_like(short)
-            for tile, level in zip(_tiles(told), np.max(mean.levels[part], axis=0), strict=True):
-                if level <= least:
-                    continue
+            for tile in _tiles(told):
                 stress = work.stress(told[tile], short)
                 stress *= power_of(work.squares(), exponent)
                 bar += stress.swapaxes(1, 2) @ (shares[tile, None] * told[tile])
