@@ -192,8 +192,8 @@ class Elasticity:
     @cached_property
     def cell_space(self) -> Any:
         """The displacements' space but that cells share no dofs."""
-        domain = self.domain
-        return _compat.function_space(domain.mesh, "DG", domain.order, (self.dimension,))
+        mesh, order = self.domain.mesh, self.domain.order
+        return _compat.function_space(mesh, "DG", order, (self.dimension,))
 
     @cached_property
     def _cell_dofs(self) -> Integers:
@@ -227,25 +227,17 @@ class Elasticity:
         """d/dx of sum_a m_x(w_a, y_a) + sum_i k_x(phi_i, kappa_i) at fixed fields, (cells,).
 
         The density ``x`` is of shape (cells,), of the ``pairs`` w and y are of shape (dofs, a), phi
-        and kappa of shape (dofs, i) with i <= a. The derivative of the same by the nodes of the
-        mesh is added to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the
-        densities is zero.
+        and kappa of shape (dofs, i). The derivative of the same by the nodes of the mesh is added
+        to ``nodes``, from `MeshNodes.zeros`. Without ``cells`` that by the densities is zero.
         """
         w, y, phi, kappa = pairs
-        if phi.shape[1] > w.shape[1]:
-            raise ValueError("density_gradient: more stiffness pairs than mass pairs")
         self.set_density(x)
         if nodes is not None and w.shape[1] > SUMMED * self._cell_dofs.shape[1]:
             self._add_node_sums(nodes, w, y, phi, kappa)
         elif nodes is not None:
-            for a in range(w.shape[1]):
-                self.set(self._fields[0], w[:, a])
-                self.set(self._fields[1], y[:, a])
-                if a < phi.shape[1]:
-                    self.set(self._fields[2], phi[:, a])
-                    self.set(self._fields[3], kappa[:, a])
-                elif a == phi.shape[1]:
-                    self._fields[3].x.array[:] = 0.0
+            for a in range(max(w.shape[1], phi.shape[1])):
+                for own, block in zip(self._fields, pairs, strict=True):
+                    self.set(own, block[:, a] if a < block.shape[1] else np.zeros(self.n_dofs))
                 # it adds: a new vector for each pair of fields would mean new communicators
                 fem.assemble_vector(nodes, self._node_form)
         total, each = np.zeros(self.domain.n_cells), ((phi, kappa), (w, y))
@@ -271,8 +263,7 @@ class Elasticity:
         """Matrices of solid cells, and the forms of their factors' slopes times volumes.
 
         Stiffness (cells, dofs, dofs), and mass (cells, nodes, nodes) of one component of
-        displacements. Cells that are alike but for round-off share a matrix. None if the density
-        does not matter.
+        displacements. Cells that are alike but for round-off share one. None: no slopes.
         """
         own, test = fem.Function(self.cell_space), ufl.TestFunction(self.cell_space)
         densities, found = ((self._solid_stiffness, 1), (self._solid_mass, self.dimension)), []
@@ -293,10 +284,7 @@ class Elasticity:
         return found
 
     def _add_node_sums(self, nodes: Array, *pairs: Block) -> None:
-        """Add the derivative of the sum of `density_gradient` to ``nodes``, by sums of products.
-
-        At a cell of n dofs the products of all pairs are the n columns of a matrix with unit ones.
-        """
+        """Add the derivative of `density_gradient`'s sum by the nodes, from products at cells."""
         (form, fields), dofs = self._sums_form, self._cell_dofs.shape[1]
         mass, stiffness = np.zeros((2, self.domain.n_cells, dofs, dofs))
         for total, (a, b) in ((mass, pairs[:2]), (stiffness, pairs[2:])):
