@@ -44,7 +44,7 @@ _MENDING, _ROUNDS = 4, 3
 #: Weight of the largest violation of bounds in the merit, which decides whether a step is taken; at
 #: least so many times the sum of their multipliers, beyond which a penalty is exact
 _OF_BOUNDS, _EXACT = 1.5, 1.5
-#: Share by which the result may miss a bound or a minimum size before that is warned of
+#: Share by which the result may miss a minimum size before that is warned of
 _MISSED = 0.01
 
 
@@ -278,9 +278,9 @@ def _descended(
 def _warn_of_missed(trial: Trial, kind: Kind[Any], change: float) -> None:
     """Warn of bounds and sizes that do not hold, of coarse meshes, and of what the parts are."""
     said = [
-        f"{name!r} is violated by {over:.1%} of its bound"
+        f"{name!r} is violated by {over:.2%} of its bound"
         for name, over in trial.excesses.items()
-        if over > _MISSED
+        if over > HELD
     ]
     for found, what in ((trial.sizes, "a member or gap"), (trial.radii, "a radius")):
         said += [
