@@ -33,7 +33,7 @@ POINTS, INSTANTS = 384, 128
 #: Largest share of coordinates that are left out
 ROUND_OFF = 1e-15
 #: Largest error of s^p and s^(p-1) at instants that are left out, of their largest values
-SMOOTH = 3e-10
+SMOOTH = 1e-10
 #: Shares of instants that may tell of all, of how many points that is tried, and every so manieth
 #: instant tells which ones
 _SHARES, _TRIED, _LOOKED = (0.125, 0.1875, 0.25, 0.375), 16, 32
