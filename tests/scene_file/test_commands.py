@@ -28,7 +28,7 @@ EXAMPLES = ("crane", "four_bar", "outline", "slider_crank", "spatial")
 #: Coarser meshes and fewer steps
 SMALLER = [
     (r"elements = \[\d+, \d+\]", "elements = [30, 6]"),
-    (r"elements = \[\d+, \d+, \d+\]", "elements = [8, 2, 2]"),
+    (r"elements = \[\d+, \d+, \d+\]", "elements = [16, 3, 3]"),
     (r'size = "4 mm"', 'size = "10 mm"'),
     (r'solid_rim = "6 mm"', 'solid_rim = "10 mm"'),
     (r'minimum_member = "\d mm"', 'minimum_member = "12 mm"'),
