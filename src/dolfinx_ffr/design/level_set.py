@@ -158,7 +158,7 @@ class LevelSet(Design):
             raise ValueError(
                 f"level set: {by} is too large for the body of "
                 f"{' x '.join(f'{size:.4g} m' for size in high - low)}, as knots {wanted:.4g} m "
-                "apart leave fewer than 3 across it; take it or elements smaller"
+                "apart leave fewer than 3 across it; take a smaller one, in metres"
             )
         count = math.prod(map(float, counts))
         with on_every_rank(domain.comm, "level set"):
