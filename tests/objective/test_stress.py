@@ -174,20 +174,19 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
     objective, found = ffr.PeakStress("rod"), []
     given = reference_problem(comm, (20, 4), steps=2000, modes=2)
     problem = ffr.Problem(given.bodies, given.mechanism, given.integrator, objective)
-    direction = design(problem)[1]
-    x = np.ones(len(direction))
     for smooth in (stress_mean.SMOOTH, -1.0):
         monkeypatch.setattr(stress_mean, "SMOOTH", smooth)
-        evaluation = problem.gradient(x)
-        assert evaluation.gradient is not None
+        evaluation = problem.gradient(np.ones(len(design(problem)[0])))
         response = problem.response(evaluation)
         spans = objective._mean(response).spans
         few = [len(each.shares) / (each.where.stop - each.where.start) for each in spans]
         assert np.mean(few) < 0.6 if smooth > 0.0 else few == [1.0] * len(few)
-        slope = problem.flexible["rod"].domain.sum(evaluation.gradient["rod"] * direction)
-        found.append((evaluation.psi, slope, 1e2 * objective.largest(response)))
-    assert_allclose(*found, rtol=1e-9)
-    assert found[0][2] == pytest.approx(found[1][2], rel=1e-12)
+        found.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
+    (*of_few, slopes_of_few), (*of_all, slopes) = found
+    assert of_few == pytest.approx(of_all, rel=1e-11)
+    # of all cells: the slope along a direction may cancel, and tell of the last places alone
+    domain = problem.flexible["rod"].domain
+    assert domain.sum(np.abs(slopes_of_few - slopes)) <= 1e-10 * domain.sum(np.abs(slopes))
 
 
 PLAIN = ffr.PeakStress("rod", correction=False)
