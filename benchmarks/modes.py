@@ -121,7 +121,7 @@ def estimates(
 def _designs(domain: ffr.Domain) -> dict[str, Array]:
     random = np.random.default_rng(0).uniform(0.1, 1.0, domain.n_cells)
     one_sided = np.where(domain.centroids[:, 0] > 0.6 * domain.bounding_box[1, 0], 0.3, 1.0)
-    strip = np.where(np.abs(domain.centroids[:, 1]) < 0.01, 1.0, 0.0)
+    strip = np.where(np.abs(domain.centroids[:, 1]) < 0.0105, 1.0, 0.0)  # of no centroid itself
     return {
         "full rod": np.ones(domain.n_cells),
         "holes": holes_design(domain),
