@@ -37,7 +37,7 @@ def modes_jobs(*, quick: bool) -> list[Job]:
         **{"repetitions": 0 if quick else 3, "steps": steps},
     }
     estimate = {
-        "meshes": [[20, 2]] if quick else [[60, 6], [100, 10], [200, 20]],
+        "meshes": [[20, 3]] if quick else [[60, 6], [100, 10], [200, 20]],
         "settings": [0, 4] if quick else [0, 1, 2, 4, 6, 8, 12],
         **{"reference": 24 if quick else 60, "steps": steps},
     }
@@ -121,7 +121,7 @@ def estimates(
 def _designs(domain: ffr.Domain) -> dict[str, Array]:
     random = np.random.default_rng(0).uniform(0.1, 1.0, domain.n_cells)
     one_sided = np.where(domain.centroids[:, 0] > 0.6 * domain.bounding_box[1, 0], 0.3, 1.0)
-    strip = np.where(np.abs(domain.centroids[:, 1]) < 0.0105, 1.0, 0.0)  # of no centroid itself
+    strip = np.where(np.abs(domain.centroids[:, 1]) < 0.0095, 1.0, 0.0)  # of no centroid itself
     return {
         "full rod": np.ones(domain.n_cells),
         "holes": holes_design(domain),
