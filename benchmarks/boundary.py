@@ -49,16 +49,15 @@ WAYS: list[dict[str, Any]] = [
 SHORT = {"iterations": 30, "boundary": 8}
 #: Minimum member of 200 x 20 elements, which other meshes have beside them, too [m]
 MEMBER = 1.28e-3
-#: Meshes from which the boundary starts: with solid ends of about those of 200 x 20 elements, and
-#: of two columns of theirs
+#: Meshes from which the boundary starts: with the solid ends of 200 x 20 elements, and with others
+ENDS = {"solid_length": 4e-3}
 MESHES: list[dict[str, Any]] = [
-    {"elements": [120, 12], "solid_columns": 1},
-    {"elements": [300, 30], "solid_columns": 3},
-    {"elements": [200, 20], "cell": "triangle"},
-    {"elements": [150, 15], "cell": "triangle"},
-    {"elements": [100, 10], "cell": "triangle", "order": 2, "solid_columns": 1},
+    {"elements": [120, 12], **ENDS},
+    {"elements": [300, 30], **ENDS},
+    {"elements": [200, 20], "cell": "triangle", **ENDS},
+    {"elements": [150, 15], "cell": "triangle", **ENDS},
+    {"elements": [100, 10], "cell": "triangle", "order": 2, **ENDS},
     {"elements": [120, 12]},
-    {"elements": [100, 10], "cell": "triangle", "order": 2},
 ]
 
 
@@ -161,8 +160,8 @@ def design(
     mesh = "x".join(map(str, elements)) + (" triangles" if rod_of["cell"] == "triangle" else "")
     mesh += f" of order {order}" if order > 1 else ""
     found: dict[str, Any] = {"start": start, "mesh": mesh, "task": task}
-    pitch = 1e3 * np.ptp(domain.bounding_box[:, 0]) / elements[0]
-    found["ends"] = pitch * rod_of.get("solid_columns", 2)
+    columns = 2.0 * np.ptp(domain.bounding_box[:, 0]) / elements[0]
+    found["ends"] = 1e3 * rod_of.get("solid_length", columns)
     found |= {"iterations": iterations, "boundary": boundary}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -27,11 +27,11 @@ def strip(comm: MPI.Intracomm, nx: int = 8, ny: int = 2) -> mesh.Mesh:
     return mesh.create_rectangle(comm, corners, [nx, ny], mesh.CellType.quadrilateral)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("order", "ends"), [(1, {}), (2, {"solid_length": 0.05})])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_geometry_of_a_rod(comm: MPI.Intracomm, cell: str, order: int) -> None:
+def test_geometry_of_a_rod(comm: MPI.Intracomm, cell: str, order: int, ends: dict) -> None:  # type: ignore[type-arg]
     """Area, centroid, centers and averaging points are exact on a rectangle."""
-    domain = Domain.rectangle(comm, 0.4, 0.04, elements=(10, 2), cell=cell, order=order)
+    domain = Domain.rectangle(comm, 0.4, 0.04, elements=(10, 2), cell=cell, order=order, **ends)
     assert domain.area == pytest.approx(0.016, rel=1e-13)
     moment = [domain.sum(domain.cell_volumes * domain.centroids[:, i]) for i in range(2)]
     np.testing.assert_allclose(np.array(moment) / domain.area, [0.2, 0.0], atol=1e-14)
@@ -45,7 +45,7 @@ def test_geometry_of_a_rod(comm: MPI.Intracomm, cell: str, order: int) -> None:
     exact = 0.4**3 / 3 * 2 * 0.02**3 / 3
     assert domain.sum(domain.cell_volumes * mean) == pytest.approx(exact, rel=1e-12)
     solid = domain.sum(domain.cell_volumes * ~domain.design_cells)
-    assert solid == pytest.approx(4 / 10 * domain.area, rel=1e-13)
+    assert solid == pytest.approx(2.0 * ends.get("solid_length", 0.08) * 0.04, rel=1e-13)
     given = Domain(domain.mesh, LEFT, centers={"left": (-1.0, 0.5)}, order=order)
     np.testing.assert_array_equal(given.interfaces["left"].center, [-1.0, 0.5])
 
@@ -140,6 +140,7 @@ def cube(**options: Any) -> Made:
             cube(elements=(6, 1, 1), solid_layers=3),
             "solid_layers = 3 leaves nothing to design among 6",
         ),
+        (cube(elements=(6, 1, 1), solid_length=0.5), "solid_length must lie between 0 and 0.5"),
     ],
 )
 def test_faulty_bodies(comm: MPI.Intracomm, make: Made, message: str) -> None:

@@ -21,6 +21,7 @@ from .model import FlatModel
 OVER_TIME = ("t", "y", "v", "w", "a", "multipliers", "stabilization", "turns")
 
 
+@dataclass(frozen=True)
 class Integrator(ABC):
     """A time integration method: integration, its exact transpose, and how its steps are refined.
 
@@ -33,8 +34,8 @@ class Integrator(ABC):
     compiled: ClassVar[tuple[Compiled, ...]]  #: Compiled functions of the method.
 
     end_time: float  #: Duration of the simulation, which starts at zero [s].
-    #: Relative error of an objective for which the steps were chosen; None of given ones.
-    chosen_for: float | None = None
+    #: Relative error of an objective for which a `TimeInterval` chose these steps, else None
+    chosen_for: float | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     @property
     @abstractmethod

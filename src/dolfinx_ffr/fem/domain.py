@@ -146,6 +146,7 @@ class Domain:
         cell: str = "quadrilateral",
         order: int = 1,
         solid_columns: int = 2,
+        solid_length: float | None = None,
         solid: Predicate | None = None,
         void: Predicate | None = None,
     ) -> Domain:
@@ -162,10 +163,12 @@ class Domain:
             cell: ``"quadrilateral"`` or ``"triangle"``.
             order: Polynomial order of the displacements.
             solid_columns: Element columns at each end that are not designed.
+            solid_length: Instead a length at each end, to which columns are fitted [m].
             solid: Further cells that stay solid, a predicate as for `Domain`.
             void: Cells that stay void, a predicate.
         """
-        rod = rod_mesh("rectangle", comm, (length, height), elements, cell, solid_columns, solid)
+        ends, sizes = (solid_columns, solid_length), (length, height)
+        rod = rod_mesh("rectangle", comm, sizes, elements, cell, ends, solid)
         return cls(*rod, void=void, order=order)
 
     @classmethod
@@ -180,6 +183,7 @@ class Domain:
         cell: str = "hexahedron",
         order: int = 1,
         solid_layers: int = 2,
+        solid_length: float | None = None,
         solid: Predicate | None = None,
         void: Predicate | None = None,
     ) -> Domain:
@@ -196,11 +200,12 @@ class Domain:
             cell: ``"hexahedron"`` or ``"tetrahedron"``, of which each box is cut into six.
             order: Polynomial order of the displacements.
             solid_layers: Layers of elements at each end that are not designed.
+            solid_length: Instead a length at each end, to which layers are fitted [m].
             solid: Further cells that stay solid.
             void: Cells that stay void.
         """
-        sizes = (length, height, width)
-        rod = rod_mesh("box", comm, sizes, elements, cell, solid_layers, solid)
+        ends, sizes = (solid_layers, solid_length), (length, height, width)
+        rod = rod_mesh("box", comm, sizes, elements, cell, ends, solid)
         return cls(*rod, void=void, order=order)
 
     @classmethod

@@ -28,7 +28,7 @@ def rod_mesh(
     sizes: Sequence[float],
     elements: Sequence[int],
     cell: str,
-    layers: int,
+    solid_ends: tuple[int, float | None],
     solid: Predicate | None,
 ) -> tuple[mesh.Mesh, dict[str, Predicate], Mask]:
     """A rod along x: mesh, interfaces ``"left"`` and ``"right"``, mask of cells that stay solid."""
@@ -41,7 +41,12 @@ def rod_mesh(
     validation.real_array(f"{what}: elements", elements, (dim,), expected=expected)
     counts = [validation.integer(f"{what}: elements", n, least=1) for n in elements]
     pieces = "columns" if dim == 2 else "layers"
-    name = f"{what}: solid_{pieces}"
+    name, length = f"{what}: solid_{pieces}", float(high[0])
+    layers, solid_length = solid_ends
+    if solid_length is not None:
+        name, half = f"{what}: solid_length", 0.5 * length
+        solid_length = validation.number(name, solid_length, above=0.0, below=half, unit="m")
+        layers = max(1, round(solid_length * counts[0] / length))
     if 2 * validation.integer(name, layers) >= counts[0]:
         raise ValueError(
             f"{name} = {layers} leaves nothing to design among {counts[0]} element {pieces}; "
@@ -53,17 +58,15 @@ def rod_mesh(
     with on_every_rank(comm, what):
         check_count(what, count, "cells", "take fewer elements", each=_BYTES, available=room)
     kind = getattr(mesh.CellType, validation.choice(f"{what}: cell", cell, _CELLS[dim]))
-    low = np.zeros(dim)
-    high[1:] *= 0.5
-    low[1:] = -high[1:]
-    if dim == 2:
-        options = {"diagonal": mesh.DiagonalType.crossed} if cell == "triangle" else {}
-        domain = mesh.create_rectangle(comm, [low, high], counts, kind, **options)
-    else:
-        domain = mesh.create_box(comm, [low, high], counts, kind)
-    length = float(high[0])
-    eps = 1e-6 * length / counts[0]
-    inner = layers * length / counts[0]
+    low = np.array([0.0, *-0.5 * high[1:]])
+    make = mesh.create_rectangle if dim == 2 else mesh.create_box
+    options = {"diagonal": mesh.DiagonalType.crossed} if cell == "triangle" else {}
+    domain = make(comm, [low, low + high], counts, kind, **options)
+    eps, inner = 1e-6 * length / counts[0], layers * length / counts[0]
+    if solid_length is not None:  # the columns, and those between, are fitted
+        ends, fitted = ([0.0, a, length - a, length] for a in (inner, solid_length))
+        domain.geometry.x[:, 0] = np.interp(domain.geometry.x[:, 0], ends, fitted)
+        inner = solid_length
     kept = located_cells(domain, f"{what}: solid", solid)
     if layers:
         kept |= located_cells(

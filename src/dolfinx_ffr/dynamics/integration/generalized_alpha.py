@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -56,15 +56,11 @@ class GeneralizedAlpha(Integrator):
         backward,
     )
 
-    end_time: float  #: Duration of the simulation, which starts at zero [s].
     steps: int  #: Number of time steps.
     #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
     #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
     #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
     spectral_radius: float = 0.8
-    #: Relative error of an objective for which a :class:`TimeInterval` has chosen these steps; None
-    #: of steps that were given. It has no part in the motion.
-    chosen_for: float | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")

@@ -102,7 +102,6 @@ class RadauIIA(Integrator):
         backward,
     )
 
-    end_time: float  #: Duration of the simulation, which starts at zero [s].
     #: Relative error of the motion that no step exceeds. Vibrations count as much as slow
     #: deformation: an objective that hardly depends on them is far more accurate. A motion that
     #: magnifies errors, through a singular position for instance, is less accurate. At 1e-6 psi
@@ -115,9 +114,6 @@ class RadauIIA(Integrator):
     #: the next, or the times at which steps end beside the jumps, from 0 to ``end_time`` [s], such
     #: as the ``step_ends`` of a trajectory.
     steps: int | Sequence[float] | Array | None = field(default=None)
-    #: Relative error of an objective for which a :class:`TimeInterval` has chosen these steps; None
-    #: of steps that were given. It has no part in the motion.
-    chosen_for: float | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")

@@ -207,7 +207,7 @@ _NOT_CHOSEN = (
 
 def recorded(integrator: Integrator) -> str:
     """Method and steps as a text, from which :func:`restored_method` makes them again."""
-    return json.dumps({"method": type(integrator).__name__, **asdict(integrator)})  # type: ignore[call-overload]
+    return json.dumps({"method": type(integrator).__name__, **asdict(integrator)})
 
 
 def restored_method(text: str) -> Integrator:
