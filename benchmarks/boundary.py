@@ -52,6 +52,7 @@ MEMBER = 1.28e-3
 #: Meshes from which the boundary starts: with the solid ends of 200 x 20 elements, and with others
 ENDS = {"solid_length": 4e-3}
 MESHES: list[dict[str, Any]] = [
+    {"elements": [200, 20], **ENDS},
     {"elements": [120, 12], **ENDS},
     {"elements": [300, 30], **ENDS},
     {"elements": [200, 20], "cell": "triangle", **ENDS},
@@ -76,7 +77,7 @@ def boundary_jobs(*, quick: bool) -> list[Job]:
     wanted += [{"task": task, **fewer} for task in (() if quick else LEAST)]
     wanted += [] if quick else WAYS
     wanted += [{"start": start, "outline": False} for start in kept]
-    wanted += [] if quick else [{**mesh, "member": MEMBER} for mesh in MESHES]
+    wanted += [] if quick else [{**mesh, "member": MEMBER, "boundary": 36} for mesh in MESHES]
     every = {json.dumps({**common, **own}, sort_keys=True): None for own in wanted}
     seconds = 6.0 if quick else 70.0
     return [Job("boundary", "design", seconds, json.loads(own)) for own in every]
@@ -231,7 +232,7 @@ def report_boundary(study: Study, results: Results) -> None:
     study.table("boundary_starts", starts)
     study.table("boundary_short", of(**mesh, **SHORT))
     study.table("boundary_outline", of(**mesh, **steps, outline=False))
-    study.table("boundary_meshes", of(**steps, start="even"))
+    study.table("boundary_meshes", of(**{**steps, "boundary": 36}, start="even"))
     study.table("boundary_stress_limit", limited := of(task="stress limit"))
     if both := [row for task in LEAST for row in of(task=task)]:
         study.table("boundary_least", both)
