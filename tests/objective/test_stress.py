@@ -184,8 +184,7 @@ def test_instants_that_tell_of_others(comm: MPI.Intracomm, monkeypatch: pytest.M
         found.append((evaluation.psi, objective.largest(response), evaluation.gradient["rod"]))  # type: ignore[index]
     (*of_few, slopes_of_few), (*of_all, slopes) = found
     assert of_few == pytest.approx(of_all, rel=1e-11)
-    domain = problem.flexible["rod"].domain
-    assert domain.sum(np.abs(slopes_of_few - slopes)) <= 1e-10 * domain.sum(np.abs(slopes))
+    assert np.sum(np.abs(slopes_of_few - slopes)) <= 1e-10 * np.sum(np.abs(slopes))
 
 
 PLAIN = ffr.PeakStress("rod", correction=False)

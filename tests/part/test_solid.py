@@ -276,6 +276,8 @@ def test_refusals(comm: MPI.Comm) -> None:
         Solid(free, lambda x: -full(x))
     with pytest.raises(ValueError, match="no material touches an interface"):
         Solid(free, lambda x: 0.1 - np.linalg.norm(x - [0.4, 0.0, 0.0], axis=1))
+    with pytest.raises(ValueError, match=r"surface must lie between 0 and 0\.05, 0 excluded"):
+        Solid(free, full, size=0.05, surface=0.1)
     whole = Solid(free, full)
     with pytest.raises(ValueError, match="tetrahedra are more than the 4,000,000 that can be cut"):
         whole.domain(1e-9)

@@ -88,7 +88,7 @@ class Solid(Enclosed):
 
     Raises:
         ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
-            more than faces, no material touches an interface, or the size is too small.
+            more than faces, no material touches an interface, or a size is out of range.
 
     Warns:
         PartWarning: If loose pieces are left out, an interface has no material, cavities are
@@ -112,9 +112,9 @@ class Solid(Enclosed):
         surface: float | None = None,
     ) -> None:
         self._keep(domain, field, material, "on")
-        for what, given in (("size", size), ("surface", surface)):
+        for what, given, most in (("size", size, np.inf), ("surface", surface, size or np.inf)):
             if given is not None:
-                validation.number(f"solid: {what}", given, above=0.0, unit="m")
+                validation.number(f"solid: {what}", given, above=0.0, most=most, unit="m")
         self._sizes = {"size": size, "surface": surface}
         self._first = 0 if size is None else self._finer(size)
         seen = surface or size
