@@ -22,7 +22,7 @@ from slider_crank import STEEL, reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Boundary, InThePlane
-from dolfinx_ffr.boundary.derivative import NodeMotion
+from dolfinx_ffr.boundary.derivative import CurveMotion
 from dolfinx_ffr.boundary.fair import faired
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
@@ -109,7 +109,7 @@ def test_the_derivative_on_several_ranks_is_that_of_parts_meshed_anew() -> None:
     here, evaluation = psi(problem, boundary)
     evaluation = here.differentiate(evaluation, nodes=True)
     assert evaluation.nodes is not None
-    bar = NodeMotion(boundary, here.flexible["rod"].domain).pullback(evaluation.nodes["rod"])
+    bar = CurveMotion(boundary, here.flexible["rod"].domain).pullback(evaluation.nodes["rod"])
     slope = np.where(boundary.held, 0.0, np.einsum("kd,kd->k", bar, boundary.normals))
     offsets = -5e-4 * slope / np.max(np.abs(slope))
     exact = float(slope @ offsets)
@@ -198,7 +198,7 @@ def test_nodes_follow_the_controls() -> None:
     """What goes back from nodes to controls is the transpose of the motion that it stands for."""
     boundary = scene(alone=True)[1]
     domain = boundary.part.domain(3.2 * MEMBER, across=1.2)
-    motion, x = NodeMotion(boundary, domain), domain.mesh.geometry.x[:, :2]
+    motion, x = CurveMotion(boundary, domain), domain.mesh.geometry.x[:, :2]
     random = np.random.default_rng(0)
     controls = random.standard_normal((boundary.n_controls, 2))
     numbers, _ = motion._numbers

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from typing import Any, Generic, TypeVar
+
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
@@ -12,31 +15,58 @@ from ..arrays import Array, Integers, Mask
 from ..fem import Domain, gathered_nodes, laplace
 from .outline import Boundary
 
+B = TypeVar("B", bound=Any)  # with n_controls
+
 #: Ends and middles of the sides of a triangle of order 2, by local number
 _ENDS, _MIDDLES = ([1, 2], [0, 2], [0, 1]), (3, 4, 5)
 #: Distance of a node from a curve on which it lies, in minimum members
 _ON = 1e-5
 
 
-class NodeMotion:
-    """How the nodes of a mesh follow the controls of the boundary that it fits; collective.
+class NodeMotion(ABC, Generic[B]):
+    """How the nodes of a mesh follow the controls of the boundary that it fits; collective."""
+
+    def __init__(self, boundary: B, domain: Domain) -> None:
+        self._domain = domain
+        self.n_controls = boundary.n_controls
+        x, cells, self._numbers = gathered_nodes(domain)
+        self._shape = x.shape
+        if domain.comm.rank == 0:
+            self._prepare(boundary, x, cells)
+
+    @abstractmethod
+    def _prepare(self, boundary: B, x: Array, cells: Integers) -> None:
+        """What `_back` needs, from all nodes (nodes, dimension) and cells; on rank 0."""
+
+    @abstractmethod
+    def _back(self, bar: Array) -> Array:
+        """From the derivative by all nodes (nodes, dimension) to that by controls; on rank 0."""
+
+    def pullback(self, nodes: Array) -> Array:
+        """From the derivative by nodes to that by controls, (controls, k), the same on every rank.
+
+        Args:
+            nodes: For each node of this rank, as `Evaluation.nodes` has it.
+        """
+        comm = self._domain.comm
+        numbers, own = self._numbers
+        parts = comm.gather((numbers[own], nodes[own]))
+        found = None
+        if parts is not None:
+            bar = np.zeros(self._shape)
+            for where, values in parts:
+                bar[where] = values
+            found = self._back(bar)
+        return np.asarray(comm.bcast(found))
+
+
+class CurveMotion(NodeMotion[Boundary]):
+    """Nodes of triangles of order 2 that follow curves: (controls, 2) of a `pullback`.
 
     Nodes on a free curve move with it at fixed parameters, others on the boundary stay. Vertices
     inside follow by Laplace's equation on the straight triangles, and middles of sides are in the
     middle of their ends where they are on no curve.
-
-    Args:
-        boundary: That of the mesh.
-        domain: Of triangles of order 2.
     """
-
-    def __init__(self, boundary: Boundary, domain: Domain) -> None:
-        self._domain = domain
-        self.n_controls = boundary.n_controls
-        x, cells, self._numbers = gathered_nodes(domain)
-        self._count = len(x)
-        if domain.comm.rank == 0:
-            self._prepare(boundary, x, cells)
 
     def _prepare(self, boundary: Boundary, x: Array, cells: Integers) -> None:
         corners = cells[:, :3]
@@ -59,26 +89,12 @@ class NodeMotion:
         self._coupling = stiffness[edge][:, self._inside]
         self._factor = splu(stiffness[self._inside][:, self._inside].tocsc())
 
-    def pullback(self, nodes: Array) -> Array:
-        """From the derivative by nodes to that by controls, (controls, 2), the same on every rank.
-
-        Args:
-            nodes: For each node of this rank, as `Evaluation.nodes` has it.
-        """
-        comm = self._domain.comm
-        numbers, own = self._numbers
-        parts = comm.gather((numbers[own], nodes[own]))
-        found = None
-        if parts is not None:
-            bar = np.zeros((self._count, 2))
-            for where, values in parts:
-                bar[where] = values
-            total = bar.copy()
-            for j in (0, 1):
-                np.add.at(total, self._ends[:, j], 0.5 * bar[self._middles])
-            total[self._edge] -= self._coupling @ self._factor.solve(total[self._inside])
-            found = self._follow.T @ total
-        return np.asarray(comm.bcast(found))
+    def _back(self, bar: Array) -> Array:
+        total = bar.copy()
+        for j in (0, 1):
+            np.add.at(total, self._ends[:, j], 0.5 * bar[self._middles])
+        total[self._edge] -= self._coupling @ self._factor.solve(total[self._inside])
+        return np.asarray(self._follow.T @ total)
 
 
 def _followers(boundary: Boundary, x: Array, candidates: Integers) -> tuple[csr_matrix, Mask]:

@@ -15,19 +15,30 @@ from .outline import Boundary
 _LEFT = 0.5
 #: Times the curvature of a minimum member from which on a curve turns by intention
 _TURN = 0.5
+#: Length of a step, in minimum members, from which on that is done in full
+_FULL = 0.25
 
 
-def faired(boundary: Boundary) -> Boundary:
+def share_of(length: float) -> float:
+    """By which share waves are made smaller after a step of a length in minimum members.
+
+    Steps that become short would else undo what longer ones have gained, and come to no end.
+    """
+    return min(1.0, length / _FULL)
+
+
+def faired(boundary: Boundary, share: float = 1.0) -> Boundary:
     """The same with controls less uneven, and with short waves made smaller, but for corners.
 
-    The offsets a of controls along their normals minimise |a|^2 plus the weighted changes of the
-    curvature, which are the third differences of the controls across the curve (M. Eck,
-    J. Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3), and keep the
-    area beside each curve. Waves along six or more controls hardly change.
+    The offsets a of controls along their normals minimise |a|^2 plus a ``share`` of the weighted
+    changes of the curvature, the third differences of the controls across the curve (M. Eck, J.
+    Hadenfeld, Computing Supplementum 10, 1995, doi:10.1007/978-3-7091-7584-2_3), and keep the area
+    beside each curve. Waves along six or more controls hardly change.
     """
     member, shares = boundary.member, boundary.shares
     even = replace(boundary, free={key: slid(curve) for key, curve in boundary.free.items()})
-    offsets = [ripples(even.free[k], member, c.area[0]) for k, c in boundary.free.items()]
+    curves = boundary.free.items()
+    offsets = [ripples(even.free[k], member, c.area[0], share) for k, c in curves]
     return even.moved(shares @ (shares.T @ np.concatenate(offsets) / shares.sum(axis=0).A1))
 
 
@@ -44,7 +55,9 @@ def slid(curve: FreeCurve) -> FreeCurve:
     return curve.moved(x + way[:, None] * along)
 
 
-def ripples(curve: FreeCurve, member: float, area: float | None = None) -> Array:
+def ripples(
+    curve: FreeCurve, member: float, area: float | None = None, share: float = 1.0
+) -> Array:
     """Offsets of the controls of one curve along their normals (n,) that make them smaller [m].
 
     The area beside it, `FreeCurve.area`, becomes ``area`` [m^2], by default the one it has.
@@ -60,7 +73,7 @@ def ripples(curve: FreeCurve, member: float, area: float | None = None) -> Array
     # third differences, and second ones amid them
     change = np.einsum("j,mjd,md->m", [-1.0, 3.0, -3.0, 1.0], x[four], across)
     bend = np.einsum("j,mjd,md->m", [0.5, -0.5, -0.5, 0.5], x[four], across) / length**2
-    weight = (1.0 / _LEFT - 1.0) / 64.0 / (1.0 + (bend * member / _TURN) ** 2) ** 2
+    weight = share * (1.0 / _LEFT - 1.0) / 64.0 / (1.0 + (bend * member / _TURN) ** 2) ** 2
     slopes = np.zeros((len(first), n))
     own = np.array([-1.0, 3.0, -3.0, 1.0]) * np.einsum("mjd,md->mj", normals[four], across)
     np.put_along_axis(slopes, four, own, axis=1)

@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import shapely
@@ -16,8 +16,8 @@ from ..arrays import Array
 from ..fem import Domain
 from ..part import Solid
 from ..reduction import Struts
-from .derivative import NodeMotion
-from .fair import faired
+from .derivative import CurveMotion, NodeMotion
+from .fair import faired, share_of
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .step import best_step
@@ -41,13 +41,6 @@ _MAKING = 1e-3
 _MENDED, _MORE = 3, 0.1
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
 _THINNER = 0.97
-
-
-class Motion(Protocol):
-    """How the nodes of a mesh follow the controls of the boundary that it fits."""
-
-    def pullback(self, nodes: Array) -> Array:
-        """From the derivative by nodes to that by controls, (controls, components); collective."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +68,7 @@ class Kind(ABC, Generic[B]):
         """A mesh of a size [m], and in notches of ``turn`` radii, that fits; collective."""
 
     @abstractmethod
-    def motion(self, boundary: B, domain: Domain) -> Motion:
+    def motion(self, boundary: B, domain: Domain) -> NodeMotion[Any]:
         """How the nodes of that mesh follow; collective."""
 
     @abstractmethod
@@ -94,10 +87,11 @@ class Kind(ABC, Generic[B]):
     def size(self, boundary: B, given: float | None) -> float:
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
-    def mended(self, boundary: B, missed: float, reach: float) -> B:
-        """The same with what a step leaves mended, if that is not done as it moves.
+    def mended(self, boundary: B, missed: float, reach: float, length: float = math.inf) -> B:
+        """The same with what a step of a ``length`` leaves mended, if not done as it moves.
 
-        ``missed`` is the share by which sizes may be missed, ``reach`` that of a step in members.
+        ``missed`` is the share by which sizes may be missed, ``reach`` that of the longest step;
+        both lengths are in members.
         """
         return boundary
 
@@ -148,8 +142,8 @@ class InThePlane(Kind[Boundary]):
             size = max(size, min(_LARGER * size, _enough(boundary)))
         return boundary.part.domain(size, across=across, turn=turn)
 
-    def motion(self, boundary: Boundary, domain: Domain) -> NodeMotion:
-        return NodeMotion(boundary, domain)
+    def motion(self, boundary: Boundary, domain: Domain) -> CurveMotion:
+        return CurveMotion(boundary, domain)
 
     def sizes(self, boundary: Boundary) -> Rows:
         return size_rows(boundary)
@@ -165,8 +159,10 @@ class InThePlane(Kind[Boundary]):
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
 
-    def mended(self, boundary: Boundary, missed: float, reach: float) -> Boundary:
-        boundary = faired(boundary)
+    def mended(
+        self, boundary: Boundary, missed: float, reach: float, length: float = math.inf
+    ) -> Boundary:
+        boundary = faired(boundary, share_of(length))
         most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
         metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
         still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0

@@ -25,10 +25,12 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers
 from ..design import Mirror, images
-from ..fem import Domain, Tetrahedra, gathered_nodes
+from ..fem import Domain, Tetrahedra
 from ..limits import PAIR, check_count
 from ..parallel import on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
+from .derivative import NodeMotion
+from .fair import share_of
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
 from .walls import Field, Sides, Walls, contour
@@ -58,7 +60,7 @@ _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 _SMALL = 1.3
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
 #: drawn, as chords of larger ones are off the surface by a tenth of a wall, and how many may be
-_COARSE, _DRAWN, _MANY = 2.0, 0.5, 1_000_000
+_COARSE, _DRAWN, _MANY = 2.0, 0.35, 4_000_000
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
@@ -236,7 +238,8 @@ class Surface:
         """
 
         def found() -> Surface:
-            changed = self.shifted(offsets)._faired()
+            length = float(np.max(np.abs(offsets), initial=0.0)) / self.member
+            changed = self.shifted(offsets)._faired(share_of(length))
             assert self._sides is not None
             x, _ = self._sides.surface(changed.field, changed._slopes)
             steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), _SHARES)
@@ -268,7 +271,7 @@ class Surface:
         assert self._sides is not None
         return self._as(self._sides.rounded(self.field, self.gap))
 
-    def _faired(self) -> Surface:
+    def _faired(self, share: float) -> Surface:
         """The same without waves that are too short for the mesh; on rank 0.
 
         The field is that which minimises its square distance from this one plus that of its
@@ -278,7 +281,7 @@ class Surface:
             2.0 * (1.0 - np.cos(np.pi * np.arange(count) / count)) / spacing**2
             for count, spacing in zip(self.coefficients.shape, self._spacing, strict=True)
         ]
-        left = 1.0 / (1.0 + (_FAIR * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
+        left = 1.0 / (1.0 + share * (_FAIR * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
         return self._with(idctn(left * dctn(self.coefficients, norm="ortho"), norm="ortho"))
 
     def _thick(self) -> Surface:
@@ -515,30 +518,14 @@ def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> A
     return np.asarray(found.reshape(tuple(shape)))
 
 
-class SurfaceMotion:
-    """How the nodes of a mesh follow the field of the surface that it fits; collective."""
+class SurfaceMotion(NodeMotion[Surface]):
+    """Nodes that follow the field of a surface: (controls, 1) of a `pullback`."""
 
-    def __init__(self, surface: Surface, domain: Domain) -> None:
-        self._domain = domain
-        self.n_controls = surface.n_controls
-        x, _, self._numbers = gathered_nodes(domain)
-        self._count = len(x)
-        if domain.comm.rank == 0:
-            points = surface.moving
-            away, self._node = cKDTree(x).query(surface.part.points[points.numbers])
-            assert np.max(away, initial=0.0) < 1e-9 * surface.member
-            self._points = points
+    def _prepare(self, boundary: Surface, x: Array, cells: Integers) -> None:
+        self._points = boundary.moving
+        away, self._node = cKDTree(x).query(boundary.part.points[self._points.numbers])
+        assert np.max(away, initial=0.0) < 1e-9 * boundary.member
 
-    def pullback(self, nodes: Array) -> Array:
-        """From the derivative by nodes to that by controls, (controls, 1), on every rank."""
-        comm = self._domain.comm
-        numbers, own = self._numbers
-        parts = comm.gather((numbers[own], nodes[own]))
-        found = None
-        if parts is not None:
-            bar = np.zeros((self._count, 3))
-            for where, values in parts:
-                bar[where] = values
-            inwards = np.einsum("pd,pd->p", bar[self._node], self._points.ways)
-            found = -(self._points.rows.T @ inwards)[:, None]
-        return np.asarray(comm.bcast(found))
+    def _back(self, bar: Array) -> Array:
+        inwards = np.einsum("pd,pd->p", bar[self._node], self._points.ways)
+        return np.asarray(-(self._points.rows.T @ inwards)[:, None])
