@@ -145,7 +145,7 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     smallest = kind.sizes(replace(boundary, member=0.0185)).smallest
     thin = replace(boundary, member=1.03 * smallest)
     assert kind.sizes(thin).missed == pytest.approx(1.0 - 1.0 / 1.03, rel=0.01)
-    mended = kind.mended(thin, 2e-3, 0.65)
+    mended = kind.mended(thin, 2e-3, 0.65, 0.65)
     assert kind.sizes(mended).missed <= 2e-3 and kind.radii(mended).missed <= 2e-3
     assert mended.material.area < faired(thin).material.area * (1.0 + 1e-4)
     way = thin.shares @ kind.way(thin, mended) * thin.member
@@ -154,7 +154,7 @@ def test_sizes_that_are_missed_are_mended_by_a_small_motion() -> None:
     # across the curves, but for controls that are kept where they may be
     off = np.einsum("kd,kd->k", here - there, thin.normals) - way
     assert np.quantile(np.abs(off), 0.9) < 1e-9
-    left, only = kind.mended(boundary, 2e-3, 0.65), faired(boundary)
+    left, only = kind.mended(boundary, 2e-3, 0.65, 0.65), faired(boundary)
     for key, curve in only.free.items():
         assert np.array_equal(left.free[key].control, curve.control)
 

@@ -20,10 +20,7 @@ _FULL = 0.25
 
 
 def share_of(length: float) -> float:
-    """By which share waves are made smaller after a step of a length in minimum members.
-
-    Steps that become short would else undo what longer ones have gained, and come to no end.
-    """
+    """The share after a step of a length in members: short ones would undo what is gained."""
     return min(1.0, length / _FULL)
 
 

@@ -87,11 +87,11 @@ class Kind(ABC, Generic[B]):
     def size(self, boundary: B, given: float | None) -> float:
         """The size of cells [m], by default one that is fine enough for psi and the members."""
 
-    def mended(self, boundary: B, missed: float, reach: float, length: float = math.inf) -> B:
-        """The same with what a step of a ``length`` leaves mended, if not done as it moves.
+    def mended(self, boundary: B, missed: float, reach: float, length: float) -> B:
+        """The same with what a step leaves mended, if that is not done as it moves.
 
-        ``missed`` is the share by which sizes may be missed, ``reach`` that of the longest step;
-        both lengths are in members.
+        ``missed`` is the share by which sizes may be missed, ``reach`` that of a step at most and
+        ``length`` that of this one, in members.
         """
         return boundary
 
@@ -159,9 +159,7 @@ class InThePlane(Kind[Boundary]):
             return given
         return min(_SIZE * boundary.member, _enough(boundary))
 
-    def mended(
-        self, boundary: Boundary, missed: float, reach: float, length: float = math.inf
-    ) -> Boundary:
+    def mended(self, boundary: Boundary, missed: float, reach: float, length: float) -> Boundary:
         boundary = faired(boundary, share_of(length))
         most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
         metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()

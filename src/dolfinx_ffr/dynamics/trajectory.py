@@ -38,9 +38,9 @@ class Integrator(ABC):
     chosen_for: float | None = field(default=None, repr=False, compare=False, kw_only=True)
 
     @property
-    @abstractmethod
     def times(self) -> Array:
-        """Ends of fixed steps, shape (steps + 1,); of adaptive ones, begin and end only [s]."""
+        """Ends of fixed steps, shape (steps + 1,); of others, begin and end only [s]."""
+        return np.array([0.0, self.end_time])
 
     @property
     @abstractmethod

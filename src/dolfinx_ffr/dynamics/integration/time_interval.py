@@ -10,8 +10,6 @@ from dataclasses import asdict, dataclass, replace
 from time import perf_counter
 from typing import ClassVar
 
-import numpy as np
-
 from ... import validation
 from ...arrays import Array
 from ..compilation import Compiled
@@ -175,10 +173,6 @@ class TimeInterval(Integrator):
     @property
     def adaptive(self) -> bool:
         return True
-
-    @property
-    def times(self) -> Array:
-        return np.array([0.0, self.end_time])
 
     @property
     def instants(self) -> int:

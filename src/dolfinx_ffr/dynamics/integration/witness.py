@@ -39,13 +39,8 @@ class TrapezoidalWitness(Integrator):
     order: ClassVar[int] = 2
     compiled: ClassVar[tuple[Compiled, ...]] = GeneralizedAlpha.compiled
 
-    end_time: float  #: Duration of the simulation, which starts at zero [s].
     cells: LoadSteps  #: Cells that resolve loads and prescribed motions.
     each: int  #: Steps of each cell.
-
-    @property
-    def times(self) -> Array:
-        return np.array([0.0, self.end_time])
 
     @property
     def instants(self) -> int:
