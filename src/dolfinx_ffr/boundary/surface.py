@@ -30,7 +30,6 @@ from ..limits import PAIR, check_count
 from ..parallel import on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 from .derivative import NodeMotion
-from .fair import share_of
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
 from .walls import Field, Sides, Walls, contour
@@ -238,8 +237,7 @@ class Surface:
         """
 
         def found() -> Surface:
-            length = float(np.max(np.abs(offsets), initial=0.0)) / self.member
-            changed = self.shifted(offsets)._faired(share_of(length))
+            changed = self.shifted(offsets)._faired()
             assert self._sides is not None
             x, _ = self._sides.surface(changed.field, changed._slopes)
             steep = np.quantile(np.linalg.norm(changed._slopes(x), axis=1), _SHARES)
@@ -271,7 +269,7 @@ class Surface:
         assert self._sides is not None
         return self._as(self._sides.rounded(self.field, self.gap))
 
-    def _faired(self, share: float) -> Surface:
+    def _faired(self) -> Surface:
         """The same without waves that are too short for the mesh; on rank 0.
 
         The field is that which minimises its square distance from this one plus that of its
@@ -281,7 +279,7 @@ class Surface:
             2.0 * (1.0 - np.cos(np.pi * np.arange(count) / count)) / spacing**2
             for count, spacing in zip(self.coefficients.shape, self._spacing, strict=True)
         ]
-        left = 1.0 / (1.0 + share * (_FAIR * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
+        left = 1.0 / (1.0 + (_FAIR * self.member) ** 4 * sum(np.ix_(*waves)) ** 2)
         return self._with(idctn(left * dctn(self.coefficients, norm="ortho"), norm="ortho"))
 
     def _thick(self) -> Surface:
