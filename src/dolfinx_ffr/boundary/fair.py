@@ -15,13 +15,6 @@ from .outline import Boundary
 _LEFT = 0.5
 #: Times the curvature of a minimum member from which on a curve turns by intention
 _TURN = 0.5
-#: Length of a step, in minimum members, from which on that is done in full
-_FULL = 0.25
-
-
-def share_of(length: float) -> float:
-    """The share after a step of a length in members: short ones would undo what is gained."""
-    return min(1.0, length / _FULL)
 
 
 def faired(boundary: Boundary, share: float = 1.0) -> Boundary:

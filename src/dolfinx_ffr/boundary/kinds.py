@@ -17,7 +17,7 @@ from ..fem import Domain
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
-from .fair import faired, share_of
+from .fair import faired
 from .outline import Boundary
 from .sizes import Rows, radius_rows, room_rows, size_rows
 from .step import best_step
@@ -39,6 +39,9 @@ _PRICE, _IDLE, _TRIED = 0.01, 2e-3, 3
 _MAKING = 1e-3
 #: Rounds in which sizes are mended, and squares of the minimum member more that this may take
 _MENDED, _MORE = 3, 0.1
+#: Length of a step, in minimum members, from which on ripples are smoothed in full: short steps
+#: would lose by that what they gain, and come to no end
+_FULL = 0.25
 #: Share of the minimum below which a member of a solid is told, which samples of its surface know
 _THINNER = 0.97
 
@@ -160,7 +163,7 @@ class InThePlane(Kind[Boundary]):
         return min(_SIZE * boundary.member, _enough(boundary))
 
     def mended(self, boundary: Boundary, missed: float, reach: float, length: float) -> Boundary:
-        boundary = faired(boundary, share_of(length))
+        boundary = faired(boundary, min(1.0, length / _FULL))
         most, shares, member = _area(boundary)[0], boundary.shares, boundary.member
         metric = (shares.T @ boundary.metric(self.pace.smooth * member) @ shares).tocsc()
         still, held = np.zeros(shares.shape[1]), shares.T @ boundary.held > 0

@@ -280,10 +280,9 @@ class Descent:
         try:
             moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
             if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                moved = {
-                    n: self.kind.mended(b, HELD, LONGEST, float(np.max(np.abs(a))) / b.member)
-                    for (n, b), a in zip(moved.items(), step.offsets.values(), strict=True)
-                }
+                for n, b in moved.items():
+                    length = float(np.max(np.abs(step.offsets[n]))) / b.member
+                    moved[n] = self.kind.mended(b, HELD, LONGEST, length)
             return self.tried(moved)
         except (ValueError, SimulationError):
             return None
