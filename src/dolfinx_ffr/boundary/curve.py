@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -21,6 +22,8 @@ SMOOTHING = 1.0
 BENDS = 32
 #: Points to which a curve is fitted for each of its controls, at least
 _DENSE = 16
+#: Points and weights of Gauss: three integrate polynomials of degree 5
+_GAUSS = np.polynomial.legendre.leggauss(3)
 #: Rounds in which a curve is kept where it may be, and by how much each of them overshoots
 _ROUNDS, _FURTHER = 40, 1.5
 
@@ -61,7 +64,8 @@ class FreeCurve:
         t = np.asarray(s) - k
         u = 1.0 - t
         if derivative == 0:
-            parts = [u**3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+            cube = t**3
+            parts = [u**3, 3 * cube - 6 * t**2 + 4, -3 * cube + 3 * t**2 + 3 * t + 1, cube]
         elif derivative == 1:
             parts = [-3 * u**2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
         else:
@@ -110,16 +114,15 @@ class FreeCurve:
             s[[0, -1]] = 0.0, self.spans
         return s
 
-    @property
+    @cached_property
     def control_normals(self) -> Array:
         """Normals of the curve where each control weighs most, shape (n, 2)."""
         return self.normals(self.amid)
 
-    @property
+    @cached_property
     def area(self) -> tuple[float, Array]:
         """The area on its left [m^2] but for a constant, and its slopes by offsets (n,) [m]."""
-        # three points of Gauss integrate polynomials of degree 5
-        t, share = np.polynomial.legendre.leggauss(3)
+        t, share = _GAUSS
         s = (np.arange(self.spans)[:, None] + 0.5 + 0.5 * t).ravel()
         (x, y), (u, v) = (self.at(s, order).T for order in (0, 1))
         share = np.tile(0.5 * share, self.spans)
@@ -231,9 +234,11 @@ def kept(
 
 def _ways(points: Array, room: shapely.Geometry) -> Array:
     """From points (n, 2) outside a region to the nearest place in it, zero from others [m]."""
-    found, given = np.zeros_like(points), shapely.points(points)
-    out = np.flatnonzero(~shapely.contains(room, given))
+    found = np.zeros_like(points)
+    shapely.prepare(room)
+    out = np.flatnonzero(~shapely.contains_xy(room, points))
     if len(out):
-        ends = shapely.get_coordinates(shapely.shortest_line(room, given[out])).reshape(-1, 2, 2)
+        ways = shapely.shortest_line(room, shapely.points(points[out]))
+        ends = shapely.get_coordinates(ways).reshape(-1, 2, 2)
         found[out] = ends[:, 0] - ends[:, 1]
     return found
