@@ -264,6 +264,11 @@ class InSpace(Kind[Surface]):
     def finer(self, boundary: Surface) -> Surface:
         return boundary.finer()
 
+    def braced(self, boundary: Surface, struts: Struts) -> Iterator[tuple[Surface, int, float]]:
+        everywhere = struts.domain.everywhere
+        for found, count in boundary.pierced(everywhere(struts.domain.centroids), everywhere(struts.removed)):
+            yield found, count, 0.0
+
     def said(self, boundary: Surface) -> list[str]:
         # also between sides that are no wall, but a wedge
         thin, said = boundary.drawn.thinnest_member, list(boundary.drawn.warnings)

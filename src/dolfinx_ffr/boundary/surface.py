@@ -10,7 +10,7 @@ normal n by the change over the slope, so the derivative by the nodes gives that
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -33,6 +33,7 @@ from .derivative import NodeMotion
 from .sizes import SEEN, SPARE, Rows
 from .step import best_step
 from .walls import Field, Sides, Walls, contour
+from .windows import pierced, promising
 
 #: Spacing of the grid, in minimum members; knots of the motion are twice as far apart
 _SPACING = 0.5
@@ -43,6 +44,8 @@ _EXACT, _ITERATIONS = 1.0, 60
 _SAMPLES = 0.25
 #: Times that thin walls are made thicker, and share by which the thinnest may stay thinner
 _ROUNDS, _ALMOST = 10, 1e-3
+#: Thickness to which thin walls are mended, in minimum members
+_MENDED = 1.005
 #: Length whose fourth power is the weight of the squared Laplacian, in minimum members: of waves
 #: of 1.6 members, which tetrahedra cannot show, a step leaves 65 %
 _FAIR = 0.25
@@ -247,6 +250,20 @@ class Surface:
 
         return self._made(found)
 
+    def pierced(self, places: Array, changes: Array) -> Iterator[tuple[Surface, int]]:
+        """The same with windows that may lower psi, and how many; collective.
+
+        All that promise it, and fewer and fewer of them. ``changes`` (cells,) are those of log psi
+        if the material of the cells at ``places`` (cells, 3) went.
+        """
+        images, walls = self._images, self.walls
+        every = promising(walls, images, self.member, places, changes)
+        count = len(every)
+        while count:
+            field = pierced(self.field, every[:count], images)
+            yield self._made(lambda: self._as(field)), count
+            count //= 2
+
     def _made(self, make: Callable[[], Surface]) -> Surface:
         """What is made on rank 0, with thick walls, and sent to all ranks; collective."""
 
@@ -294,11 +311,12 @@ class Surface:
                 walls, everywhere = found._walls(), True
             if walls.least > (1.0 - _ALMOST) * member:
                 break
-            thin = walls.upto(SPARE * member)
+            thin = walls.upto(_MENDED * member)
             if walls.least < _THIN * member:
                 found = found._as(self._sides.thickened(found.field, thin, _THICKER * member))
             else:
-                rows, still = found.rows(thin), np.zeros(self.n_controls)
+                rows = found.rows(thin, _MENDED * member)
+                still = np.zeros(self.n_controls)
                 of_rows = rows.values, rows.slopes, self.held, member
                 step = best_step(self.metric(member), still, *of_rows)
                 found = found.shifted(step.offsets)
@@ -323,8 +341,10 @@ class Surface:
         least = SPARE * self.member
         return self._sides.walls(self.field, self._slopes, least, SEEN * least, near)
 
-    def rows(self, walls: Walls) -> Rows:
+    def rows(self, walls: Walls, least: float | None = None) -> Rows:
         """1 - d / d_min for the thinnest of walls, one in each cell of the grid of the motion.
+
+        By default the ``least`` thickness [m] is a little more than the member.
 
         The thickness d is the diameter of a ball that touches both sides. It grows as these move
         outwards; where their normals are not opposite, the ball also moves along the wall.
@@ -336,7 +356,7 @@ class Surface:
         cosine = np.einsum("nd,nd->n", walls.inward[first], walls.across[first])
         there = diags(1.0 * walls.moving[first]) @ self.outwards(walls.ends[first])
         there = there - diags(cosine) @ self.outwards(walls.points[first])
-        least = SPARE * self.member
+        least = least or SPARE * self.member
         slopes = diags(-2.0 / (1.0 - cosine) / least) @ there
         values = 1.0 - walls.thickness[first] / least
         none = np.full((len(first), 2), -1)

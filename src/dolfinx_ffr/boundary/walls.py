@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Integers, Mask
 from ..fem import DESIGNED, SOLID, VOID, Domain, Tetrahedra, connected
 from ..part import Balls, outer_faces, spread, tangent_balls
 from .sizes import SEEN
@@ -24,6 +24,10 @@ Field = Callable[[Array], Array]
 #: Product of the normals below which sides are those of a wall: at the tip of a hollow all normals
 #: of samples are inclined
 _FACING = -np.cos(np.radians(30.0))
+#: By how much the radii of balls grow along a wedge between sides that are as much inclined
+_WIDENS = np.sin(np.radians(15.0))
+#: Radii of balls in a wedge between sides that are as much inclined, in distances from its edge
+_RIM = np.tan(np.radians(15.0))
 #: Times that the ball of a wall is moved off the sides of the body, which may meet in a corner
 _SIDES = 4
 #: Distance from places up to which walls are looked for, and samples, in least thicknesses
@@ -44,8 +48,12 @@ class Walls(NamedTuple):
     def middles(self) -> Array:
         """Centres of the balls, (n, 3) [m]."""
         side = np.where(self.moving[:, None], self.points, self.ends)
-        normal = np.where(self.moving[:, None], self.inward, self.across)
-        return side + 0.5 * self.thickness[:, None] * normal
+        return side + 0.5 * self.thickness[:, None] * self.normals
+
+    @property
+    def normals(self) -> Array:
+        """Unit normals of the walls, (n, 3)."""
+        return np.where(self.moving[:, None], self.inward, self.across)
 
     @property
     def least(self) -> float:
@@ -128,13 +136,18 @@ class Sides:
         free = np.arange(len(at)) < len(x)
         walls = (balls.cosine < _FACING) & (end >= 0)
         walls[balls.thin(0.5 * least)] = True
+        # of a post that which is amid it: those beside its edges are smaller
+        walls &= ~_beside(balls, np.flatnonzero(walls & (balls.cosine >= _FACING)), least)
         # at the tip of a hollow samples are inclined: below a face, but for rims of windows, the
         # ball is that which touches one of them
         tips = np.flatnonzero(~free & free[end] & ~walls & (end >= 0))
         walls &= free
         way = at[end[tips]] - at[tips]
         radius[tips] = 0.5 * np.sum(way**2, axis=1) / np.sum(way * normals[tips], axis=1)
-        rims = _within(at[tips], self.outline[0][self._free & ~there], least)
+        windows = self.outline[0][self._free & ~there]
+        away = cKDTree(windows).query(at[tips])[0] if len(windows) else np.full(len(tips), np.inf)
+        # a rim is a wedge that begins at a window
+        rims = (away < least) | (radius[tips] > _RIM * away)
         walls[tips] = (2.0 * radius[tips] < least) & ~rims
         walls &= _within(at, near, _NEAR * least)
         found = np.flatnonzero(walls & (2.0 * radius < widest))
@@ -223,6 +236,18 @@ def contour(
     grid = pyvista.ImageData(dimensions=tuple(counts), origin=low, spacing=apart)
     values = np.asarray(field(nodes)).reshape(counts).ravel(order="F")
     return np.asarray(grid.contour([level], scalars=values).points, dtype=np.float64)
+
+
+def _beside(balls: Balls, chosen: Integers, reach: float) -> Mask:
+    """Which of the chosen balls are in a wedge, so that larger ones are near them, (n,)."""
+    found = np.zeros(len(balls.radius), dtype=bool)
+    if not len(chosen):
+        return found
+    centers, tree = balls.centers, cKDTree(balls.centers)
+    for number, near in zip(chosen, tree.query_ball_point(centers[chosen], reach), strict=True):
+        away = np.linalg.norm(centers[near] - centers[number], axis=1)
+        found[number] = np.any(balls.radius[near] - balls.radius[number] > _WIDENS * away + 1e-9 * reach)
+    return found
 
 
 def _within(x: Array, places: Array | None, distance: float) -> Mask:

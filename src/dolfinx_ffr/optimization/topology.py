@@ -50,7 +50,7 @@ def changed(
         more = _braced(descent, trial, struts, weight)
         if more is None:
             break
-        trial, inserted = more, inserted + 1
+        trial, inserted = more[0], inserted + more[1]
         there = trial.problem.differentiate(trial.evaluation, densities=False)
         struts = _struts(descent, trial, there, step)
     # what was inserted counts as idle: the next strut may have made it needless
@@ -81,10 +81,9 @@ def _struts(
         for bound, cost in zip(evaluation.constraints.values(), step.of_bounds, strict=False):
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
-        if body.domain.dimension == 2:
-            own = body.struts(evaluation.bodies[name], bar)
-            if body.domain.sum(own.carried) > _STIFF:
-                found[name] = own
+        own = body.struts(evaluation.bodies[name], bar)
+        if body.domain.sum(own.carried) > _STIFF:
+            found[name] = own
     return found
 
 
@@ -102,13 +101,16 @@ def _tried(
 
 def _braced(
     descent: Descent, trial: Trial, struts: dict[str, Struts], weight: float
-) -> Trial | None:
-    """With a strut across a hole that lowers psi, None if there is none; collective."""
+) -> tuple[Trial, int] | None:
+    """With a strut across a hole, or windows, that lower psi, and how many; collective.
+
+    None if there are none.
+    """
     for name, own in struts.items():
         others = descent.kind.braced(trial.boundaries[name], own)
-        for other, *_ in _tried(descent, trial, name, others):
+        for other, count, _ in _tried(descent, trial, name, others):
             if other.carries(weight) < trial.carries(weight) - _WORTH:
-                return other
+                return other, count
     return None
 
 

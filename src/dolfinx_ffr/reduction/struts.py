@@ -13,8 +13,12 @@ from ..fem import Block, Elasticity, Matrices
 from .craig_bampton import ReducedBasis
 
 
+#: Work of the stress round a hole in a plate, in those of what was there before
+_HOLE = 3.0
+
+
 class Struts:
-    """The derivatives of psi by struts of a full body in the plane; collective.
+    """The derivatives of psi by struts of a full body, and by holes in it; collective.
 
     A strut that is not there yet is a bar between two nodes, and moves as these do: it strains
     along itself, and its mass moves linearly from end to end.
@@ -38,7 +42,7 @@ class Struts:
         self._density = matrices.density
         self.domain = elasticity.domain  #: Of the body
         self._normal = basis.shapes[:, basis.n_constraint :] / np.sqrt(basis.eigenvalues)
-        self._mass, self._compliance = _solid(elasticity, matrices)
+        self._matrices = matrices
 
     @cached_property
     def carried(self) -> Array:
@@ -46,6 +50,21 @@ class Struts:
         _, _, phi, kappa = self._pairs
         none = np.zeros_like(phi)
         return -self._elasticity.density_gradient(self._density, none, none, phi, kappa)
+
+    @cached_property
+    def removed(self) -> Array:
+        """By how much psi would change by the cells of this rank, were each part of a hole.
+
+        Shape (cells,). In a plate round a hole, stress does three times the work of what went.
+        """
+        w, y, phi, kappa = self._pairs
+        none = np.zeros_like(w)
+        mass = self._elasticity.density_gradient(self._density, w, y, none, none)
+        works = self._elasticity.apply(self._matrices.stiffness, kappa)
+        total = float(np.sum(np.diag(self._elasticity.inner(phi, works))))
+        # as if stiffness were proportional to density
+        share = self.carried * (-total / self.domain.sum(self.carried))
+        return _HOLE * share - mass
 
     def changes(self, points: Array, ends: Integers, width: float) -> Array:
         """How much psi would change by each of some struts, the same on every rank, (struts,).
@@ -66,7 +85,8 @@ class Struts:
         length = np.linalg.norm(way, axis=1)
         along = way / length[:, None]
         stress = np.column_stack([along**2, along[:, :1] * along[:, 1:]])
-        stiffness = width / length / np.einsum("si,ij,sj->s", stress, self._compliance, stress)
+        by_area, compliance = _solid(self._elasticity, self._matrices)
+        stiffness = width / length / np.einsum("si,ij,sj->s", stress, compliance, stress)
         stretch, against, own = (
             np.einsum("sd,sdk->sk", along, f[j] - f[i]) for f in (phi, kappa, normal)
         )
@@ -75,7 +95,7 @@ class Struts:
         for weight, a, b in ((2.0, i, i), (1.0, i, j), (1.0, j, i), (2.0, j, j)):
             moved += weight / 6.0 * np.einsum("sdk,sdk->s", w[a], y[b])
         held = 1.0 + stiffness * np.sum(own**2, axis=1)
-        return np.asarray(stiffness / held * strains + width * self._mass * length * moved)
+        return np.asarray(stiffness / held * strains + width * by_area * length * moved)
 
 
 def _at_nodes(

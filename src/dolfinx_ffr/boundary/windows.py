@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Windows in the walls of a solid that may lower psi, as walls have a least thickness.
+
+They are round holes through a wall, with wall all around them. What they change is told by the
+topological derivative of a hole in a plate, summed over what would go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..arrays import Array
+from .walls import Field, Walls
+
+#: Radii of windows, what is between two of them at least, and how much deeper they are than the
+#: wall on each side, in minimum members
+_RADII, _APART, _DEEPER = (0.75, 1.0, 1.5, 2.0, 3.0), 1.5, 0.75
+#: Distance of places for windows, and up to which walls are around them, in minimum members
+_STEP, _NEAR = 0.5, 0.6
+#: Directions in which a wall goes on around a window, and least cosine between its normals
+_AROUND, _FLAT = 8, 0.9
+#: Fall of log psi that a window promises at least
+_PROMISED = 5e-4
+
+
+class Window(NamedTuple):
+    """A round hole through a wall."""
+
+    place: Array  #: Amid the wall, (3,) [m]
+    normal: Array  #: Of the wall, (3,)
+    radius: float  #: [m]
+    depth: float  #: On each side of the place [m]
+
+
+def promising(
+    walls: Walls,
+    images: Sequence[Callable[[Array], Array]],
+    member: float,
+    places: Array,
+    changes: Array,
+) -> list[Window]:
+    """Windows that do not meet, those first that lower psi most.
+
+    ``changes`` (cells,) are those of log psi if the material of cells at ``places`` (cells, 3) went.
+    Each of the windows stands for its ``images``, too.
+    """
+    middles, normals = walls.middles, walls.normals
+    grid = np.floor(middles / (_STEP * member)).astype(int)
+    chosen = np.sort(np.unique(grid, axis=0, return_index=True)[1]) if len(grid) else []
+    around, cells = cKDTree(middles), cKDTree(places)
+    found: list[tuple[float, Window]] = []
+    for k in chosen:
+        place, normal, half = middles[k], normals[k], 0.5 * walls.thickness[k]
+        for radius in member * np.array(_RADII):
+            if not _surrounded(place, normal, radius, member, around, normals):
+                break  # nor is a larger one
+            near = np.array(cells.query_ball_point(place, np.hypot(radius, half)), dtype=int)
+            way = places[near] - place
+            across = np.linalg.norm(way - (way @ normal)[:, None] * normal, axis=1)
+            change = float(np.sum(changes[near[across < radius]]))
+            if change < -_PROMISED:
+                depth = half + _DEEPER * member
+                found.append((change, Window(place, normal, float(radius), depth)))
+    found.sort(key=lambda each: each[0])
+    taken: list[Window] = []
+    for _, window in found:
+        own = np.vstack([image(window.place[None]) for image in images])
+        others = [(other.place, other.radius) for other in taken]
+        apart = [
+            np.linalg.norm(own - place, axis=1) - radius for place, radius in others
+        ] + [np.linalg.norm(own - window.place, axis=1) - window.radius]
+        least = window.radius + _APART * member
+        apart[-1][apart[-1] < -(1.0 - 1e-6) * window.radius] = np.inf  # it is its own image
+        if all(np.min(each) > least for each in apart):
+            taken.append(window)
+    return taken
+
+
+def pierced(
+    field: Field, windows: Sequence[Window], images: Sequence[Callable[[Array], Array]]
+) -> Field:
+    """A field with these windows and their images."""
+
+    def opened(x: Array) -> Array:
+        found = field(x)
+        for image in images:
+            at = image(x)
+            for window in windows:
+                way = at - window.place
+                along = way @ window.normal
+                across = np.linalg.norm(way - along[:, None] * window.normal, axis=1)
+                outside = np.maximum(across - window.radius, np.abs(along) - window.depth)
+                found = np.minimum(found, outside)
+        return found
+
+    return opened
+
+
+def _surrounded(
+    place: Array, normal: Array, radius: float, member: float, around: cKDTree, normals: Array
+) -> bool:
+    """Whether a window would be within a wall, on all sides."""
+    one = np.linalg.svd(normal[None])[2][1:]
+    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
+    ring = np.column_stack([np.cos(angle), np.sin(angle)]) @ one
+    reach = np.array([0.5 * radius, radius, radius + _APART * member])
+    away, near = around.query((place + reach[:, None, None] * ring).reshape(-1, 3))
+    flat = np.abs(normals[near] @ normal) > _FLAT
+    return bool(np.all(flat & (away < _NEAR * member)))
