@@ -279,7 +279,7 @@ def test_refusals(comm: MPI.Comm) -> None:
     with pytest.raises(ValueError, match=r"surface must lie between 0 and 0\.05, 0 excluded"):
         Solid(free, full, size=0.05, surface=0.1)
     whole = Solid(free, full)
-    with pytest.raises(ValueError, match="tetrahedra are more than the 4,000,000 that can be cut"):
+    with pytest.raises(ValueError, match="tetrahedra are more than the 8,000,000 that can be cut"):
         whole.domain(1e-9)
     with pytest.raises(ValueError, match="or fewer meshes"):
         whole.sizes(None, 200)

@@ -61,8 +61,8 @@ _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 #: next finer ones
 _SMALL = 1.3
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
-#: drawn, as chords of larger ones are off the surface by a tenth of a wall, and how many may be
-_COARSE, _DRAWN, _MANY = 2.0, 0.5, 1_000_000
+#: drawn, as chords of twice as large ones take 15 % off bars between windows; and how many may be
+_COARSE, _DRAWN, _MANY = 2.0, 0.25, 8_000_000
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1

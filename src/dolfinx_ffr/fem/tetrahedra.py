@@ -49,7 +49,7 @@ _RED = np.array(
 )
 #: Most tetrahedra of a body: a part that is cut out of them has fewer than 2^21 points, so that
 #: three numbers of points make one of 64 bits
-_MOST = 4_000_000
+_MOST = 8_000_000
 #: Factors by which three numbers below 2^21 make one
 _KEY = np.array([2**42, 2**21, 1])
 #: Steps in which coordinates are told apart, over the size of the body

@@ -242,7 +242,7 @@ class Solid(Enclosed):
         The ``size`` is the edge of a cube that six tetrahedra fill [m]: the cells of the body are
         divided as often as it asks for. ``order`` is that of the displacements. A ValueError on
         every rank if a number is out of range, or the mesh has no material at the interfaces or
-        more than four million tetrahedra.
+        more than eight million tetrahedra.
         """
         validation.number("solid: size", size, above=0.0, unit="m")
         degree = validation.integer("solid: order", order, least=1)
