@@ -219,6 +219,43 @@ def test_short_waves_become_smaller_as_a_surface_moves(length: float, left: floa
     assert after == pytest.approx(left * before, rel=0.05)
 
 
+def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
+    """Those in the wedges beside it are smaller, and no members."""
+    radius = 0.51 * MEMBER
+
+    def quarter(x: np.ndarray) -> np.ndarray:
+        away = np.hypot(x[:, 1] - 0.02, x[:, 2] - 0.02)
+        bar = (1.0 + np.sqrt(2.0)) * radius - away
+        return np.where(np.abs(x[:, 0] - 0.08) < 0.04, bar, 0.02)
+
+    found = surface(beam(MPI.COMM_SELF), quarter)
+    assert found._sides is not None
+    walls = found._sides.walls(found.field, found._slopes, 1.2 * MEMBER, 1.5 * MEMBER)
+    amid = np.abs(walls.middles[:, 0] - 0.08) < 0.03
+    line = np.linspace(0.02, 0.01, 2001)
+    there = found.field(np.column_stack([np.full(2001, 0.08), line, line])) > 0.0
+    exact = 2.0 * np.sqrt(2.0) * (0.02 - line[there].min()) / (1.0 + np.sqrt(2.0))
+    assert np.count_nonzero(amid) > 20
+    np.testing.assert_allclose(walls.thickness[amid], exact, rtol=0.05)
+
+
+def test_windows_are_where_they_pay_and_walls_go_on_around_them() -> None:
+    """Two in a plate, as far apart as members; none at its edge, nor where they cost."""
+    found = surface(beam(MPI.COMM_SELF), plate(0.9 * MEMBER, 0.0), 0.75 * MEMBER)
+    cells = np.random.default_rng(1).uniform([0.03, -0.02, -0.004], [0.13, 0.02, 0.004], (40_000, 3))
+    places = np.array([[0.06, 0.0, 0.0], [0.1, 0.003, 0.0], [0.032, 0.0, 0.0]])
+    near = cKDTree(places).query(cells)[0] < 0.004
+    changes = np.where(near, -1e-4, 1e-4)
+    (opened, count), (fewer, one) = found.pierced(cells, changes)
+    assert (count, one) == (2, 1)
+    np.testing.assert_array_equal(found.field(places) > 0.0, [True] * 3)
+    np.testing.assert_array_equal(opened.field(places) > 0.0, [False, False, True])
+    assert np.count_nonzero(fewer.field(places[:2]) < 0.0) == 1
+    assert opened.walls.least > 0.999 * found.member
+    assert opened.part.volume < fewer.part.volume < found.part.volume
+    assert not list(found.pierced(cells, np.abs(changes)))
+
+
 def test_balls_that_touch_a_surface() -> None:
     """Between two planes that are not parallel, exactly, and none where larger balls fit."""
     x = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros((5, 2))])
