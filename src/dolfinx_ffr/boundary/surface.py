@@ -57,9 +57,9 @@ _THIN, _THICKER = 0.8, 1.06
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
 #: they are small enough; if they are not; and on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
-#: Size of tetrahedra, in minimum members, that is small enough: psi changes by 0.2 to 0.5 % on the
-#: next finer ones
-_SMALL = 1.3
+#: Size of tetrahedra, in minimum members, that is small enough: larger ones lose bars between
+#: windows by chance
+_SMALL = 1.0
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
 #: drawn, as chords of twice as large ones take 15 % off bars between windows; and how many may be
 _COARSE, _DRAWN, _MANY = 2.0, 0.25, 8_000_000
@@ -140,7 +140,7 @@ class Surface:
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
                 allow with 30,000 of them for all of it, or with 150,000 where fewer are larger than
-                1.3 members.
+                a member.
 
         Raises:
             TypeError: On every rank, if an argument is of a wrong kind.
