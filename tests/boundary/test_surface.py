@@ -242,7 +242,9 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
 def test_windows_are_where_they_pay_and_walls_go_on_around_them() -> None:
     """Two in a plate, as far apart as members; none at its edge, nor where they cost."""
     found = surface(beam(MPI.COMM_SELF), plate(0.9 * MEMBER, 0.0), 0.75 * MEMBER)
-    cells = np.random.default_rng(1).uniform([0.03, -0.02, -0.004], [0.13, 0.02, 0.004], (40_000, 3))
+    cells = np.random.default_rng(1).uniform(
+        [0.03, -0.02, -0.004], [0.13, 0.02, 0.004], (40_000, 3)
+    )
     places = np.array([[0.06, 0.0, 0.0], [0.1, 0.003, 0.0], [0.032, 0.0, 0.0]])
     near = cKDTree(places).query(cells)[0] < 0.004
     changes = np.where(near, -1e-4, 1e-4)

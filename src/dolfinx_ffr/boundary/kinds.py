@@ -266,7 +266,9 @@ class InSpace(Kind[Surface]):
 
     def braced(self, boundary: Surface, struts: Struts) -> Iterator[tuple[Surface, int, float]]:
         everywhere = struts.domain.everywhere
-        for found, count in boundary.pierced(everywhere(struts.domain.centroids), everywhere(struts.removed)):
+        for found, count in boundary.pierced(
+            everywhere(struts.domain.centroids), everywhere(struts.removed)
+        ):
             yield found, count, 0.0
 
     def said(self, boundary: Surface) -> list[str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -261,7 +261,7 @@ class Surface:
         count = len(every)
         while count:
             field = pierced(self.field, every[:count], images)
-            yield self._made(lambda: self._as(field)), count
+            yield self._made(partial(self._as, field)), count
             count //= 2
 
     def _made(self, make: Callable[[], Surface]) -> Surface:

@@ -246,7 +246,9 @@ def _beside(balls: Balls, chosen: Integers, reach: float) -> Mask:
     centers, tree = balls.centers, cKDTree(balls.centers)
     for number, near in zip(chosen, tree.query_ball_point(centers[chosen], reach), strict=True):
         away = np.linalg.norm(centers[near] - centers[number], axis=1)
-        found[number] = np.any(balls.radius[near] - balls.radius[number] > _WIDENS * away + 1e-9 * reach)
+        found[number] = np.any(
+            balls.radius[near] - balls.radius[number] > _WIDENS * away + 1e-9 * reach
+        )
     return found
 
 

@@ -45,15 +45,14 @@ def promising(
 ) -> list[Window]:
     """Windows that do not meet, those first that lower psi most.
 
-    ``changes`` (cells,) are those of log psi if the material of cells at ``places`` (cells, 3) went.
-    Each of the windows stands for its ``images``, too.
+    ``changes`` (cells,) are those of log psi if cells at ``places`` (cells, 3) went. Each of the
+    windows stands for its ``images``, too.
     """
     middles, normals = walls.middles, walls.normals
-    grid = np.floor(middles / (_STEP * member)).astype(int)
-    chosen = np.sort(np.unique(grid, axis=0, return_index=True)[1]) if len(grid) else []
-    around, cells = cKDTree(middles), cKDTree(places)
+    boxes = np.floor(middles / (_STEP * member)).astype(int).reshape(-1, 3)
+    around, cells = cKDTree(middles.reshape(-1, 3)), cKDTree(places)
     found: list[tuple[float, Window]] = []
-    for k in chosen:
+    for k in np.sort(np.unique(boxes, axis=0, return_index=True)[1]):
         place, normal, half = middles[k], normals[k], 0.5 * walls.thickness[k]
         for radius in member * np.array(_RADII):
             if not _surrounded(place, normal, radius, member, around, normals):
@@ -65,17 +64,14 @@ def promising(
             if change < -_PROMISED:
                 depth = half + _DEEPER * member
                 found.append((change, Window(place, normal, float(radius), depth)))
-    found.sort(key=lambda each: each[0])
     taken: list[Window] = []
-    for _, window in found:
+    for _, window in sorted(found, key=lambda each: each[0]):
         own = np.vstack([image(window.place[None]) for image in images])
-        others = [(other.place, other.radius) for other in taken]
-        apart = [
-            np.linalg.norm(own - place, axis=1) - radius for place, radius in others
-        ] + [np.linalg.norm(own - window.place, axis=1) - window.radius]
-        least = window.radius + _APART * member
-        apart[-1][apart[-1] < -(1.0 - 1e-6) * window.radius] = np.inf  # it is its own image
-        if all(np.min(each) > least for each in apart):
+        others = [*taken, window]
+        away = [np.linalg.norm(own - o.place, axis=1) - o.radius - window.radius for o in others]
+        # it may be its own image
+        away[-1][away[-1] < -(2.0 - 1e-6) * window.radius] = np.inf
+        if np.min(away) > _APART * member:
             taken.append(window)
     return taken
 

@@ -12,7 +12,6 @@ from ..arrays import Array, Integers
 from ..fem import Block, Elasticity, Matrices
 from .craig_bampton import ReducedBasis
 
-
 #: Work of the stress round a hole in a plate, in those of what was there before
 _HOLE = 3.0
 
