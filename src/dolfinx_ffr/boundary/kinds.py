@@ -118,9 +118,9 @@ class Kind(ABC, Generic[B]):
         return iter(())
 
     def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int, float]]:
-        """The boundary with a strut more, which may lower psi, as `simpler`; collective.
+        """The boundary with a strut, or windows, more, as `simpler`; collective.
 
-        One for each that is to be tried.
+        One for each that is to be tried, as it may lower psi.
         """
         return iter(())
 

@@ -58,9 +58,9 @@ class BoundaryResult:
     evaluation: Evaluation  #: There
     #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
     #: ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a bound, ``step``
-    #: [m], ``cells``, ``modes``, the ``rejected`` trials, the struts that were ``inserted`` before
-    #: it and the struts and holes ``removed``; at last those of the best on meshes that resolve
-    #: notches and walls
+    #: [m], ``cells``, ``modes``, the ``rejected`` trials, the struts and windows that were
+    #: ``inserted`` before it and the struts and holes ``removed``; at last those of the best on
+    #: meshes that resolve notches and walls
     history: dict[str, Array]
     #: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by SIGTERM
     reason: str

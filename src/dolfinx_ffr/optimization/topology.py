@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Changes of the topology between steps of the boundary: struts that are missing, what may go."""
+"""Changes of the topology between steps of the boundary: what is missing, and what may go."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ def changed(
     stuck: bool,
     first: bool,
 ) -> tuple[Trial, int, int]:
-    """With struts that were missing and without what does not pay, how many of both; collective.
+    """With struts and windows that were missing, without what does not pay; collective.
+
+    And how many of both.
 
     The ``evaluation`` is that of the trial with its derivatives, and the ``step`` the best one from
     there: they choose what is tried, and the values decide, by log psi and a ``weight`` of bounds.
@@ -67,7 +69,7 @@ def changed(
 def _struts(
     descent: Descent, trial: Trial, evaluation: Evaluation, step: Step
 ) -> dict[str, Struts]:
-    """What struts of bodies in the plane carry, and others would, of log psi and bounds.
+    """What struts of bodies carry, and others would, of log psi and bounds, and what holes change.
 
     Not where the largest stress counts, as that depends on more than the volume integrals, and not
     of bodies whose stiffness hardly counts. Collective.

@@ -525,7 +525,7 @@ class FlexibleBody:
         return _Adjoint((w, y, phi, kappa), bar, parts, adjoint, direct, iterations, seconds)
 
     def struts(self, reduced: ReducedBody, bar: VolumeIntegrals) -> Struts:
-        """What struts of a ``reduced`` body in the plane carry, and others would; collective.
+        """What struts of a ``reduced`` body carry, others would, and holes change; collective.
 
         The body is of full density, and ``bar`` the derivative by the integrals, as for `pullback`.
         """
