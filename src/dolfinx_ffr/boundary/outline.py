@@ -238,25 +238,27 @@ class Boundary:
 
     def slid(self, motion: Array) -> Boundary:
         """The same with a ``motion`` of its controls, (controls, 2) [m], kept where they may be."""
-        free, clear = {}, self._off_solid(_CLEAR)
+        free = {}
         for key, curve in self.free.items():
             part = slice(self.first[key], self.first[key] + len(curve.control))
             control = curve.control + motion[part]
-            free[key] = kept(curve, control, self._inner, clear, _CLEAR * self.member)
-        return replace(self, free=free)
+            free[key] = kept(curve, control, self._inner, self._clear, _CLEAR * self.member)
+        moved = replace(self, free=free)
+        moved.__dict__.update(_inner=self._inner, _clear=self._clear)  # as solid regions stay
+        return moved
 
     def ways(self, reach: float) -> Array:
         """How far each control may move along its normal and against it, up to ``reach`` [m].
 
         Shape (2, controls).
         """
-        found, clear = [], self._off_solid(_CLEAR)
+        found = []
         for key, curve in self.free.items():
             first = self.first[key]
             way = reach * self.normals[first : first + len(curve.control)]
             free = []
             # where its curve may not follow, a control does not go either
-            for start, room in ((curve.control, self._inner), (curve.at(curve.amid), clear)):
+            for start, room in ((curve.control, self._inner), (curve.at(curve.amid), self._clear)):
                 lines = [np.stack([start, start + side * way], axis=1) for side in (1.0, -1.0)]
                 ways = shapely.intersection(shapely.linestrings(np.stack(lines)), room)
                 free.append(shapely.length(ways))
@@ -267,6 +269,11 @@ class Boundary:
     def _inner(self) -> shapely.Geometry:
         """Where controls may be that are no ends."""
         return self._off_solid(_OFF_SOLID)
+
+    @cached_property
+    def _clear(self) -> shapely.Geometry:
+        """Where their curves may be."""
+        return self._off_solid(_CLEAR)
 
     def _off_solid(self, distance: float) -> shapely.Geometry:
         """The body without what is near what must stay solid, in minimum members."""
