@@ -55,7 +55,7 @@ _SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
 #: some of it away; others are moved by their slopes
 _THIN, _THICKER = 0.8, 1.06
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
-#: they are small enough; if they are not; and on which a result is told
+#: they are small enough; if they are not; and those of the solid on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 #: Size of tetrahedra, in minimum members, that is small enough: larger ones lose bars between
 #: windows by chance
@@ -365,7 +365,7 @@ class Surface:
     def finer(self) -> Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
         size = self.part.sizes(None, 2)[1]
-        if 6.0 * self.body.area > _DEAREST * size**3:
+        if 6.0 * self.part.volume > _DEAREST * size**3:
             raise ValueError("surface: the next finer lattice is too fine")
         return self._with(self.coefficients, size)
 
