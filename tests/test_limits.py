@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -76,13 +75,14 @@ def wide_extension(comm: MPI.Comm) -> VelocityExtension:
     ],
 )
 def test_refused_at_once(comm: MPI.Comm, make: Callable[[MPI.Comm], object], message: str) -> None:
-    """By every way in; the message has the number, the remedy and the way to insist."""
-    start = time.perf_counter()
+    """By every way in; the message has the number, the remedy and the way to insist.
+
+    Without the check it would take hours, or more memory than there is.
+    """
     with pytest.raises(ValueError, match=message) as error:
         make(comm)
     if "tetrahedra" not in message:  # which have numbers for so many, and no more
         assert INSIST in str(error.value)
-    assert time.perf_counter() - start < 20.0  # seconds; without the check hours, or no memory
 
 
 def test_who_insists_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,23 +150,19 @@ def test_drawings(comm: MPI.Comm, shared_tmp_path: Path, bomb: Callable[[Path], 
     if comm.rank == 0:
         bomb(path)
     comm.Barrier()
-    start = time.perf_counter()
     with pytest.raises(ValueError, match=r"curves are more than the 20,000"):
         outline(comm, path, 0.01)
-    assert time.perf_counter() - start < 10.0
 
 
 @pytest.mark.slow
 def test_many_holes(comm: MPI.Comm) -> None:
-    """Thousands of holes are nested in a second, not by comparing each with each."""
+    """Thousands of holes are nested."""
     from dolfinx_ffr.fem.outline import closed_outline, read_outline
 
     n, square = 60, np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     places = np.array([(i, j) for i in range(n) for j in range(n)])
     rings = [n * square, *(0.3 * square + place + 0.2 for place in places)]
-    start = time.perf_counter()
     drawing = closed_outline("outline", read_outline(rings, None), [])
-    assert time.perf_counter() - start < 20.0
     assert [len(face.loops) for face in drawing.faces] == [1 + n * n]
 
 
