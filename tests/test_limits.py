@@ -75,10 +75,7 @@ def wide_extension(comm: MPI.Comm) -> VelocityExtension:
     ],
 )
 def test_refused_at_once(comm: MPI.Comm, make: Callable[[MPI.Comm], object], message: str) -> None:
-    """By every way in; the message has the number, the remedy and the way to insist.
-
-    Without the check it would take hours, or more memory than there is.
-    """
+    """By every way in; the message has the number, the remedy and the way to insist."""
     with pytest.raises(ValueError, match=message) as error:
         make(comm)
     if "tetrahedra" not in message:  # which have numbers for so many, and no more

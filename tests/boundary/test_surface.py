@@ -224,8 +224,7 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
     radius = 0.51 * MEMBER
 
     def quarter(x: np.ndarray) -> np.ndarray:
-        away = np.hypot(x[:, 1] - 0.02, x[:, 2] - 0.02)
-        bar = (1.0 + np.sqrt(2.0)) * radius - away
+        bar = (1.0 + np.sqrt(2.0)) * radius - np.hypot(x[:, 1] - 0.02, x[:, 2] - 0.02)
         return np.where(np.abs(x[:, 0] - 0.08) < 0.04, bar, 0.02)
 
     found = surface(beam(MPI.COMM_SELF), quarter)
@@ -242,12 +241,10 @@ def test_a_bar_at_an_edge_is_as_thick_as_the_ball_amid_it() -> None:
 def test_windows_are_where_they_pay_and_walls_go_on_around_them() -> None:
     """Two in a plate, as far apart as members; none at its edge, nor where they cost."""
     found = surface(beam(MPI.COMM_SELF), plate(0.9 * MEMBER, 0.0), 0.75 * MEMBER)
-    cells = np.random.default_rng(1).uniform(
-        [0.03, -0.02, -0.004], [0.13, 0.02, 0.004], (40_000, 3)
-    )
+    corners = [0.03, -0.02, -0.004], [0.13, 0.02, 0.004]
+    cells = np.random.default_rng(1).uniform(*corners, (40_000, 3))
     places = np.array([[0.06, 0.0, 0.0], [0.1, 0.003, 0.0], [0.032, 0.0, 0.0]])
-    near = cKDTree(places).query(cells)[0] < 0.004
-    changes = np.where(near, -1e-4, 1e-4)
+    changes = np.where(cKDTree(places).query(cells)[0] < 0.004, -1e-4, 1e-4)
     (opened, count), (fewer, one) = found.pierced(cells, changes)
     assert (count, one) == (2, 1)
     np.testing.assert_array_equal(found.field(places) > 0.0, [True] * 3)

@@ -27,7 +27,7 @@ from ..arrays import Array, Integers
 from ..design import Mirror, images
 from ..fem import Domain, Tetrahedra
 from ..limits import PAIR, check_count
-from ..parallel import on_every_rank, on_rank_0
+from ..parallel import agreed_memory, on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
 from .derivative import NodeMotion
 from .sizes import SEEN, SPARE, Rows
@@ -61,8 +61,10 @@ _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
 #: windows by chance
 _SMALL = 1.0
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
-#: drawn, as chords of twice as large ones take 15 % off bars between windows; and how many may be
+#: drawn, as chords of larger ones cut into bars between windows; and how many may be
 _COARSE, _DRAWN, _MANY = 2.0, 0.25, 8_000_000
+#: Memory that cutting takes for each of them, twice what was measured [bytes]
+_EACH = 800.0
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
@@ -225,7 +227,8 @@ class Surface:
     @cached_property
     def drawn(self) -> Solid:
         """The same solid, its surface cut out of smaller tetrahedra than its mesh; collective."""
-        size = min(self.size, _finest(self.body, _DRAWN * self.member, _MANY))
+        most = min(_MANY, int(agreed_memory(self.body.comm) / _EACH))
+        size = min(self.size, _finest(self.body, _DRAWN * self.member, most))
         material = self.origin.material
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)

@@ -56,7 +56,8 @@ class Struts:
     def removed(self) -> Array:
         """By how much psi would change by the cells of this rank, were each part of a hole.
 
-        Shape (cells,). For small holes through a plate it is exact to first order.
+        Shape (cells,). For small round holes through a plate it is exact to first order, but for
+        Poisson's ratio in `_HOLE`.
         """
         w, y, phi, kappa = self._pairs
         none = np.zeros_like(w)
