@@ -28,8 +28,9 @@ from ..arrays import Array
 
 #: Relative accuracy of a width
 ACCURACY = 2e-3
-#: Ratio of the diameters among which the first one is looked for
-_RATIO = 1.1
+#: Ratio of the diameters among which the first one is looked for; a finger is seen up to 1 / 0.7
+#: times its width
+_RATIO = 1.3
 #: Sides of a quarter of the discs
 _SIDES = 24
 #: Mean width of a finger, in units of the disc's diameter

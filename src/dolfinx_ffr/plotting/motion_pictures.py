@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
@@ -222,11 +225,7 @@ def _film(
         (line,) = below.plot([], [], color=style.GRAY, linewidth=0.8)
         (dot,) = below.plot([], [], "o", color=style.RED, markersize=6.0, clip_on=False)
         moving = [*view.moving, stamp, line, dot]
-        for artist in moving:
-            artist.set_animated(True)
-        canvas: Any = figure.canvas
-        canvas.draw()
-        background = canvas.copy_from_bbox(figure.bbox)
+        canvas, background = _still(figure, moving)
         order = sorted(view.moving, key=lambda artist: artist.get_zorder())
         pictures = []
         for i, step in enumerate(scene.steps):
@@ -355,40 +354,56 @@ def animate_boundary(
     low, high = (corner[:2] for corner in body.bounding_box)
 
     def draw(file: Path) -> None:
-        width = 9.0
+        width, shares = 9.0, values / values[0]
         tall = float(np.clip((width - 0.4) * (high - low)[1] / (high - low)[0], 0.8, 6.0))
         height = round(100 * (tall + _CURVE + 3.0 * _MARGIN)) // 2 * 2 / 100
         pictures = []
-        for step, material in enumerate(materials):
-            with style.styled_figure(width, height, dpi=100.0) as figure:
-                axes = style.axes_at(figure, 0.2, _CURVE + 2.0 * _MARGIN, width - 0.4, tall)
-                axes.set_aspect("equal")
-                axes.set_xlim(low[0], high[0])
-                axes.set_ylim(low[1], high[1])
-                axes.set_axis_off()
-                box = {"facecolor": "none", "edgecolor": style.GRAY, "lw": 0.6, "ls": (0, (4, 3))}
-                axes.add_patch(PathPatch(outline_of(shapely.box(*low, *high)), **box))
-                own = {"facecolor": STEEL, "edgecolor": style.DARK, "lw": 0.8}
-                axes.add_patch(PathPatch(outline_of(material), **own))
-                before = {"facecolor": "none", "edgecolor": style.RED, "lw": 0.5, "alpha": 0.7}
-                axes.add_patch(PathPatch(outline_of(materials[0]), **before))
-                said = f"step {step}: psi {values[step] / values[0]:.4f} of the first one's"
-                figure.text(0.02, 1.0 - 0.28 / height, f"{title}   {said}".strip(), fontsize=11)
-                _curve(figure, values / values[0], step, width)
-                canvas = figure.canvas
-                canvas.draw()
+        with style.styled_figure(width, height, dpi=100.0) as figure:
+            axes = style.axes_at(figure, 0.2, _CURVE + 2.0 * _MARGIN, width - 0.4, tall)
+            axes.set_aspect("equal")
+            axes.set_xlim(low[0], high[0])
+            axes.set_ylim(low[1], high[1])
+            axes.set_axis_off()
+            box = {"facecolor": "none", "edgecolor": style.GRAY, "lw": 0.6, "ls": (0, (4, 3))}
+            axes.add_patch(PathPatch(outline_of(shapely.box(*low, *high)), **box))
+            own = {"facecolor": STEEL, "edgecolor": style.DARK, "lw": 0.8}
+            shape = axes.add_patch(PathPatch(outline_of(materials[0]), **own))
+            before = {"facecolor": "none", "edgecolor": style.RED, "lw": 0.5, "alpha": 0.7}
+            first = axes.add_patch(PathPatch(outline_of(materials[0]), **before))
+            said = figure.text(0.02, 1.0 - 0.28 / height, "", fontsize=11)
+            below, dot = _curve(figure, shares, width)
+            moving = ((axes, shape), (axes, first), (below, dot), (figure, said))
+            canvas, background = _still(figure, [artist for _, artist in moving])
+            for step, material in enumerate(materials):
+                canvas.restore_region(background)
+                shape.set_path(outline_of(material))
+                dot.set_data([step], [shares[step]])
+                told = f"step {step}: psi {shares[step]:.4f} of the first one's"
+                said.set_text(f"{title}   {told}".strip())
+                for where, artist in moving:
+                    where.draw_artist(artist)
                 pictures.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
         write_film([pictures[0]] * 3 + pictures + [pictures[-1]] * 6, file, rate)
 
     return style.written(body.comm, path, draw)
 
 
-def _curve(figure: Figure, values: Array, step: int, width: float) -> None:
-    """The history of psi, relative to its start, with a dot at a step."""
+def _still(figure: Figure, moving: Iterable[Artist]) -> tuple[Any, Any]:
+    """The canvas of a figure, and what stays on it while the ``moving`` artists are drawn."""
+    for artist in moving:
+        artist.set_animated(True)
+    canvas: Any = figure.canvas
+    canvas.draw()
+    return canvas, canvas.copy_from_bbox(figure.bbox)
+
+
+def _curve(figure: Figure, values: Array, width: float) -> tuple[Axes, Line2D]:
+    """The axes with the history of psi, relative to its start, and a dot that moves."""
     axes = style.axes_at(figure, _MARGIN + 0.2, _MARGIN, width - 0.6 - _MARGIN, _CURVE)
     axes.plot(values, color=style.BLUE, linewidth=1.2)
-    axes.plot([step], [values[step]], "o", color=style.RED, markersize=6.0, clip_on=False)
+    (dot,) = axes.plot([], [], "o", color=style.RED, markersize=6.0, clip_on=False)
     axes.set_xlim(0.0, max(len(values) - 1.0, 1.0))
     axes.set_xlabel("step of the boundary", labelpad=1.0)
     axes.locator_params(axis="y", nbins=3)
     style.tidy(axes)
+    return axes, dot
