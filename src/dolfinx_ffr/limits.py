@@ -7,9 +7,11 @@ memory. So what makes cells, points or curves estimates beforehand how many they
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 #: Environment variable: how many cells, points or curves are allowed whatever the machine
@@ -39,8 +41,15 @@ def available_memory(processes: int = 1) -> int:
     return min([min(shared) // processes, *limits])
 
 
+def give_back_memory() -> None:
+    """Give what was freed back to the system: glibc keeps pieces of it, which grow in time."""
+    with suppress(AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def held_memory() -> int:
     """What this process holds of it [bytes]; zero where the system does not tell."""
+    give_back_memory()
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except (OSError, ValueError, IndexError):

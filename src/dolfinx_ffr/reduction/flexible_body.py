@@ -34,7 +34,7 @@ from ..fem import (
     kept_by,
 )
 from ..interchange import DERIVED, derived_terms, write_all
-from ..limits import check_count, held_memory
+from ..limits import check_count, give_back_memory, held_memory
 from ..parallel import agreed_memory, check_alike, on_rank_0
 from .cell_derivatives import CellDerivatives, ShapeSlopes
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
@@ -342,12 +342,12 @@ class FlexibleBody:
         comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
         matrix = self.elasticity.new_matrix()
         entries = _MATRICES * matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
-        if self.reduction.solver == DIRECT:
-            entries += factor_entries(self.elasticity, matrix)
         # shape functions, and those of inertia turned about each axis, twice
         entries += matrix.size[0] * 2.0 * r * (1 + d * (d - 1) // 2)
-        matrix.destroy()
         room = max(comm.size * agreed_memory(comm) - comm.allreduce(held_memory()), 0)
+        if self.reduction.solver == DIRECT:
+            entries += factor_entries(self.elasticity, matrix, room / 8.0 - entries)
+        matrix.destroy()
         how: dict[str, Any] = {"each": 8.0, "most": math.inf, "whose": "that are left"}
         check_count(what, entries, "numbers", remedy, available=room, **how)
 
@@ -357,6 +357,7 @@ class FlexibleBody:
             self._release()
             self.reduction.release()
             self.__dict__.pop("stress_recovery", None)
+        give_back_memory()
 
     def _release(self) -> None:
         """Free matrices and factor on all ranks together; garbage collection would not be so."""
