@@ -314,14 +314,16 @@ def test_solids_are_cut_finer_until_psi_stands(
     """Twice at most, and no finer than there is memory for."""
     results = iter(finer)
 
+    def trial(psi: float) -> Any:
+        return SimpleNamespace(evaluation=SimpleNamespace(psi=psi), release=str, boundaries={})
+
     def cut(*_: Any) -> Any:
         if isinstance(psi := next(results), Exception):
             raise psi
-        return SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=psi))
+        return trial(psi)
 
     monkeypatch.setattr(Descent, "resolved", cut)
-    start = SimpleNamespace(boundaries={}, evaluation=SimpleNamespace(psi=1.0))
-    found, change = Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(start)
+    found, change = Descent(beam(MPI.COMM_SELF), {}, {}, {}).finer(trial(1.0))
     assert found.evaluation.psi == told
     steps = [1.0, *(psi for psi in finer[: 1 + (told == 1.3)])]
     assert change == pytest.approx(abs(steps[-2] / steps[-1] - 1.0))
@@ -329,16 +331,23 @@ def test_solids_are_cut_finer_until_psi_stands(
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:boundary. psi")
-def test_a_design_in_space_ends_with_steps_of_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_design_in_space_ends_with_steps_of_its_surface(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A run that goes on finds them again."""
     monkeypatch.setattr(surface_module, "_TETRAHEDRA", 1200)
     monkeypatch.setattr(surface_module, "_DEAREST", 5_000)  # as fine as it takes is tested above
     problem = beam(MPI.COMM_SELF)
     design = ffr.DensityDesign(problem.flexible["beam"].domain)
     run = {"volume": 0.85, "iterations": 15, "progress": False, "mode_tolerance": None}
-    result = ffr.optimize(problem, design, boundary=1, **run)
+    run |= {"boundary": 2, "output": tmp_path}
+    result = ffr.optimize(problem, design, **run)
     assert result.moved is not None and not result.moved.materials
     assert result.part() is result.moved.part("beam")
     assert result.moved.psi < result.moved.history["psi"][0]
+    again = ffr.optimize(problem, design, resume=True, **run).moved
+    assert again is not None and again.psi == pytest.approx(result.moved.psi, rel=1e-12)
+    np.testing.assert_array_equal(again.history["cells"], result.moved.history["cells"])
 
 
 def test_what_has_no_surface_that_moves() -> None:

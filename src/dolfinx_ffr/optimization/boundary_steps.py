@@ -211,11 +211,13 @@ def _descended(
                     own = slopes.evaluation, there, weight
                     trial, inserted, removed = changed(descent, trial, *own, stuck, number == 1)
                     if trial is not before:
+                        before.release()
                         slopes, reach = descent.slopes(trial, margin), max(reach, pace.again)
                         secants = NONE
                     before, old = trial, slopes
                     trial, slopes = shifted(descent, trial, slopes, there.of_bounds, weight)
                     if trial is not before:
+                        before.release()
                         secants = descent.secants(secants, before, old, trial)
                 while found is None and reach >= pace.shortest:
                     step = descent.step(trial, slopes, reach, secants)
@@ -243,6 +245,7 @@ def _descended(
                 # its largest value is always a little more than its slopes say
                 late = _TIGHTENED * found.excess if found.excess > HELD else -0.2 * margin
                 margin = min(margin + late, _TIGHTEST)
+            trial.release()
             secants, trial = descent.secants(secants, trial, slopes, found), found
             if number % EVERY == 0 or number == last:
                 grown, trial, errors = descent.accurate(trial, tolerance, first)

@@ -99,6 +99,11 @@ class Trial:
         rows = (*self.sizes.values(), *self.radii.values())
         return max((part.missed for part in rows), default=0.0)
 
+    def release(self) -> None:
+        """Free the matrices of its bodies, which would stay beside those of others; collective."""
+        for name in self.boundaries:
+            self.problem.flexible[name].release()
+
     def told(self, step: float, rejected: int, removed: int, inserted: int) -> dict[str, float]:
         """One row of the history."""
         bodies = self.problem.flexible
@@ -315,8 +320,7 @@ class Descent:
         """
         change = math.inf
         for _ in range(self.kind.meshes):
-            for name in trial.boundaries:  # its factor would stay beside that of the next one
-                trial.problem.flexible[name].release()
+            trial.release()
             try:
                 found = self.resolved(trial.boundaries)
             except (ValueError, MemoryError, SimulationError):

@@ -113,6 +113,7 @@ def _braced(
         for other, count, _ in _tried(descent, trial, name, others):
             if other.carries(weight) < trial.carries(weight) - _WORTH:
                 return other, count
+            other.release()
     return None
 
 
