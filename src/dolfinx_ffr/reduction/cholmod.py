@@ -84,8 +84,6 @@ class _Factor(ctypes.Structure):
 
 
 _NO_MEMORY = 'reduction: no memory for the factor of a part of the body: take solver="iterative"'
-#: By how much more a factor holds than its entries, as its blocks have zeros
-_ZEROS = 1.2
 _REAL, _SIMPLICIAL, _SUPERNODAL, _GIVEN = 1, 0, 2, 1
 _LONG = PETSc.IntType().itemsize == 8
 
@@ -117,50 +115,6 @@ def is_known() -> bool:
     return _library() is not None
 
 
-def _sparse(begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
-    """A symmetric matrix, of which CHOLMOD reads the upper part."""
-    n, at = len(begins) - 1, None if values is None else values.ctypes.data
-    kind = 0 if values is None else _REAL
-    made = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, at, None)
-    made.stype, made.itype, made.xtype = 1, 2 if _LONG else 0, kind
-    made.sorted, made.packed = 1, 1
-    made.held = begins, rows, values  # CHOLMOD only points at them
-    return made
-
-
-def _analysed(library: Any, common: _Common, matrix: _Sparse, order: NDArray[Any] | None) -> Any:
-    """A factor without numbers, by an ``order`` or, column by column, by the best one."""
-    given = None if order is None else order.ctypes.data
-    common.supernodal = _SIMPLICIAL if order is None else _SUPERNODAL
-    common.nmethods, common.ordering = int(order is not None), _GIVEN
-    arguments = ctypes.byref(matrix), c_void_p(given), None, c_size_t(0), ctypes.byref(common)
-    result = ctypes.POINTER(_Factor)
-    factor = _call(library, "analyze_p", *arguments, result=result)
-    if not factor or factor.contents.n != matrix.nrow:
-        raise MemoryError(_NO_MEMORY)
-    return factor
-
-
-def _integers(factor: Any, name: str, count: int) -> Integers:
-    kind = ctypes.c_int64 if _LONG else ctypes.c_int32
-    found = (kind * count).from_address(getattr(factor.contents, name)) if count else ()
-    return np.array(found, dtype=np.int64)
-
-
-def _free(library: Any, common: _Common, factor: Any) -> None:
-    _call(library, "free_factor", ctypes.byref(factor), ctypes.byref(common))
-
-
-def counted_entries(begins: NDArray[Any], columns: NDArray[Any]) -> float:
-    """Numbers that a factor of a symmetric matrix holds, its pattern as of `OrderedFactor`."""
-    found = _library()
-    assert found is not None
-    factor = _analysed(*found, _sparse(begins, columns, None), None)
-    entries = _ZEROS * float(np.sum(_integers(factor, "colcount", len(begins) - 1)))
-    _free(*found, factor)
-    return entries
-
-
 class OrderedFactor:
     """L L^T of symmetric matrices of one pattern, some unknowns at its end.
 
@@ -172,6 +126,7 @@ class OrderedFactor:
     Attributes:
         size: Number of unknowns n.
         places: Of each unknown in L (n,).
+        entries: Numbers that L holds, zeros in its blocks among them.
     """
 
     def __init__(self, begins: NDArray[Any], columns: NDArray[Any], last: NDArray[np.bool_]):
@@ -180,7 +135,7 @@ class OrderedFactor:
         self._library, self._common = found
         n = self.size = len(begins) - 1
         self._values = np.zeros(len(columns))
-        self._matrix = _sparse(begins, columns, self._values)
+        self._matrix = self._sparse(begins, columns, self._values)
         first = np.flatnonzero(~last)
         number = np.cumsum(~last) - 1
         rows = np.repeat(np.arange(n), np.diff(begins))
@@ -188,20 +143,48 @@ class OrderedFactor:
         counts = np.bincount(number[rows[inner]], minlength=len(first))
         ends = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
         inside = number[columns[inner]].astype(PETSc.IntType)
-        ordering = _analysed(*found, _sparse(ends, inside, None), None)
-        order = first[_integers(ordering, "perm", len(first))]
-        _free(*found, ordering)
+        ordering = self._analysed(self._sparse(ends, inside, None), None)
+        order = first[self._integers(ordering, "perm", len(first))]
+        self._free(ordering)
         order = np.concatenate([order, np.flatnonzero(last)]).astype(PETSc.IntType)
-        self._factor = _analysed(*found, self._matrix, order)
-        self.places = np.argsort(_integers(self._factor, "perm", n))
+        self._factor = self._analysed(self._matrix, order)
+        self.places = np.argsort(self._integers(self._factor, "perm", n))
+        self.entries = int(self._factor.contents.xsize)
         self._corner = self._corner_entries(np.sort(self.places[last]))
+
+    def _sparse(self, begins: NDArray[Any], rows: NDArray[Any], values: Array | None) -> _Sparse:
+        """A symmetric matrix, of which CHOLMOD reads the upper part."""
+        n, at = len(begins) - 1, None if values is None else values.ctypes.data
+        kind = 0 if values is None else _REAL
+        made = _Sparse(n, n, len(rows), begins.ctypes.data, rows.ctypes.data, None, at, None)
+        made.stype, made.itype, made.xtype = 1, 2 if _LONG else 0, kind
+        made.sorted, made.packed = 1, 1
+        made.held = begins, rows, values  # CHOLMOD only points at them
+        return made
+
+    def _analysed(self, matrix: _Sparse, order: NDArray[Any] | None) -> Any:
+        """A factor without numbers, by an ``order`` or, column by column, by the best one."""
+        common, given = self._common, None if order is None else order.ctypes.data
+        common.supernodal = _SIMPLICIAL if order is None else _SUPERNODAL
+        common.nmethods, common.ordering = int(order is not None), _GIVEN
+        arguments = ctypes.byref(matrix), c_void_p(given), None, c_size_t(0), ctypes.byref(common)
+        result = ctypes.POINTER(_Factor)
+        factor = _call(self._library, "analyze_p", *arguments, result=result)
+        if not factor or factor.contents.n != matrix.nrow:
+            raise MemoryError(_NO_MEMORY)
+        return factor
+
+    def _integers(self, factor: Any, name: str, count: int) -> Integers:
+        kind = ctypes.c_int64 if _LONG else ctypes.c_int32
+        found = (kind * count).from_address(getattr(factor.contents, name)) if count else ()
+        return np.array(found, dtype=np.int64)
 
     def _corner_entries(self, ends: Integers) -> tuple[Integers, Integers, Integers]:
         """Where the entries of L in the rows ``ends`` stand, their rows and columns there."""
         factor = self._factor
         count = int(factor.contents.nsuper) + 1
-        first, begins, blocks = (_integers(factor, k, count) for k in ("super", "pi", "px"))
-        rows = _integers(factor, "s", int(factor.contents.ssize))
+        first, begins, blocks = (self._integers(factor, k, count) for k in ("super", "pi", "px"))
+        rows = self._integers(factor, "s", int(factor.contents.ssize))
         last = np.zeros(int(factor.contents.n), dtype=bool)
         last[ends] = True
         entries = []
@@ -254,6 +237,9 @@ class OrderedFactor:
         done = _call(self._library, name, self._factor, *sides, ctypes.byref(self._common))
         assert done, "sizes that do not fit"
 
+    def _free(self, factor: Any) -> None:
+        _call(self._library, "free_factor", ctypes.byref(factor), ctypes.byref(self._common))
+
     def destroy(self) -> None:
         """Free the factor."""
-        _free(self._library, self._common, self._factor)
+        self._free(self._factor)

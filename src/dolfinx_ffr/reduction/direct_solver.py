@@ -35,6 +35,8 @@ CHOLMOD = ("cholmod", "suitesparse")
 MOST_BETWEEN = 0.25
 #: PETSc's number of the error that a matrix is not positive definite
 _SINGULAR = 81
+#: Times the entries that fit from which on a factor is not counted
+_HOPELESS = 5.0
 #: Options of CHOLMOD on one rank. Below so many operations for each entry of the factor its columns
 #: are taken one by one: dense blocks of them, of which CHOLMOD makes some from 40 on, are then too
 #: small, and at 55 take a quarter more time. By L L^T, which refuses what is not positive definite,
@@ -84,7 +86,7 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
     """About how many entries a factor of a matrix of the body has.
 
     Where that may be more than ``most``, they are counted if one rank has the body: solids with
-    many windows have a quarter of what compact ones have.
+    many windows have a third of what is estimated. Not where it is hopeless, as that takes minutes.
     """
     n, entries = matrix.size[0], _entries(matrix)
     # By nested dissection a factor has more entries than the matrix in proportion to log n in the
@@ -95,9 +97,14 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
     length = float(np.ptp(domain.bounding_box, axis=0).max())
     band = n * domain.cell_size / (domain.order * length)
     found = min(0.35 * entries * growth, n * max(band, entries / n))
-    if found <= most or matrix.comm.size > 1 or not cholmod.is_known():
+    if not most < found < _HOPELESS * most or matrix.comm.size > 1 or not cholmod.is_known():
         return found
-    return cholmod.counted_entries(*matrix.getValuesCSR()[:2])
+    try:
+        factor = cholmod.OrderedFactor(*matrix.getValuesCSR()[:2], np.zeros(n, dtype=bool))
+    except MemoryError:  # nor is there any for the factor
+        return found
+    factor.destroy()
+    return factor.entries
 
 
 def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None:
