@@ -99,8 +99,9 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
     found = min(0.35 * entries * growth, n * max(band, entries / n))
     if not most < found < _HOPELESS * most or matrix.comm.size > 1 or not cholmod.is_known():
         return found
+    begins, columns, _ = matrix.getValuesCSR()
     try:
-        factor = cholmod.OrderedFactor(*matrix.getValuesCSR()[:2], np.zeros(n, dtype=bool))
+        factor = cholmod.OrderedFactor(begins, columns, np.zeros(n, dtype=bool))
     except MemoryError:  # nor is there any for the factor
         return found
     factor.destroy()
