@@ -184,7 +184,7 @@ def test_gap_between_two_edges(comm: MPI.Comm) -> None:
     points = np.concatenate([block.points for block in blocks])
     faces = [block.faces.reshape(-1, 4)[:, 1:] for block in blocks]
     triangles = np.concatenate([faces[0], faces[1] + len(blocks[0].points)])
-    found = ball_widths.thinnest_in_space(points, triangles, 0.05, around=True)
+    found = ball_widths.surface_balls(points, triangles, 0.05, around=True).thinnest()
     assert found is not None
     assert found.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 

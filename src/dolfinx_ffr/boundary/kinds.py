@@ -106,6 +106,10 @@ class Kind(ABC, Generic[B]):
         """The same for a finer mesh, to tell the result by; ValueError if that is too fine."""
         return boundary
 
+    def settled(self, boundary: B) -> B:
+        """The same with what is drawn mended, to tell the result by; collective."""
+        return boundary
+
     def carried(self, boundary: B, struts: Struts) -> Costs:
         """What struts carry, by pairs of curves, as shares of psi; collective."""
         return {}
@@ -260,6 +264,9 @@ class InSpace(Kind[Surface]):
 
     def way(self, before: Surface, after: Surface) -> Array:
         return before.offsets_to(after) / before.member
+
+    def settled(self, boundary: Surface) -> Surface:
+        return boundary.settled()
 
     def finer(self, boundary: Surface) -> Surface:
         return boundary.finer()

@@ -54,6 +54,8 @@ _SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
 #: Thickness in minimum members below which a wall becomes one of balls, and theirs: the fit takes
 #: some of it away; others are moved by their slopes
 _THIN, _THICKER = 0.8, 1.06
+#: Times that thin places of what is drawn are mended, and by how many members the balls grow
+_SETTLED, _GROWS = 8, 0.02
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
 #: they are small enough; if they are not; and those of the solid on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
@@ -316,7 +318,7 @@ class Surface:
                 break
             thin = walls.upto(_MENDED * member)
             if walls.least < _THIN * member:
-                found = found._as(self._sides.thickened(found.field, thin, _THICKER * member))
+                found = found._with_balls(thin.middles)
             else:
                 rows = found.rows(thin, _MENDED * member)
                 still = np.zeros(self.n_controls)
@@ -326,6 +328,27 @@ class Surface:
             walls, everywhere = found._walls(thin.middles), False
         found.walls = walls if everywhere else found._walls()
         return found
+
+    def settled(self) -> Surface:
+        """The same with members as thick as asked where it is drawn, too; collective.
+
+        Between the points of the grid, and where a wall becomes a wedge, what is drawn is thinner
+        than the walls of the field. The balls that are added grow, as the grid takes some of them.
+        """
+        found = self
+        for number in range(_SETTLED):
+            thin = on_rank_0(self.body.comm, partial(found.drawn.thinner, self.member))
+            if not len(thin):
+                break
+            centers = np.vstack([image(thin) for image in self._images])
+            thickness = _THICKER + _GROWS * number
+            found = self._made(partial(found._with_balls, centers, thickness))
+        return found
+
+    def _with_balls(self, centers: Array, thickness: float = _THICKER) -> Surface:
+        """With balls as thick as so many members at centres (n, 3) [m]; on rank 0."""
+        assert self._sides is not None
+        return self._as(self._sides.thickened(self.field, centers, thickness * self.member))
 
     def _as(self, field: Field) -> Surface:
         """With the values of a field, which differs in places, at the points of the grid."""

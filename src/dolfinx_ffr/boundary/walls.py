@@ -131,7 +131,9 @@ class Sides:
             parts.append((sides[chosen], way[chosen]))
         at, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
         most = 0.5 * max(widest, SEEN * least)
-        balls = Balls(at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing)
+        balls = Balls(
+            at, normals, *tangent_balls(at, normals, at, normals, most), self.spacing, most
+        )
         radius, end = balls.radius, balls.ends
         free = np.arange(len(at)) < len(x)
         walls = (balls.cosine < _FACING) & (end >= 0)
@@ -212,9 +214,9 @@ class Sides:
 
         return opened
 
-    def thickened(self, field: Field, walls: Walls, thickness: float) -> Field:
-        """A field with balls of a diameter [m] amid the walls, off the sides of the body."""
-        tree, centers = cKDTree(self.outline[0]), walls.middles
+    def thickened(self, field: Field, centers: Array, thickness: float) -> Field:
+        """A field with balls of a diameter [m] at centres (n, 3), moved off the body's sides."""
+        tree = cKDTree(self.outline[0])
         for _ in range(_SIDES):
             near = tree.query(centers)[1]
             normal = self.outline[1][near]

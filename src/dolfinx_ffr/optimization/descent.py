@@ -313,12 +313,26 @@ class Descent:
         spare, turn = of_stress(self.problem, _SPARED), STRESSED if self.turn < math.inf else TURN
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
+    def settled(self, trial: Trial) -> Trial:
+        """With what is drawn of its boundaries mended, if that can be simulated; collective."""
+        own = trial.boundaries
+        boundaries = {name: self.kind.settled(boundary) for name, boundary in own.items()}
+        if all(boundaries[name] is own[name] for name in own):
+            return trial
+        try:
+            return self.tried(boundaries)
+        except (ValueError, SimulationError):
+            return trial
+
     def finer(self, trial: Trial) -> tuple[Trial, float]:
         """The same on such meshes, if these can be made, and how much psi changed at last.
 
         They are made finer and finer until psi stands still; collective.
         """
-        change = math.inf
+        change, settled = math.inf, self.settled(trial)
+        if settled is not trial:
+            trial.release()
+            trial = settled
         for _ in range(self.kind.meshes):
             trial.release()
             try:

@@ -42,6 +42,8 @@ _LARGER, _LEVELS = 1.25, 5
 _SAME = 0.1
 #: Ratio of the diameters that are tried, and accuracy of the one above that of the member
 _RATIO, _ACCURACY = 1.15, 0.02
+#: Diameter for which walls are looked for that are thinner than one
+_WALLS = 1.2
 #: Ratio of diameters for both of which a neck has thicker parts on either side
 _STAYS = 1.1
 #: Samples of a re-entrant edge in the directions between both normals; least angle of it
@@ -57,6 +59,7 @@ class Balls:
     radius: Array  #: (n,) [m]; zero where none is of interest
     ends: Integers  #: Numbers of the samples that they touch, too; -1 where none is that near, (n,)
     spacing: float  #: Of the samples, about [m]
+    largest: float  #: That radius [m]
     _trees: dict[float, cKDTree | None] = field(default_factory=dict, init=False)
 
     @property
@@ -113,6 +116,44 @@ class Balls:
             thin[close] = inside & (found < _ACROSS * away[close])
         return numbers[thin]
 
+    def members(self, d: float) -> Integers | None:
+        """Numbers of balls in members thinner than d [m], None if there are none."""
+        # a ripple of a rim is a neck for balls of one size only
+        thin = self.thin(0.5 * d)
+        thin = np.intersect1d(thin, self.thin(0.5 * _STAYS * d)) if len(thin) else thin
+        return thin if len(thin) else None
+
+    def thinnest(self) -> Width | None:
+        """The thinnest member, or the narrowest gap or hole; None if the largest balls fit.
+
+        What is thinner than two spacings is not seen.
+        """
+        first, most = 2.0 * self.spacing, 2.0 * (1.0 - 2.0 * _ACCURACY) * self.largest
+        d = least_width(self.members, first, _RATIO * first, most, _RATIO, lambda d: _ACCURACY * d)
+        if d is None:
+            return None
+        # beside edges balls are smaller than amid the member
+        wider = self.thin(0.5 * (1.0 + 2.0 * _ACCURACY) / _BELOW * d)
+        sure = self.members(d)
+        thin = np.union1d(self.thin(0.5 * d) if sure is None else sure, wider)
+        facing = thin[self.cosine[thin] < OPPOSITE]
+        facing = facing[2.0 * self.radius[facing] > (1.0 - 2.0 * _ACCURACY) * _BELOW * d]
+        known = len(facing) > 0
+        at = facing[np.argmin(self.radius[facing])] if known else thin[np.argmax(self.radius[thin])]
+        value = 2.0 * float(self.radius[at])
+        return Width(value, np.stack([self.points[at], self.points[at] + value * self.normals[at]]))
+
+    def thinner(self, d: float) -> Array:
+        """Centres of balls in members thinner than d, among them the `thinnest`, (n, 3) [m]."""
+        walls, members = self.thin(0.5 * _WALLS * d), self.members(d / _BELOW)
+        found = walls[self.cosine[walls] < OPPOSITE]
+        if members is not None:
+            found = np.union1d(found, members)
+        centers, thinnest = self.centers[found[2.0 * self.radius[found] < d]], self.thinnest()
+        if thinnest is None or thinnest.value >= d:
+            return centers
+        return np.vstack([centers, thinnest.ends.mean(axis=0)])
+
 
 def _apart(points: Array, step: float) -> Array:
     """One of the points (n, 3) in each box of a size [m]: trees are slow with many alike."""
@@ -122,42 +163,18 @@ def _apart(points: Array, step: float) -> Array:
     return np.asarray(points[np.unique(key, return_index=True)[1]])
 
 
-def thinnest_in_space(
-    points: Array, triangles: Integers, size: float, *, around: bool
-) -> Width | None:
-    """The thinnest member inside a closed surface, or the narrowest gap or hole around it.
+def surface_balls(points: Array, triangles: Integers, size: float, *, around: bool) -> Balls:
+    """The largest balls inside a closed surface, or around it, up to its least extent.
 
-    Its surface has samples about a ``size`` [m] apart, or more if these were too many; members
-    thinner than two of that are not seen. None if there is none below the least extent.
+    Its surface has samples about a ``size`` [m] apart, or more if these were too many.
     """
     points = np.asarray(points, dtype=np.float64)
     corners = points[triangles]
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     spacing = max(size, np.sqrt(0.5 * np.linalg.norm(sides, axis=1).sum() / MOST_SAMPLES))
     x, n = _samples(points, triangles, sides if around else -sides, spacing)
-    largest = float(np.min(np.ptp(points, axis=0)))  # from which on they are of no interest
-    radius, ends = tangent_balls(x, n, x, n, 0.5 * largest)
-    balls = Balls(x, n, radius, ends, spacing)
-
-    def found(d: float) -> Integers | None:
-        # a ripple of a rim is a neck for balls of one size only
-        thin = balls.thin(0.5 * d)
-        thin = np.intersect1d(thin, balls.thin(0.5 * _STAYS * d)) if len(thin) else thin
-        return thin if len(thin) else None
-
-    first, most = 2.0 * spacing, (1.0 - 2.0 * _ACCURACY) * largest
-    d = least_width(found, first, _RATIO * first, most, _RATIO, lambda d: _ACCURACY * d)
-    if d is None:
-        return None
-    # beside edges balls are smaller than amid the member
-    wider = balls.thin(0.5 * (1.0 + 2.0 * _ACCURACY) / _BELOW * d)
-    sure = found(d)
-    thin = np.union1d(balls.thin(0.5 * d) if sure is None else sure, wider)
-    facing = thin[balls.cosine[thin] < OPPOSITE]
-    facing = facing[2.0 * radius[facing] > (1.0 - 2.0 * _ACCURACY) * _BELOW * d]
-    at = facing[np.argmin(radius[facing])] if len(facing) else thin[np.argmax(radius[thin])]
-    value = 2.0 * float(radius[at])
-    return Width(value, np.stack([x[at], x[at] + value * n[at]]))
+    largest = 0.5 * float(np.min(np.ptp(points, axis=0)))  # from which on they are of no interest
+    return Balls(x, n, *tangent_balls(x, n, x, n, largest), spacing, largest)
 
 
 def _samples(

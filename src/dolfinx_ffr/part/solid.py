@@ -33,7 +33,7 @@ from ..fem import (
 )
 from ..files import check_room, whole_file
 from ..parallel import on_rank_0
-from .ball_widths import thinnest_in_space
+from .ball_widths import Balls, surface_balls
 from .export import UNITS
 from .field import Field
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
@@ -192,16 +192,24 @@ class Solid(Enclosed):
         It takes seconds, and is kept. What is thinner than two samples of the surface is not seen,
         which are a quarter of a cell apart, or more where that would be too many.
         """
-        return self._thinnest(around=False)
+        return self._balls.thinnest()
 
     @cached_property
     def narrowest_gap(self) -> Width | None:
         """The narrowest gap or hole; None if there is none narrower than the solid."""
-        return self._thinnest(around=True)
+        return self._largest_balls(around=True).thinnest()
 
-    def _thinnest(self, *, around: bool) -> Width | None:
+    def thinner(self, thickness: float) -> Array:
+        """Centres of balls in members thinner than a thickness [m], (n, 3) [m]."""
+        return self._balls.thinner(thickness)
+
+    @cached_property
+    def _balls(self) -> Balls:
+        return self._largest_balls(around=False)
+
+    def _largest_balls(self, *, around: bool) -> Balls:
         size = _SAMPLES * self.body.cell_size
-        return thinnest_in_space(self.points, self.triangles, size, around=around)
+        return surface_balls(self.points, self.triangles, size, around=around)
 
     def surface(self) -> Any:
         """The surface as a mesh of PyVista (`pyvista.PolyData`)."""
