@@ -154,6 +154,24 @@ def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
     assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
 
 
+@pytest.mark.mpi
+def test_what_is_drawn_thinner_is_mended(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the measure of the solid, which knows nothing of the field, finds nothing thinner."""
+
+    def left(self: Surface) -> Surface:
+        self.walls = self._walls()
+        return self
+
+    monkeypatch.setattr(Surface, "_thick", left)  # the walls of the field stay
+    member = 1.5 * MEMBER
+    found = surface(beam(comm), plate(0.94 * member, 0.0), member)
+    before, after = found.drawn.thinnest_member, found.settled().drawn.thinnest_member
+    assert before is not None and before.value == pytest.approx(0.94 * member, rel=0.02)
+    assert after is None or after.value >= member
+    wider = surface(beam(comm), plate(1.2 * member, 0.0), member)
+    assert wider.settled() is wider
+
+
 @pytest.mark.parametrize(("depth", "stays"), [(0.0118, False), (0.01, True)])
 def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -> None:
     """A hollow that opens through a face by 4.4 mm, and one that opens by 13 mm."""

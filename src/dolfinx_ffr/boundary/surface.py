@@ -337,7 +337,7 @@ class Surface:
         """
         found = self
         for number in range(_SETTLED):
-            thin = on_rank_0(self.body.comm, partial(found.drawn.thinner, self.member))
+            thin = found.drawn.thinner(self.member)
             if not len(thin):
                 break
             centers = np.vstack([image(thin) for image in self._images])

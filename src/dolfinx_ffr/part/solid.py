@@ -200,7 +200,7 @@ class Solid(Enclosed):
         return self._largest_balls(around=True).thinnest()
 
     def thinner(self, thickness: float) -> Array:
-        """Centres of balls in members thinner than a thickness [m], (n, 3) [m]."""
+        """Centres of balls in members thinner than a thickness [m], (n, 3) [m]; collective."""
         return self._balls.thinner(thickness)
 
     @cached_property
