@@ -29,6 +29,7 @@ from ufl.core.expr import Expr
 
 from .. import validation
 from ..arrays import Array, Integers
+from ..limits import give_back_memory
 from ..parallel import on_every_rank
 from . import _compat
 from .domain import Domain
@@ -118,6 +119,7 @@ class Elasticity:
         self._pattern[0].assemble()
         self._pattern.append(self._uncoupled(self._pattern[0]))
         PETSc.garbage_cleanup(self.comm)  # matrices of bodies before this one
+        give_back_memory()
 
     def _stiffness_density(self, a: Expr, b: Expr) -> Expr:
         return self._factors[0] * self._solid_stiffness(a, b)

@@ -139,6 +139,7 @@ class EigenSolver:
                 holds = self.elasticity.decided(certificate.holds(limit, end))
             if holds or end == self.freedoms:
                 fields = space.image_of(vectors[:, :found])
+                del space, certificate, image, noisy, known  # larger than what is found
                 fields, masses = self._normalized(factored, fields)
                 return eigenvalues, fields, masses, cluster(eigenvalues, number), static
             if space.invariant or (end < found and holds is False):
@@ -182,7 +183,9 @@ class EigenSolver:
         image = self.elasticity.apply(factored.clamped_mass, fields)
         # a sum along a column could differ in its last bit by where the memory lies
         norms = np.sqrt(np.diag(self.elasticity.inner(fields, image)))
-        return fields / norms, image / norms
+        fields /= norms
+        image /= norms
+        return fields, image
 
     def _ritz(self, factored: FactoredBody, fields: Block) -> tuple[Array, Block]:
         """The best eigenpairs in the span of fields."""
