@@ -58,7 +58,6 @@ class KrylovSpace:
         self._factored = factored
         self._without = None if without is None else tuple(map(np.asfortranarray, without))
         self._basis = np.empty((len(start), ROOM), order="F")
-        self._masses = np.empty((len(start), ROOM), order="F")  # M times the basis
         self._images: list[Block] = []  # K^-1 M times the blocks of the basis
         self.size = 0  # number of fields of the basis
         self._before = self._last = 0  # where the last two blocks begin
@@ -83,8 +82,9 @@ class KrylovSpace:
 
     @property
     def mass_last(self) -> Block:
-        """M times the last block."""
-        return self._masses[:, self._last : self.size]
+        """M times the last block, made anew: those of all would take as much as the basis."""
+        last = self._basis[:, self._last : self.size]
+        return self._factored.elasticity.apply(self._factored.clamped_mass, last)
 
     def image_of(self, coefficients: Array) -> Block:
         """K^-1 M times combinations of `basis` by coefficients (complete, k), shape (dofs, k)."""
@@ -116,9 +116,10 @@ class KrylovSpace:
     def grow(self, image: Block | None = None) -> None:
         """Apply K^-1 M to the last block, and add what is new; the ``image`` may be there."""
         before, last, size = self._before, self._last, self.size
-        image = self._factored.solve(self.mass_last) if image is None else image
+        masses = self.mass_last
+        image = self._factored.solve(masses) if image is None else image
         self._images.append(image)
-        diagonal = self._factored.elasticity.inner(self.mass_last, image)
+        diagonal = self._factored.elasticity.inner(masses, image)
         self._projected[last:, last:] = symmetric(diagonal)
         known = self._projected[before:, last:]
         rest = image.copy(order="F")
@@ -140,8 +141,9 @@ class KrylovSpace:
             if self._without is not None:
                 fields, masses = self._without
                 _subtract(rest, fields, elasticity.inner(masses, rest))
-            along = elasticity.inner(self._masses[:, : self.size], rest)
-            _subtract(rest, self._basis[:, : self.size], along)
+            known = self._basis[:, : self.size]
+            along = elasticity.inner(known, elasticity.apply(mass, rest))
+            _subtract(rest, known, along)
             image = elasticity.apply(mass, rest)
             gram, shares, directions, clear = self._directions(image, rest, floor)
             largest = float(np.sqrt(shares[-1]))
@@ -150,7 +152,7 @@ class KrylovSpace:
                 break
             factors = directions[:, clear] / np.sqrt(shares[clear])
             coefficients.append(factors.T @ gram)
-            new = self._store(rest, image, factors)
+            new = self._store(rest, factors)
             if np.all(clear):
                 break
             _subtract(rest, new, coefficients[-1])
@@ -165,14 +167,12 @@ class KrylovSpace:
         shares = np.maximum(shares, 0.0)
         return gram, shares, directions, shares > max(CLEAR**2 * shares[-1], floor**2)
 
-    def _store(self, rest: Block, image: Block, factors: Array) -> Block:
-        """Add combinations of fields, M times which is the ``image``; the combinations."""
+    def _store(self, rest: Block, factors: Array) -> Block:
+        """Add combinations of fields; the combinations."""
         first, size = self.size, self.size + factors.shape[1]
         if size > self._basis.shape[1]:
             self._basis = _longer(self._basis, first, 2 * size)
-            self._masses = _longer(self._masses, first, 2 * size)
         np.matmul(factors.T, rest.T, out=self._basis[:, first:size].T)
-        np.matmul(factors.T, image.T, out=self._masses[:, first:size].T)
         projected, self._projected = self._projected, np.zeros((size, size))
         self._projected[:first, :first] = projected
         self.size = size
