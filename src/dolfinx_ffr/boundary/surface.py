@@ -335,15 +335,18 @@ class Surface:
         Between the points of the grid, and where a wall becomes a wedge, what is drawn is thinner
         than the walls of the field. The balls that are added grow, as the grid takes some of them.
         """
-        found = self
+        found, thickest = self, (0.0, self)
         for number in range(_SETTLED):
-            thin = found.drawn.thinner(self.member)
-            if not len(thin):
-                break
-            centers = np.vstack([image(thin) for image in self._images])
+            thin = found.drawn.thinnest_member
+            if thin is None or thin.value >= self.member:
+                return found
+            thickest = max(thickest, (thin.value, found), key=lambda each: each[0])
+            middle = thin.ends.mean(axis=0, keepdims=True)
+            centers = np.vstack([found.drawn.thinner(self.member), middle])
+            centers = np.vstack([image(centers) for image in self._images])
             thickness = _THICKER + _GROWS * number
             found = self._made(partial(found._with_balls, centers, thickness))
-        return found
+        return thickest[1]
 
     def _with_balls(self, centers: Array, thickness: float = _THICKER) -> Surface:
         """With balls as thick as so many members at centres (n, 3) [m]; on rank 0."""

@@ -144,15 +144,11 @@ class Balls:
         return Width(value, np.stack([self.points[at], self.points[at] + value * self.normals[at]]))
 
     def thinner(self, d: float) -> Array:
-        """Centres of balls in members thinner than d, among them the `thinnest`, (n, 3) [m]."""
-        walls, members = self.thin(0.5 * _WALLS * d), self.members(d / _BELOW)
-        found = walls[self.cosine[walls] < OPPOSITE]
-        if members is not None:
-            found = np.union1d(found, members)
-        centers, thinnest = self.centers[found[2.0 * self.radius[found] < d]], self.thinnest()
-        if thinnest is None or thinnest.value >= d:
-            return centers
-        return np.vstack([centers, thinnest.ends.mean(axis=0)])
+        """Centres of balls in walls and other members thinner than d, (n, 3) [m]."""
+        found, members = self.thin(0.5 * _WALLS * d), self.members(d / _BELOW)
+        found = found[self.cosine[found] < OPPOSITE]
+        found = found if members is None else np.union1d(found, members)
+        return self.centers[found[2.0 * self.radius[found] < d]]
 
 
 def _apart(points: Array, step: float) -> Array:
