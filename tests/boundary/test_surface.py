@@ -17,7 +17,7 @@ import pyvista
 from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.boundary import Surface
+from dolfinx_ffr.boundary import InSpace, InThePlane, Surface
 from dolfinx_ffr.boundary import surface as surface_module
 from dolfinx_ffr.optimization import move_boundary
 from dolfinx_ffr.optimization.descent import Descent
@@ -345,6 +345,14 @@ def test_solids_are_cut_finer_until_psi_stands(
     assert found.evaluation.psi == told
     steps = [1.0, *(psi for psi in finer[: 1 + (told == 1.3)])]
     assert change == pytest.approx(abs(steps[-2] / steps[-1] - 1.0))
+
+
+def test_rises_of_steps_in_space_do_not_add_up() -> None:
+    """One of 0.9 % may be the cut, two of them are worse than the best; in the plane only one."""
+    assert not InSpace.pace.worse(1.009, 1.0, 1.0)
+    assert InSpace.pace.worse(1.018, 1.009, 1.0)
+    assert InSpace.pace.worse(1.009, 0.998, 1.0)
+    assert not InThePlane.pace.worse(1.018, 1.0175, 1.0)
 
 
 @pytest.mark.slow

@@ -51,10 +51,15 @@ class Pace:
     """When a step is taken back, and how long the next one is; lengths in minimum members."""
 
     rise: float  #: Of the merit beyond which a step is taken back; another mesh alone changes it
+    drift: float  #: The same beside the best one: rises of several steps add up
     shorter: float  #: Factor of the reach after a step that is no better
     shortest: float  #: Step, below which another mesh changes more
     again: float  #: Reach at least when modes may have changed
     smooth: float  #: Distance over which a step is smooth, in minimum members
+
+    def worse(self, merit: float, before: float, best: float) -> bool:
+        """Whether a step to a merit is taken back, by those before it and of the best one."""
+        return merit > min(before + self.rise, best + self.drift)
 
 
 class Kind(ABC, Generic[B]):
@@ -137,7 +142,7 @@ class InThePlane(Kind[Boundary]):
     """Curves, on meshes of triangles."""
 
     kind, article = Boundary, "a Boundary"
-    pace = Pace(rise=1e-3, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
+    pace = Pace(rise=1e-3, drift=math.inf, shorter=0.7, shortest=1e-3, again=0.0, smooth=2.4)
     meshes, still = 1, math.inf
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
@@ -247,7 +252,7 @@ class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=2e-2, shorter=0.9, shortest=0.02, again=0.3, smooth=1.4)
+    pace = Pace(rise=1e-2, drift=1e-2, shorter=0.9, shortest=0.02, again=0.3, smooth=1.4)
     meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:

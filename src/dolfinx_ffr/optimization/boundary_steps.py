@@ -223,7 +223,8 @@ def _descended(
                     step = descent.step(trial, slopes, reach, secants)
                     weight = max(weight, _EXACT * float(np.sum(step.of_bounds)))
                     found = descent.moved(trial, step)
-                    if found is not None and found.merit(weight) > trial.merit(weight) + pace.rise:
+                    merits = (each.merit(weight) for each in (trial, best))
+                    if found is not None and pace.worse(found.merit(weight), *merits):
                         # shorter steps change the largest stress less than another mesh does
                         if descent.turn < math.inf and reach <= _NOISE:
                             break
