@@ -252,7 +252,7 @@ class InSpace(Kind[Surface]):
     """Surfaces of fields, on tetrahedra that are cut."""
 
     kind, article = Surface, "a Surface"
-    pace = Pace(rise=1e-2, drift=1e-2, shorter=0.9, shortest=0.02, again=0.3, smooth=1.4)
+    pace = Pace(rise=2e-2, drift=2e-2, shorter=0.9, shortest=0.02, again=0.3, smooth=1.4)
     meshes, still = 2, Solid.tolerance
 
     def mesh(self, boundary: Surface, size: float, turn: float) -> Domain:

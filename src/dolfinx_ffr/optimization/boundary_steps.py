@@ -249,9 +249,15 @@ def _descended(
             trial.release()
             secants, trial = descent.secants(secants, trial, slopes, found), found
             if number % EVERY == 0 or number == last:
+                latest = best is trial
                 grown, trial, errors = descent.accurate(trial, tolerance, first)
                 if grown is not descent:  # what was told with fewer modes does not count
-                    descent, best, secants = grown, trial, NONE
+                    descent, known, secants = grown, errors, NONE
+                    if latest:
+                        best = trial
+                    else:
+                        best = descent.tried(best.boundaries)
+                        best.release()
                 reach = max(reach, pace.again)
             if trial.rank(weight, GONE if removed else 0.0) <= best.rank(weight):
                 best, known = trial, errors
