@@ -113,13 +113,9 @@ class Elasticity:
         self.n_dofs = int(index_map.size_local) * self.dimension
         self.n_dofs_global = int(index_map.size_global) * self.dimension
         self.set_density(np.ones(domain.n_cells))
-        #: Matrices whose sparsity patterns all others share, a stiffness and a mass
+        #: Matrices whose sparsity patterns all others share, a stiffness and a mass, once made
         self._pattern: list[PETSc.Mat] = kept_by(self, self.comm)
-        self._pattern.append(fem.petsc.assemble_matrix(self._stiffness_form))
-        self._pattern[0].assemble()
-        self._pattern.append(self._uncoupled(self._pattern[0]))
         PETSc.garbage_cleanup(self.comm)  # matrices of bodies before this one
-        give_back_memory()
 
     def _stiffness_density(self, a: Expr, b: Expr) -> Expr:
         return self._factors[0] * self._solid_stiffness(a, b)
@@ -151,8 +147,18 @@ class Elasticity:
 
     def new_matrix(self, *, mass: bool = False) -> PETSc.Mat:
         """A matrix of zeros with the entries of a stiffness, or of a mass, which has fewer."""
+        if not self._pattern:
+            self._pattern.append(fem.petsc.assemble_matrix(self._stiffness_form))
+            self._pattern[0].assemble()
+            self._pattern.append(self._uncoupled(self._pattern[0]))
+            give_back_memory()
         pattern = self._pattern[-1 if mass else 0]
         return pattern.duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+
+    def release(self) -> None:
+        """Free the matrices that others are like, which are made again for the next one."""
+        while self._pattern:
+            self._pattern.pop().destroy()
 
     def _uncoupled(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """Zeros where a ``matrix`` has entries of one axis: the mass does not couple the axes."""
@@ -336,9 +342,11 @@ class Elasticity:
         whole = self.with_ghosts(block)
         return whole.reshape(len(whole) // self.dimension, self.dimension, block.shape[1])
 
-    def set_cells(self, function: fem.Function, values: Array) -> None:
-        """Give a ``function`` of `cell_space` values (cells, dofs), or (dofs,) at every cell."""
-        function.x.array[self._cell_dofs] = values
+    def set_cells(
+        self, function: fem.Function, values: Array, part: slice = slice(None)
+    ) -> None:
+        """Give a ``function`` of `cell_space` values (cells, dofs), or (dofs,), in a ``part``."""
+        function.x.array[self._cell_dofs[part]] = values
 
     def with_ghosts(self, block: Block) -> Block:
         """The fields of a ``block`` at the nodes of this rank and its ghosts; collective."""

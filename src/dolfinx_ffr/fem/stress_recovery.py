@@ -59,17 +59,26 @@ class StressRecovery:
         evaluate = _compat.compiled_expression(
             ufl.as_vector([stress[i, j] for i, j in COMPONENTS[d]]), reference, domain.mesh
         )
-        cells = np.arange(domain.n_cells, dtype=np.int32)
-        rows = len(COMPONENTS[d]) * len(self._continued)
-        unit = np.eye(d * elasticity.cell_space.dofmap.dof_layout.num_dofs)
-        found = np.empty((len(cells), rows, len(unit)))
-        for i, values in enumerate(unit):
-            elasticity.set_cells(displacement, values)
-            sampled = evaluate(cells)
+        self._evaluate, self._displacement = evaluate, displacement
+        unknowns = d * elasticity.cell_space.dofmap.dof_layout.num_dofs
+        #: Of the map of each cell: points * components, dofs
+        self._shape = len(COMPONENTS[d]) * len(self._continued), unknowns
+
+    @cached_property
+    def _matrices(self) -> Array:
+        """Map of each cell, shape (cells, points * components, dofs) [Pa/m]."""
+        return self._maps(slice(0, len(self.points)))
+
+    def _maps(self, part: slice) -> Array:
+        """The maps of some cells of this rank."""
+        cells = np.arange(part.start, part.stop, dtype=np.int32)
+        found = np.empty((len(cells), *self._shape))
+        for i, values in enumerate(np.eye(self._shape[1])):
+            self.elasticity.set_cells(self._displacement, values, part)
+            sampled = self._evaluate(cells)
             found[..., i] = (self._continued @ sampled).reshape(len(cells), -1)
-        #: Map of each cell, shape (cells, points * components, dofs) [Pa/m]
-        self._matrices = found
-        self._matrices /= material.thickness
+        found /= self._material.thickness
+        return found
 
     def __call__(self, fields: Block) -> Array:
         """Stresses (cells, points, components, columns) of displacements (dofs, columns) [Pa]."""
@@ -84,19 +93,22 @@ class StressRecovery:
 
         All of them at once may take gigabytes.
         """
-        cells, rows, unknowns = self._matrices.shape
+        cells, (rows, unknowns) = len(self.points), self._shape
         d, columns = self.elasticity.dimension, fields.shape[1]
         local = self.elasticity.with_ghosts(fields).reshape(-1, d, columns)
         del fields
         nodes = _compat.dofmap_array(self.elasticity.domain.space)
-        several = max(1, _BLOCK // (rows * columns))
+        # those of all cells are kept where they are few, or transposed, as for a gradient
+        kept = "_matrices" in vars(self) or cells * rows * unknowns <= 2 * _BLOCK
+        several = max(1, _BLOCK // (rows * max(columns, unknowns)))
         for part in (slice(i, min(i + several, cells)) for i in range(0, cells, several)):
-            found = self._matrices[part] @ local[nodes[part]].reshape(-1, unknowns, columns)
+            maps = self._matrices[part] if kept else self._maps(part)
+            found = maps @ local[nodes[part]].reshape(-1, unknowns, columns)
             yield part, found.reshape(len(found), -1, len(COMPONENTS[d]), columns)
 
     def transposed(self, bar: Array) -> Block:
         """The transpose, from (cells, points, components, columns) to (dofs, columns)."""
-        cells, rows, _ = self._matrices.shape
+        cells, (rows, _) = len(self.points), self._shape
         local = np.swapaxes(self._matrices, 1, 2) @ bar.reshape(cells, rows, bar.shape[3])
         return self.elasticity.from_cells(np.arange(cells), np.moveaxis(local, 2, 0))
 

@@ -366,7 +366,7 @@ class CraigBampton:
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
 
     def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Count the modes of a ``factored`` body with its ``basis`` by one factor more.
+        """Count the modes of a ``factored`` body with its ``basis`` by a factor in its factor's place.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.
@@ -377,7 +377,7 @@ class CraigBampton:
             return
         limit = below_following(values, end)
         try:
-            counted = factored.count_below(limit)
+            counted = factored.count_last(limit)
         except RuntimeError as error:
             warnings.warn(f"{error}; they are as certain as noise makes them", stacklevel=2)
             return

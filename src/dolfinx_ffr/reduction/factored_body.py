@@ -89,8 +89,13 @@ class ClampedMatrices:
 
     def destroy(self) -> None:
         """Free the memory on all ranks together."""
+        self.solver.destroy()
+        self.forget()
+
+    def forget(self) -> None:
+        """Free the matrices alone, where the solver has been freed; collective."""
         self._forget_analysis()
-        for item in (self.solver, self.stiffness, self.mass):
+        for item in (self.stiffness, self.mass):
             item.destroy()
 
 
@@ -130,6 +135,17 @@ class FactoredBody:
     def count_below(self, limit: float) -> int:
         """The number of eigenvalues below a limit, copies included, the same on every rank."""
         return self.clamped.count_below(limit)
+
+    def count_last(self, limit: float) -> int:
+        """`count_below` in the end: factor and matrices are freed, as both take most memory."""
+        clamped = self.clamped
+        self._clamped.clear()
+        self.matrices.destroy()
+        clamped.solver.destroy()
+        try:
+            return clamped.count_below(limit)
+        finally:
+            clamped.forget()
 
     def destroy(self) -> None:
         """Free the memory on all ranks together, or leave it to the next density."""

@@ -325,13 +325,14 @@ class FlexibleBody:
     def warn_of_missing_modes(self, reduced: ReducedBody) -> None:
         """Count the modes of a ``reduced`` body by a factor more, as for a result that is told.
 
-        `reduce` proves that none is missing at a risk of 1e-10.
+        `reduce` proves that none is missing at a risk of 1e-10. The matrices of the body are freed.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.
         """
         with self._working:
             self.reduction.warn_of_missing_modes(self.factored(reduced), reduced.basis)
+            self._release()
 
     def check_memory(self, what: str, remedy: str) -> None:
         """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
@@ -356,6 +357,7 @@ class FlexibleBody:
         with self._working:
             self._release()
             self.reduction.release()
+            self.elasticity.release()
             self.__dict__.pop("stress_recovery", None)
         give_back_memory()
 
