@@ -341,11 +341,11 @@ class FlexibleBody:
         what the processes hold. The error names ``what`` is too large and the ``remedy``.
         """
         comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
+        room = max(comm.size * agreed_memory(comm) - comm.allreduce(held_memory()), 0)
         matrix = self.elasticity.new_matrix()
         entries = _MATRICES * matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
         # shape functions, and those of inertia turned about each axis, twice; and a Krylov space
         entries += matrix.size[0] * 2.0 * r * (3 + d * (d - 1) // 2)
-        room = max(comm.size * agreed_memory(comm) - comm.allreduce(held_memory()), 0)
         if self.reduction.solver == DIRECT:
             entries += factor_entries(self.elasticity, matrix, room / 8.0 - entries)
         matrix.destroy()
