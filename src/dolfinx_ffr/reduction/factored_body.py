@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from petsc4py import PETSc
 
@@ -23,14 +22,12 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 class ClampedMatrices:
     """Matrices with all interfaces clamped, and the solver for the stiffness.
 
-    One density after the other is written into them: pattern, ordering and MUMPS's analysis stay.
+    One density after the other is written into them: pattern and ordering stay.
     """
 
     stiffness: PETSc.Mat  #: One on the diagonal of clamped rows
     mass: PETSc.Mat  #: Zero in clamped rows
     solver: LinearSolver  #: Holds the factor of the stiffness, or coarser systems
-    #: Matrix, preconditioner, factor by which eigenvalues are counted, once they are made
-    _analysis: list[Any] = field(default_factory=list)
 
     @staticmethod
     def of(elasticity: Elasticity, clamped: Mask, solver: str, tolerance: float) -> ClampedMatrices:
@@ -50,27 +47,16 @@ class ClampedMatrices:
             target.zeroRowsColumnsLocal(rows, diagonal)
         self.solver.factor(self.stiffness)
 
-    def count_below(self, limit: float) -> int:
-        """The number of eigenvalues below a limit, copies included, the same on every rank."""
-        # by Sylvester's law that of the negative pivots of K - limit M; CHOLMOD does not pivot
-        if not self._analysis:
-            self._analyse()
-        shifted, pc, factor = self._analysis
-        self.stiffness.copy(shifted, _SAME)
-        shifted.axpy(-limit, self.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        pc.setOperators(shifted)
-        pc.setUp()
-        state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
-        if state < 0:
-            self._forget_analysis()
-            raise RuntimeError(
-                f"reduction: MUMPS cannot factor the shifted stiffness (INFOG(1) = {state}, "
-                "see its manual), so that modes cannot be counted; is there too little memory?"
-            )
-        return int(factor.getInertia()[0])
+    def count_below(self, limit: float, *, last: bool = False) -> int:
+        """The number of eigenvalues below a limit, copies included, the same on every rank.
 
-    def _analyse(self) -> None:
-        shifted = self.stiffness.duplicate(PETSc.Mat.DuplicateOption.SHARE_NONZERO_PATTERN)
+        The ``last`` one takes the place of the solver and of the stiffness, which need the memory.
+        """
+        # by Sylvester's law that of the negative pivots of K - limit M; CHOLMOD does not pivot
+        if last:
+            self.solver.destroy()
+        shifted = self.stiffness if last else self.stiffness.copy()
+        shifted.axpy(-limit, self.mass, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         pc = PETSc.PC().create(shifted.comm)
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
@@ -81,21 +67,21 @@ class ClampedMatrices:
         factor.setMumpsIcntl(14, 100)  # memory for pivots that are put off, in percent
         factor.setMumpsIcntl(24, 1)  # PETSc demands that zero pivots are looked for
         factor.setMumpsIcntl(31, 1)  # the factor is not kept: nothing is solved with it
-        self._analysis.extend((shifted, pc, factor))
-
-    def _forget_analysis(self) -> None:
-        while self._analysis:
-            self._analysis.pop().destroy()
+        pc.setUp()
+        state = factor.getMumpsInfog(1)  # PETSc goes on where MUMPS fails
+        found = int(factor.getInertia()[0]) if state >= 0 else 0
+        for item in (factor, pc, *([] if last else [shifted])):
+            item.destroy()
+        if state < 0:
+            raise RuntimeError(
+                f"reduction: MUMPS cannot factor the shifted stiffness (INFOG(1) = {state}, "
+                "see its manual), so that modes cannot be counted; is there too little memory?"
+            )
+        return found
 
     def destroy(self) -> None:
         """Free the memory on all ranks together."""
-        self.solver.destroy()
-        self.forget()
-
-    def forget(self) -> None:
-        """Free the matrices alone, where the solver has been freed; collective."""
-        self._forget_analysis()
-        for item in (self.stiffness, self.mass):
+        for item in (self.solver, self.stiffness, self.mass):
             item.destroy()
 
 
@@ -141,11 +127,10 @@ class FactoredBody:
         clamped = self.clamped
         self._clamped.clear()
         self.matrices.destroy()
-        clamped.solver.destroy()
         try:
-            return clamped.count_below(limit)
+            return clamped.count_below(limit, last=True)
         finally:
-            clamped.forget()
+            clamped.destroy()
 
     def destroy(self) -> None:
         """Free the memory on all ranks together, or leave it to the next density."""
