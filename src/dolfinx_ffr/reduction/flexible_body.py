@@ -344,8 +344,9 @@ class FlexibleBody:
         room = max(comm.size * agreed_memory(comm) - comm.allreduce(held_memory()), 0)
         matrix = self.elasticity.new_matrix()
         entries = _MATRICES * matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
-        # shape functions, and those of inertia turned about each axis, twice; and a Krylov space
-        entries += matrix.size[0] * 2.0 * r * (3 + d * (d - 1) // 2)
+        # shape functions, and those of inertia turned about each axis, twice; a Krylov space; and
+        # fields of stress, for which seven times the shape functions were seen
+        entries += matrix.size[0] * r * (2.0 * (3 + d * (d - 1) // 2) + 7.0)
         if self.reduction.solver == DIRECT:
             entries += factor_entries(self.elasticity, matrix, room / 8.0 - entries)
         matrix.destroy()
