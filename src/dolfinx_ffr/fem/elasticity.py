@@ -343,7 +343,7 @@ class Elasticity:
         return whole.reshape(len(whole) // self.dimension, self.dimension, block.shape[1])
 
     def set_cells(self, function: fem.Function, values: Array, part: slice = slice(None)) -> None:
-        """Give a ``function`` of `cell_space` values (cells, dofs), or (dofs,), in a ``part``."""
+        """Give a ``function`` of `cell_space` values (cells, dofs) or (dofs,) in ``part``."""
         function.x.array[self._cell_dofs[part]] = values
 
     def with_ghosts(self, block: Block) -> Block:

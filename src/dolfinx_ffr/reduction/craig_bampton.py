@@ -366,7 +366,7 @@ class CraigBampton:
         return " or ".join(str(k) for k in bounds if 0 < k < self._eigensolver.freedoms)
 
     def warn_of_missing_modes(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Count the modes of a ``factored`` body with its ``basis`` by another factor, and free it.
+        """Count the modes of a body with its ``basis`` anew; what is ``factored`` is freed.
 
         Warns:
             UserWarning: If there are others than those found, or they cannot be counted.

@@ -337,7 +337,7 @@ class FlexibleBody:
     def check_memory(self, what: str, remedy: str) -> None:
         """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
 
-        Counted are a factor, if it is solved by one, four matrices, and blocks of fields, beside
+        Counted are a factor, if it is solved by one, six matrices, and blocks of fields, beside
         what the processes hold. The error names ``what`` is too large and the ``remedy``.
         """
         comm, d, r = self.domain.comm, self.domain.dimension, self.n_elastic
@@ -345,7 +345,7 @@ class FlexibleBody:
         matrix = self.elasticity.new_matrix()
         entries = _MATRICES * matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_allocated"]
         # shape functions, and those of inertia turned about each axis, twice; a Krylov space; and
-        # fields of stress, for which seven times the shape functions were seen
+        # fields of stress, seven times the shape functions: with 41 of them as much was measured
         entries += matrix.size[0] * r * (2.0 * (3 + d * (d - 1) // 2) + 7.0)
         if self.reduction.solver == DIRECT:
             entries += factor_entries(self.elasticity, matrix, room / 8.0 - entries)
