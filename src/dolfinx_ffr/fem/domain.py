@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from .. import validation
 from ..arrays import Array, Integers, Mask
-from ..parallel import gathered, on_every_rank
+from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
 from .form_cache import claim_form_cache
 from .interface import Interface, Predicate, find_interfaces, located_cells
@@ -405,6 +405,31 @@ class Domain:
     def cell_size(self) -> float:
         """Edge of a square or a cube as large as a mean cell [m], the same on every rank."""
         return float((self.area / self.n_cells_global) ** (1.0 / self.dimension))
+
+    @cached_property
+    def cell_edges(self) -> Array:
+        """Mean edges of hexahedra along their own axes, shape (3,) [m], the same on every rank.
+
+        All of them are `cell_size` where the axes of one cell are not those of the next; collective
+        at the first time.
+        """
+        axes = [[(i, i | 1 << k) for i in range(8) if not i >> k & 1] for k in range(3)]
+        nodes = _compat.cell_geometry(self.mesh)[: self.n_cells, :8]
+        number = np.asarray(self.mesh.geometry.input_global_indices, dtype=np.int64)
+        cells = self.on_rank_0(number[nodes])
+
+        def alike() -> bool:
+            edges = np.sort(cells[:, axes], axis=3).reshape(-1, 3, 4, 2)
+            axis = np.broadcast_to(np.arange(3)[:, None, None], (*edges.shape[:3], 1))
+            every = np.concatenate([edges, axis], axis=3).reshape(-1, 3)
+            seen = np.unique(every, axis=0)
+            return len(seen) == len(np.unique(seen[:, :2], axis=0))
+
+        if not on_rank_0(self.comm, alike):
+            return np.full(3, self.cell_size)
+        x = self.mesh.geometry.x[nodes][:, axes]
+        length = np.linalg.norm(x[..., 1, :] - x[..., 0, :], axis=-1).mean(axis=2)
+        return np.array([self.sum(own) for own in length.T]) / self.n_cells_global
 
     def sum(self, values: Array) -> float:
         """The sum of ``values`` over all ranks, bit-identical on every rank."""

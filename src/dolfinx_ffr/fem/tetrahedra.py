@@ -6,8 +6,10 @@ They carry interfaces and regions, so that parts that are cut out of them have t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -50,6 +52,9 @@ _RED = np.array(
 #: Most tetrahedra of a body: a part that is cut out of them has fewer than 2^21 points, so that
 #: three numbers of points make one of 64 bits
 _MOST = 8_000_000
+#: Parts of a cell along an axis at most; ratio of a part's edges below which it is as long as wide;
+#: and how many times more tetrahedra than the one before it a finer division has at least
+_PARTS, _ALIKE, _FINER = 100, np.sqrt(2.0), 1.6
 #: Factors by which three numbers below 2^21 make one
 _KEY = np.array([2**42, 2**21, 1])
 #: Steps in which coordinates are told apart, over the size of the body
@@ -138,8 +143,9 @@ class Tetrahedra:
     def of(domain: Domain, finer: int = 0) -> Tetrahedra:
         """A body in space, its cells cut into tetrahedra; collective.
 
-        With ``finer`` = 0, 1, 2, ... a hexahedron becomes 12, 24, 96, 192, 324, ..., a tetrahedron
-        1, 8, 64, ... of them.
+        With ``finer`` = 0, 1, 2, ... a cube becomes 12, 24, 96, 192, 324, ..., a tetrahedron 1, 8,
+        64, ... of them. A hexahedron that is longer than wide is first divided along its length,
+        if cells beside each other have the same axes: it becomes 12, 24, 48, ... of them.
         """
         Tetrahedra.check(domain, finer)
         mesh = GatheredMesh.of(domain)
@@ -153,9 +159,10 @@ class Tetrahedra:
             for _ in range(finer):
                 body = _divided(body, np.mean(np.eye(4)[_RED], axis=2))
             return body
-        if finer > 1:
-            body = _divided(body, _cubes(finer // 2 + 1))
-        return _split(body, with_faces=finer % 2 == 1)
+        counts, with_faces = _division(domain, finer)
+        if max(counts) > 1:
+            body = _divided(body, _boxes(counts))
+        return _split(body, with_faces=with_faces)
 
     @staticmethod
     def size(domain: Domain, finer: int = 0) -> float:
@@ -177,7 +184,8 @@ class Tetrahedra:
         """Number of tetrahedra that a cell becomes."""
         if domain.cell == "tetrahedron":
             return int(8**finer)
-        return 12 * (1 + finer % 2) * (finer // 2 + 1) ** 3
+        counts, with_faces = _division(domain, finer)
+        return 12 * (1 + with_faces) * math.prod(counts)
 
     def domain(
         self,
@@ -235,10 +243,39 @@ def numbered(points: Array) -> tuple[Array, Integers]:
     return points[first], which
 
 
-def _cubes(n: int) -> Array:
-    """Corners of n^3 parts of a cube by weights of its own corners, (parts, 8, 8)."""
-    parts = np.array(list(product(range(n), repeat=3)))
-    where = (parts[:, None, :] + _CUBE) / n
+def _division(domain: Domain, finer: int) -> tuple[tuple[int, int, int], bool]:
+    """Parts of a hexahedron along its axes, and whether the middles of their faces are corners."""
+    return _divisions(tuple(domain.cell_edges))[finer]
+
+
+@lru_cache(maxsize=64)
+def _divisions(edges: tuple[float, ...]) -> list[tuple[tuple[int, int, int], bool]]:
+    """All of them, the coarsest first, by the edges of cells.
+
+    Cells are divided into parts as long as wide, as far as that goes.
+    """
+    longer = np.array(edges) / min(edges)
+    ends = np.concatenate([(np.arange(1, _PARTS) + 0.5) / each for each in longer])
+    scales = np.unique(np.round(ends, 9))
+    counts = np.maximum(1, np.floor(scales[:, None] * longer + 0.5 + 1e-6)).astype(int)
+    every = []
+    for own in np.unique(np.vstack([np.ones((1, 3), dtype=int), counts]), axis=0):
+        part = longer / own
+        apart = float(part.max() / part.min())
+        if np.all(own == 1) or apart < _ALIKE:
+            every += [(math.prod(own) * (1 + f), apart, tuple(own.tolist()), f) for f in (0, 1)]
+    found, last = [], 0.0
+    for count, _, own, with_faces in sorted(every):
+        if count > _FINER * last:
+            found.append((own, bool(with_faces)))
+            last = count
+    return found
+
+
+def _boxes(counts: tuple[int, int, int]) -> Array:
+    """Corners of so many parts of a cube by weights of its own corners, (parts, 8, 8)."""
+    parts = np.array(list(product(*map(range, counts))))
+    where = (parts[:, None, :] + _CUBE) / counts
     factors = np.where(_CUBE == 1, where[:, :, None, :], 1.0 - where[:, :, None, :])
     return np.asarray(np.prod(factors, axis=3))
 
