@@ -3,7 +3,8 @@
 # The whole test suite: all tests serially, in two processes at a time, then those marked `mpi` with several ranks: a
 # part of them with 3, beside them the others with 2 (tests/conftest.py). All three run even when one fails. Arguments go to
 # pytest; a session in which they select nothing is then no failure, unless they select nothing in any. With --fast before them, the serial
-# tests that are not marked `slow` alone. Called by `make test` and `make test-fast`, which do the set-up first.
+# tests that are not marked `slow` alone; with --fast-serial these, and those with several ranks. Called by `make test`
+# and `make test-fast`, which do the set-up first.
 set -uo pipefail
 
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
@@ -14,9 +15,9 @@ python=$clone/.venv/bin/python
 
 ranks=1
 selection=()
-if [ "${1:-}" = --fast ]; then
+if [ "${1:-}" = --fast ] || [ "${1:-}" = --fast-serial ]; then
+    [ "$1" = --fast-serial ] || ranks=0
     shift
-    ranks=0
     selection=(-m "not slow")
 fi
 
@@ -88,8 +89,9 @@ printf '\n== summary of the tests (%s, Python %s)\n' "$(. /etc/os-release && pri
 for name in serial 2 3; do
     [ ! -e "$folder/$name" ] || printf '   %s' "$(cat "$folder/$name")"$'\n'
 done
-if [ $ranks = 0 ]; then
-    printf '   left out: the tests marked slow, and 2 and 3 MPI ranks; make test runs all\n'
+if [ ${#selection[@]} != 0 ]; then
+    left='serial tests marked slow' && [ $ranks = 1 ] || left+=', and 2 and 3 MPI ranks'
+    printf '   left out: %s; make test runs all\n' "$left"
 fi
 [ $ran = 1 ] || status=5
 exit $status

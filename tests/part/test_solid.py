@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,6 +17,7 @@ from spatial_slider_crank import ROD, SECTION, spatial_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import Solid
+from dolfinx_ffr.fem import Tetrahedra, _compat
 from dolfinx_ffr.part import ball_widths
 
 pytestmark = pytest.mark.mpi
@@ -189,7 +191,7 @@ def test_gap_between_two_edges(comm: MPI.Comm) -> None:
     assert found.value == pytest.approx(0.4 * np.sqrt(2.0), abs=0.125)
 
 
-@pytest.mark.parametrize("finer", [0, 2])
+@pytest.mark.parametrize("finer", [0, 1, 3])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer: int) -> None:
     """A slanted cut of known volume, past a region that stays solid and one that stays void."""
@@ -213,6 +215,30 @@ def test_meshes_have_the_interfaces_and_regions(comm: MPI.Comm, cell: str, finer
         np.testing.assert_allclose(part.center, before.center, atol=1e-15)
         np.testing.assert_allclose(part.axis, before.axis, atol=1e-12)
         assert part.extent == pytest.approx(before.extent, rel=1e-12)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_long_cells_are_cut_along_their_length(comm: MPI.Comm, turned: bool) -> None:
+    """If cells that meet have the same axes: else sides that they share would be divided twice."""
+    points = np.array(list(product([0.0, 1.0], [0.0, 1.0], [0.0, 3.0, 6.0]))) - [0.0, 0.5, 0.5]
+    # corners of both cells in the order of DOLFINx, the last coordinate first
+    cells = np.array([[0, 1, 3, 4, 6, 7, 9, 10], [1, 2, 4, 5, 7, 8, 10, 11]])
+    if turned:
+        cells[1] = cells[1][[0, 2, 4, 6, 1, 3, 5, 7]]
+    own = cells if comm.rank == 0 else cells[:0]
+    mesh = _compat.create_mesh(comm, own, points, "hexahedron", 1)
+    domain = ffr.Domain(mesh, {"left": lambda x: x[2] < -0.5 + 1e-9})
+    expected = 3 * [3.0 ** (1.0 / 3.0)] if turned else [3.0, 1.0, 1.0]
+    np.testing.assert_allclose(domain.cell_edges, expected, rtol=1e-12)
+    found = Tetrahedra.of(domain, 2)
+    if comm.rank == 0:
+        edges = found.points[found.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]]]
+        longest = np.max(np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2))
+        # of parts of 0.5 x 0.5 x 1.5 and of 1 x 1 x 0.75, two triangles for each side
+        assert longest == pytest.approx(np.hypot(0.5, 1.5) if turned else np.sqrt(2.0))
+        sides = found.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3)
+        _, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+        assert np.sum(count == 1) == 2 * (2 * 4 + 8 * 4 if turned else 2 + 8 * 4)
 
 
 def test_a_bore_is_found_again(comm: MPI.Comm, shared_tmp_path: Path) -> None:
