@@ -75,12 +75,12 @@ def best_step(
         if issparse(slopes)
         else _exact(factor, slopes[:, free], downhill, bends)
     )
-    once = not issparse(slopes) and not np.any(gradient)
+    mends = not np.any(gradient)
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
     for _ in range(_ROUNDS):
         inner = step(wanted, weight)[0]
         longest = float(np.max(np.abs(inner), initial=0.0))
-        if once or longest == 0.0 or 0.9 < longest / reach < 1.1:
+        if (mends and not issparse(slopes)) or longest == 0.0 or 0.9 < longest / reach < 1.1:
             break
         weight *= float(np.clip(reach / longest, 0.3, 3.0))
     if longest > 1.5 * reach:
@@ -88,7 +88,7 @@ def best_step(
     offsets = np.zeros(len(gradient))
     offsets[free] = inner
     # what it takes to mend a violation is no cost of psi
-    costs = step(np.minimum(wanted, 0.0), weight)[1] / weight
+    costs = np.zeros(len(values)) if mends else step(np.minimum(wanted, 0.0), weight)[1] / weight
     promised = -float(gradient[free] @ inner + 0.5 * np.sum((inner @ bends) ** 2))
     return Step(offsets, costs, weight, promised)
 

@@ -58,10 +58,10 @@ _THIN, _THICKER = 0.8, 1.06
 _SETTLED, _GROWS = 8, 0.02
 #: Tetrahedra of the full body that the lattice has at most by default, where cells allow it, if
 #: they are small enough; if they are not; and those of the solid on which a result is told
-_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 150_000, 150_000
+_TETRAHEDRA, _DEAR, _DEAREST = 30_000, 250_000, 150_000
 #: Size of tetrahedra, in minimum members, that is small enough: larger ones lose bars between
-#: windows by chance
-_SMALL = 1.0
+#: windows by chance, and psi of a step changes by per cents with them
+_SMALL = 0.8
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
 #: drawn, as chords of larger ones cut into bars between windows; and how many may be
 _COARSE, _DRAWN, _MANY = 2.0, 0.25, 8_000_000
@@ -143,8 +143,8 @@ class Surface:
             member: Width of the thinnest member [m]; it sets the grid of the field, too.
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
-                allow with 30,000 of them for all of it, or with 150,000 where fewer are larger than
-                a member.
+                allow with 30,000 of them for all of it, or with 250,000 where fewer are larger than
+                0.8 members.
 
         Raises:
             TypeError: On every rank, if an argument is of a wrong kind.
