@@ -47,7 +47,7 @@ _ROUNDS, _ALMOST = 10, 1e-3
 #: Thickness to which thin walls are mended, in minimum members
 _MENDED = 1.005
 #: Length whose fourth power is the weight of the squared Laplacian, in minimum members: of waves
-#: of 1.6 members, which tetrahedra cannot show, a step leaves 80 %
+#: of 1.6 members, which tetrahedra cannot show, a step leaves 87 %
 _FAIR = 0.18
 #: Shares of the surface, the slopes of the field at which tell whether it still is a distance
 _SHARES, _STEEP = (0.05, 0.95), (0.5, 1.7)
