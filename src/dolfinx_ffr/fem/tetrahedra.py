@@ -245,7 +245,8 @@ def numbered(points: Array) -> tuple[Array, Integers]:
 
 def _division(domain: Domain, finer: int) -> tuple[tuple[int, int, int], bool]:
     """Parts of a hexahedron along its axes, and whether the middles of their faces are corners."""
-    return _divisions(tuple(domain.cell_edges))[finer]
+    every = _divisions(tuple(domain.cell_edges))
+    return every[min(finer, len(every) - 1)]  # the last has more than can be cut
 
 
 @lru_cache(maxsize=64)
