@@ -316,7 +316,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
         return
     found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
     assert found.fitted[0].psi == result.psi  # told by that mesh, and not computed again
-    assert found.fitted[1].bodies["beam"].cells > 2 * found.fitted[0].bodies["beam"].cells
+    assert found.fitted[1].bodies["beam"].cells > 1.6 * found.fitted[0].bodies["beam"].cells
     (path,) = solid.write(shared_tmp_path / "beam.stl")
     assert pyvista.read(path).clean().is_manifold
     told = result.summary()["volume"]
