@@ -60,7 +60,7 @@ _SETTLED, _GROWS = 8, 0.02
 #: they are small enough; if they are not; and those of the solid on which a result is told
 _TETRAHEDRA, _DEAR, _DEAREST = 30_000, 250_000, 150_000
 #: Size of tetrahedra, in minimum members, that is small enough: larger ones lose bars between
-#: windows by chance, and psi of a step changes by per cents with them
+#: windows by chance, and by a per cent or more psi of a step is that of its cut
 _SMALL = 0.8
 #: Size of tetrahedra, in minimum members, beyond which they may miss a wall; of those whose cut is
 #: drawn, as chords of larger ones cut into bars between windows; and how many may be
