@@ -47,7 +47,7 @@ def test_what_a_strut_would_change_is_what_it_changes() -> None:
 @pytest.mark.slow
 def test_what_a_hole_would_change_is_what_it_changes() -> None:
     """On meshes that fit it, but for the square of its radius; and whatever the body's law."""
-    rod = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(400, 40), order=2)
+    rod = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(400, 40))
     problem, found = reference_problem(MPI.COMM_SELF, domain=rod, steps=100, modes=6), []
     for law in (ffr.RAMP(), ffr.SIMP(3.0)):
         body = problem.flexible["rod"].with_interpolation(law)
