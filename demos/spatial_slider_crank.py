@@ -12,7 +12,7 @@ that of E. J. Haug (Computer Aided Kinematics and Dynamics of Mechanical Systems
 
 where q are the elastic coordinates of the rod in its floating frame. The solid that the design
 encloses is written for a printer, in millimetres. With `--elements 40 4 4 --iterations 30
---boundary 10` its surface is then moved by the exact gradient, with a least thickness of walls.
+--boundary 20` its surface is then moved by the exact gradient, with a least thickness of walls.
 
 Run `python demos/spatial_slider_crank.py --help`, also under `mpirun -n 2`; it takes some minutes.
 A mesh file has the physical surfaces `left` and `right`, as far apart as the rod is long.
