@@ -14,6 +14,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import pyvista
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 import dolfinx_ffr as ffr
@@ -186,6 +187,40 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
     assert np.any(found.field(there.reshape(-1, 3)) < 0.0) == stays
     assert len(found.part.cavities) == (not stays)
     assert found.walls.thickness[0] > 0.999 * MEMBER
+
+
+@pytest.mark.mpi
+def test_windows_that_end_in_points_are_blunted(comm: MPI.Comm) -> None:
+    """In the face of what is told only places where a disc fits stay open."""
+
+    def hollow(x: np.ndarray) -> np.ndarray:
+        inside = np.max([np.abs(x[:, 0] - 0.08) / 4.0, *np.abs(x[:, 1:]).T], axis=0)
+        return inside - 0.012
+
+    def pointed(x: np.ndarray) -> np.ndarray:
+        lens = (np.abs(x[:, 1]) + 0.3 * np.abs(x[:, 0] - 0.08) - 0.01) / np.hypot(1.0, 0.3)
+        return np.where(x[:, 2] > 0.0, np.minimum(hollow(x), lens), hollow(x))
+
+    found = surface(beam(comm), pointed)._as(pointed)
+    grid = np.arange(-80, 81) * 5e-4
+    face = np.stack(np.meshgrid(0.08 + grid, grid, [0.02], indexing="ij"), axis=-1)
+
+    def least(surface: Surface) -> tuple[float, float]:
+        """Length of the windows, and diameter of a disc that fits wherever they are open [m]."""
+        open_ = surface.field(face.reshape(-1, 3)).reshape(161, 161) < 0.0
+        depth = 5e-4 * distance_transform_edt(open_)
+        for diameter in np.arange(12, 1, -1) * 5e-4:
+            away = distance_transform_edt(depth < 0.5 * diameter)
+            if np.max(away[open_]) * 5e-4 <= 0.5 * diameter + 5e-4:
+                break
+        return float(5e-4 * np.sum(np.any(open_, axis=1))), float(diameter)
+
+    ended = found.settled()
+    (long, sharp), (short, blunt) = least(found), least(ended)
+    assert long > 0.058 and sharp < 0.4 * MEMBER
+    assert 0.03 < short < 0.052 and blunt > 0.8 * MEMBER
+    thin = ended.drawn.thinnest_member
+    assert thin is None or thin.value >= MEMBER
 
 
 def test_pockets_that_are_too_narrow_go() -> None:

@@ -330,12 +330,13 @@ class Surface:
         return found
 
     def settled(self) -> Surface:
-        """The same with members as thick as asked where it is drawn, too; collective.
+        """The same without windows that end in points, and members as thick as asked; collective.
 
         Between the points of the grid, and where a wall becomes a wedge, what is drawn is thinner
         than the walls of the field. The balls that are added grow, as the grid takes some of them.
         """
-        found, thickest = self, (0.0, self)
+        found = self._blunted()
+        thickest = 0.0, found
         for number in range(_SETTLED):
             thin = found.drawn.thinnest_member
             if thin is None or thin.value >= self.member:
@@ -347,6 +348,20 @@ class Surface:
             thickness = _THICKER + _GROWS * number
             found = self._made(partial(found._with_balls, centers, thickness))
         return thickest[1]
+
+    def _blunted(self) -> Surface:
+        """The same with windows that end as round as asked; collective."""
+        fields: list[Field] = []
+
+        def found() -> bool:
+            assert self._sides is not None
+            ended = self._sides.blunted(self.field, self.gap)
+            fields.extend([ended] if ended else [])
+            return bool(fields)
+
+        if not on_rank_0(self.body.comm, found):
+            return self
+        return self._made(lambda: self._as(fields[0]))
 
     def _with_balls(self, centers: Array, thickness: float = _THICKER) -> Surface:
         """With balls as thick as so many members at centres (n, 3) [m]; on rank 0."""

@@ -214,6 +214,31 @@ class Sides:
 
         return opened
 
+    def blunted(self, field: Field, gap: float) -> Field | None:
+        """A field `rounded` where windows end in points, None if there are none.
+
+        There no disc of the diameter ``gap`` [m] fits in the window, but in other parts of it.
+        """
+        x = self.outline[0]
+        open_ = self._free & (field(x) < 0.0)
+        holes = x[open_]
+        fits = cKDTree(x[~open_]).query(holes)[0] >= 0.5 * gap
+        if not np.any(fits):
+            return None
+        ends = holes[cKDTree(holes[fits]).query(holes)[0] > 0.5 * gap + self.spacing]
+        if not len(ends):
+            return None
+        tree, rounded = cKDTree(ends), self.rounded(field, gap)
+
+        def ended(x: Array) -> Array:
+            found = field(x)
+            away = tree.query(x, distance_upper_bound=gap)[0]
+            near = np.flatnonzero(np.isfinite(away))
+            found[near] = np.maximum(found[near], np.minimum(rounded(x[near]), gap - away[near]))
+            return found
+
+        return ended
+
     def thickened(self, field: Field, centers: Array, thickness: float) -> Field:
         """A field with balls of a diameter [m] at centres (n, 3), moved off the body's sides."""
         tree = cKDTree(self.outline[0])
