@@ -190,8 +190,11 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
 
 
 @pytest.mark.mpi
-def test_windows_that_end_in_points_are_blunted(comm: MPI.Comm) -> None:
+def test_windows_that_end_in_points_are_blunted(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the face of what is told only places where a disc fits stay open."""
+    monkeypatch.setattr(surface_module, "_SETTLED", 0)  # thin places have a test of their own
 
     def hollow(x: np.ndarray) -> np.ndarray:
         inside = np.max([np.abs(x[:, 0] - 0.08) / 4.0, *np.abs(x[:, 1:]).T], axis=0)
@@ -219,8 +222,7 @@ def test_windows_that_end_in_points_are_blunted(comm: MPI.Comm) -> None:
     (long, sharp), (short, blunt) = least(found), least(ended)
     assert long > 0.058 and sharp < 0.4 * MEMBER
     assert 0.03 < short < 0.052 and blunt > 0.8 * MEMBER
-    thin = ended.drawn.thinnest_member
-    assert thin is None or thin.value >= MEMBER
+    assert ended.walls.least > 0.998 * MEMBER
 
 
 def test_pockets_that_are_too_narrow_go() -> None:
