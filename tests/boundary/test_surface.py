@@ -196,13 +196,10 @@ def test_windows_that_end_in_points_are_blunted(
     """In the face of what is told only places where a disc fits stay open."""
     monkeypatch.setattr(surface_module, "_SETTLED", 0)  # thin places have a test of their own
 
-    def hollow(x: np.ndarray) -> np.ndarray:
-        inside = np.max([np.abs(x[:, 0] - 0.08) / 4.0, *np.abs(x[:, 1:]).T], axis=0)
-        return inside - 0.012
-
     def pointed(x: np.ndarray) -> np.ndarray:
+        hollow = np.max([np.abs(x[:, 0] - 0.08) / 4.0, *np.abs(x[:, 1:]).T], axis=0) - 0.012
         lens = (np.abs(x[:, 1]) + 0.3 * np.abs(x[:, 0] - 0.08) - 0.01) / np.hypot(1.0, 0.3)
-        return np.where(x[:, 2] > 0.0, np.minimum(hollow(x), lens), hollow(x))
+        return np.where(x[:, 2] > 0.0, np.minimum(hollow, lens), hollow)
 
     found = surface(beam(comm), pointed)._as(pointed)
     grid = np.arange(-80, 81) * 5e-4
@@ -220,8 +217,11 @@ def test_windows_that_end_in_points_are_blunted(
 
     ended = found.settled()
     (long, sharp), (short, blunt) = least(found), least(ended)
-    assert long > 0.058 and sharp < 0.4 * MEMBER
-    assert 0.03 < short < 0.052 and blunt > 0.8 * MEMBER
+    # the circle that touches both sides, inclined by arctan(0.3), is the end
+    tip = 0.5 * MEMBER * (np.hypot(1.0, 0.3) / 0.3 - 1.0)
+    assert long == pytest.approx(0.02 / 0.3, abs=1e-3) and sharp < 0.4 * MEMBER
+    assert short == pytest.approx(0.02 / 0.3 - 2.0 * tip, abs=0.25 * MEMBER)  # a sample
+    assert blunt > 0.9 * MEMBER
     assert ended.walls.least > 0.998 * MEMBER
 
 
@@ -353,7 +353,7 @@ def test_steps_lower_psi_and_tell_what_the_solid_is(
         return
     found = solid.verify(result.problem, result.evaluation, progress=False, tolerance=0.05)
     assert found.fitted[0].psi == result.psi  # told by that mesh, and not computed again
-    assert found.fitted[1].bodies["beam"].cells > 1.6 * found.fitted[0].bodies["beam"].cells
+    assert found.fitted[1].bodies["beam"].cells > 1.8 * found.fitted[0].bodies["beam"].cells
     (path,) = solid.write(shared_tmp_path / "beam.stl")
     assert pyvista.read(path).clean().is_manifold
     told = result.summary()["volume"]
