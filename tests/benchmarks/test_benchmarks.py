@@ -24,11 +24,11 @@ pytestmark = pytest.mark.slow
 
 #: Without the study that needs other packages, whether they are there or not
 PAGES = [study for study in STUDIES if study != PEERS]
-#: Entries that may be nothing: memory that was there before, time lost between parts, and what the
+#: Entries that may be nothing: time lost between parts, and what the
 #: eigenvalue solver adds to psi where it does better than it was asked; errors of exact gradients,
 #: and the fixed part of a measurement that is too short for it.
 MAY_BE_ZERO = set(
-    "modes memory_value memory_gradient memory_direct memory_iterative rest error_psi estimated "
+    "modes rest error_psi estimated "
     "iterations error band_error estimate fixed each_ms difference difference_psi "
     "difference_gradient error_S error_P error_K".split()
 )
@@ -102,8 +102,8 @@ def test_tables_hold_finite_positive_numbers(rows: Rows, table: str, count: str)
         elif name not in LEFT_OUT:
             value = float(text)
             assert np.isfinite(value), name
-            # small meshes take what they take
-            if not name.endswith("_exponent") and not name.startswith("saved"):
+            # no test judges memory or growth: differences of small measurements may have any sign
+            if not name.startswith(("memory", "saved")) and not name.endswith("_exponent"):
                 zero = name in MAY_BE_ZERO and value == 0.0
                 assert value > 0.0 or zero or (name in SIGNED and abs(value) <= 1.0 + 1e-9), name
 
