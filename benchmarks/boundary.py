@@ -197,7 +197,7 @@ def design(
     if task == LEAST[0]:
         found |= {"compliance": last.psi / full, "limited": 1e-6 * last.constraints["stress"]}
     if task == LEAST[1]:
-        compliance = last.constraints["compliance"] / solid.constraints["compliance"].psi
+        compliance = last.constraints["compliance"] / solid.constraints["compliance"].value
         found |= {"compliance": compliance, "limited": 1e-6 * last.psi}
     return {
         **found,

@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> None:
         results[name], curves[name] = one, tuple(1e3 * tool.T)
     off = {name: 1e3 * float(np.sqrt(found.psi / TURN)) for name, found in results.items()}
     best, panels = results["bounded"], {"path of the tool, y [mm]": curves}
-    reached = {c.name: best.evaluation.constraints[c.name].psi for c in limits}
+    reached = {c.name: best.evaluation.constraints[c.name].value for c in limits}
     say(f"off the path [mm]: {off}", f"forces [N, N, N m]: {reached}", best.parameters, sep="\n")
     ffr.plotting.plot_curves(panels, output / "path.png", xlabel="x [mm]")
     leave_machine(best, output, "The path of a four-bar linkage", time=0.1, off_path=off)

@@ -67,11 +67,12 @@ FINEST = 1e-8
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A constraint at one design: it holds where ``value`` is not positive."""
+    """A constraint at one design: it holds where ``violation`` is not positive."""
 
-    #: g, the distance from the bound relative to the bound; at most zero where the bound holds.
-    value: float
-    psi: float  #: The objective that is bounded, in its own unit
+    value: float  #: The objective that is bounded, in its own unit
+    #: g, the distance of the value from the bound relative to the bound; at most zero where the
+    #: bound holds.
+    violation: float
     #: Derivatives of g as a function of the bodies, the trajectory eliminated; None where only
     #: values were asked for. The large one by the stress is left out where ``gradient`` is known.
     derivatives: Derivatives | None = field(default=None, repr=False)
@@ -224,7 +225,7 @@ class MechanicalProblem:
         constraints = {}
         for constraint in self.constraints:
             psi = value_of(constraint.objective, response, f"constraint {constraint.label!r}: ")
-            constraints[constraint.label] = ConstraintValue(constraint.scaled(psi), psi)
+            constraints[constraint.label] = ConstraintValue(psi, constraint.scaled(psi))
         return MechanicalEvaluation(value_of(self.objective, response), constraints, response)
 
     def gradient(self, bodies: Bodies | Response) -> MechanicalEvaluation:

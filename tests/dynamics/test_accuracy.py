@@ -125,7 +125,7 @@ def test_accuracy_of_objectives(name: str, radau: bool) -> None:
     far = replace(chosen, integrator=RadauIIA(end_time, steps=1000)).value(scene.bodies)
     for here, there in (
         (evaluation.psi, far.psi),
-        (evaluation.constraints["PathTracking"].psi, far.constraints["PathTracking"].psi),
+        (evaluation.constraints["PathTracking"].value, far.constraints["PathTracking"].value),
     ):
         assert abs(here / there - 1.0) < 1.5 * estimate
 

@@ -143,7 +143,7 @@ def test_derivatives_beside_densities(comm: MPI.Comm, scene: Any) -> None:
 
     def numbers(values: np.ndarray, densities: np.ndarray = x) -> np.ndarray:
         found = problem.value({"rod": densities, "machine": values})
-        return np.array([found.psi, *(c.value for c in found.constraints.values())])
+        return np.array([found.psi, *(c.violation for c in found.constraints.values())])
 
     here, at = problem.gradient({"rod": x, "machine": given.array}), given.array
     assert here.gradient is not None

@@ -195,7 +195,7 @@ def errors(
     def values(h: float) -> np.ndarray:
         problem, x = made_with(h)
         found = problem.value(x)
-        return np.array([found.psi, *(bound.psi for bound in found.constraints.values())])
+        return np.array([found.psi, *(bound.value for bound in found.constraints.values())])
 
     problem, x = made_with(0.0)
     body = problem.flexible["rod"]

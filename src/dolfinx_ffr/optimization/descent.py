@@ -177,7 +177,7 @@ class Descent:
                 f"boundary: psi is {found.psi:.6g}, and steps are measured by its logarithm; give "
                 "an objective that is positive"
             )
-        excesses = {name: float(bound.value) for name, bound in found.constraints.items()}
+        excesses = {name: float(bound.violation) for name, bound in found.constraints.items()}
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
@@ -212,7 +212,7 @@ class Descent:
         for name, bound in evaluation.constraints.items():
             # of several parts of a bound each is kept as that
             own = [v for n, v in trial.spare.items() if name == n or name.startswith(f"{n}, part")]
-            excesses.append(float(bound.value) + max(own, default=0.0) + margin)
+            excesses.append(float(bound.violation) + max(own, default=0.0) + margin)
         excesses += [trial.kept[f"volume of {name}"] for name in self.volume]
         for name, most in self.volume.items():
             body = bodies[name]

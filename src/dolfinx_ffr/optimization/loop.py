@@ -459,7 +459,7 @@ class DesignLoop:
         for key, values in (("volume", evaluation.volume), ("frequency", first), ("gray", gray)):
             row |= {f"{key} of {name}": values[name] for name in area}
         row |= {f"psi of {name}": case.psi for name, case in evaluation.load_cases.items()}
-        row |= {f"constraint {label}": c.value for label, c in evaluation.constraints.items()}
+        row |= {f"constraint {label}": c.violation for label, c in evaluation.constraints.items()}
         return row | evaluation.told
 
     def result(
@@ -499,7 +499,7 @@ class DesignLoop:
                 problem.flexible[name].warn_of_missing_modes(reduced)
         bounds = dict(volume or {})
         over = {f"volume of {n}": told.volume[n] / bound - 1.0 for n, bound in bounds.items()}
-        over |= {name: found.value for name, found in told.constraints.items()}
+        over |= {name: found.violation for name, found in told.constraints.items()}
         # what is not a number is no value below a bound
         violations = {name: value for name, value in over.items() if not value <= FEASIBLE}
         if violations:

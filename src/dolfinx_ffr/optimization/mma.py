@@ -276,7 +276,7 @@ class _Run:
         x, domains = self.x(variables, progress, nominal=True), self.loop.domains
         filled = {n: d.sum(x[n] * d.cell_volumes) / d.area for n, d in domains.items()}
         volumes = [filled[name] / bound - 1.0 for name, bound in self.volume.items()]
-        return np.array([*volumes, *(c.value for c in made.constraints.values())])
+        return np.array([*volumes, *(c.violation for c in made.constraints.values())])
 
     def functions(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:
         """The slope of the merit, (n,), and those of the constraints, (m, n).

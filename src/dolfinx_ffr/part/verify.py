@@ -604,9 +604,9 @@ def _figures(
         share = domain.sum(reduced.density * domain.cell_volumes) / part.body.area
         held = evaluation.fixed_interface_frequencies[name]
         bodies[name] = BodyFigures(domain.n_cells_global, mass, share, held, *stress)
-    constraints = {name: float(value.psi) for name, value in evaluation.constraints.items()}
+    constraints = {name: float(bound.value) for name, bound in evaluation.constraints.items()}
     excesses = {f"volume of {n}": bodies[n].volume / bound - 1.0 for n, bound in bounds.items()}
-    excesses |= {name: float(value.value) for name, value in evaluation.constraints.items()}
+    excesses |= {name: float(bound.violation) for name, bound in evaluation.constraints.items()}
     load_cases = {name: float(case.psi) for name, case in evaluation.load_cases.items()}
     several = load_cases if len(load_cases) > 1 else {}
     with on_every_rank(problem.comm, "verify"):

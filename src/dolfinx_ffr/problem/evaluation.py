@@ -87,7 +87,7 @@ class Evaluation(Shown):
         cases = self.load_cases if len(self.load_cases) > 1 else {}
         rows += [(f"psi of {name}", f"{case.psi:.6g}", "") for name, case in cases.items()]
         for name, found in self.constraints.items():
-            rows.append((name, f"{found.psi:.6g}", f"{found.value:+.2%} from its bound"))
+            rows.append((name, f"{found.value:.6g}", f"{found.violation:+.2%} from its bound"))
         rows += [(f"volume of {name}", f"{share:.1%}", "") for name, share in self.volume.items()]
         for name, modes in self.fixed_interface_frequencies.items():
             told = f", {modes[0]:.5g} to {modes[-1]:.5g} Hz" if len(modes) else ""

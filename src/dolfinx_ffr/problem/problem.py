@@ -595,8 +595,8 @@ class Problem(LoadCases):
         for name, case in self.load_cases.items():
             said[self._of("integrator", name)] = case.integrator
             said[self._of("the objective", name)] = float(own[name].psi)
-            for label, value in own[name].constraints.items():
-                said[self._of(f"the constraint {label!r}", name)] = value.psi
+            for label, bound in own[name].constraints.items():
+                said[self._of(f"the constraint {label!r}", name)] = bound.value
         check_alike(self.comm, "problem", said, DIFFERS)
         # the last bits of a rank may decide nothing
         values = self.comm.bcast({n: (part.psi, part.constraints) for n, part in own.items()})

@@ -275,8 +275,8 @@ def _constraints(result: Result, bounds: Mapping[str, float]) -> dict[str, Any]:
     for constraint, mechanism in zip(problem.constraints, mechanisms, strict=True):
         own = evaluation.constraints[constraint.label]
         kind = "at least" if constraint.upper is None else "at most"
-        unit, over = _unit(constraint.objective, mechanism), max(own.value, 0.0)
-        found[constraint.label] = own.psi, constraint.bound, unit, kind, over
+        unit, over = _unit(constraint.objective, mechanism), max(own.violation, 0.0)
+        found[constraint.label] = own.value, constraint.bound, unit, kind, over
     return {name: dict(zip(keys, values, strict=True)) for name, values in found.items()}
 
 
