@@ -20,22 +20,28 @@ from dolfinx import mesh
 from numpy.typing import NDArray
 
 from ..arrays import Array, Integers
+from ..limits import available_memory
 from ..parallel import on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
+from .mesh_format import private_copy
 from .plane_mesh import gmsh_model
 
 #: Largest distance from the plane, relative to the size of a surface, that counts as round-off
 FLAT = 1e-6
 
-#: Program by which another process tries to read a file: if it crashes, this one does not
+#: Program by which another process tries to read a file: if it crashes, or takes all memory, this
+#: one does not
 _TRIAL = """
+import resource
 import sys
+memory = int(sys.argv[3])
+resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 sys.path.append(sys.argv[1])
 import gmsh
-gmsh.initialize()
+gmsh.initialize(readConfigFiles=False)
 gmsh.option.setNumber("General.Terminal", 0)
-gmsh.open(sys.argv[2])
+gmsh.merge(sys.argv[2])
 gmsh.model.mesh.renumberNodes()
 gmsh.model.mesh.getNodes()
 """
@@ -97,28 +103,46 @@ def _opened(path: Path, stack: ExitStack) -> Any:
     if not path.is_file():
         raise FileNotFoundError(f"mesh file {path} does not exist")
     gmsh = stack.enter_context(gmsh_model(f"reading {path} needs"))
-    _try_to_read(path, gmsh.__file__)
+    copy = stack.enter_context(private_copy(path))
+    _try_to_read(copy, path, gmsh.__file__)
     try:
-        gmsh.merge(str(path))
+        gmsh.merge(str(copy))
         tags = gmsh.model.mesh.getNodes()[0]
         if len(tags) and np.max(tags) != len(tags):  # a mesh of DOLFINx has no gaps in them
             gmsh.model.mesh.renumberNodes()
     except Exception as exc:
-        raise ValueError(f"{path} is not a mesh that gmsh can read: {exc}") from exc
+        told = str(exc).replace(str(copy), str(path))
+        raise ValueError(f"{path} is not a mesh that gmsh can read: {told}") from exc
     return gmsh.model
 
 
-def _try_to_read(path: Path, module: str) -> None:
-    """Refuse a file by which gmsh crashes or never ends: another process reads it first."""
-    patience = _PATIENCE + path.stat().st_size / 1e6
+def _try_to_read(copy: Path, path: Path, module: str) -> None:
+    """Refuse a file by which gmsh crashes or never ends: another process reads it first.
+
+    That process reads the ``copy`` of the file at ``path``, which the message names.
+    """
+    patience = _PATIENCE + copy.stat().st_size / 1e6
     # the process is no rank of MPI, and must not take itself for one
     clean = {name: value for name, value in os.environ.items() if not name.startswith(_RANK)}
-    command = [sys.executable, "-c", _TRIAL, str(Path(module).parent), str(path)]
+    given = [str(Path(module).parent), str(copy), str(available_memory())]
+    # -I: modules in the working directory, where the mesh may have come with some, are not imported
+    command = [sys.executable, "-I", "-c", _TRIAL, *given]
     fault = ""
     try:
-        trial = subprocess.run(command, env=clean, timeout=patience, capture_output=True)
+        trial = subprocess.run(
+            command,
+            env=clean,
+            cwd=copy.parent,
+            stdin=subprocess.DEVNULL,
+            timeout=patience,
+            capture_output=True,
+        )
         if trial.returncode < 0:
             fault = f"gmsh crashes (signal {-trial.returncode})"
+        elif trial.returncode > 0:
+            *_, last = trial.stderr.decode(errors="replace").splitlines() or [""]
+            reason = last.partition(": ")[2].replace(str(copy), str(path))
+            fault = reason or "it gives no reason"
     except subprocess.TimeoutExpired:
         fault = f"it is not done after {patience:.0f} s"
     if fault:

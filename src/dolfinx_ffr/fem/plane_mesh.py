@@ -69,7 +69,9 @@ def gmsh_model(needed: str = "meshes of outlines and parts need") -> Iterator[An
         raise ImportError(f"{needed} gmsh's Python module (Debian: python3-gmsh)") from error
     with ExitStack() as stack:
         if not _is_running(gmsh):
-            gmsh.initialize()
+            # Options in the home directory, or where there is none in that of temporary files, are
+            # programs in gmsh's language, and would change the meshes.
+            gmsh.initialize(readConfigFiles=False)
             stack.callback(gmsh.finalize)
         stack.callback(gmsh.model.setCurrent, gmsh.model.getCurrent())
         terminal = gmsh.option.getNumber("General.Terminal")

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: MIT
+"""The check of a file of a stranger before gmsh sees it.
+
+gmsh takes a file for what its name and its first line suggest. Whatever it does not know is for it
+a program in its own language (``.geo``), which can execute commands of the shell, and so is a file
+``NAME.opt`` beside ``NAME``. Therefore gmsh is given only copies that begin as a mesh does, in a
+folder that is empty otherwise, under a name that this package has chosen.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import shutil
+import struct
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: First line of a mesh in the formats 2 and 4 of gmsh
+_HEAD = b"$MeshFormat"
+#: Bytes of a line that are looked at; the lines that are read here are far shorter
+_LINE = 1000
+#: Characters of a foreign line that a message shows
+_SHOWN = 40
+#: A node or an element takes at least so many bytes of a file, "1 1" and the end of the line
+_LEAST_BYTES = 4
+#: Sections whose first line counts what follows
+_COUNTED = re.compile(rb"^\$(Nodes|ParametricNodes|Elements)[ \t\r]*\n", re.MULTILINE)
+#: First bytes of files that people take for meshes, and what to do with each
+_OTHERS = {
+    b"\x1f\x8b": "compressed by gzip; unpack it (gunzip) and give the .msh file",
+    b"BZh": "compressed by bzip2; unpack it (bunzip2) and give the .msh file",
+    b"\xfd7zXZ": "compressed by xz; unpack it (unxz) and give the .msh file",
+    b"PK": "a zip archive; unpack it (unzip) and give the .msh file",
+    b"ISO-10303-21": "a STEP file, a geometry without a mesh; let gmsh mesh it, and save as .msh",
+    b"DBRep_DrawableShape": "a BREP file, a geometry without a mesh; let gmsh mesh it",
+    b"CASCADE Topology": "a BREP file, a geometry without a mesh; let gmsh mesh it",
+    b"$NOD": "a mesh in format 1 of gmsh; save it in format 4.1 or 2.2",
+}
+
+
+@contextmanager
+def private_copy(path: Path) -> Iterator[Path]:
+    """Copy a mesh into a folder of this user alone, as long as the context lasts.
+
+    The copy is what has been checked, whatever happens to the file meanwhile.
+
+    Raises:
+        ValueError: If the file is no mesh of gmsh by its first line, or promises more than it can
+            hold.
+        OSError: If the file cannot be read, or not be copied.
+    """
+    with tempfile.TemporaryDirectory(prefix="dolfinx_ffr-mesh-") as folder:
+        copy = Path(folder) / "mesh.msh"
+        shutil.copyfile(path, copy)
+        with open(copy, "rb") as file:
+            first, second = file.readline(_LINE), file.readline(_LINE)
+            _check_head(first, second, path)
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                _check_counts(content, second, path)
+        yield copy
+
+
+def _check_head(first: bytes, second: bytes, path: Path) -> None:
+    """Refuse a file whose first two lines are not those of a mesh."""
+    if not first.startswith(_HEAD):
+        for head, what in _OTHERS.items():
+            if first.startswith(head):
+                raise ValueError(f"{path} is not a mesh of gmsh: it is {what}")
+        if not first:
+            raise ValueError(f"{path} is not a mesh of gmsh: it is empty")
+        line = first[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
+        raise ValueError(
+            f"{path} is not a mesh of gmsh: it begins with {line!r} instead of $MeshFormat. gmsh "
+            "would execute such a file as a program (.geo), so it is not read; if you trust "
+            "this program, let gmsh make a mesh of it (gmsh -2 FILE.geo -o FILE.msh, in space -3) "
+            "and give that"
+        )
+    if not re.fullmatch(rb"\s*[24](\.\d*)?\s+[01]\s+\d+\s*", second):
+        line = second[:_SHOWN].decode("utf-8", "replace").rstrip("\r\n")
+        raise ValueError(
+            f"{path}: the line below $MeshFormat is {line!r}, and only the formats 2 and 4 are "
+            "read; save the mesh in format 4.1 or 2.2"
+        )
+
+
+def _check_counts(content: mmap.mmap, format_line: bytes, path: Path) -> None:
+    """Refuse a file that promises more nodes or elements than its bytes can hold.
+
+    Memory would be taken for as many before the first of them is read.
+    """
+    version, binary, size = format_line.split()
+    for section in _COUNTED.finditer(content):
+        what = "elements" if section[1] == b"Elements" else "nodes"
+        start = section.end()
+        if version.startswith(b"4") and binary == b"1":
+            if size != b"8":
+                raise ValueError(f"{path}: its numbers have {size.decode()} bytes instead of 8")
+            # blocks, nodes or elements, smallest and largest tag
+            block = content[start : start + 16].ljust(16, b"\0")
+            count = min(struct.unpack(order, block)[1] for order in ("<2Q", ">2Q"))
+        else:
+            line = content[start : start + _LINE].split(b"\n", 1)[0].split()
+            at = 1 if version.startswith(b"4") else 0
+            if len(line) <= at or not line[at].isdigit():
+                raise ValueError(f"{path}: there is no number of its {what}; the file is damaged")
+            count = int(line[at])
+        if count * _LEAST_BYTES > len(content):
+            raise ValueError(
+                f"{path} promises {count:,} {what}, which its {len(content):,} bytes cannot hold; "
+                "the file is damaged or was cut short: write it again"
+            )
