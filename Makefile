@@ -12,7 +12,7 @@ DEMO ?= slider_crank
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-tests demo test test-fast test-other-debian test-debian12 test-debian13 test-unstable test-wheel test-deb lint docs \
+.PHONY: help setup setup-tests demo test test-fast test-selection test-other-debian test-debian12 test-debian13 test-unstable test-wheel test-deb lint docs \
 	benchmark benchmark-peers clean
 
 help: ## list the targets
@@ -32,6 +32,9 @@ test: setup-tests ## run the tests: serially, with 2 and with 3 MPI ranks (ARGS=
 
 test-fast: setup-tests ## run the serial tests but for the slow ones, for the day's work (ARGS="..." for pytest)
 	@"$(clone)/tests/run.sh" --fast $(ARGS)
+
+test-selection: setup ## run the tests of another release: what depends on other packages, one scene of each kind
+	@"$(clone)/tests/run.sh" --selection $(ARGS)
 
 test-other-debian: ## run the tests in a root of the other Debian release, 12 or 13 (needs root)
 	@"$(clone)/install/debian_root.sh" other make test ARGS='$(ARGS)'

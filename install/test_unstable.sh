@@ -12,21 +12,6 @@ set -uo pipefail
 clone=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 limit=${DOLFINX_FFR_UNSTABLE_SECONDS:-480} # for all of it, a fresh root included [s]
 
-# What depends on DOLFINx, UFL, PETSc, SLEPc, gmsh, Numba, VTK and MPI by their names, and little else.
-serial=(
-    tests/fem/test_compat.py
-    tests/fem/test_domain.py # gmsh among others
-    tests/reduction/test_integrals.py
-    tests/fem/test_space.py
-    tests/reduction/test_pullback.py
-    tests/part/test_solid.py
-    tests/plotting/test_space.py
-    tests/plotting/test_plotting.py::test_dark_share_of_a_design_is_its_volume
-    tests/test_problem.py::test_gradient_with_a_marker_inside
-    tests/demos/test_demos.py::test_short_program
-)
-parallel=(tests/fem/test_domain.py tests/test_problem.py::test_same_numbers_on_any_number_of_ranks)
-
 skip() {
     printf 'unstable: SKIPPED after %d s: %s\n' "$SECONDS" "$1"
     exit 77
@@ -48,23 +33,9 @@ code=$?
 if time_up $code; then skip "its packages could not be installed in $limit s; the next run goes on from there"; fi
 [ $code = 0 ] || skip "its packages cannot be installed, or do not fit together (their message stands above)"
 
-# shellcheck disable=SC2016
-program='
-    . install/environment.sh
-    export XDG_CACHE_HOME=$(mktemp -d) PYTHONDONTWRITEBYTECODE=1
-    dpkg-query -W -f "unstable: \${Package} \${Version}\n" python3-dolfinx python3-ufl python3-numpy openmpi-bin
-    ranks=$1 && shift
-    # What tomorrow calls obsolete is shown, but no error.
-    if [ "$ranks" = 1 ]; then exec .venv/bin/python -m pytest -q -x -W default -n 2 --dist loadscope --no-loadscope-reorder "$@"; fi
-    export OMPI_MCA_mpi_yield_when_idle=1
-    exec mpirun -n "$ranks" .venv/bin/python -m pytest -q -x -W default -m mpi "$@"
-'
-for ranks in 1 2; do
-    if [ $ranks = 1 ]; then tests=("${serial[@]}"); else tests=("${parallel[@]}"); fi
-    printf '\n== tests on unstable, %d rank(s)\n' $ranks
-    in_root env clone=/opt/dolfinx_ffr bash -c "$program" tests $ranks "${tests[@]}"
-    code=$?
-    if time_up $code; then skip "no test has failed, but the time of $limit s was up before the last of them"; fi
-    [ $code = 0 ] || { printf 'unstable: FAILED after %d s\n' "$SECONDS"; exit 1; }
-done
+# What tomorrow calls obsolete is shown, but no error.
+in_root tests/run.sh --selection -W default
+code=$?
+if time_up $code; then skip "no test has failed, but the time of $limit s was up before the last of them"; fi
+[ $code = 0 ] || { printf 'unstable: FAILED after %d s\n' "$SECONDS"; exit 1; }
 printf 'unstable: passed after %d s\n' "$SECONDS"

@@ -83,9 +83,9 @@ def test_workflows_and_paper_name_what_there_is() -> None:
     assert cited == listed
 
 
-def test_selection_for_unstable_exists() -> None:
-    script = (TOP / "install" / "test_unstable.sh").read_text()
-    selected = re.findall(r"(tests/[\w/]+\.py)(?:::(\w+))?", script)
+def test_selection_for_other_releases_exists() -> None:
+    script = (TOP / "tests" / "run.sh").read_text()
+    selected = re.findall(r"(tests/[\w/]+/\w+\.py|tests/test_\w+\.py)(?:::(\w+))?", script)
     assert len(selected) > 5
     for path, function in selected:
         text = (TOP / path).read_text()
