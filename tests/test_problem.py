@@ -276,3 +276,64 @@ def test_densities_that_leave_their_range_by_round_off(comm: MPI.Intracomm) -> N
     for far in (1.0 + 1e-12, -1e-12):
         with pytest.raises(ValueError, match=r"leave \[0, 1\]; clip them"):
             problem.value(np.full(n, far))
+
+
+def test_evaluations_of_other_problems_are_refused(comm: MPI.Intracomm) -> None:
+    """Of other bodies of the same name and size, machines, load cases, objectives and steps."""
+    problem = slider_crank(comm, (12, 3), modes=2, steps=400)
+    rod, mechanism, steps = problem.flexible["rod"], problem.mechanism, problem.integrator
+    evaluation = problem.value(np.ones(rod.domain.n_cells))
+    parts = problem.bodies, mechanism, steps, problem.objective
+    falling = replace(mechanism, gravity=(0.0, -9.81))
+    named = ffr.Mechanism({"bar": ffr.Placement()}, [ffr.Weld(("bar", "left"), ffr.Ground())])
+    bound = [ffr.Constraint(ffr.Mass("rod"), upper=1.0)]
+    for other, message in (
+        (slider_crank(comm, (12, 3), modes=2, steps=400), "body 'rod' is not the one that was"),
+        (ffr.Problem({"bar": rod}, named, *parts[2:]), r"flexible bodies are \['rod'\], and those"),
+        (ffr.Problem(parts[0], falling, *parts[2:]), "its mechanism is not that of this problem"),
+        (ffr.Problem(*parts[:2], replace(steps, end_time=1.0), parts[3]), "its end time is not"),
+        (ffr.Problem(*parts, bound), "its load cases and their constraints are"),
+    ):
+        for use in (ffr.mode_error, ffr.Problem.differentiate, ffr.Problem.time_errors):
+            with pytest.raises(ValueError, match=message):
+                use(other, evaluation)
+        with pytest.raises(ValueError, match=r"is not the one that was|flexible bodies|its "):
+            ffr.plotting.plot_scene(other, evaluation, "never.png")
+    heavy = ffr.Problem(*parts[:3], ffr.Mass("rod"))
+    for other, message in (
+        (heavy, "the evaluation is of another objective: for its motion psi of this"),
+        (ffr.Problem(*parts[:2], replace(steps, steps=300), parts[3]), "has other time steps"),
+    ):
+        for report in (ffr.mode_error, ffr.propose_modes, ffr.model_report):
+            with pytest.raises(ValueError, match=message):
+                report(other, evaluation)
+    other_body = slider_crank(comm, (12, 3), modes=2, steps=400).flexible["rod"]
+    with pytest.raises(ValueError, match="body 'rod' is not the one that was evaluated"):
+        ffr.worst_stress(other_body, evaluation, "rod")
+    with pytest.raises(ValueError, match="the body is not the one that was evaluated"):
+        ffr.von_mises(other_body, evaluation.bodies["rod"], np.zeros(other_body.n_elastic))
+
+
+def test_results_are_shown_without_their_arrays(comm: MPI.Intracomm) -> None:
+    """In Python and notebooks each is one line of numbers and names."""
+    problem = slider_crank(comm, (24, 4), modes=3, steps=400)
+    rod = problem.flexible["rod"]
+    evaluation = problem.value(np.ones(rod.domain.n_cells))
+    reduced, response = evaluation.bodies["rod"], problem.response(evaluation)
+    derivatives = problem.partial_derivatives(evaluation)
+    for result in (
+        evaluation,
+        reduced,
+        reduced.integrals,
+        reduced.integrals.markers["left"],
+        response,
+        response.densities["rod"],
+        response.trajectory,
+        response.trajectory.model,
+        derivatives,
+        derivatives.trajectory,
+        ffr.worst_stress(rod, evaluation, "rod"),
+    ):
+        assert "\n" not in repr(result) and len(repr(result)) < 500
+    shown = repr(reduced.integrals)
+    assert "6 elastic coordinates, in the plane, markers left, right" in shown

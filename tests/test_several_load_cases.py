@@ -46,7 +46,9 @@ def test_gradient_of_each_combination(comm: MPI.Intracomm, combine: ffr.Combinat
     def numbers(at: np.ndarray) -> np.ndarray:
         found = problem.value(at)
         by_load_case = [case.psi for case in found.load_cases.values()]
-        return np.array([found.psi, *by_load_case, *(c.violation for c in found.constraints.values())])
+        return np.array(
+            [found.psi, *by_load_case, *(c.violation for c in found.constraints.values())]
+        )
 
     gradients = [
         evaluation.gradient,

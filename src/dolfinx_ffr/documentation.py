@@ -12,17 +12,32 @@ import dataclasses
 import html
 import linecache
 import re
+import reprlib
 import sys
 import textwrap
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+
+#: Length of an array that is shown with its numbers
+SHOWN_NUMBERS = 3
 
 
 class Shown:
     """A result that Python and notebooks show by its numbers, and not by its arrays."""
 
     def _shown(self) -> list[tuple[str, str, str]]:
-        """What there is to tell, in words: quantity, value, and its error or bound or nothing."""
-        raise NotImplementedError
+        """What there is to tell, in words: quantity, value, and its error or bound or nothing.
+
+        Of a dataclass all fields, with the shape of arrays and the keys of mappings.
+        """
+        assert dataclasses.is_dataclass(self)
+        return [
+            (field.name, _in_brief(getattr(self, field.name)), "")
+            for field in dataclasses.fields(self)
+            if field.repr
+        ]
 
     def _picture(self) -> str:
         """A drawing as SVG, where there is one."""
@@ -42,6 +57,15 @@ class Shown:
         )
         head = f"<tr><th>{type(self).__name__}</th><th>value</th><th>error, bound</th></tr>"
         return f"{self._picture()}<table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+
+
+def _in_brief(value: Any) -> str:
+    """A value in a few words: the shape of an array, the keys of a mapping."""
+    if isinstance(value, np.ndarray):
+        return f"of shape {value.shape}" if value.size > SHOWN_NUMBERS else str(value.tolist())
+    if isinstance(value, Mapping):
+        return f"for {', '.join(map(str, value))}" if value else "for nothing"
+    return reprlib.repr(value) if isinstance(value, list | tuple | set) else repr(value)
 
 
 def field_comments(thing: type) -> dict[str, str]:

@@ -149,6 +149,19 @@ def load_checkpoint(comm: MPI.Comm, path: Path) -> dict[str, NDArray[Any]]:
     return on_rank_0(comm, read)
 
 
+def _xdmf_path(path: str | Path) -> Path:
+    """The path of an XDMF file, whose ending may be left out."""
+    place = validation.path("write_fields: path", path)
+    if place.suffix.lower() == ".xdmf":
+        return place
+    if place.suffix or not place.name:
+        raise ValueError(
+            f"write_fields: {place} is no name of an XDMF file, which is what is written; give a "
+            "path that ends in .xdmf, which ParaView opens"
+        )
+    return place.with_suffix(".xdmf")
+
+
 def write_density(domain: Domain, x: Array, path: str | Path) -> None:
     """Write mesh and density ``x`` (cells,) of a ``domain`` to a ``path``, see `write_fields`.
 
@@ -165,14 +178,16 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
     Args:
         domain: The body.
         fields: By name, values of this rank's cells, shape (cells,).
-        path: File that ends in ``.xdmf``; the numbers go into an ``.h5`` file beside it.
+        path: File that ends in ``.xdmf``, which is added where the path has no ending; the numbers
+            go into an ``.h5`` file beside it.
 
     Raises:
-        ValueError: On every rank, if a field does not have one value a cell.
+        ValueError: On every rank, if a field does not have one value a cell, or the path has
+            another ending.
         OSError: On every rank, with the name of the file that cannot be written.
     """
     validation.instance("write_fields: domain", domain, Domain, "a Domain")
-    place = validation.path("write_fields: path", path)
+    place = _xdmf_path(path)
     with on_every_rank(domain.comm, "write_fields"):
         validation.by_name("write_fields: fields", fields, "values of the cells")
         check_alike(domain.comm, "write_fields", {"fields": list(fields)})

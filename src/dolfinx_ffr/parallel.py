@@ -186,6 +186,11 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
     return bool(np.max(np.abs(a - b)) <= tolerance * np.max(np.abs(b)))
 
 
+def alike(one: object, other: object) -> bool:
+    """Whether two objects hold the same numbers and texts, but for round-off."""
+    return one is other or same(_text(one), _text(other))
+
+
 @dataclass(frozen=True)
 class _Digest:
     """A text, or a few numbers, that tell two values apart."""
@@ -243,6 +248,10 @@ def _text(value: Any) -> str:
         parts = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
         given = ", ".join(f"{name}={_text(part)}" for name, part in parts.items())
         return f"{type(value).__name__}({given})"
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        squares = np.square(value.ravel(), dtype=np.float64)
+        weights = 1.0 + np.arange(squares.size) / max(squares.size, 1)  # sums without cancellation
+        return f"array{value.shape}({np.sum(squares)!s}, {weights @ squares!s})"
     if isinstance(value, np.generic):  # whose type NumPy 2 writes into the text
         value = value.item()
     if isinstance(value, str | bytes | int | float | complex) or value is None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from mpi4py import MPI
 
@@ -152,3 +153,15 @@ def test_void_has_no_low_frequencies(comm: MPI.Intracomm) -> None:
     flange = 4.730040745**2 * np.sqrt(210e9 / 7850 / 12) * 0.01 / 0.38**2 / (2 * np.pi)
     assert lowest[ffr.SuppressedVoidMass] == pytest.approx(flange, rel=0.1)
     assert lowest[ffr.LinearMass] < 0.1 * flange
+
+
+@pytest.mark.parametrize("law", [ffr.PlaneStress, ffr.PlaneStrain])
+def test_a_thickness_that_is_a_density_is_said(comm: MPI.Intracomm, law: Any) -> None:
+    """In any system of units; the thickness of one that is no number of the user's is none."""
+    domain = ffr.Domain.rectangle(comm, 0.04, 0.02, elements=(6, 2))
+    frame = ffr.TangentFrame("left")
+    message = f"the thickness 7850 m of {law.__name__} is 1.96e.05 times the extent of the body"
+    with pytest.warns(UserWarning, match=message):
+        ffr.FlexibleBody(domain, law(210e9, 0.3, 0.01, 7850.0), frame=frame, modes=1)
+    ffr.FlexibleBody(domain, law(210e3, 0.3, 7.85e-9, 0.1), frame=frame, modes=1)
+    ffr.FlexibleBody(domain, ffr.PlaneStrain(210e9, 0.3, 7850.0), frame=frame, modes=1)

@@ -181,6 +181,10 @@ def spring(to: Marker = GROUND, **options: Any) -> AppliedForce:
             r"damping for 'rod', but the bodies are \['bar'\]",
         ),
         (
+            placed(PIN, damping={"bar": ffr.RayleighDamping(1.0)}),
+            "damping for body 'bar', which is rigid and has no elastic coordinates",
+        ),
+        (
             lambda: ffr.Mechanism({"rod": ffr.Placement()}, [PIN]),
             r"placement for 'rod', but the bodies are \['bar'\]",
         ),

@@ -368,6 +368,10 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
         ),
         (ffr.PathTracking("rocker", "left", (0.0, 0.0), weight=np.ones(3)), "weight has shape"),
         (
+            ffr.PathTracking("rocker", "left", (0.0, 0.0), weight=lambda t: 0.25 - t),
+            "the weight is negative, first at t = 0.2",
+        ),
+        (
             ffr.PathTracking("rocker", "left", (0.0, 0.0), (0.4, 0.5)),
             "fewer than two time steps lie",
         ),
@@ -386,7 +390,8 @@ def test_refused_with_the_names_that_exist(
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "weight of body 'rod' is negative"),
+        (lambda: ffr.PeakCompliance(weights={"rod": -1.0}), "'rod' must not be negative"),
+        (lambda: ffr.IntegralCompliance(weights={"rod": -1.0}), "'rod' must not be negative"),
         (lambda: ffr.JointForce("pin", power=1.0), "with a power of 1 the mean has a kink"),
         (lambda: ffr.JointForce("pin", window=(1.0, 1.0)), "begin < end"),
         (lambda: ffr.JointForce(("pin", "pin")), "one name or different ones"),

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array
+from ..documentation import Shown
 
 #: Rotation by a quarter turn, the matrix J of the equations of motion.
 QUARTER_TURN: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -25,8 +26,8 @@ LOADS: dict[int, dict[str, tuple[int, ...]]] = {
 ASYMMETRY = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class BodyMarker:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyMarker(Shown):
     """A point of a body where joints, forces or point masses attach.
 
     The same class holds derivatives: then ``position``, ``displacement`` and ``rotation`` are the

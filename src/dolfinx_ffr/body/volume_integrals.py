@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array, summed
+from ..documentation import Shown
 from ..interchange import (
     MARKERS,
     STIFFENING,
@@ -65,8 +66,8 @@ from .moments import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class VolumeIntegrals:
+@dataclass(frozen=True, eq=False, repr=False)
+class VolumeIntegrals(Shown):
     """Volume integrals of one body, all that the equations of motion know about it.
 
     Index a = 0 belongs to the reference position w_0, a = 1..modes to the shape functions w_a;
@@ -119,6 +120,15 @@ class VolumeIntegrals:
             made["G"], made["N"] = views_of_moments(made["P"])
         for name, value in made.items():
             object.__setattr__(self, name, value)
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        modes = f"{self.modes} elastic coordinates" if self.modes else "rigid"
+        return [
+            ("mass", f"{self.mass:.6g} kg", ""),
+            ("kind", f"{modes}, {'in space' if self.dimension == 3 else 'in the plane'}", ""),
+            ("markers", ", ".join(self.markers) or "none", ""),
+            ("geometric stiffness", ", ".join(self.stiffening) or "none", ""),
+        ]
 
     @property
     def modes(self) -> int:
@@ -307,6 +317,10 @@ class VolumeIntegrals:
         if damping is not None:
             needed = "a RayleighDamping"
             damping = validation.instance("body file: damping", damping, RayleighDamping, needed)
+            if not self.modes:
+                raise ValueError(
+                    "body file: damping of a rigid body, which has no elastic coordinates to damp"
+                )
             arrays["damping"] = damping.alpha * self.G[1:, 1:] + damping.beta * self.K
         write_body(path, arrays, format)
 

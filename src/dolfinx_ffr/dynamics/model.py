@@ -12,7 +12,16 @@ import numpy as np
 
 from ..arrays import Array, Integers, Mask
 from ..body import VolumeIntegrals
-from ..mechanism import Element, Mechanism, Row, Undeformed, is_zero, marker_name
+from ..documentation import Shown
+from ..mechanism import (
+    Element,
+    Mechanism,
+    RayleighDamping,
+    Row,
+    Undeformed,
+    is_zero,
+    marker_name,
+)
 from .kinematics import KINDS, Coordinates, ModelArrays, SpaceCoordinates, body_arrays, is_spatial
 from .tables import TimeTables
 
@@ -23,8 +32,8 @@ Connected = tuple[list[tuple[Row, str]], list[tuple[Element, str]]]
 START_OFFSET = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class FlatModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class FlatModel(Shown):
     """A mechanism compiled for the kernels, with the names of its rows and coordinates."""
 
     arrays: ModelArrays  #: Flat arrays.
@@ -42,6 +51,15 @@ class FlatModel:
     effective: Mapping[str, VolumeIntegrals]  #: Integrals of the bodies with their point masses.
     #: Rows and elements of the mechanism's twin, None without one.
     twins: Connected | None
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        return [
+            ("bodies", ", ".join(self.bodies), ""),
+            ("joints", ", ".join(self.joints) or "none", ""),
+            ("forces", ", ".join(self.forces) or "none", ""),
+            ("coordinates", str(self.size), ""),
+            ("instants", str(len(self.times)), ""),
+        ]
 
     def at(self, times: Array) -> FlatModel:
         """The same mechanism, tabulated at other times (instants,) [s]."""
@@ -147,6 +165,12 @@ def check_names(
         for name in given:
             if name not in modes:
                 raise ValueError(f"{what} for {name!r}, but the bodies are {names}")
+    for name, damping in mechanism.damping.items():
+        if not modes[name] and damping != RayleighDamping():
+            raise ValueError(
+                f"damping for body {name!r}, which is rigid and has no elastic coordinates to "
+                "damp: leave it out, or give its joints a SpringDamper or a TorsionalSpringDamper"
+            )
     for name in modes:
         if name not in mechanism.placements:
             raise ValueError(

@@ -312,8 +312,8 @@ class Trajectory(Shown):
         return momenta_of(self.model.arrays, self.model.body_index(body), self.y, self.v)
 
 
-@dataclass(frozen=True, eq=False)
-class TrajectoryBar:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrajectoryBar(Shown):
     """Derivatives of a number with respect to a trajectory."""
 
     #: With respect to the coordinates, shape (steps + 1, size); in space, at the place of

@@ -10,6 +10,7 @@ Fields of the body are handled in blocks: arrays of shape (dofs owned by this ra
 
 from __future__ import annotations
 
+import warnings
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -46,6 +47,8 @@ ROWS, CELLS = 4096, 2048
 ALIKE = 1e-11
 #: Pairs of fields for each dof of a cell from which on their products are summed first
 SUMMED = 1.2
+#: Thickness over the extent of a body in its plane that is no slip, in plane stress and strain
+THICKEST_STRESS, THICKEST_STRAIN = 10.0, 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,7 @@ class Elasticity:
         members = ("on", "thickness", "out_of_plane")
         validation.implementation("body: material", material, members, needed)
         check_dimension(domain, material)
+        warn_of_thickness(domain, material)
         needed = "SIMP(...) or RAMP(...)"
         validation.implementation("body: interpolation", interpolation, ("on",), needed)
         self.domain = domain
@@ -501,6 +505,27 @@ def check_dimension(domain: Domain, material: ElasticMaterial) -> None:
         raise ValueError(
             f"body: {name} is a material for {where[of]}, but the mesh is in {where[d]}; "
             f"take {remedy}"
+        )
+
+
+def warn_of_thickness(domain: Domain, material: ElasticMaterial) -> None:
+    """Warn of a plane body far thicker than it is long, as where numbers are in a wrong order.
+
+    No length is known by itself, as any consistent system of units serves.
+    """
+    thickness, name = material.thickness, type(material).__name__
+    if domain.dimension == 3 or thickness is None:
+        return
+    extent = float(np.max(np.ptp(domain.bounding_box, axis=0)))
+    # where strain out of the plane is held, a part may be long, and of unit thickness
+    most = THICKEST_STRESS if material.out_of_plane == 0.0 else THICKEST_STRAIN
+    if thickness > most * extent and not (material.out_of_plane and thickness == 1.0):
+        warnings.warn(
+            f"body: the thickness {thickness:g} m of {name} is {thickness / extent:.3g} times the "
+            f"extent of the body in its plane, {extent:.3g} m: are density and thickness in the "
+            f"wrong order, which is {name}(young, poisson, density, thickness), or in other units "
+            "than the mesh?",
+            stacklevel=4,
         )
 
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol
 from .. import validation
 from ..arrays import Array, summed
 from ..body import VolumeIntegrals
+from ..documentation import Shown
 from ..dynamics import Trajectory, TrajectoryBar
 
 Bodies = Mapping[str, VolumeIntegrals]
@@ -22,8 +23,8 @@ def _alone(local: Array) -> list[Array]:
     return [local]
 
 
-@dataclass(frozen=True, eq=False)
-class DensityField:
+@dataclass(frozen=True, eq=False, repr=False)
+class DensityField(Shown):
     """The densities of a body's cells; each rank holds its own cells."""
 
     values: Array  #: Densities, shape (cells,), in [0, 1]
@@ -74,8 +75,8 @@ class StressField(Protocol):
         """The values of all ranks, this one's being ``value``, alike on every rank; collective."""
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Shown):
     """The arguments of objectives: a trajectory and the bodies that it belongs to."""
 
     simulated: Trajectory | None  #: None if neither objective nor constraints need it
@@ -125,8 +126,8 @@ class Inventory:
     densities: Mapping[str, DensityField] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
+@dataclass(frozen=True, eq=False, repr=False)
+class Derivatives(Shown):
     """Partial derivatives of a number with respect to the parts of a response."""
 
     #: With respect to the trajectory, at fixed bodies; None where it does not matter.

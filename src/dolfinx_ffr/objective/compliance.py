@@ -39,7 +39,7 @@ class _Compliance(Objective):
         if self.weights is not None:
             what = f"{self._what}: weights"
             for name, weight in validation.by_name(what, self.weights, "numbers").items():
-                validation.number(f"{what}: that of body {name!r}", weight)
+                validation.number(f"{what}: that of body {name!r}", weight, least=0.0)
 
     def validate(self, inventory: Inventory) -> None:
         self._terms(inventory.modes)
@@ -93,7 +93,7 @@ class IntegralCompliance(_Compliance):
     R. Seifried, Multibody System Dynamics 40 (2017), doi:10.1007/s11044-016-9540-9).
 
     Raises:
-        ValueError: If a weight is not a finite number.
+        ValueError: If a weight is negative or not a finite number.
     """
 
     unit: ClassVar[str] = "J s"
@@ -127,9 +127,6 @@ class PeakCompliance(_Compliance):
     def __post_init__(self) -> None:
         super().__post_init__()
         validation.number(f"{self._what}: the power", self.power, least=1.0)
-        for name, weight in (self.weights or {}).items():
-            if weight < 0.0:
-                raise ValueError(f"{self._what}: the weight of body {name!r} is negative: {weight}")
 
     def evaluate(self, response: Response) -> float:
         return self._mean(response)[0]

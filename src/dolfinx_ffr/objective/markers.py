@@ -162,7 +162,8 @@ class PathTracking(_MarkerObjective):
 
     Raises:
         ValueError: If the window is not an interval; when the value is asked for, if the path or
-            the weight has the wrong shape or holds NaN, or a name does not exist.
+            the weight has the wrong shape or holds NaN, if the weight is negative anywhere, or a
+            name does not exist.
     """
 
     unit: ClassVar[str] = "m^2 s"
@@ -220,7 +221,14 @@ class PathTracking(_MarkerObjective):
         weights = time_weights(trajectory, self.window, "path tracking")
         if self.weight is None:
             return weights
-        return weights * _tabulated("path tracking: the weight", self.weight, trajectory.t)
+        importance = _tabulated("path tracking: the weight", self.weight, trajectory.t)
+        if np.any(importance < 0.0):
+            first = trajectory.t[np.argmax(importance < 0.0)]
+            raise ValueError(
+                f"path tracking: the weight is negative, first at t = {first:.4g} s, where psi "
+                "would fall as the marker leaves its path; give weights that are not negative"
+            )
+        return weights * importance
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,7 @@ def _check(
     """Refuse arguments of a wrong kind."""
     validation.instance(f"{what}: problem", problem, Problem, "a Problem")
     validation.instance(f"{what}: evaluation", evaluation, Evaluation, "an Evaluation")
+    problem.refuse_foreign(evaluation)
     if deformation_scale is not None:
         validation.number(f"{what}: deformation_scale", deformation_scale, least=0.0)
 

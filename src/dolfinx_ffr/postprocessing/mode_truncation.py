@@ -326,6 +326,7 @@ def trajectories_of(problem: Problem, evaluation: Evaluation, call: str) -> dict
     validation.instance(f"{call}: evaluation", evaluation, Evaluation, "an Evaluation")
     evaluation.check_simulated()
     announce(problem.comm, call)
+    problem.refuse_other_psi(evaluation)
     load_cases = evaluation.load_cases.items()
     return {name: m.trajectory for name, m in load_cases if m.trajectory is not None}
 

@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Array, Integers, Mask
+from ..documentation import Shown
 from ..dynamics import Trajectory
 from ..fem import Domain
 from ..objective import stress_coordinates, von_mises_root
@@ -51,8 +52,8 @@ _BLOCK = 2_000_000
 _STRIDE = 16
 
 
-@dataclass(frozen=True)
-class StressModes:
+@dataclass(frozen=True, repr=False)
+class StressModes(Shown):
     """Stress of a body for unit coordinates, at points of each cell.
 
     The coordinates z are the elastic ones and, with static correction, those of inertia; see
@@ -143,8 +144,8 @@ class StressModes:
         return _told(self.domain, self.points, self.solid, found, times, "")
 
 
-@dataclass(frozen=True)
-class StressEnvelope:
+@dataclass(frozen=True, repr=False)
+class StressEnvelope(Shown):
     """The largest von Mises stress of each cell over a motion, and where and when it is largest."""
 
     stress: Array  #: (cells,) of the cells owned by this rank; 0 in void [Pa]
@@ -194,6 +195,7 @@ def worst_stress(
         if name not in evaluation.bodies:
             there = sorted(evaluation.bodies)
             raise ValueError(f"worst_stress: no flexible body {name!r}; there are {there}")
+        body.refuse_foreign(evaluation.bodies[name], name)
     reduced = evaluation.bodies[name]
     stress, solid, scale = _scaled(body, reduced, correction, relaxation, void, clear)
     evaluation.check_simulated()

@@ -141,8 +141,19 @@ class DesignedBodies:
             for name, domain in domains.items()
         }
 
+    def refuse_foreign(self, reduced: Reduced) -> None:
+        """Refuse, by a ValueError, bodies that are not those that were ``reduced``."""
+        if set(reduced) != set(self.flexible):
+            raise ValueError(
+                f"problem: the evaluation is of another problem: its flexible bodies are "
+                f"{sorted(reduced)}, and those of this problem {sorted(self.flexible)}"
+            )
+        for name, body in self.flexible.items():
+            body.refuse_foreign(reduced[name], name)
+
     def response(self, reduced: Reduced) -> Response:
         """The bodies as a response without a trajectory; no stress is computed yet."""
+        self.refuse_foreign(reduced)
         return Response(
             None,
             {

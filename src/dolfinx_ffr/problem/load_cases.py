@@ -15,7 +15,8 @@ from ..dynamics import Integrator, assemble_model, influence
 from ..mechanical_problem import ConstraintValue, MechanicalProblem
 from ..mechanism import Mechanism, Parameters, ParametricMechanism, TopologyError
 from ..objective import Combination, Constraint, Derivatives, Objective, Response
-from .evaluation import LoadCaseEvaluation, only_case
+from ..parallel import alike
+from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 
 Cases = Mapping[str, MechanicalProblem]
 
@@ -32,6 +33,29 @@ class LoadCases:
     def _prepare(self) -> None:
         """Make ready for load cases that have changed."""
         raise NotImplementedError
+
+    def refuse_foreign_load_cases(self, evaluation: Evaluation) -> None:
+        """Refuse, by a ValueError, an ``evaluation`` of other load cases."""
+        evaluated = {name: list(case.constraints) for name, case in evaluation.load_cases.items()}
+        labels = {n: [c.label for c in case.constraints] for n, case in self.load_cases.items()}
+        if evaluated != labels:
+            raise ValueError(
+                "problem: the evaluation is of another problem: its load cases and their "
+                f"constraints are {evaluated}, and those of this problem {labels}"
+            )
+        for name, case in self.load_cases.items():
+            trajectory = evaluation.load_cases[name].trajectory
+            if trajectory is None:
+                continue
+            for what, found, expected in (
+                ("mechanism", trajectory.model.mechanism, case.mechanism),
+                ("end time", trajectory.integrator.end_time, case.integrator.end_time),
+            ):
+                if not alike(found, expected):
+                    raise ValueError(
+                        f"problem: the evaluation is of another problem: "
+                        f"{self._of(f'its {what}', name)} is not that of this problem"
+                    )
 
     @property
     def mechanism(self) -> Mechanism:

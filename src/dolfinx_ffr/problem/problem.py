@@ -37,7 +37,7 @@ from ..objective import (
     WeightedSum,
     value_of,
 )
-from ..parallel import agreed_memory, check_alike, on_every_rank
+from ..parallel import agreed_memory, alike, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
@@ -49,6 +49,8 @@ LOAD_CASE = "load case"
 #: Relative difference from which on two ranks have not computed the same number: a simulation
 #: magnifies round-off, and stays far below
 DIFFERS = 1e-6
+#: Remedy for evaluations of other problems
+GIVE_BOTH = "give a problem with its own evaluation, as result.problem and result.evaluation"
 
 
 class Problem(LoadCases):
@@ -216,7 +218,38 @@ class Problem(LoadCases):
 
     def at_evaluation(self, evaluation: Evaluation) -> Self:
         """The same problem at the parameters of an ``evaluation``."""
+        given, own = (each.names if each else [] for each in (evaluation.at, self.parameters))
+        if given != own:
+            raise ValueError(
+                f"problem: the evaluation is of another problem: its parameters are {given}, and "
+                f"those of this problem {own}"
+            )
         return self if evaluation.at is None else self.at(evaluation.at.values)
+
+    def refuse_foreign(self, evaluation: Evaluation) -> None:
+        """Refuse, by a ValueError, an ``evaluation`` of other bodies or mechanisms; collective."""
+        self._designed.refuse_foreign(evaluation.bodies)
+        self.at_evaluation(evaluation).refuse_foreign_load_cases(evaluation)
+
+    def refuse_other_psi(self, evaluation: Evaluation) -> None:
+        """Refuse, on every rank, an ``evaluation`` whose psi this problem would not have found.
+
+        Nothing is simulated. It serves what compares psi of an evaluation with others.
+        """
+        responses, there = self._responses(evaluation), self.at_evaluation(evaluation)
+        for name, case in there.load_cases.items():
+            trajectory = evaluation.load_cases[name].trajectory
+            if trajectory is not None and not alike(trajectory.integrator, case.integrator):
+                raise ValueError(
+                    f"problem: the evaluation has other time steps than {self._of('this', name)}: "
+                    f"{trajectory.integrator.in_words}, not {case.integrator.in_words}; {GIVE_BOTH}"
+                )
+        psi, _ = there._evaluated(responses)
+        if not abs(psi - evaluation.psi) <= DIFFERS * max(abs(psi), abs(evaluation.psi)):
+            raise ValueError(
+                f"problem: the evaluation is of another objective: for its motion psi of this "
+                f"problem is {psi:.6g}, and psi of the evaluation {evaluation.psi:.6g}; {GIVE_BOTH}"
+            )
 
     def check_influence(self) -> None:
         """Refuse, on every rank, parameters on which nothing depends; bodies are reduced once."""
@@ -572,8 +605,10 @@ class Problem(LoadCases):
         """The arguments of the objectives at an evaluation, by load case."""
         validation.instance("problem: the evaluation", evaluation, Evaluation, "an Evaluation")
         given = self._designed.response(evaluation.bodies)
+        there = self.at_evaluation(evaluation)
+        there.refuse_foreign_load_cases(evaluation)
         simulated = {name: case.trajectory for name, case in evaluation.load_cases.items()}
-        found = self.at_evaluation(evaluation)._moving(given, simulated)
+        found = there._moving(given, simulated)
         for name, response in found.items():
             response.known.update(evaluation.load_cases[name].known)
         return found

@@ -26,6 +26,7 @@ import numpy as np
 
 from .. import validation
 from ..body import BodyMarker
+from ..documentation import Shown
 from ..fem import Array, Block, Domain, Elasticity, Matrices, kept_by, rigid_fields, rotated
 from .direct_solver import DIRECT, SOLVERS
 from .factored_body import ClampedMatrices, FactoredBody
@@ -42,8 +43,8 @@ ROUND_OFF = 1e-14
 MAX_ITERATIONS = 100
 
 
-@dataclass(frozen=True)
-class ReducedBasis:
+@dataclass(frozen=True, repr=False)
+class ReducedBasis(Shown):
     """Shape functions of one body at one density."""
 
     shapes: Block  #: (dofs of this rank, r) constraint modes, then normal modes [-]

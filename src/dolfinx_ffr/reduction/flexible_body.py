@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -12,6 +12,7 @@ from pathlib import Path
 from threading import RLock
 from time import perf_counter
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 from petsc4py import PETSc
 
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import validation
 from ..body import VolumeIntegrals
+from ..documentation import Shown
 from ..fem import (
     SIMP,
     Array,
@@ -51,8 +53,8 @@ from .struts import Struts
 OF_PAIRS, BENT = {"Cr", "Me", "Gr", "Ge", "Oe"}, {"Ct", "Cr", "Oe", "phi"}
 
 
-@dataclass(frozen=True)
-class ReducedBody:
+@dataclass(frozen=True, repr=False)
+class ReducedBody(Shown):
     """A flexible body at one density, reduced to its shape functions.
 
     It holds arrays only; `FlexibleBody.factored` has matrices and factor of its density.
@@ -62,6 +64,8 @@ class ReducedBody:
     basis: ReducedBasis  #: Shape functions of this rank's dofs, frequencies
     density: Array  #: (cells,) of this rank, not to be written to
     seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
+    #: `FlexibleBody.mark` of the body that was reduced
+    mark: str = field(default="", repr=False, compare=False)
 
     def leading(self, shapes: int) -> ReducedBody:
         """The same body with its first ``shapes`` shape functions, constraint modes first.
@@ -195,10 +199,14 @@ class FlexibleBody:
         self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with the forms that fill them.
         self._working = RLock()
+        #: Tells what this body has reduced from what others have, also after both were pickled
+        self.mark = uuid4().hex
 
     def with_modes(self, modes: int) -> FlexibleBody:
         """The same body with another number of normal ``modes``."""
-        return self._with(modes=modes)
+        body = self._with(modes=modes)
+        body.mark = self.mark  # the matrices are the same, and serve what either has reduced
+        return body
 
     def _with(self, **changed: Any) -> FlexibleBody:
         return type(self)(self.domain, self.material, **{**self._options, **changed})
@@ -222,9 +230,10 @@ class FlexibleBody:
             return self
         return self.with_interpolation(cut(cut_exponent(self.domain.cell, self.domain.order)))
 
-    def __reduce__(self) -> tuple[Callable[..., FlexibleBody], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """How pickle and copy make the body anew, without matrices of a density."""
-        return partial(type(self), **self._options), (self.domain, self.material)
+        make = partial(type(self), **self._options)
+        return make, (self.domain, self.material), {"mark": self.mark}
 
     @property
     def modes(self) -> int:
@@ -295,7 +304,21 @@ class FlexibleBody:
             "reduction": reduced - assembled,
             "integrals": perf_counter() - reduced,
         }
-        return ReducedBody(integrals, basis, density, seconds)
+        return ReducedBody(integrals, basis, density, seconds, self.mark)
+
+    def refuse_foreign(self, reduced: ReducedBody, name: str = "") -> None:
+        """Refuse, by a ValueError, a ``reduced`` body that this one has not reduced.
+
+        The ``name`` of the body stands in the message.
+        """
+        validation.instance("body: reduced", reduced, ReducedBody, "what its `reduce` returned")
+        if reduced.mark != self.mark:
+            whose = f"body {name!r}" if name else "the body"
+            raise ValueError(
+                f"{whose} is not the one that was evaluated, but another one, of which mesh, "
+                "material or frame may differ; give a problem or body with its own evaluation, as "
+                "result.problem and result.evaluation"
+            )
 
     def factored(self, reduced: ReducedBody) -> FactoredBody:
         """Matrices and factor at the density of a ``reduced`` body, from `reduce` at any time.
@@ -305,7 +328,9 @@ class FlexibleBody:
 
         Raises:
             RuntimeError: On every rank, if a solver fails.
+            ValueError: If another body was reduced.
         """
+        self.refuse_foreign(reduced)
         # The array itself is the mark, not its values: all ranks decide alike without asking.
         if not self._latest or self._latest[0].matrices.density is not reduced.density:
             self._release()

@@ -21,6 +21,7 @@ class BodyStress:
     """Stress of a reduced body for unit coordinates, on each rank at its own cells."""
 
     def __init__(self, body: FlexibleBody, reduced: ReducedBody) -> None:
+        body.refuse_foreign(reduced)
         self.body, self.reduced = body, reduced
         self._modes: dict[bool, Array] = {}
 
