@@ -54,6 +54,10 @@ class Curve(ABC):
     def moved(self, start: Array, end: Array) -> Curve:
         """The curve between two points next to its ends."""
 
+    @abstractmethod
+    def cut(self, where: Sequence[float]) -> Sequence[Curve]:
+        """The same curve in parts that end at these parameters, which increase from 0 to 1."""
+
     def pieces(self) -> Sequence[Curve]:
         """The curve in as many parts as OpenCASCADE takes for sure."""
         return [self]
@@ -110,6 +114,10 @@ class Line(Curve):
     def moved(self, start: Array, end: Array) -> Line:
         return Line(start, end)
 
+    def cut(self, where: Sequence[float]) -> list[Line]:
+        points = [self.start, *self.at(np.asarray(where)), self.end]
+        return [Line(a, b) for a, b in pairwise(points)]
+
 
 @dataclass(frozen=True, eq=False)
 class Arc(Curve):
@@ -156,11 +164,16 @@ class Arc(Curve):
         away = np.array([-half[1], half[0]]) / np.tan(0.5 * self.sweep)
         return Arc(start, end, start + half + away, self.sweep)
 
+    def cut(self, where: Sequence[float]) -> list[Arc]:
+        t = np.array([0.0, *where, 1.0])
+        points = [self.start, *self.at(t[1:-1]), self.end]
+        sweeps = self.sweep * np.diff(t)
+        ends = zip(pairwise(points), sweeps, strict=True)
+        return [Arc(a, b, self.center, float(sweep)) for (a, b), sweep in ends]
+
     def pieces(self) -> list[Arc]:
         n = int(np.ceil(abs(self.sweep) / 2.0))
-        points = self.at(np.linspace(0.0, 1.0, n + 1))
-        points[0], points[-1] = self.start, self.end
-        return [Arc(a, b, self.center, self.sweep / n) for a, b in pairwise(points)]
+        return self.cut((np.arange(1, n) / n).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +220,13 @@ class Spline(Curve):
             return [self]
         # a closed one in halves, cut at a knot near the middle where there is one
         inner = self.breaks()
-        return self._cut([0.5 if len(inner) < 3 else float(inner[len(inner) // 2])])
+        return self.cut([0.5 if len(inner) < 3 else float(inner[len(inner) // 2])])
 
     def short(self, spans: int) -> list[Spline]:
         """The same curve as splines of at most so many polynomials."""
-        return self._cut(self.breaks()[spans:-1:spans].tolist())
+        return self.cut(self.breaks()[spans:-1:spans].tolist())
 
-    def _cut(self, where: Sequence[float]) -> list[Spline]:
-        """The same curve in parts that end at these parameters."""
+    def cut(self, where: Sequence[float]) -> list[Spline]:
         found = []
         for a, b in pairwise([0.0, *where, 1.0]):
             inside = self.knots[(self.knots > a) & (self.knots < b)]

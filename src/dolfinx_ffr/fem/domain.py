@@ -24,16 +24,15 @@ from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
 from .form_cache import claim_form_cache
 from .interface import Interface, Predicate, find_interfaces, located_cells
-from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_points
+from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_nodes
 from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import mesh_outline
 from .rod import rod_mesh
 
 #: Densities that leave [0, 1] by less count as 0 or 1
 _ROUND_OFF = 1e-14
-#: Distance of a point above an interface's facet from its nodes beyond that from it, at most, in
-#: sizes of cells
-_BETWEEN = 0.3
+#: Share of the width of a rim by which a vertex on its edge may be off
+_ON = 1e-4
 #: Cells of bodies in the plane and in space
 CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 
@@ -57,8 +56,9 @@ class Domain:
         centers: Reference points of interfaces [m]; by default the centre of the circle on which
             an interface's nodes lie (a bore, or an arc of at least a sixth of one), in space the
             middle of the axis of such a cylinder, or else the centroid of its facets.
-        solid_rim: Width of a rim along each interface in which cells stay solid [m], for example
-            around a bore; at least that of an element, or 0 for none.
+        solid_rim: Width of a rim along each interface, for example around a bore [m]: cells that
+            reach into it stay solid, so that it follows the mesh and is nowhere narrower; at least
+            that of an element, or 0 for none. `from_outline` meshes its edge as a curve.
 
     Raises:
         ValueError: On every rank, if an interface is missing, empty, a single point, shares nodes
@@ -233,7 +233,9 @@ class Domain:
             void: Names of groups that stay void, or a predicate; by default "void", if there.
             order: Polynomial order of the displacements.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
-            solid_rim: Width of a rim along each interface that stays solid [m], 0 for none.
+            solid_rim: Width of a rim along each interface that stays solid [m], 0 for none. Cells
+                that reach into it belong to it; for an edge that is a curve, draw it in gmsh, as a
+                surface of the group "solid".
 
         Raises:
             FileNotFoundError: If there is no such file.
@@ -301,7 +303,9 @@ class Domain:
             void: Cells that stay void, a predicate.
             order: Polynomial order of the displacements; cells at curves are curved from 2 on.
             centers: Reference points of interfaces [m]; by default as described for `Domain`.
-            solid_rim: Width of a rim along each interface that stays solid [m], 0 for none.
+            solid_rim: Width of a rim along each interface that stays solid [m], at least half the
+                size of triangles, 0 for none. Its edge is meshed as a circle around a round bore,
+                and as the offset curve of any other interface, so its cells are the rim.
 
         Raises:
             FileNotFoundError: On every rank, if there is no such file.
@@ -315,11 +319,14 @@ class Domain:
         held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
         layers = {name: where for name, where in held.items() if isinstance(where, str)}
         degree = validation.integer("from_outline: order", order, least=1)
-        named, degrees = list(layers.values()), min(degree, 2)
-        read = mesh_outline(comm, outline, named, size, unit, degrees, solid_rim)
+        read = mesh_outline(comm, outline, held, size, unit, min(degree, 2), solid_rim)
         facets = {name: read.tagged(1, layer) for name, layer in layers.items()}
-        of = {"void": void, "order": order, "centers": centers, "solid_rim": solid_rim}
-        return cls(read.mesh, {**held, **facets}, solid, **of)  # type: ignore[arg-type]
+        stays = located_cells(read.mesh, "domain: solid", solid)
+        if (2, "solid") in read.numbers:
+            rims = read.tagged(2, "solid")
+            stays[rims[rims < len(stays)]] = True
+        of = {"void": void, "order": order, "centers": centers}
+        return cls(read.mesh, {**held, **facets}, stays, **of)  # type: ignore[arg-type]
 
     @classmethod
     def _from_tags(
@@ -561,16 +568,17 @@ class Domain:
         return self._not_along(self._with_ghosts(self.solid_cells))
 
     def _rim(self, width: float) -> Mask:
-        """Cells of this rank within a width of the interfaces, shape (cells,)."""
+        """Cells of this rank that reach within a width of the interfaces, shape (cells,)."""
         width = validation.number("domain: solid_rim", width, least=self.cell_size, unit="m")
-        held = [facet_points(self.mesh, part.facets) for part in self.interfaces.values()]
-        nodes, d = cKDTree(np.vstack(held)), self.dimension
-        most = width + _BETWEEN * self.cell_size  # as there are no nodes between those of a facet
-
-        def near(x: Array) -> Mask:
-            return np.asarray(nodes.query(x[:d].T)[0] <= most)
-
-        return located_cells(self.mesh, "domain: solid_rim", near)
+        facets = [facet_nodes(self.mesh, part.facets) for part in self.interfaces.values()]
+        x, d = self.mesh.geometry.x[:, : self.dimension], self.dimension
+        # points amid the sides of a facet, too, as it is no farther than its nodes
+        points = [x[own] for own in facets]
+        points += [0.5 * (own + np.roll(own, 1, axis=1)) for own in points]
+        held = np.concatenate([own.reshape(-1, d) for own in points])
+        near = cKDTree(np.vstack(self.comm.allgather(held))).query(x)[0]
+        corners = _compat.cell_geometry(self.mesh)[: self.n_cells]
+        return np.asarray(np.any(near[corners] < (1.0 - _ON) * width, axis=1))
 
     def _with_ghosts(self, cells: Mask) -> Mask:
         """A mask over this rank's cells, extended to ghosts."""

@@ -42,7 +42,7 @@ def located(
         if not callable(where):
             found = _numbers_of(what, where, "facets" if facets else "cells", sizes)
         else:
-            _check_predicate(what, where, domain.geometry.x.T)
+            checked(what, where, domain.geometry.x.T)
     if callable(where):
         locate = mesh.locate_entities_boundary if facets else mesh.locate_entities
         found = np.asarray(locate(domain, dim, where), dtype=np.int32)
@@ -60,8 +60,11 @@ def located_cells(domain: mesh.Mesh, what: str, where: Predicate | ArrayLike | N
     return chosen
 
 
-def _check_predicate(what: str, predicate: Predicate, points: Array) -> None:
-    """Refuse a predicate that does not say yes or no for each point, shape (3, points)."""
+def checked(what: str, predicate: Predicate, points: Array) -> Mask:
+    """Where a predicate holds, (points,); refused if it does not say yes or no for each.
+
+    The points are of shape (3, points).
+    """
     try:
         given = predicate(points)
     except Exception as error:
@@ -73,6 +76,7 @@ def _check_predicate(what: str, predicate: Predicate, points: Array) -> None:
             f"but it gives an array of shape {found.shape} of {found.dtype}; write a comparison, "
             "as lambda x: x[0] < 0.01"
         )
+    return found
 
 
 def _numbers_of(

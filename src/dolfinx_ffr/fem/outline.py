@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
@@ -23,9 +23,19 @@ from ..limits import MOST_CURVES, check_count
 from ..parallel import on_rank_0
 from .curves import Arc, Curve, Drawn, Line, Spline, enclosed, polygon
 from .dxf_file import read_dxf
+from .interface import Predicate, checked
 from .mesh_checks import connected
 from .mesh_file import TaggedMesh, read_gmsh_model
-from .plane_mesh import Drawing, Face, check_size, gmsh_model, mesh_faces, walked
+from .plane_mesh import (
+    Drawing,
+    Face,
+    cells_along,
+    check_size,
+    gmsh_model,
+    mesh_faces,
+    walked,
+)
+from .rims import with_rims
 from .svg_file import read_svg
 
 #: Units of drawings [m]
@@ -37,12 +47,14 @@ _REST = "outline"
 JOINED = 1e-6
 #: Accuracy of the polygons by which crossings are found, in units of the drawing's extent
 _FINE = 1e-4
+#: Least width of a rim, in sizes of triangles
+_THINNEST = 0.5
 
 
 def mesh_outline(
     comm: MPI.Comm,
     outline: Any,
-    named: Sequence[str],
+    interfaces: Mapping[str, Predicate | str],
     size: float,
     unit: str | None,
     order: int,
@@ -50,10 +62,14 @@ def mesh_outline(
 ) -> TaggedMesh:
     """A mesh of triangles within a closed outline, see `Domain.from_outline`; collective.
 
-    A ``rim`` of that width around a bore with a name has a line of its own in the mesh [m].
+    Cells within the width ``rim`` [m] of interfaces, whether predicates or names of curves tell
+    them, are the physical surface "solid"; their boundary is the offset curve of the interface.
     """
     validation.instance("from_outline: comm", comm, MPI.Comm, "an MPI communicator")
     validation.number("from_outline: size", size, above=0.0, unit="m")
+    if rim:
+        validation.number("domain: solid_rim", rim, least=_THINNEST * size, unit="m")
+    named = [where for where in interfaces.values() if isinstance(where, str)]
     source = f"outline {outline}" if isinstance(outline, str | Path) else "outline"
     gmsh = None
     with ExitStack() as stack:
@@ -62,7 +78,7 @@ def mesh_outline(
             nonlocal gmsh
             drawing = closed_outline(source, read_outline(outline, unit), named)
             if rim > 0.0:
-                drawing = _rimmed(drawing, rim)
+                drawing = _rimmed(drawing, interfaces, size, rim)
             check_size(source, drawing, size)
             coarse = _coarse(source, drawing, size)
             gmsh = stack.enter_context(gmsh_model())
@@ -185,32 +201,21 @@ def closed_outline(source: str, drawn: Sequence[Drawn], named: Collection[str]) 
     return Drawing(curves, nodes, groups, faces)
 
 
-def _rimmed(drawing: Drawing, width: float) -> Drawing:
-    """The drawing with a circle around each round hole with a name, where there is room."""
-    curves, nodes, groups = [*drawing.curves], [*drawing.nodes], [*drawing.groups]
-    faces = [Face(face.group, [*face.loops]) for face in drawing.faces]
-    fine = _FINE * float(np.max(np.ptp(_samples(curves), axis=0)))
-
-    for face in drawing.faces:
-        for hole in face.loops[1:]:
-            arcs = [curves[c] for c, _ in hole]
-            middles = [arc.center for arc in arcs if isinstance(arc, Arc)]
-            round_ = len(middles) == len(arcs) and np.ptp(middles, axis=0).max() <= fine
-            if not round_ or not all(groups[c] for c, _ in hole):
-                continue
-            start = middles[0] + np.array([arcs[0].radius + width, 0.0])  # type: ignore[attr-defined]
-            around = Arc(start, start, middles[0], 2.0 * np.pi)
-            of = next(f for f in faces if hole in f.loops[1:])
-            others = [walked(curves, loop) for loop in of.loops[1:] if loop is not hole]
-            outer = polygon(walked(curves, of.loops[0]), fine)
-            room = shapely.Polygon(outer, [polygon(other, fine) for other in others])
-            if room.contains_properly(shapely.LinearRing(polygon([around], fine))):
-                faces.append(Face(of.group, [[(len(curves), True)], hole]))
-                of.loops[of.loops.index(hole)] = [(len(curves), False)]  # type: ignore[index]
-                number = 1 + max(max(ends) for ends in nodes)
-                curves, nodes = [*curves, around], [*nodes, (number, number)]
-                groups.append("")
-    return Drawing(curves, nodes, groups, faces)
+def _rimmed(
+    drawing: Drawing, interfaces: Mapping[str, Predicate | str], size: float, width: float
+) -> Drawing:
+    """The drawing with rims along interfaces, which predicates or names of curves tell."""
+    names = [where for where in interfaces.values() if isinstance(where, str)]
+    vertices = [cells_along(curve, size) for curve in drawing.curves]
+    held = [np.full(len(x) - 1, g in names) for x, g in zip(vertices, drawing.groups, strict=True)]
+    points = np.vstack(vertices)
+    ends = np.cumsum([len(x) for x in vertices])[:-1]
+    for name, where in interfaces.items():
+        if not isinstance(where, str):
+            on = checked(f"interface {name!r}", where, np.vstack([points.T, np.zeros(len(points))]))
+            for of, own in zip(held, np.split(on, ends), strict=True):
+                of |= own[1:] & own[:-1]
+    return with_rims(drawing, vertices, held, width)
 
 
 def _once(drawn: Sequence[Drawn], near: float) -> list[Drawn]:

@@ -206,6 +206,11 @@ def _divided(curve: Curve, size: float, local: LocalSizes | None) -> _Divided:
     return _Divided(vertices, curve.at(np.interp(0.5 * (s[1:] + s[:-1]), along, t)))
 
 
+def cells_along(curve: Curve, size: float) -> Array:
+    """The vertices (n + 1, 2) of the cells of a size, or smaller, along a curve [m]."""
+    return _divided(curve, size, None).vertices
+
+
 def _polygons(gmsh: Any, drawing: Drawing, divided: Sequence[_Divided]) -> list[list[int]]:
     """Make lines along the curves in gmsh, each for one cell, and the faces; the lines' tags."""
     geo = gmsh.model.geo

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array, Integers, Mask
 from ..fem import Arc, Curve, Line, nearest_circle
 from .cut import Lattice, Segments
-from .field import Field, cross, turns
+from .field import Field, turns
 from .fitting import corners, fitted, followed, thinned
 
 #: Nodes along a chain, and its marks
@@ -270,36 +270,3 @@ def _chains(ends: Integers, marks: Integers, *, directed: bool = True) -> Iterab
             chain.append(q if p == chain[-1] else p)
             segment = after
         yield chain, marks[start]
-
-
-def loops(sides: Sequence[Side]) -> list[list[int]]:
-    """Numbers of directed sides along each closed loop; a node alone does not join material."""
-    leaving: dict[int, list[int]] = {}
-    for i, side in enumerate(sides):
-        leaving.setdefault(side.nodes[0], []).append(i)
-    left, found = set(range(len(sides))), []
-    for first in range(len(sides)):
-        if first not in left:
-            continue
-        loop = [first]
-        left.discard(first)
-        while True:
-            here = sides[loop[-1]]
-            options = [i for i in leaving.get(here.nodes[1], []) if i in left or i == first]
-            if not options:
-                raise RuntimeError("part: a boundary does not close; please report this")
-            back = -here.curve.slope(np.array([1.0]))[0]
-            if len(options) > 1:
-                options.sort(key=lambda i: _clockwise(back, sides[i].curve.slope(np.zeros(1))[0]))
-            if options[0] == first:
-                break
-            loop.append(options[0])
-            left.discard(options[0])
-        found.append(loop)
-    return found
-
-
-def _clockwise(a: Array, b: Array) -> float:
-    """The clockwise angle from one direction to another, in (0, 2 pi]."""
-    angle = -np.arctan2(cross(a, b), a @ b)
-    return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)

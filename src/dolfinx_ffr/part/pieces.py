@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
 from ..arrays import Array
-from ..fem import Curve, Drawing, Face, connected, enclosed, polygon
-from .boundary import Side, loops
+from ..fem import Drawing, Face, connected, directed_loops, enclosed, nested
+from .boundary import Side
 from .cut import DESIGN, SOLID
 
 _GROUPS = {DESIGN: "design", SOLID: "solid"}
@@ -39,9 +38,9 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
         backward = [i for i, side in enumerate(sides) if side.right == kind]
         around = [sides[i] for i in forward] + [sides[i].reversed() for i in backward]
         numbers = [(i, True) for i in forward] + [(i, False) for i in backward]
-        closed = loops(around)
+        closed = _loops(around)
         curves = [[around[i].curve for i in loop] for loop in closed]
-        for nest in _nested(curves, tolerance):
+        for nest in nested(curves, tolerance):
             moments = np.sum([enclosed(curves[n]) for n in nest], axis=0)
             faces.append((Face(group, [[numbers[i] for i in closed[n]] for n in nest]), moments))
     of_side: dict[int, list[int]] = {}
@@ -61,26 +60,9 @@ def pieces(sides: Sequence[Side], tolerance: float) -> list[Piece]:
     return sorted(found, key=lambda piece: -piece.area)
 
 
-def _nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
-    """Loops of faces: counterclockwise ones, each followed by the holes in it."""
-    areas = [float(enclosed(loop)[0]) for loop in closed]
-    shapes = [shapely.Polygon(_ring(loop, tolerance)) for loop in closed]
-    nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}
-    for i, area in enumerate(areas):
-        if area > 0.0:
-            continue
-        inside = shapes[i].representative_point()
-        around = [j for j in nests if areas[j] > -area and shapes[j].covers(inside)]
-        if around:
-            nests[min(around, key=lambda j: areas[j])].append(i)
-    return list(nests.values())
-
-
-def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
-    found = polygon(loop, tolerance)
-    if len(found) < 3:  # two curves that are almost straight
-        found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
-    return found
+def _loops(sides: Sequence[Side]) -> list[list[int]]:
+    """Numbers of directed sides along each closed loop; a node alone does not join material."""
+    return directed_loops([side.curve for side in sides], [side.nodes for side in sides])
 
 
 def outlines(
@@ -95,8 +77,8 @@ def outlines(
         for i, forward in walked
         if (i, not forward) not in both
     ]
-    closed = [[outer[i] for i in loop] for loop in loops(outer)]
-    nests = _nested([[side.curve for side in loop] for loop in closed], tolerance)
+    closed = [[outer[i] for i in loop] for loop in _loops(outer)]
+    nests = nested([[side.curve for side in loop] for loop in closed], tolerance)
     return [[closed[i] for i in nest] for nest in nests]
 
 

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Faces between directed curves in the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from ..arrays import Array
+from .curves import Curve, enclosed, polygon
+
+#: Share by which areas of the same loop differ by round-off
+_ROUND_OFF = 1e-9
+
+
+def directed_loops(curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """Numbers of curves along each closed loop; a node alone does not join faces.
+
+    The face is on the left of each curve, and ``nodes`` are the numbers of its ends.
+    """
+    leaving: dict[int, list[int]] = {}
+    for i, (start, _) in enumerate(nodes):
+        leaving.setdefault(start, []).append(i)
+    left, found = set(range(len(curves))), []
+    for first in range(len(curves)):
+        if first not in left:
+            continue
+        loop = [first]
+        left.discard(first)
+        while True:
+            here = loop[-1]
+            options = [i for i in leaving.get(nodes[here][1], []) if i in left or i == first]
+            if not options:
+                raise RuntimeError("outline: a boundary does not close; please report this")
+            back = -curves[here].slope(np.array([1.0]))[0]
+            if len(options) > 1:
+                options.sort(key=lambda i: _clockwise(back, curves[i].slope(np.zeros(1))[0]))
+            if options[0] == first:
+                break
+            loop.append(options[0])
+            left.discard(options[0])
+        found.append(loop)
+    return found
+
+
+def _clockwise(a: Array, b: Array) -> float:
+    """The clockwise angle from one direction to another, in (0, 2 pi]."""
+    angle = -np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    return float(angle if angle > 1e-9 else angle + 2.0 * np.pi)
+
+
+def nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int]]:
+    """Loops of faces by number: counterclockwise ones, each followed by the holes in it.
+
+    The ``tolerance`` is that of the polygons by which holes are found [m].
+    """
+    areas = [float(enclosed(loop)[0]) for loop in closed]
+    shapes = [shapely.Polygon(_ring(loop, tolerance)) for loop in closed]
+    nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}
+    for i, area in enumerate(areas):
+        if area > 0.0:
+            continue
+        inside = shapes[i].representative_point()
+        # the same loop, walked forwards, is around another face
+        larger = [j for j in nests if areas[j] > -area * (1.0 + _ROUND_OFF)]
+        around = [j for j in larger if shapes[j].covers(inside)]
+        if around:
+            nests[min(around, key=lambda j: areas[j])].append(i)
+    return list(nests.values())
+
+
+def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
+    found = polygon(loop, tolerance)
+    if len(found) < 3:  # two curves that are almost straight
+        found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])
+    return found

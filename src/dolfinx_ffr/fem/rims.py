@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: MIT
+"""Rims along interfaces: what of an outline is within a width of curves that are held.
+
+The rim of a round bore is bounded by a circle, that of any other curve by its offset curve. A rim
+that is wider than the material beside it ends at the outline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import shapely.ops
+from scipy.optimize import minimize_scalar
+
+from ..arrays import Array, Mask
+from .curves import Arc, Curve, Line, Spline, polygon
+from .faces import directed_loops, nested
+from .interface import nearest_circle
+from .plane_mesh import Drawing, Face, walked
+
+#: What is left between a rim and the outline belongs to the rim if it is no wider, and curves that
+#: end as near to a node as that share it, both in widths of the rim
+_LEFT, _NEAR = 0.05, 0.01
+#: Ways along an offset curve from where it comes that near to the outline to where it crosses it:
+#: if it takes a longer one, it runs along the outline; in widths that are left
+_CROSSES = 4.0
+#: Sides of a quarter of a circle by which offset curves are found, fewest vertices of a polygon
+#: that is a circle, and their accuracy, in radii
+_SIDES, _FEWEST, _ROUND = 96, 10, 1e-5
+#: Angle from which on an offset curve has a corner [rad], and points of a spline along a width
+_CORNER, _POINTS = 0.2, 8.0
+#: Accuracy of the polygons that stand for curves, in widths of the rim
+_FINE = 1e-4
+
+
+def with_rims(
+    drawing: Drawing, vertices: Sequence[Array], held: Sequence[Mask], width: float
+) -> Drawing:
+    """The drawing with solid faces within a ``width`` [m] of interfaces, and designed ones beyond.
+
+    The cells along each curve have the ``vertices`` (n + 1, 2) [m], and ``held`` (n,) tells which
+    of them are along an interface.
+    """
+    fine = _FINE * width
+    lines = [
+        line
+        for curve, x, on in zip(drawing.curves, vertices, held, strict=True)
+        for line in _held(curve, x, on, fine)
+    ]
+    if not lines:
+        return drawing
+    zone = _zone(lines, width)
+    body = shapely.union_all([_shape(drawing.curves, face.loops, fine) for face in drawing.faces])
+    divided = _Divided(drawing, width)
+    for line in _inside(zone, body, _LEFT * width):
+        divided.add(shapely.get_coordinates(line))
+    return divided.drawing(zone)
+
+
+def _held(curve: Curve, x: Array, on: Mask, fine: float) -> Iterator[shapely.LineString]:
+    """What of a curve is held: all of it, or runs of cells."""
+    if np.all(on):
+        yield shapely.LineString(curve.points(fine))
+        return
+    ends = np.flatnonzero(np.diff(np.r_[False, on, False]))
+    for first, last in ends.reshape(-1, 2):
+        yield shapely.LineString(x[first : last + 1])
+
+
+def _zone(lines: Sequence[shapely.LineString], width: float) -> shapely.Geometry:
+    """All places within a width of lines; of polygons with vertices on a circle, of the circle."""
+    parts = []
+    for line in shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))):
+        circle = _circle(shapely.get_coordinates(line)) if line.is_closed else None
+        if circle is None:
+            parts.append(line.buffer(width, quad_segs=_SIDES))
+            continue
+        center, radius = shapely.Point(circle[0]), circle[1]
+        around = center.buffer(radius + width, quad_segs=_SIDES)
+        if radius > width:
+            around = around.difference(center.buffer(radius - width, quad_segs=_SIDES))
+        parts.append(around)
+    return shapely.union_all(parts)
+
+
+def _circle(x: Array) -> tuple[Array, float] | None:
+    return nearest_circle(x, _ROUND) if len(x) > _FEWEST else None
+
+
+def _shape(
+    curves: Sequence[Curve], loops: Sequence[Sequence[tuple[int, bool]]], fine: float
+) -> shapely.Polygon:
+    """The polygon of a face, the outer one of whose loops is the first."""
+    rings = [polygon(walked(curves, loop), fine) for loop in loops]
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def _inside(
+    zone: shapely.Geometry, body: shapely.Geometry, left: float
+) -> Iterator[shapely.LineString]:
+    """The boundary of a zone in the body, where it does not run along the outline."""
+    deep = body.buffer(-left)
+    for part in shapely.get_parts(zone):
+        for ring in (part.exterior, *part.interiors):
+            if deep.contains(ring):
+                yield shapely.LineString(ring)
+                continue
+            crossing = _lines(ring.intersection(body))
+            for line in _lines(ring.intersection(deep)):
+                if line.length > left:
+                    yield _to_the_outline(line, crossing, _CROSSES * left)
+
+
+def _lines(found: shapely.Geometry) -> list[shapely.LineString]:
+    lines = [part for part in shapely.get_parts(found) if part.length > 0.0]
+    return list(shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines))))
+
+
+def _to_the_outline(
+    line: shapely.LineString, crossing: Sequence[shapely.LineString], most: float
+) -> shapely.LineString:
+    """A line that goes on along the one of which it is part, where this soon ends."""
+    amid = line.interpolate(0.5, normalized=True)
+    whole = min(crossing, key=amid.distance, default=line)
+    if whole.is_closed:
+        return line
+    start, end = (whole.project(shapely.Point(line.coords[k])) for k in (0, -1))
+    if start > end:
+        whole = whole.reverse()
+        start, end = whole.length - start, whole.length - end
+    first = 0.0 if start < most else start
+    last = whole.length if whole.length - end < most else end
+    return shapely.ops.substring(whole, first, last)
+
+
+class _Divided:
+    """A drawing whose faces are divided by further curves."""
+
+    def __init__(self, drawing: Drawing, width: float) -> None:
+        self._given, self._width = drawing, width
+        self._fine, self._near = _FINE * width, _NEAR * width
+        self._lines = [shapely.LineString(curve.points(self._fine)) for curve in drawing.curves]
+        #: Where curves of the outline are cut: parameter, node and its place
+        self._cuts: list[list[tuple[float, int, Array]]] = [[] for _ in drawing.curves]
+        self._curves: list[Curve] = []
+        self._nodes: list[tuple[int, int]] = []
+        self._beyond = 1 + max(max(ends) for ends in drawing.nodes)
+
+    def add(self, x: Array) -> None:
+        """Divide faces by a smooth curve through points (n, 2), or by several between corners.
+
+        A closed one repeats its first point; an open one ends at the outline.
+        """
+        if np.array_equal(x[0], x[-1]):
+            at = _corners(np.vstack([x[-2:-1], x])) - 1
+            if len(at):
+                x = np.vstack([x[at[0] : -1], x[: at[0] + 1]])
+            first = last = self._new()
+        else:
+            (first, start), (last, end) = self._node(x[0]), self._node(x[-1])
+            x = np.vstack([*self._joined(x[0], start), x[1:-1], *self._joined(x[-1], end)[::-1]])
+        cuts = [0, *_corners(x).tolist(), len(x) - 1]
+        nodes = [first, *(self._new() for _ in cuts[1:-1]), last]
+        for ends, (a, b) in zip(pairwise(nodes), pairwise(cuts), strict=True):
+            self._curves.append(self._curve(x[a : b + 1]))
+            self._nodes.append(ends)
+
+    def _joined(self, near: Array, end: Array) -> list[Array]:
+        """The end of a line at the outline, and the point before it where that is not near."""
+        return [end] if np.hypot(*(near - end)) < 2.0 * self._near else [end, near]
+
+    def _new(self) -> int:
+        self._beyond += 1
+        return self._beyond - 1
+
+    def _node(self, where: Array) -> tuple[int, Array]:
+        """The node of the outline nearest to a point, and its place; a new one where none is."""
+        i = int(np.argmin(shapely.distance(shapely.Point(where), self._lines)))
+        curve, ends = self._given.curves[i], self._given.nodes[i]
+        t = _nearest(curve, where, self._fine)
+        place = curve.at(np.array([t]))[0]
+        known = [(ends[0], curve.start), (ends[1], curve.end)]
+        known += [(node, at) for _, node, at in self._cuts[i]]
+        for node, at in known:
+            if np.hypot(*(place - at)) < self._near:
+                return node, at
+        node = self._new()
+        self._cuts[i].append((t, node, place))
+        return node, place
+
+    def _curve(self, x: Array) -> Curve:
+        """A line, an arc or a spline along points (n, 2) of a smooth curve."""
+        inner = x[1:-1] if len(x) > _FEWEST + 2 else x
+        chord = x[-1] - x[0]
+        away = np.abs((x - x[0]) @ np.array([-chord[1], chord[0]]))
+        if np.all(away <= self._fine * np.hypot(*chord)) and np.any(chord):
+            return Line(x[0], x[-1])
+        circle = _circle(inner)
+        if circle is not None:
+            angle = np.unwrap(np.arctan2(*(x - circle[0]).T[::-1]))
+            sweep = float(angle[-1] - angle[0])
+            if np.array_equal(x[0], x[-1]):
+                return Arc(x[0], x[0], circle[0], float(np.sign(sweep)) * 2.0 * np.pi)
+            return Arc(x[0], x[-1], circle[0], sweep).moved(x[0], x[-1])
+        along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(x, axis=0).T))]
+        count = max(4, int(_POINTS * along[-1] / self._width))
+        at = np.linspace(0.0, along[-1], count)
+        points = np.column_stack([np.interp(at, along, x[:, k]) for k in (0, 1)])
+        points[0], points[-1] = x[0], x[-1]
+        return Spline.through(points)
+
+    def drawing(self, zone: shapely.Geometry) -> Drawing:
+        """All faces, those in the zone in the group "solid"."""
+        given = self._given
+        curves, nodes, groups = [*self._curves], [*self._nodes], [""] * len(self._curves)
+        # those between two faces are walked in both directions
+        both = range(len(curves))
+        parts: list[list[int]] = []
+        for i, cuts in enumerate(self._cuts):
+            cuts.sort(key=lambda cut: cut[0])
+            pieces = given.curves[i].cut([t for t, _, _ in cuts])
+            places = [node for _, node, _ in cuts]
+            ends = pairwise([given.nodes[i][0], *places, given.nodes[i][1]])
+            at = [place for _, _, place in cuts]
+            bounds = pairwise([given.curves[i].start, *at, given.curves[i].end])
+            parts.append([len(curves) + k for k in range(len(pieces))])
+            curves += [c.moved(*b) if cuts else c for c, b in zip(pieces, bounds, strict=True)]
+            nodes += ends
+            groups += [given.groups[i]] * len(pieces)
+        sides = [(i, way) for way in (True, False) for i in both]
+        for face in given.faces:
+            for loop in face.loops:
+                for i, way in loop:
+                    sides += [(k, way) for k in (parts[i] if way else parts[i][::-1])]
+        around = walked(curves, sides)
+        ends_of = [nodes[i] if way else nodes[i][::-1] for i, way in sides]
+        loops = directed_loops(around, ends_of)
+        faces = []
+        for nest in nested([[around[k] for k in loop] for loop in loops], self._fine):
+            own = [[sides[k] for k in loops[n]] for n in nest]
+            shape = _shape(curves, own, self._fine)
+            thin = shape.buffer(-0.5 * _LEFT * self._width).is_empty
+            solid = thin or shape.intersection(zone).area > 0.5 * shape.area
+            faces.append(Face("solid" if solid else "design", own))
+        return Drawing(curves, nodes, groups, faces)
+
+
+def _corners(x: Array) -> Array:
+    """Numbers of the inner points at which a line through points (n, 2) has a corner."""
+    side = np.diff(x, axis=0)
+    cross = side[:-1, 0] * side[1:, 1] - side[:-1, 1] * side[1:, 0]
+    turn = np.arctan2(cross, np.einsum("ij,ij->i", side[:-1], side[1:]))
+    return np.asarray(1 + np.flatnonzero(np.abs(turn) > _CORNER))
+
+
+def _nearest(curve: Curve, where: Array, fine: float) -> float:
+    """The parameter of the point of a curve that is nearest to a place (2,)."""
+    t = curve.parameters(fine)
+    distance = np.hypot(*(curve.at(t) - where).T)
+    found = []
+    # of long lines the nearest vertex may be that of another side
+    for k in range(len(t) - 1) if len(t) < 8 else np.argsort(distance)[:3]:
+        low, high = t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)]
+
+        def off(s: float) -> float:
+            return float(np.sum((curve.at(np.array([s]))[0] - where) ** 2))
+
+        best = minimize_scalar(off, bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+        found.append((best.fun, float(best.x)))
+    return min(found)[1]
