@@ -42,6 +42,7 @@ FLOORS = (
     "interchange",
     "parallel",
     "verification",
+    "archive",
     "limits",
     "validation",
     "caches",

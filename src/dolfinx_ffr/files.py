@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Files: written in one stroke, named in errors, by names that are safe; and who may write."""
+"""Files: written in one stroke, named in errors, by names that are safe; and who may write.
+
+Files that other files include are read only where they came with them.
+"""
 
 from __future__ import annotations
 
@@ -35,6 +38,25 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
         used.add(own.casefold())
         found[name] = own
     return {name: found[name] for name in given}
+
+
+def included_file(name: str, folder: Path) -> Path:
+    """The path of a file that a file in a ``folder`` includes by ``name``.
+
+    What a stranger's file names is read only if it came with it: in its folder, or below.
+
+    Raises:
+        ValueError: If the name leads elsewhere: from the root, by "..", or by a symbolic link.
+    """
+    named = Path(name)
+    path = folder / named
+    inside = path.resolve().is_relative_to(folder.resolve())
+    if named.is_absolute() or ".." in named.parts or not inside:
+        raise ValueError(
+            f"it includes {name!r}, which is outside of its folder, and only files in its folder "
+            "or below are read; copy that file there, and include it by its name there"
+        )
+    return path
 
 
 @contextmanager

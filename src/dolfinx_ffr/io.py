@@ -27,6 +27,7 @@ from dolfinx.io import XDMFFile
 from numpy.typing import ArrayLike, NDArray
 
 from . import validation
+from .archive import Archive
 from .arrays import Array
 from .fem import Domain
 from .files import check_room, named_in_errors, replace_file, whole_file
@@ -138,13 +139,14 @@ def load_checkpoint(comm: MPI.Comm, path: Path) -> dict[str, NDArray[Any]]:
 
     def read() -> dict[str, NDArray[Any]]:
         digest, _, content = path.read_bytes().partition(b"\n")
-        if hashlib.sha256(content).hexdigest().encode() != digest:
+        try:
+            if hashlib.sha256(content).hexdigest().encode() != digest:
+                raise ValueError("its checksum does not fit its content")
+            return Archive.of(content, packed=False).read()
+        except ValueError as error:
             raise CheckpointError(
-                f"checkpoint {path} is damaged: its checksum does not fit its content. Delete it "
-                "to start anew"
-            )
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {key: arrays[key] for key in arrays.files}
+                f"checkpoint {path} is damaged: {error}. Delete it to start anew"
+            ) from error
 
     return on_rank_0(comm, read)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from shared.beams import beam
 from shared.derivatives import random_direction
 from shared.spatial_bodies import cloud, cloud_of_mass
 
+from dolfinx_ffr import archive
 from dolfinx_ffr.body import BodyMarker, VolumeIntegrals, axial, cross_matrix, theta
 
 EPS = np.finfo(float).eps
@@ -257,19 +259,19 @@ def test_invalid_body_is_not_saved(tmp_path: Path) -> None:
         ({"K": None}, r"S has shape \(4, 2\), that of an elastic body; give its stiffness K"),
         ({"marker_rotations": None}, r"keys \['marker_rotations'\] are missing"),
         ({"stiffness": np.eye(3)}, r"unknown keys \['stiffness'\]; the keys are \['mass', 'S'"),
-        ({"S": np.zeros((3, 2))}, r"integral S must have shape \(4, 2\), but it has shape \(3, 2"),
+        ({"S": np.zeros((3, 2))}, r"S must have shape \(4, 2\) .* but it has shape \(3, 2"),
         ({"mass": np.ones(2)}, r"mass must be one number, but it has shape \(2,\)"),
         ({"mass": np.nan}, "the mass must be positive, but it is nan"),
         ({"K": np.full((3, 3), np.nan)}, "integral K holds NaN or infinity"),
-        ({"K": np.zeros(3)}, r"K must be a matrix, not of shape \(3,\)"),
+        ({"K": np.zeros(3)}, r"K must have shape \(3, 3\) .* but it has shape \(3,\)"),
         ({"K": np.array([["a"]])}, "K must hold real numbers, but its type is <U1"),
         ({"P": np.zeros((4, 4, 2, 2))}, r"give either P or both G and N, not \['P', 'G', 'N'\]"),
         ({"P": np.zeros((4, 4)), "G": None, "N": None}, r"P must have shape \(4, 4, 2, 2\)"),
-        ({"marker_positions": np.zeros((2, 2))}, "but there are 3 markers"),
-        ({"marker_positions": np.zeros((3, 3))}, r"marker 'left': position must have shape \(2,\)"),
+        ({"marker_positions": np.zeros((2, 2))}, r"must have shape \(3, 2\) .* and 3 markers"),
+        ({"marker_positions": np.zeros((3, 3))}, r"marker_positions must have shape \(3, 2\)"),
         ({"markers": np.array(["a", "a", "b"])}, "have the same name"),
         ({"markers": np.zeros(3)}, "markers must hold text"),
-        ({"stiffening_alpha": np.eye(2)}, r"stiffening by 'alpha' must have shape \(3, 3\)"),
+        ({"stiffening_alpha": np.eye(2)}, r"stiffening_alpha must have shape \(3, 3\)"),
     ],
 )
 def test_file_refused(change: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -295,6 +297,52 @@ def test_damaged_file(tmp_path: Path) -> None:
             VolumeIntegrals.load(path)
     with pytest.raises(FileNotFoundError):
         VolumeIntegrals.load(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize(
+    ("key", "shape", "message"),
+    [
+        ("S", (10**6, 2), r"S must have shape \(4, 2\) .* has shape \(1000000, 2\)"),
+        ("K", (1000, 1000), r"K must have shape \(3, 3\)"),
+        ("marker_rotations", (3, 10**6), r"marker_rotations must have shape \(3, 3\)"),
+        ("zeros", (10**6,), r"unknown keys \['zeros'\]"),
+    ],
+)
+def test_zeros_that_are_packed_are_refused_before_they_are_read(
+    key: str, shape: tuple[int, ...], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "rod.npz"
+    beam(modes=3, elements=4).save(path)
+    with np.load(path) as file:
+        np.savez_compressed(path, **{**file, key: np.zeros(shape)})
+    assert path.stat().st_size < 30_000
+    monkeypatch.setattr(archive.Archive, "read", lambda self: pytest.fail("it was read"))
+    with pytest.raises(ValueError, match=f"body file .*rod.npz: {message}"):
+        VolumeIntegrals.load(path)
+
+
+def test_archives_that_promise_more_than_they_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    def packed(**arrays: Any) -> bytes:
+        content = io.BytesIO()
+        np.savez_compressed(content, **arrays)
+        return content.getvalue()
+
+    zeros = packed(zeros=np.zeros(10**5))
+    np.testing.assert_array_equal(archive.Archive.of(zeros).read()["zeros"], np.zeros(10**5))
+    with pytest.raises(
+        ValueError, match=r"promises 800,000 bytes, more than its own, [0-9,]{3,5} bytes"
+    ):
+        archive.Archive.of(zeros, packed=False)
+    with pytest.raises(ValueError, match="holds objects of Python, which are never read"):
+        archive.Archive.of(packed(zeros=np.array([{}], dtype=object)))
+    head = b"'shape': (100000,)"
+    raw = io.BytesIO()
+    np.savez(raw, zeros=np.zeros(10**5))
+    with pytest.raises(ValueError, match="has another size than its shape"):
+        archive.Archive.of(raw.getvalue().replace(head, head.replace(b"1", b"9")))
+    monkeypatch.setattr(archive, "available_memory", lambda: 799_999)
+    with pytest.raises(ValueError, match="promises 800,000 bytes, more than the memory"):
+        archive.Archive.of(zeros)
 
 
 def test_arrays_refused() -> None:

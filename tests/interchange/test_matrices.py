@@ -177,3 +177,16 @@ def test_three_hundred_damaged_files(tmp_path: Path, program: str) -> None:
             refused += 1
         path.write_bytes(content)
     assert refused > 150
+
+
+def test_incompatible_modes_are_not_read(tmp_path: Path) -> None:
+    """CalculiX gives them nodes of their own, which stand in no input file."""
+    _, matrices = bar((2, 1, 1))
+    path = write_calculix(tmp_path, matrices)
+    corners = ", ".join(str(2 * k + 3) for k in range(8))
+    text = path.read_text().replace("*STEP", f"*ELEMENT, TYPE=C3D8I\n1, {corners}\n*STEP")
+    path.write_text(text)
+    file = path.with_suffix(".dof")
+    file.write_text(file.read_text() + "".join(f"99.{axis}\n" for axis in (1, 2, 3)))
+    with pytest.raises(ValueError, match=r"no nodes \[99\].*C3D8I .* not read; take C3D8, C3D20"):
+        read_calculix(path)

@@ -19,7 +19,7 @@ from shared.rods import rod, solid
 from shared.spatial_bodies import cloud
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr.interchange import read_nastran
+from dolfinx_ffr.interchange import read_calculix, read_nastran
 
 Array = NDArray[np.float64]
 
@@ -104,3 +104,63 @@ def test_matrices_of_nastran(tmp_path: Path, way: str) -> None:
             assert str(target) in str(error)
             refused += 1
     assert refused > 10
+
+
+#: A cube of one kilogram in the cards of Nastran, with a comment that pyNastran executes
+CARDS = """$ pyNastran: code-block=open("executed", "w")
+$ pyNastran: punch=true
+BEGIN BULK
+GRID,1,,0.,0.,0.
+GRID           2              1.      0.      0.
+CORD2R  1               x
+DMIG    KAAX           0       6       2       0                       1
+ENDDATA
+"""
+
+
+def test_nastran_files_are_not_executed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of its cards only those that count are read, and nothing of another program is printed."""
+    pytest.importorskip("pyNastran.bdf.bdf", reason="pyNastran needs an older NumPy")
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "cube.bdf"
+    for text, message in {
+        CARDS: r"cube.bdf with cube.bdf: it has no matrix 'MAAX', but \['KAAX'\]",
+        CARDS.replace("1.      0.", "x       0."): "must be a float or blank",
+        CARDS.replace("BULK", "SUPER 111"): r"a superelement \(BEGIN SUPER\)",
+        CARDS.replace("GRID,1,,", "GRID,1,7,"): "in basic coordinates",
+        CARDS.replace("CORD2R  1               x", "GRDSET,,7"): "in basic coordinates",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(ValueError, match=message):
+            read_nastran(path, node_sets={}, stiffness="KAAX")
+    assert not Path("executed").exists() and capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("program", ["nastran", "calculix"])
+def test_files_include_only_what_came_with_them(tmp_path: Path, program: str) -> None:
+    if program == "nastran":
+        pytest.importorskip("pyNastran.bdf.bdf", reason="pyNastran needs an older NumPy")
+    secret, folder = tmp_path / "secret", tmp_path / "model"
+    folder.mkdir()
+    secret.write_text("GRID,1,,a secret\n*NODE\n1, a secret\n")
+    (folder / "link").symlink_to(secret)
+    (folder / "below").mkdir()
+    (folder / "below" / "nodes").write_text("GRID,77,,0.,0.,0.\n*NODE\n77, 0, 0, 0\n")
+    path = folder / "model.bdf"
+    card = "INCLUDE '{}'\n" if program == "nastran" else "*INCLUDE, INPUT={}\n"
+
+    def told(name: str) -> str:
+        path.write_text(card.format(name))
+        with pytest.raises((ValueError, OSError)) as caught:
+            if program == "nastran":
+                read_nastran(path, node_sets={"a": [1]}, op4=secret)
+            else:
+                read_calculix(path)
+        return str(caught.value)
+
+    for name in (str(secret), "/etc/passwd", "../secret", "below/../../secret", "link"):
+        assert f"it includes {name!r}, which is outside of its folder" in told(name)
+    # what is in a folder below is read, and misses other files or sets
+    assert "is outside" not in told("below/nodes") and "a secret" not in told("below/nodes")

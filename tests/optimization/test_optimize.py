@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import math
 import os
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import warnings
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -412,7 +414,11 @@ def test_damaged_checkpoints(comm: MPI.Intracomm, shared_tmp_path: Path) -> None
     good = path.read_bytes()
     half = len(good) // 2
     flipped = good[:half] + bytes([good[half] ^ 1]) + good[half + 1 :]
-    for damaged in (flipped, good[:-100], b"", b"not a checkpoint\n"):
+    packed = BytesIO()  # with a checksum of its own, as anybody can make
+    np.savez_compressed(packed, zeros=np.zeros(10**5))
+    zeros = packed.getvalue()
+    zeros = hashlib.sha256(zeros).hexdigest().encode() + b"\n" + zeros
+    for damaged in (flipped, good[:-100], b"", b"not a checkpoint\n", zeros):
         comm.Barrier()
         if comm.rank == 0:
             path.write_bytes(damaged)

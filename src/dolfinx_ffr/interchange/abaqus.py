@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .. import validation
 from ..arrays import Array, Integers
+from ..files import included_file
 from .assembled import (
     AssembledMatrices,
     from_entries,
@@ -43,6 +44,7 @@ class InputFile:
         self._nodes: dict[int, list[float]] = {}
         self._elements: dict[int, list[list[int]]] = {}
         self._sets: dict[str, list[int]] = {}  # by the name in capitals
+        self._types: set[str] = set()  # of the solid elements
         self._names: dict[str, str] = {}  # as they are written at first
         self._read(path, 0)
         if not self._nodes:
@@ -72,7 +74,8 @@ class InputFile:
                     pairs = (part.partition("=") for part in given)
                     options = {key.strip().upper(): value.strip() for key, _, value in pairs}
                     if keyword == "*INCLUDE":
-                        self._read(path.parent / options["INPUT"], depth + 1)
+                        # by a name from the folder of the whole model, as the programs do
+                        self._read(included_file(options["INPUT"], self.path.parent), depth + 1)
                     continue
                 text = rest + line.strip()
                 rest = text if keyword == "*ELEMENT" and text.endswith(",") else ""
@@ -94,6 +97,7 @@ class InputFile:
         elif keyword == "*ELEMENT":
             _, *nodes = (int(x) for x in fields)
             if options["TYPE"].upper().startswith("C3D"):
+                self._types.add(options["TYPE"].upper())
                 if not solid_corners(len(nodes)):
                     raise ValueError(f"a solid element with {len(nodes)} nodes is not known")
                 self._elements.setdefault(len(nodes), []).append(nodes)
@@ -115,7 +119,13 @@ class InputFile:
         at = np.minimum(np.searchsorted(self.labels, labels), len(self.labels) - 1)
         if np.any(wrong := self.labels[at] != labels):
             missing = np.unique(labels[wrong])[:5].tolist()
-            raise ValueError(f"{self.path}: it has no nodes {missing}, which {what} names")
+            hint = ""
+            if "C3D8I" in self._types:
+                hint = (
+                    ": the incompatible modes of elements of the type C3D8I have nodes of their "
+                    "own, and are not read; take C3D8, C3D20 or another type"
+                )
+            raise ValueError(f"{self.path}: it has no nodes {missing}, which {what} names{hint}")
         return np.asarray(at)
 
     def matrices(

@@ -19,13 +19,16 @@ References:
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..archive import Head
 from .format import Arrays, axial, cross_matrix, elastic, markers, of_theta, theta
-from .numpy_file import read_all, write_all
+from .numpy_file import open_archive, read_arrays, write_all
 
 #: What a file of Exudyn must have for a body to be made of it
 _NEEDED = (
@@ -85,9 +88,9 @@ class Exudyn:
         )
 
     def read(self, path: Path) -> dict[str, Any]:
-        found = read_all(path)
-        if missing := [key for key in _NEEDED if key not in found]:
-            raise ValueError(f"the arrays {missing} are missing: it is no file of Exudyn")
+        archive = open_archive(path)
+        _check_heads(archive.heads)
+        found = read_arrays(path, archive)
         basis, mass = found["modeBasis"], found["totalMass"]
         r = basis.shape[1]
         S = np.vstack([mass * found["chiU"].reshape(1, 3), found["mPhitTPsi"].reshape(3, r).T])
@@ -115,3 +118,29 @@ class Exudyn:
                 ),
             }
         return arrays
+
+
+def _check_heads(heads: Mapping[str, Head]) -> None:
+    """Refuse arrays that are none of one body by their names and sizes."""
+    if missing := [key for key in _NEEDED if key not in heads]:
+        raise ValueError(f"the arrays {missing} are missing: it is no file of Exudyn")
+    rows, *columns = heads["modeBasis"].shape
+    r = math.prod(columns)
+    sizes = {
+        "modeBasis": rows * r,
+        "xRef": rows,
+        "markers": rows // (3 * _NODES),
+        **dict.fromkeys(("massMatrixReduced", "stiffnessMatrixReduced"), r * r),
+        "mPsiTildePsiTilde": 9 * r * r,
+        "mXRefTildePsiTilde": 9 * r,
+        "mPhitTPsi": 3 * r,
+        "inertiaLocal": 9,
+        "chiU": 3,
+        **dict.fromkeys(("totalMass", "markerLever"), 1),
+    }
+    for key, size in sizes.items():
+        if key in heads and math.prod(heads[key].shape) != size:
+            raise ValueError(
+                f"{key} must have {size} entries beside {r} modes of {rows} displacements, but its "
+                f"shape is {heads[key].shape}"
+            )

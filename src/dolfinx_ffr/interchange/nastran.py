@@ -11,8 +11,10 @@ the three displacements of the nodes in ascending order.
 from __future__ import annotations
 
 import io
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +24,17 @@ from numpy.typing import ArrayLike
 
 from .. import validation
 from ..arrays import Integers
-from ..files import replace_file
+from ..files import included_file, replace_file
 from .assembled import AssembledMatrices, from_entries
 from .format import Arrays
 from .superelement import superelement
 
 #: Of symmetric matrices and of double precision, in pyNastran's words
 _SYMMETRIC, _DOUBLE = 6, 2
+#: Cards that are read
+_CARDS = ("GRID", "GRDSET", "DMIG")
+#: Files that include each other are followed to this depth
+_DEEPEST = 20
 
 
 def _pynastran(what: str) -> tuple[Any, Any]:
@@ -116,29 +122,85 @@ def read_nastran(
     for each in (path, source):
         each.read_bytes()  # an error of its own where there is no such file
     try:
-        read = bdf.read_bdf(str(path), punch=True, xref=False, debug=None)
+        read = _bulk_data(bdf, path)
         labels = np.array(sorted(read.nodes), dtype=np.int64)
         places = np.array([read.nodes[label].xyz for label in labels]).reshape(-1, 3)
         n = 3 * len(labels)
-        if any(read.nodes[label].Cp() for label in labels):
+        if any(read.nodes[label].Cp() for label in labels) or (read.grdset and read.grdset.Cp()):
             raise ValueError("GRIDs must be given in basic coordinates")
+        matrices = read.dmig
+        if op4 is not None:
+            with redirect_stdout(io.StringIO()):
+                matrices = module.read_op4(str(op4), debug=False)
         found = {}
-        matrices = module.read_op4(str(op4), debug=False) if op4 is not None else {}
         for key, name in (("stiffness", stiffness), ("mass", mass)):
-            if op4 is not None:
-                given = (
-                    matrices[name][1] if isinstance(matrices[name], tuple) else matrices[name].data
-                )
-                found[key] = scipy.sparse.csr_matrix(given)
-            else:
-                found[key] = _of_dmig(read.dmig[name], labels, n)
+            if name not in matrices:
+                raise ValueError(f"it has no matrix {name!r}, but {sorted(matrices) or 'none'}")
+            of = matrices[name]
+            found[key] = _of_dmig(of, labels, n) if op4 is None else _of_op4(name, of, n)
         sets = {
             name: np.searchsorted(labels, _known(name, of, labels))
             for name, of in validation.by_name("node_sets", node_sets, "labels").items()
         }
         return AssembledMatrices(found["stiffness"], found["mass"], places, sets)
     except Exception as error:  # pyNastran raises anything on damaged files
-        raise ValueError(f"{source} with {path.name}: {type(error).__name__}: {error}") from error
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        raise ValueError(f"{source} with {path.name}: {kind}{error}") from error
+
+
+def _bulk_data(bdf: Any, path: Path) -> Any:
+    """The model of pyNastran, of the cards that are needed here.
+
+    pyNastran executes comments of a file ("$ pyNastran: code-block = ..."), reads whatever a file
+    includes, and prints pages of errors about cards that are of no interest here. So it gets the
+    cards alone.
+    """
+    cards = "\n".join(_cards(path, path.parent, 0))
+    model = bdf.BDF(debug=None)
+    with redirect_stdout(io.StringIO()):
+        model.read_bdf(io.StringIO(f"{cards}\n"), punch=True, xref=False)
+    return model
+
+
+def _cards(path: Path, folder: Path, depth: int) -> Iterator[str]:
+    """The lines of the cards in a file that are read, and of those that it includes."""
+    if depth > _DEEPEST:
+        raise ValueError(f"{path}: files include each other without end")
+    wanted = False
+    text = path.read_text(encoding="utf-8", errors="replace")
+    lines = iter(text.splitlines())
+    for line in lines:
+        line = line.partition("$")[0].rstrip()
+        if not line:
+            continue
+        name = re.match(r"[A-Za-z][A-Za-z0-9]*", line)
+        card = name[0].upper() if name else ""
+        if card == "INCLUDE":
+            # the name may go on in further lines, up to the second quotation mark
+            named = line[len(card) :].strip()
+            while named[:1] in ("'", '"') and named.count(named[0]) < 2:
+                named += next(lines, named[0]).strip()
+            yield from _cards(included_file(named.strip("'\""), folder), folder, depth + 1)
+            wanted = False
+        elif card == "ENDDATA":
+            return
+        elif re.match(r"BEGIN\s+SUPER", line, re.IGNORECASE):
+            raise ValueError(
+                f"{path}: it holds a superelement (BEGIN SUPER), whose matrices are of its "
+                "interfaces alone; needed are the matrices of all nodes (PARAM,EXTOUT,DMIGPCH)"
+            )
+        else:
+            wanted = card in _CARDS if card else wanted  # lines without a name go on with a card
+            if wanted:
+                yield line
+
+
+def _of_op4(name: str, given: Any, n: int) -> scipy.sparse.csr_matrix:
+    """A matrix (n, n) of an OP4 file."""
+    matrix = given[1] if isinstance(given, tuple) else given.data
+    if matrix.shape != (n, n):  # before anything is made of it, as a file may promise any size
+        raise ValueError(f"{name} must have the shape {(n, n)}, but it has {matrix.shape}")
+    return scipy.sparse.csr_matrix(matrix)
 
 
 def _of_dmig(dmig: Any, labels: Integers, n: int) -> scipy.sparse.csr_matrix:

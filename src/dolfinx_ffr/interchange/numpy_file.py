@@ -30,11 +30,14 @@ A marker whose geometric stiffness is all zero has none.
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..archive import Archive, Head
 from ..files import replace_file
 from .format import FEATURES, Arrays
 
@@ -59,7 +62,13 @@ class NumpyFile:
         write_all(path, {key: array for key, array in arrays.items() if key in _KEYS})
 
     def read(self, path: Path) -> dict[str, Any]:
-        return _checked(path, read_all(path))
+        archive = open_archive(path)
+        _check_heads(archive.heads)
+        arrays = read_arrays(path, archive)
+        names = [str(name) for name in arrays.get("markers", np.zeros(0, dtype=np.str_))]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two of the markers {names} have the same name")
+        return arrays
 
 
 def write_all(path: Path, arrays: Arrays) -> None:
@@ -69,52 +78,80 @@ def write_all(path: Path, arrays: Arrays) -> None:
     replace_file(path, content.getvalue())
 
 
-def _checked(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
-    """The arrays of a body file by key; an inconsistent file is refused."""
-    unknown = sorted(set(arrays) - set(_KEYS))
+def _check_heads(heads: Mapping[str, Head]) -> None:
+    """Refuse arrays that are none of one body by their keys, kinds and shapes."""
+    unknown = sorted(set(heads) - set(_KEYS))
     if unknown:
-        raise ValueError(f"body file {path}: unknown keys {unknown}; the keys are {_KEYS}")
-    needed = ["mass", "S", *([] if "P" in arrays else ["G", "N"])]
-    if any(key in arrays for key in ("markers", *MARKERS)):
+        raise ValueError(f"unknown keys {unknown}; the keys are {_KEYS}")
+    needed = ["mass", "S", *([] if "P" in heads else ["G", "N"])]
+    if any(key in heads for key in ("markers", *MARKERS)):
         needed += ["markers", *MARKERS[:3]]
-    missing = [key for key in needed if key not in arrays]
+    missing = [key for key in needed if key not in heads]
     if missing:
         hint = "; P may stand instead of G and N" if {"G", "N"} & set(missing) else ""
-        raise ValueError(
-            f"body file {path}: keys {missing} are missing, there are {sorted(arrays)}{hint}"
-        )
-    for key, array in arrays.items():
+        raise ValueError(f"keys {missing} are missing, there are {sorted(heads)}{hint}")
+    for key, head in heads.items():
         kinds, held = ("U", "text") if key == "markers" else ("fiu", "real numbers")
-        if array.dtype.kind not in kinds:
+        if head.dtype.kind not in kinds:
+            raise ValueError(f"{key} must hold {held}, but its type is {head.dtype}")
+    if heads["mass"].shape != ():
+        raise ValueError(f"mass must be one number, but it has shape {heads['mass'].shape}")
+    # second moments stand once for the rigid body and once for each shape function
+    r = max(_length(heads, "P" if "P" in heads else "G") - 1, 0)
+    d, n = 3 if heads["S"].shape[1:] == (3,) else 2, _length(heads, "markers")
+    shapes = _shapes(r, d, n)
+    for key, head in heads.items():
+        if head.shape != shapes[key]:
             raise ValueError(
-                f"body file {path}: {key} must hold {held}, but its type is {array.dtype}"
+                f"{key} must have shape {shapes[key]} in a body with {r} shape functions and {n} "
+                f"markers, but it has shape {head.shape}"
             )
-    if arrays["mass"].shape != ():
-        raise ValueError(
-            f"body file {path}: mass must be one number, but it has shape {arrays['mass'].shape}"
-        )
-    if "markers" in arrays:
-        names = [str(name) for name in arrays["markers"].ravel()]
-        if len(set(names)) < len(names):
-            raise ValueError(f"body file {path}: two of the markers {names} have the same name")
-        for key in MARKERS:
-            if key in arrays and arrays[key].shape[:1] != (len(names),):
-                raise ValueError(
-                    f"body file {path}: {key} has shape {arrays[key].shape}, but there are "
-                    f"{len(names)} markers {names}"
-                )
-    return arrays
 
 
-def read_all(path: Path) -> dict[str, Any]:
-    """All arrays of a file, whose contents have been checked against their checksums."""
-    content = io.BytesIO(path.read_bytes())
+def _length(heads: Mapping[str, Head], key: str) -> int:
+    """The number of rows of an array, zero where there is none."""
+    shape = heads[key].shape if key in heads else ()
+    return shape[0] if shape else 0
+
+
+def _shapes(r: int, d: int, n: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of arrays by key, of r shape functions in d dimensions and of n markers."""
+    return {
+        "mass": (),
+        "S": (r + 1, d),
+        **dict.fromkeys("GN", (r + 1, r + 1)),
+        "P": (r + 1, r + 1, d, d),
+        "K": (r, r),
+        "stiffening_omega2": (r, r),
+        "stiffening_alpha": (r, r),
+        "stiffening_rotation": (3, 3, r, r),
+        "stiffening_acceleration": (d, r, r),
+        "markers": (n,),
+        "marker_positions": (n, d),
+        "marker_displacements": (n, d, r),
+        "marker_rotations": (n, r) if d == 2 else (n, 3, r),
+        "marker_stiffening": (n, d, r, r),
+        "marker_axes": (n, 3, 3),
+    }
+
+
+def open_archive(path: Path) -> Archive:
+    """A file of arrays, of which nothing but the heads has been read."""
+    content = path.read_bytes()
+    with _named(path):
+        return Archive.of(content)
+
+
+def read_arrays(path: Path, archive: Archive) -> dict[str, Any]:
+    """All arrays of the archive of a file."""
+    with _named(path):
+        return archive.read()
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Context in which errors about an archive name its file."""
     try:
-        with np.load(content, allow_pickle=False) as arrays:
-            # how many there are stands at the end of the archive, which nothing else compares
-            if int.from_bytes(content.getvalue()[-12:-10], "little") != len(arrays.files):
-                raise ValueError("arrays are lost")
-            return {key: arrays[key] for key in arrays.files}
-    # a damaged directory of the archive raises anything from NotImplementedError to OSError
-    except Exception as error:
+        yield
+    except ValueError as error:
         raise ValueError(f"body file {path} is damaged or no .npz file: {error}") from error
