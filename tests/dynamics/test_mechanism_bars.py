@@ -448,3 +448,37 @@ def test_static_sag_by_stiffness() -> None:
     at, _, slopes = coordinate(hanging, (0, 1), ffr.GeneralizedAlpha(0.1, 5), k=(40.0, 20.0, 80.0))
     assert at == pytest.approx(-0.8 * 9.81 / 40.0, rel=1e-10)
     assert slopes[0] == pytest.approx(0.8 * 9.81 / 40.0**2, rel=1e-8)
+
+
+def test_functions_without_a_derivative_are_refused() -> None:
+    """Random machines, and kinks and jumps at the values; beside them slopes are exact."""
+    draw = np.random.default_rng(0)
+
+    def gravity(of: Callable[[float], float]) -> Callable[[float], Any]:
+        return lambda p: point(2.0, ffr.Placement(), gravity=(0.0, of(p)))
+
+    place = (-1, 1)
+    steps = ffr.GeneralizedAlpha(0.5, 4)
+    drawn = {
+        "gravity": gravity(lambda p: p + 1e-6 * draw.random()),
+        "place": lambda p: point(2.0, ffr.Placement((draw.random(), 0.0)), gravity=(0.0, p)),
+        "mass": lambda p: point(2.0 + draw.random(), ffr.Placement(), gravity=(0.0, p)),
+    }
+    for build in drawn.values():
+        with pytest.raises(ValueError, match="returns another one for the same values"):
+            coordinate(build, place, steps, p=(0.5, 0.0, 1.0))
+    branches: list[Callable[[float], float]] = [
+        lambda p: 3.0 * p if p > 0.5 else p,  # a jump
+        lambda p: 2.0 * p if p > 0.5 else 1.5 - p,  # a kink
+        lambda p: max(p, 0.5),
+        lambda p: float(np.ceil(2.0 * p)),
+    ]
+    for number in branches:
+        with pytest.raises(ValueError, match="parameter 'p': no derivative: its slopes from below"):
+            coordinate(gravity(number), place, steps, p=(0.5, 0.0, 1.0))
+    for value, slope in ((0.5001, 2.0), (0.4999, -1.0)):
+        found = coordinate(gravity(branches[1]), place, steps, p=(value, 0.0, 1.0))[2]
+        assert found[0] == pytest.approx(0.5 * 0.5**2 * slope, rel=1e-6)
+    # a slope that vanishes, and one that bends strongly, are no kinks
+    for number in (lambda p: (p - 0.5) ** 2, lambda p: np.exp(200.0 * (p - 0.5))):
+        coordinate(gravity(number), place, steps, p=(0.5, 0.0, 1.0))

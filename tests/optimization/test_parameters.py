@@ -270,3 +270,11 @@ def refusals() -> dict[str, Any]:
 def test_refused(said: str) -> None:
     with pytest.raises((ValueError, TypeError), match=said):
         refusals()[said]()
+
+
+def test_parameters_without_a_design_are_named() -> None:
+    problem = crank_problem(MPI.COMM_SELF)
+    design = ffr.DensityDesign(problem.flexible["rod"].domain)
+    with pytest.warns(ffr.DesignWarning, match=r"parameters \['radius'.* keep their values"):
+        result = ffr.optimize(problem, design, iterations=0, boundary=0, progress=False)
+    assert result.problem.parameters == CRANK

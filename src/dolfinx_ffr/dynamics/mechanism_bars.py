@@ -11,9 +11,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
+from weakref import WeakSet
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from .stated import Numbers, OtherLawError
 from .trajectory import Trajectory
 
 Bodies = Mapping[str, VolumeIntegrals]
+Found = TypeVar("Found")
 
 #: Fields of the arrays that a mechanism and the markers of its bodies set.
 FIELDS = ("gravity", "alpha", "beta", "shapes", "vector_stiffening", "drive", "prescribed",
@@ -43,6 +46,10 @@ _STEP, _SHORTER, _TIMES, _BENT = 2e-4, 1 / 16, 5, 3e-3
 _ROUND_OFF = 1e-12
 #: Step where nothing is solved for
 _SHORT = 3e-6
+#: Functions that have been seen to make the same machine twice, so that this is asked once each
+_REPEATABLE: WeakSet[Callable[..., Any]] = WeakSet()
+#: Difference of numbers of the same machine, relative to their size, that is no round-off
+_DIFFERENT = 1e-9
 #: Change of the start by a step, in sizes of the start, beyond which it has jumped.
 _JUMP = 1e-2
 
@@ -100,6 +107,7 @@ def parameter_slopes(trajectory: Trajectory, bars: Sequence[MechanismBars]) -> A
     or beside whose value there is no mechanism.
     """
     own = _Differences(trajectory.model, (trajectory.y[0], trajectory.v[0]))
+    _again(own.check_repeatable)
     return _again(lambda: own.contracted(bars))
 
 
@@ -115,6 +123,7 @@ def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float
     if [number(beside) for number in numbers] == here:
         return np.zeros((len(numbers), len(mechanism.parameters.names)))
     own = _Differences(model)
+    _again(own.check_repeatable)
 
     def slope(k: int) -> Array:
         found = np.zeros(len(numbers))
@@ -127,7 +136,7 @@ def fixed_slopes(model: FlatModel, numbers: Sequence[Callable[[FlatModel], float
     return np.array([_again(lambda k=k: slope(k)) for k in count]).T  # type: ignore[misc]
 
 
-def _again(find: Callable[[], Array]) -> Array:
+def _again(find: Callable[[], Found]) -> Found:
     """What is found as soon as the kinds of all signals at other values are known."""
     while True:
         try:
@@ -139,6 +148,7 @@ def _again(find: Callable[[], Array]) -> Array:
 def influence(model: FlatModel) -> list[str]:
     """Names of the parameters on which what the mechanism says does not depend."""
     own, idle = _Differences(model), list[str]()
+    _again(own.check_repeatable)
     start = _start_of(model.mechanism, model)
     for k, (name, below, above) in enumerate(parametric(model).parameters.ranges):
         shift = 1e-3 * (above if above >= below else -below) * np.eye(k + 1)[k]
@@ -177,6 +187,25 @@ class _Differences:
     def __init__(self, model: FlatModel, start: tuple[Array, Array] | None = None) -> None:
         self.model, self.start, self.numbers = model, start, Numbers(model)
         self.ranges = parametric(model).parameters.ranges
+
+    def check_repeatable(self) -> None:
+        """Refuse, by a ValueError, a function that makes another machine of the same values."""
+        build = parametric(self.model).build
+        if build in _REPEATABLE:
+            return
+        again, part = self.state(np.zeros(0)), self.numbers.part
+        sizes = np.zeros(int(part[-1]) + 1)
+        np.maximum.at(sizes, part, np.abs(self.numbers.here))
+        change = np.abs(again.numbers - self.numbers.here)
+        one, two = (_start_of(m.mechanism, self.model) for m in (self.model, again.model))
+        if np.any(change > _DIFFERENT * sizes[part]) or not np.allclose(one, two, _DIFFERENT):
+            raise ValueError(
+                "parameters: the function that makes the mechanism returns another one for the "
+                "same values: it draws random numbers, counts its calls or reads a clock; let it "
+                "depend on its arguments alone, as by numbers that are drawn once outside of it"
+            )
+        with suppress(TypeError):  # some callables take no weak references
+            _REPEATABLE.add(build)
 
     def contracted(self, bars: Sequence[MechanismBars]) -> Array:
         """Derivatives (bars, parameters) of numbers from those by what the mechanism says."""
@@ -299,8 +328,12 @@ class _Differences:
             base = _State(self.model, here, none, none)
             ends = (states[-2] if central else base), states[-1]
             if not self._bent(*ends, base if central else states[0 if two else 1]):
-                break
-        return found
+                return found
+        raise ValueError(
+            "its slopes from below and from above differ, however near to its value they are "
+            "taken, as where the function that makes the mechanism has an `if`, a maximum or a "
+            "rounding at this value: use a smooth function, or another value"
+        )
 
     def _bent(self, one: _State, two: _State, middle: _State) -> bool:
         """Whether slopes change between two ends by more than a share and round-off."""

@@ -99,7 +99,8 @@ def optimize(
     Warns:
         DesignWarning: Names violated constraints (`Result.violations`), bodies more than a tenth of
             which is gray, loose pieces, why a boundary was not moved, and, before the loop,
-            interfaces along which no cell stays solid.
+            interfaces along which no cell stays solid, and parameters of the mechanism that no
+            design is given for.
 
     Raises:
         ValueError: On every rank, if the arguments do not fit each other.
@@ -239,6 +240,13 @@ def _with_parameters(
                 f"optimize: parameters stand once, under a name that no body has, not as {name!r}"
             )
     if not given:
+        if own is not None:
+            warn(
+                f"optimize: the parameters {own.names} of the mechanism keep their values, as no "
+                "design is given for them; give a mapping, as {'rod': design, 'machine': "
+                "problem.parameters}, to design them, too, or make the mechanism without them",
+                3,
+            )
         return design  # type: ignore[return-value]
     return {n: ParameterDesign(p) if n in given else p for n, p in every.items()}  # type: ignore[misc, arg-type]
 
