@@ -214,9 +214,9 @@ class Domain:
         comm: MPI.Comm,
         path: str | Path,
         *,
-        interfaces: Sequence[str] = ("left", "right"),
-        solid: Sequence[str] | Predicate | None = None,
-        void: Sequence[str] | Predicate | None = None,
+        interfaces: Sequence[str | int] = ("left", "right"),
+        solid: Sequence[str | int] | Predicate | None = None,
+        void: Sequence[str | int] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
         solid_rim: float = 0.0,
@@ -228,6 +228,8 @@ class Domain:
             path: The file; for a body in the plane it holds physical groups of curves (interfaces)
                 and of surfaces (material), for one in space of surfaces and of volumes.
             interfaces: Names of the physical curves, in space surfaces, that are rigid interfaces.
+                Numbers of groups are taken, too; a group without a name is called by its number,
+                as "7".
             solid: Names of physical surfaces, in space volumes, that stay solid, or a predicate as
                 for `Domain`; by default the group "solid", if there is one.
             void: Names of groups that stay void, or a predicate; by default "void", if there.
@@ -255,9 +257,9 @@ class Domain:
         comm: MPI.Comm,
         model: Any,
         *,
-        interfaces: Sequence[str] = ("left", "right"),
-        solid: Sequence[str] | Predicate | None = None,
-        void: Sequence[str] | Predicate | None = None,
+        interfaces: Sequence[str | int] = ("left", "right"),
+        solid: Sequence[str | int] | Predicate | None = None,
+        void: Sequence[str | int] | Predicate | None = None,
         order: int = 1,
         centers: Mapping[str, Sequence[float]] | None = None,
         solid_rim: float = 0.0,
@@ -332,14 +334,14 @@ class Domain:
     def _from_tags(
         cls,
         read: TaggedMesh,
-        interfaces: Sequence[str],
-        regions: dict[str, Sequence[str] | Predicate | None],
+        interfaces: Sequence[str | int],
+        regions: dict[str, Sequence[str | int] | Predicate | None],
         **options: Any,
     ) -> Domain:
         dim = read.mesh.topology.dim
 
         def tagged(d: int, argument: str, names: Any) -> dict[str, NDArray[np.int32]]:
-            wanted = validation.names(f"{read.source}: {argument}", names)
+            wanted = read.called(d, f"{read.source}: {argument}", names)
             missing = [name for name in wanted if (d, name) not in read.numbers]
             if missing:
                 there = [f"{KINDS[k]}s {read.names(k) or 'none'}" for k in (dim - 1, dim)]

@@ -19,12 +19,14 @@ import numpy as np
 from dolfinx import mesh
 from numpy.typing import NDArray
 
+from .. import validation
 from ..arrays import Array, Integers
 from ..limits import available_memory
 from ..parallel import on_every_rank
 from . import _compat
 from .form_cache import claim_form_cache
 from .mesh_format import private_copy
+from .plain_model import COMPLETE, is_plain, plain
 from .plane_mesh import gmsh_model
 
 #: Largest distance from the plane, relative to the size of a surface, that counts as round-off
@@ -50,7 +52,10 @@ _PATIENCE = 60.0
 #: Beginnings of the environment variables that launchers of MPI set
 _RANK = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI")
 #: Curves, surfaces and volumes by their dimension
-KINDS = ("", "curve", "surface", "volume")
+KINDS = ("point", "curve", "surface", "volume")
+#: Numbers that gmsh gives to kinds of cells: triangles, quadrilaterals and tetrahedra of order 1, 2
+#: and 3, hexahedra of order 1 and 2
+CELLS_TAKEN = (2, 9, 21, 3, 10, 36, 4, 11, 29, 5, 12)
 
 Groups = dict[tuple[int, str], int]
 
@@ -68,6 +73,21 @@ class TaggedMesh:
     def names(self, dim: int) -> list[str]:
         """The names of the physical curves (``dim`` 1), surfaces (2) or volumes (3)."""
         return sorted(name for d, name in self.numbers if d == dim)
+
+    def called(self, dim: int, what: str, given: Any) -> list[str]:
+        """The names of groups of dimension ``dim`` that are given by names or numbers."""
+        if isinstance(given, str):
+            return validation.names(what, given)  # a text alone is refused
+        names = {tag: name for (d, name), tag in self.numbers.items() if d == dim}
+        entries = validation.listed(what, given, "a list of names or numbers of physical groups")
+        numbers = [isinstance(e, int | np.integer) and not isinstance(e, bool) for e in entries]
+        return validation.names(
+            what,
+            [
+                names.get(int(entry), str(entry)) if number else entry
+                for entry, number in zip(entries, numbers, strict=True)
+            ],
+        )
 
     def tagged(self, dim: int, name: str) -> NDArray[np.int32]:
         """The cells, or the facets where ``dim`` is one less, of a physical group on this rank."""
@@ -88,13 +108,16 @@ def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
 
 def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
     model, groups = None, {}
-    with on_every_rank(comm, "reading a mesh"):
-        if comm.rank == 0:
-            model = get()
-            groups = _groups(model, source)
-    groups = comm.bcast(groups, root=0)
-    dim = max(d for d, _ in groups)
-    domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0, dim)
+    with ExitStack() as stack:
+        with on_every_rank(comm, "reading a mesh"):
+            if comm.rank == 0:
+                model = get()
+                groups, used = _groups(model, source)
+                if not is_plain(model, used):
+                    model = stack.enter_context(plain(model, used))
+        groups = comm.bcast(groups, root=0)
+        dim = max(d for d, _ in groups)
+        domain, cell_tags, facet_tags = _compat.gmsh_model_to_mesh(model, comm, 0, dim)
     return TaggedMesh(source, domain, cell_tags, facet_tags, groups)
 
 
@@ -151,12 +174,9 @@ def _try_to_read(copy: Path, path: Path, module: str) -> None:
         )
 
 
-def _groups(model: Any, source: str) -> Groups:
-    """The numbers of a model's physical groups, or refuse the model."""
-    try:
-        groups = {(d, model.getPhysicalName(d, tag)): tag for d, tag in model.getPhysicalGroups()}
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: a physical group has a name that is no text") from error
+def _groups(model: Any, source: str) -> tuple[Groups, Integers]:
+    """The numbers of a model's physical groups, and the nodes of its cells; or refuse the model."""
+    groups = _named_groups(model, source)
     names = {dim: sorted(name for d, name in groups if d == dim) for dim in (1, 2, 3)}
     dim = 3 if names[3] else 2
     facet, cell = KINDS[dim - 1 : dim + 1]
@@ -168,7 +188,7 @@ def _groups(model: Any, source: str) -> Groups:
     for _, part in model.getEntities(dim):
         tags = model.getPhysicalGroupsForEntity(dim, part)
         if len(tags) > 1:
-            several = sorted(model.getPhysicalName(dim, tag) for tag in tags)
+            several = sorted(_name(model, dim, tag) for tag in tags)
             raise ValueError(
                 f"{source}: {cell} {part} belongs to the physical {cell}s {several}, and "
                 "its cells would count more than once; leave it in one of them"
@@ -177,29 +197,59 @@ def _groups(model: Any, source: str) -> Groups:
             raise ValueError(
                 f"{source}: {cell} {part} has no mesh; call gmsh.model.mesh.generate({dim}) first"
             )
-        if len(tags) and dim == 2:
-            _check_plane(model, part, source)
-    _check_facets(model, dim, source, _checked_cells(model, dim, source))
+    used = _checked_cells(model, dim, source)
+    _check_facets(model, dim, source, used)
+    return groups, used
+
+
+def _named_groups(model: Any, source: str) -> Groups:
+    """The numbers of the physical groups by dimension and name, which must be different names."""
+    groups: Groups = {}
+    for dim, tag in model.getPhysicalGroups():
+        try:
+            name = _name(model, dim, tag)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{source}: a physical group has a name that is no text") from error
+        if (dim, name) in groups:
+            raise ValueError(
+                f"{source}: the physical {KINDS[dim]}s {groups[dim, name]} and {tag} are both "
+                f"called {name!r} (one without a name is called by its number); give each a name "
+                "of its own"
+            )
+        groups[dim, name] = int(tag)
     return groups
+
+
+def _name(model: Any, dim: int, tag: int) -> str:
+    """The name of a physical group, or its number where it has none."""
+    return model.getPhysicalName(dim, tag) or str(tag)
 
 
 def _parts(model: Any, dim: int) -> Iterator[tuple[int, str]]:
     """The entities in physical groups of a dimension, and the names of their groups."""
     for _, group in model.getPhysicalGroups(dim):
         for part in model.getEntitiesForPhysicalGroup(dim, group):
-            yield int(part), model.getPhysicalName(dim, group)
+            yield int(part), _name(model, dim, group)
 
 
 def _checked_cells(model: Any, dim: int, source: str) -> Integers:
     """The nodes of the cells; cells of several kinds, or of a damaged file, are refused."""
     kinds: dict[str, str] = {}
-    nodes, corners, sides = [], [], []
+    nodes: dict[int, list[Integers]] = {}
+    corners, sides = [], []
     for part, name in _parts(model, dim):
         for kind, found in zip(*model.mesh.getElements(dim, part)[::2], strict=True):
-            what, _, _, count, _, vertices = model.mesh.getElementProperties(kind)
+            what, _, order, count, _, vertices = model.mesh.getElementProperties(kind)
+            if kind not in CELLS_TAKEN and kind not in COMPLETE:
+                raise ValueError(
+                    f"{source}: the cells of {name!r} are of the kind {what}, of order {order}; "
+                    "taken are triangles, quadrilaterals and tetrahedra of order 1 to 3 and "
+                    "hexahedra of order 1 and 2: mesh it with order 2 (Mesh.ElementOrder)"
+                )
             kinds.setdefault(what, name)
-            nodes.append(np.asarray(found, dtype=np.int64))
-            corners.append(nodes[-1].reshape(-1, count)[:, :vertices])
+            own = np.asarray(found, dtype=np.int64)
+            nodes.setdefault(part, []).append(own)
+            corners.append(own.reshape(-1, count)[:, :vertices])
             if dim == 2:
                 side, width = model.mesh.getElementEdgeNodes(kind, part, primary=True), 2
             else:
@@ -220,6 +270,10 @@ def _checked_cells(model: Any, dim: int, source: str) -> Integers:
             f"{source}: the nodes are not numbered from 1 without gaps; call "
             "gmsh.model.mesh.renumberNodes() first"
         )
+    if dim == 2:
+        points = np.reshape(positions, (-1, 3))[np.argsort(tags)]
+        for part, own_nodes in nodes.items():
+            _check_plane(points[np.concatenate(own_nodes) - 1], part, source)
     cells = np.sort(np.concatenate(corners), axis=1)
     if np.any(cells[:, 1:] == cells[:, :-1]):
         raise ValueError(f"{source}: a cell has the same node twice; mesh it again")
@@ -230,7 +284,7 @@ def _checked_cells(model: Any, dim: int, source: str) -> Integers:
         raise ValueError(
             f"{source}: more than two cells share a side, so some lie on each other; mesh it again"
         )
-    return np.unique(np.concatenate(nodes))
+    return np.unique(np.concatenate([each for of in nodes.values() for each in of]))
 
 
 def _check_facets(model: Any, dim: int, source: str, nodes: Integers) -> None:
@@ -246,12 +300,12 @@ def _check_facets(model: Any, dim: int, source: str, nodes: Integers) -> None:
                 )
 
 
-def _check_plane(model: Any, surface: int, source: str) -> None:
-    """Refuse a surface that is not parallel to the x-y plane: its nodes lose their z."""
-    coordinates = model.mesh.getNodes(2, surface, includeBoundary=True)[1]
-    if not len(coordinates):
-        raise ValueError(f"{source}: surface {surface} has cells and no nodes; mesh it again")
-    extent = np.ptp(np.reshape(coordinates, (-1, 3)), axis=0)
+def _check_plane(points: Array, surface: int, source: str) -> None:
+    """Refuse a surface that is not parallel to the x-y plane: its nodes would lose their z.
+
+    The ``points`` are those of its cells, of shape (nodes, 3) [m].
+    """
+    extent = np.ptp(points, axis=0)
     if extent[2] > FLAT * max(extent):
         raise ValueError(
             f"{source}: surface {surface} leaves the x-y plane: its z spans {extent[2]:.4g} m; "
