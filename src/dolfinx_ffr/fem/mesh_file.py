@@ -107,7 +107,8 @@ def read_gmsh_model(comm: MPI.Comm, model: Any) -> TaggedMesh:
 
 
 def _distribute(comm: MPI.Comm, get: Callable[[], Any], source: str) -> TaggedMesh:
-    model, groups = None, {}
+    model: Any = None
+    groups: Groups = {}
     with ExitStack() as stack:
         with on_every_rank(comm, "reading a mesh"):
             if comm.rank == 0:
