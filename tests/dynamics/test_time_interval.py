@@ -181,3 +181,20 @@ def test_motion_between_its_instants() -> None:
     assert np.all(np.abs(between.rigid("rod") - many.rigid("rod")) <= 1e-4 * way)
     energy = many.kinetic_energy("rod")
     np.testing.assert_allclose(between.kinetic_energy("rod"), energy, atol=1e-3 * np.max(energy))
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (0.1, r"a list of times, \[0\.1\] for one"),
+        ([0.1, 0.5], "goes from 0 to 0.4 s, and nothing is known at 0.5 s"),
+        ([-0.1, 0.2], "nothing is known at -0.1 s"),
+        ([0.2, 0.1], "the times must grow"),
+        ([], "one at least"),
+    ],
+)
+def test_times_without_a_motion_are_refused(times: Any, message: str) -> None:
+    scene = rod_on_a_crank()
+    motion = ffr.simulate(scene.mechanism, scene.bodies, ffr.RadauIIA(0.4, steps=50))
+    with pytest.raises(ValueError, match=message):
+        motion.at(times)

@@ -106,6 +106,13 @@ def test_steps_far_too_large(method: Method) -> None:
         assert np.all(np.isfinite(trajectory.y)) and np.all(np.isfinite(trajectory.multipliers))
 
 
+def test_a_step_of_seconds_is_no_singular_mechanism() -> None:
+    """As where end time and number of steps are exchanged: the length of the step is told."""
+    scene = scenes.slider_crank()
+    with pytest.raises(ffr.SimulationError, match=r"step 1 of 60, 8\.33 s each\) Newton's method"):
+        ffr.simulate(scene.mechanism, scene.bodies, ffr.GeneralizedAlpha(500, 60))
+
+
 def advised(caught: Any, kind: str) -> int:
     """The number of steps that a message of some kind advises."""
     said = next(str(w.message) for w in caught if f"of its {kind}" in str(w.message))

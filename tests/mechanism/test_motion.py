@@ -342,3 +342,10 @@ def test_derivatives_by_the_numbers_of_a_motion(make: Callable[[np.ndarray], Mot
     slope = make(p).pullback(t, bars) @ (after - before)
     far, near = (make(p + s * 1e-5 * along).tabulate(t) for s in (1.0, -1.0))
     assert slope == pytest.approx(np.vdot(bars, far - near), rel=1e-7)
+
+
+@pytest.mark.parametrize("near", [1e-300, 1e-9])
+def test_values_at_nearly_the_same_time_are_refused(near: float) -> None:
+    """No spline goes through both without a derivative of 1e9 and more, and round-off takes it."""
+    with pytest.raises(ValueError, match=r"entries 0 and 1 are .* apart in a motion of"):
+        Motion.spline([0.0, near, 1.0], [0.0, 0.1, 1.0])

@@ -158,6 +158,18 @@ def test_peak_does_not_overflow(motion: Moved, size: float) -> None:
     )
 
 
+def yoke() -> tuple[ffr.Mechanism, dict[str, ffr.VolumeIntegrals]]:
+    """A slide of 2 kg that a pin in its slot moves by 0.1 m sin(15 t)."""
+    turn = ffr.Motion.polynomial([-0.5 * np.pi, 15.0])
+    pin = ffr.Moving.circle((0.0, 0.0), 0.1, turn)
+    joints = [
+        ffr.Translational(("yoke", "pin"), ffr.Ground(), name="rails"),
+        ffr.PointOnLine(pin, ("yoke", "pin"), direction=(0.0, 1.0), name="slot"),
+    ]
+    body = ffr.VolumeIntegrals.rigid(2.0, (0.0, 0.0), 0.1, {"pin": (0.0, 0.0)})
+    return ffr.Mechanism({"yoke": ffr.Placement()}, joints), {"yoke": body}
+
+
 def test_forces_outside_the_window_do_not_matter(motion: Moved) -> None:
     trajectory, bodies, response = motion
     objective = ffr.JointForce("motor", power=100.0, window=(0.1, 0.2))
@@ -167,6 +179,32 @@ def test_forces_outside_the_window_do_not_matter(motion: Moved) -> None:
     bar = objective.derivatives(ffr.Response(knocked, bodies)).trajectory
     expected = objective.derivatives(response).trajectory
     np.testing.assert_array_equal(bar.multipliers, expected.multipliers)
+
+
+WINDOW = (0.5123, 0.5234)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        ffr.GeneralizedAlpha(2.0, 500),
+        ffr.GeneralizedAlpha(2.0, 2000),
+        ffr.RadauIIA(2.0, steps=200),
+        ffr.TimeInterval(2.0, 1e-2),
+    ],
+)
+@pytest.mark.parametrize("window", [WINDOW, (0.5, 0.501), (0.7771, 5.0), (-1.0, 0.3333)])
+def test_a_window_is_integrated_to_its_own_ends(
+    integrator: ffr.Integrator, window: tuple[float, float]
+) -> None:
+    """Wherever they are within the steps; a slide is moved back and forth as prescribed."""
+    mechanism, bodies = yoke()
+    path = ffr.PathTracking("yoke", "pin", (0.0, 0.0), window=window)
+    problem = ffr.MechanicalProblem(mechanism, integrator, path)
+    begin, end = max(window[0], 0.0), min(window[1], 2.0)
+    # of (0.1 sin(15 t))^2
+    exact = 0.005 * (end - begin - (np.sin(30.0 * end) - np.sin(30.0 * begin)) / 30.0)
+    assert problem.value(bodies).psi == pytest.approx(exact, rel=1e-2)
 
 
 def test_body_at_rest_has_no_peak(motion: Moved) -> None:
@@ -373,7 +411,7 @@ UNKNOWN_BODY = r"of body 'rod', but the bodies are \['crank', 'coupler'"
         ),
         (
             ffr.PathTracking("rocker", "left", (0.0, 0.0), (0.4, 0.5)),
-            "fewer than two time steps lie",
+            "window .* is outside of the motion",
         ),
     ],
 )

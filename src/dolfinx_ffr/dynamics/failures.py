@@ -13,6 +13,10 @@ from .kinematics import evaluate_equations
 from .model import FlatModel
 from .trajectory import OVER_TIME, Integrator, Trajectory
 
+#: Smallest singular value of the joints' scaled rows, in parts of the largest, below which the
+#: mechanism is said to be singular where a step fails
+NEARLY_SINGULAR = 0.05
+
 
 class SimulationError(RuntimeError):
     """The time integration came to an end before its time.
@@ -60,8 +64,13 @@ def diagnosis(
     worst = int(np.argmax(size[:n]))
     turning = model.rotations[worst]
     text = f"at t = {trajectory.t[k]:.6g} s ({where}) "
-    if status == SINGULAR:
+    if status == SINGULAR and _is_singular(trajectory, k - trajectory.integrator.stages):
         text += "the mechanism is singular (joints redundant, or links in line)"
+    elif status == SINGULAR:
+        text += (
+            "Newton's method diverges, as a step is too long for the motion, or as the joints "
+            "cannot follow it any further"
+        )
     else:
         text += f"Newton's method does not converge in {iterations} iterations"
     text += (
@@ -74,3 +83,17 @@ def diagnosis(
         unit = "rad" if model.angular[row] else "m"
         text += f" and {gap[row]:.3g} {unit} in joint {model.joint_of_row(row)!r}"
     return text + f"; {remedy}look at the motion so far in the exception's trajectory"
+
+
+def _is_singular(trajectory: Trajectory, k: int) -> bool:
+    """Whether joints nearly depend on each other at the instant of a number."""
+    model, none = trajectory.model, np.zeros(trajectory.model.rows)
+    if not model.rows:
+        return False
+    state = trajectory.y[k], trajectory.v[k], trajectory.w[k], none
+    found = evaluate_equations(model.arrays, k, *state, trajectory.turns)
+    # in units of the coordinates in which they have the same inertia
+    scaled = found.jacobian / np.sqrt(np.abs(np.diag(found.mass)))
+    scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
+    values = np.linalg.svd(scaled, compute_uv=False)
+    return bool(values[-1] < NEARLY_SINGULAR * values[0])

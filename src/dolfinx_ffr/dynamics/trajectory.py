@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, make_interp_spline
 
+from .. import validation
 from ..arrays import Array, Integers
 from ..documentation import Shown
 from .compilation import Compiled
@@ -141,7 +143,8 @@ class Trajectory(Shown):
         error = "" if math.isnan(self.error) else f"estimated {self.error:.1e}"
         if self.integrator.chosen_for is not None:  # by two methods, of psi
             error = f"chosen for {self.integrator.chosen_for:.1e} of psi"
-        newton = f"{np.mean(self.iterations):.2g} Newton iterations each"
+        iterations = np.sum(self.iterations) / max(self.iterations.size, 1)
+        newton = f"{iterations:.2g} Newton iterations each"
         return [
             ("bodies", ", ".join(self.model.bodies), ""),
             ("joints", ", ".join(self.model.joints), ""),
@@ -175,7 +178,7 @@ class Trajectory(Shown):
                 return False
         return True
 
-    def at(self, times: Array) -> Trajectory:
+    def at(self, times: ArrayLike) -> Trajectory:
         """The trajectory at growing times (instants,) [s] between start and end, for pictures.
 
         Cubic splines go through the positions alone, as velocities hold vibrations that long steps
@@ -183,9 +186,24 @@ class Trajectory(Shown):
         multipliers are interpolated linearly. There is no adjoint of it.
 
         Raises:
-            ValueError: If a body in space turns by half a turn or more between two instants, so
-                that its rotation between them is not known; see :attr:`follows_turns`.
+            ValueError: If a time is before the start or after the end of the motion, or times do
+                not grow; or if a body in space turns by half a turn or more between two instants,
+                so that its rotation between them is not known, see :attr:`follows_turns`.
         """
+        times = validation.real_array(
+            "trajectory.at: times", times, (None,), expected="a list of times, [0.1] for one"
+        )
+        begin, end = self.t[0], self.t[-1]
+        slack = 1e-12 * (end - begin)  # of times that are sums
+        if not times.size or np.any(np.diff(times) < 0.0):
+            raise ValueError("trajectory.at: the times must grow, and there must be one at least")
+        if times[0] < begin - slack or times[-1] > end + slack:
+            outside = times[0] if times[0] < begin - slack else times[-1]
+            raise ValueError(
+                f"trajectory.at: the motion goes from {begin:g} to {end:g} s, and nothing is known "
+                f"at {outside:g} s"
+            )
+        times = np.clip(times, begin, end)
         if not self.follows_turns:
             raise ValueError(
                 "a body turns by half a turn or more between two instants, so that its rotation "

@@ -31,6 +31,9 @@ ENDS = ("rest", "uniform", "natural")
 DEGREES = (5, 7)
 #: Parts of a spline's length by which times may be outside of it, as round-off is.
 _SLACK = 1e-9
+#: Part of its length by which two values of a spline must be apart: at 1e-8 round-off takes half
+#: of the digits of accelerations, at 1e-9 all of those of values.
+_NEAREST = 1e-7
 #: Most numbers in the matrix of a fit.
 _LARGEST_FIT = 20_000_000
 #: Most instants for which the values of B-splines are kept.
@@ -411,6 +414,12 @@ def spline(
     if periodic:
         c = _closed(what, c)
     knots, span = t, float(t[-1] - t[0])
+    k = int(np.argmin(np.diff(t)))
+    if smoothing is None and t[k + 1] - t[k] < _NEAREST * span:
+        raise ValueError(
+            f"{what}: entries {k} and {k + 1} are {t[k + 1] - t[k]:.3g} s apart in a motion of "
+            f"{span:.3g} s, too near each other for a smooth curve through both; leave one out"
+        )
     if smoothing is not None:
         distance = validation.number(f"{what}: smoothing", smoothing, above=0.0, unit="s")
         pieces = max(int(np.ceil(span / distance - _SLACK)), 1)

@@ -153,11 +153,15 @@ class Stresses:
     def _spans(self, half: float, history: Array, basis: Array, work: _Work) -> list[Span]:
         """All instants, and which of them tell of all."""
         every, found = history[::_LOOKED].copy(), list[Span]()
-        starts = np.arange(0, len(every), INSTANTS // _LOOKED)
-        seen = np.zeros((len(starts), len(self.areas)))
+        seen = np.zeros((math.ceil(len(history) / INSTANTS), len(self.areas)))
+        each = INSTANTS // _LOOKED
         for part in self._parts():
-            work.stress(every, self.modes[:, part] @ basis.T)
-            seen[:, part] = np.maximum.reduceat(work.squares(), starts, axis=0)
+            short = self.modes[:, part] @ basis.T
+            for tile in _tiles(every):  # each has the instants of whole spans
+                work.stress(every[tile], short)
+                begins = np.arange(0, len(every[tile]), each)
+                spans = slice(tile.start // each, tile.start // each + len(begins))
+                seen[spans, part] = np.maximum.reduceat(work.squares(), begins, axis=0)
         top, tried = float(np.max(seen, initial=0.0)), min(_TRIED, POINTS, len(self.areas))
         for first in range(0, len(history), INSTANTS):
             where = slice(first, min(first + INSTANTS, len(history)))

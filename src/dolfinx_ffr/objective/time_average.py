@@ -2,7 +2,7 @@
 """Integrals and power means over the time steps, and objectives that are such means.
 
 By the trapezoidal rule; with the Radau IIA method by the weights of its stages, which have its
-order, and where a window cuts a step, by the integral of the polynomial through the stages.
+order. A window is integrated to its own ends, also where these cut a step.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from .. import validation
 from ..arrays import Array
 from ..dynamics import Trajectory, stage_integrals
 from .base import Objective, Response
+
+#: Part of a step by which the sum of steps before it is uncertain
+_ROUND_OFF = 1e-9
 
 
 def check_window(what: str, window: tuple[float, float] | None) -> None:
@@ -35,43 +38,35 @@ def time_weights(
 ) -> Array:
     """Weights of integrals over time, or over a window (begin, end), shape of the instants [s].
 
-    With constant steps a window stands for the steps inside.
+    A window may begin and end within a step: what is integrated there is the polynomial through the
+    stages of the step, and with constant steps the line between its ends.
     """
-    if trajectory.weights is None:
-        return _trapezoidal_weights(trajectory.t, window, what)
-    if window is None:
+    if window is None and trajectory.weights is not None:
         return trajectory.weights
-    ends = trajectory.step_ends
-    begin, end = max(window[0], ends[0]), min(window[1], ends[-1])
+    t, ends = trajectory.t, trajectory.step_ends
+    begin, end = (t[0], t[-1]) if window is None else (max(window[0], t[0]), min(window[1], t[-1]))
     if not begin < end:
         raise ValueError(
             f"{what}: the window {window} s is outside of the motion, which goes from "
-            f"{ends[0]:g} s to {ends[-1]:g} s"
+            f"{t[0]:g} s to {t[-1]:g} s"
         )
-    h = np.diff(ends)
-    low, high = (np.clip((limit - ends[:-1]) / h, 0.0, 1.0) for limit in (begin, end))
-    weights = np.zeros_like(trajectory.t)
-    weights[1:] = np.ravel(h[:, None] * (stage_integrals(high) - stage_integrals(low)))
+    h, weights = np.diff(ends), np.zeros_like(t)
+    length = np.where(h > 0.0, h, 1.0)  # an instant behind a jump may follow at the same time
+    low, high = (_share((limit - ends[:-1]) / length) for limit in (begin, end))
+    if trajectory.weights is not None:
+        weights[1:] = np.ravel(h[:, None] * (stage_integrals(high) - stage_integrals(low)))
+        return weights
+    covered, middle = h * (high - low), 0.5 * (high + low)
+    weights[:-1] += covered * (1.0 - middle)
+    weights[1:] += covered * middle
     return weights
 
 
-def _trapezoidal_weights(t: Array, window: tuple[float, float] | None, what: str) -> Array:
-    first, last = 0, t.size
-    if window is not None:
-        # Times are sums of steps: one that round-off has put outside still counts.
-        slack = 1e-9 * (t[-1] - t[0])
-        first = int(np.searchsorted(t, window[0] - slack))
-        last = int(np.searchsorted(t, window[1] + slack, "right"))
-        if last - first < 2:
-            raise ValueError(
-                f"{what}: fewer than two time steps lie in the window {window} s; the motion goes "
-                f"from {t[0]:g} s to {t[-1]:g} s in {t.size - 1} steps"
-            )
-    weights = np.zeros_like(t)
-    steps = 0.5 * np.diff(t[first:last])
-    weights[first : last - 1] += steps
-    weights[first + 1 : last] += steps
-    return weights
+def _share(place: Array) -> Array:
+    """Places within steps, 0 and 1 their ends, of times before, in and after each step."""
+    # ends of steps are sums: a window that ends there by round-off cuts no step
+    near = np.round(place)
+    return np.clip(np.where(np.abs(place - near) < _ROUND_OFF, near, place), 0.0, 1.0)
 
 
 def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Array]:

@@ -163,7 +163,8 @@ class GeneralizedAlpha(Integrator):
         if status != CONVERGED:
             last = int(steps.last[0])
             k = last + 1
-            where, remedy = f"step {k} of {count}", "take smaller steps, or "
+            where = f"step {k} of {count}, {self.step:.3g} s each"
+            remedy = "take smaller steps, or "
             iterations = int(trajectory.iterations[last])
             text = diagnosis(trajectory, k, where, iterations, status, remedy)
             raise SimulationError(text, cut(trajectory, last))

@@ -13,6 +13,7 @@ from ..equations import CONSTRAINTS, FORCES, OTHER_FORCES, ROWS, TANGENT, equati
 from .arrays import TABLES, constraints, size, work_arrays
 from .body_arrays import ModelArrays
 from .evaluation import FUNCTIONS
+from .metric import largest_length
 
 
 def compiled_kinematics(*, space: bool) -> tuple[Compiled, ...]:
@@ -44,6 +45,10 @@ class Kinematics:
         turning = model.turning
         #: State at one instant, and what the equations of motion are there.
         self.equations = equations(size(model), constraints(model), tuple(addresses), turning)
+        # The round-off of a position is that of the lengths that a joint adds up there: it does not
+        # vanish where a body stands at the origin.
+        for body in range(model.first.size):
+            self.equations.floor[model.coordinates(body).position] = largest_length(model)
         for place in turning:
             # The round-off of a rotation is that of its matrix, whose entries are up to one.
             self.equations.floor[place : place + 3] = 1.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array
-from .arrays import OF_POINT
+from .arrays import DISTANCE, OF_POINT, PLANE, POINT
 from .body_arrays import ModelArrays
 
 
@@ -38,6 +38,19 @@ def length_of(model: ModelArrays) -> float:
     length = float(np.max(np.linalg.norm(model.shapes[used, :, 0], axis=1), initial=0.0))
     squares = [np.trace(model.moments(b)[0, 0]) for b in range(model.first.size)]
     return length or float(np.sqrt(np.max(np.array(squares) / model.mass)))
+
+
+def largest_length(model: ModelArrays) -> float:
+    """Largest length that constraints add up at the start [m].
+
+    Arms of markers, prescribed positions, lengths of ways and ways along lines.
+    """
+    points = (model.vector_kind == OF_POINT) & (model.vector_body >= 0)
+    prescribed = (model.vector_kind == OF_POINT) & (model.vector_body < 0)
+    places = model.prescribed[:1, model.vector_slot[prescribed], 0]
+    ways = model.drive[:1, np.isin(model.kind, (POINT, PLANE, DISTANCE)), 0]
+    lengths = (np.linalg.norm(model.shapes[points, :, 0], axis=-1), np.abs(places), np.abs(ways))
+    return max(float(np.max(each, initial=0.0)) for each in lengths)
 
 
 def norm_floors(model: ModelArrays, duration: float) -> Array:
