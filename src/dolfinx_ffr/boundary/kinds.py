@@ -42,8 +42,6 @@ _MENDED, _MORE = 3, 0.1
 #: Length of a step, in minimum members, from which on ripples are smoothed in full: short steps
 #: would lose by that what they gain, and come to no end
 _FULL = 0.25
-#: Share of the minimum below which a member of a solid is told, which samples of its surface know
-_THINNER = 0.97
 
 
 @dataclass(frozen=True)
@@ -284,12 +282,4 @@ class InSpace(Kind[Surface]):
             yield found, count, 0.0
 
     def said(self, boundary: Surface) -> list[str]:
-        # also between sides that are no wall, but a wedge
-        thin, said = boundary.drawn.thinnest_member, list(boundary.drawn.warnings)
-        if thin is not None and thin.value < _THINNER * boundary.member:
-            at = ", ".join(f"{x:.4g}" for x in thin.ends.mean(axis=0))
-            said.append(
-                f"the thinnest member is {thin.value:.3g} m at ({at}) m, where "
-                f"{boundary.member:.3g} m were asked for: ask for a larger one"
-            )
-        return said
+        return list(boundary.drawn.warnings)

@@ -9,6 +9,7 @@ for each free side of the outline between two curves that stay.
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +25,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
-from ..fem import Curve, Domain, Drawing, Face, connected, polygon
+from ..fem import Curve, Domain, Drawing, Face, connected, polygon, ring
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
@@ -56,6 +57,14 @@ _TRIMMED, _FEWEST = 0.3, 12
 _CROWDED = 0.2
 #: Steps along the boundary at which members and gaps are measured, in minimum members
 _STEP = 0.2
+
+
+class CurveError(ValueError):
+    """Members of a design are too thin for curves to follow their sides.
+
+    A larger minimum member, smaller elements or more iterations of the design help, and to
+    `Boundary.of` a smaller ``member`` or ``spacing``.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +162,9 @@ class Boundary:
         found = found._without_specks()
         found = found.moved(np.zeros(found.n_controls))
         if not found.valid:
-            raise ValueError(
-                "boundary: curves cross once they are smoothed, as members are thinner than the "
-                "distance of the controls can show; give a smaller member or spacing, or a design "
-                "without hairlines"
+            raise CurveError(
+                "boundary: curves cross once they are smoothed, as members of the design are "
+                "thinner than its curves can show"
             )
         return found
 
@@ -284,7 +292,7 @@ class Boundary:
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
         fine = _FINE * self.member
-        rings = [polygon([self.curve(side) for side in loop], fine) for loop in loops]
+        rings = [ring([self.curve(side) for side in loop], fine) for loop in loops]
         return shapely.Polygon(rings[0], rings[1:])
 
     # ------------------------------------------------------------------ in a checkpoint
@@ -351,7 +359,10 @@ class Boundary:
                     yield group, side
 
     def samples(self) -> Samples:
-        """Points of the boundary of designed material, dense beside the minimum member."""
+        """Points of the boundary of the material, dense beside the minimum member.
+
+        Sides of solid regions that are beside void, as bores, are among them.
+        """
         step = _STEP * self.member
         points, normals, rows, owner = [], [], [], []
         for key, curve in self.free.items():
@@ -361,9 +372,10 @@ class Boundary:
             normals.append(curve.normals(s))
             rows.append(self.wide(value, key))
             owner.append(np.full(len(s), key))
-        inner = {side.number for group, side in self.sides if group == "solid"}
-        for group, side in self.sides:
-            if group == "solid" or side.free or side.number in inner:
+        # sides of two faces are within the material
+        faces = Counter(side.number for _, side in self.sides if not side.free)
+        for _, side in self.sides:
+            if side.free or faces[side.number] > 1:
                 continue
             curve_ = self.curve(side)
             count = max(int(curve_.length / step), 2)

@@ -10,12 +10,33 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from ..design import Isometry
+from ..design import Isometry, images
+from ..part import Part, solid_regions
 
 #: Width of spurs at most, and way around one at least, in minimum members
 _WIDE, _AROUND = 3.0, 4.0
 #: Way around a spur at least, in its widths where it begins: less is a corner, of 60 degrees
 _LONG = 2.0
+#: Steps along the boundary of a finished part, in minimum members
+_STEP = 0.2
+
+
+def free_ends(part: Part, member: float, held: Array) -> list[Array]:
+    """Where struts of a finished part end free: the place (2,) of each [m], the longest first.
+
+    What is solid, touches an interface or bears one of the points ``held`` (n, 2) [m], at which
+    forces may act, does not end free, whatever its shape.
+    """
+    step = _STEP * member
+    rings = [ring for piece in part.polygon.geoms for ring in (piece.exterior, *piece.interiors)]
+    curves = [(shapely.get_coordinates(shapely.segmentize(r, step))[:-1], True) for r in rings]
+    stays = [*solid_regions(part), *map(shapely.Point, held)]
+    for name in part.body.interfaces:
+        stays += [shapely.LineString(c.points(part.accuracy)) for c in part.interface(name)]
+    near = shapely.union_all(stays).buffer(0.5 * member)
+    found = spurs(curves, part.polygon, member, images(()))
+    ends = [spur for spur in found if not spur.intersects(near)]
+    return [np.array(spur.representative_point().coords[0]) for spur in ends]
 
 
 def spurs(

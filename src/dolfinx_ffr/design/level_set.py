@@ -140,6 +140,8 @@ class LevelSet(Design):
             points_across = validation.integer("level set: quadrature", quadrature, least=1)
         #: Of the thinnest member and of the narrowest gap [m]
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
+        #: Whether one of them was given, and is not that of the mesh
+        self.sizes_asked = minimum_member is not None or minimum_gap is not None
         # smaller ones than the elements resolve are left to the steps of the boundary
         member_, gap_ = np.maximum((self.minimum_member, self.minimum_gap), self._least)
         larger = SAFETY * max(member_, gap_)

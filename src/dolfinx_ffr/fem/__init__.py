@@ -25,7 +25,7 @@ from .elasticity import (
     summed,
 )
 from .elasticity import Elasticity as Elasticity
-from .faces import directed_loops, nested
+from .faces import directed_loops, nested, ring
 from .interface import Interface as Interface
 from .interface import fit_circle, fit_cylinder, nearest_circle, surface_reference
 from .material import RAMP as RAMP

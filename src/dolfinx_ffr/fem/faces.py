@@ -57,7 +57,7 @@ def nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int
     The ``tolerance`` is that of the polygons by which holes are found [m].
     """
     areas = [float(enclosed(loop)[0]) for loop in closed]
-    shapes = [shapely.Polygon(_ring(loop, tolerance)) for loop in closed]
+    shapes = [shapely.Polygon(ring(loop, tolerance)) for loop in closed]
     nests = {i: [i] for i, area in enumerate(areas) if area > 0.0}
     for i, area in enumerate(areas):
         if area > 0.0:
@@ -71,7 +71,8 @@ def nested(closed: Sequence[Sequence[Curve]], tolerance: float) -> list[list[int
     return list(nests.values())
 
 
-def _ring(loop: Sequence[Curve], tolerance: float) -> Array:
+def ring(loop: Sequence[Curve], tolerance: float) -> Array:
+    """The vertices (n, 2) of a closed loop within ``tolerance`` [m], at least three of them."""
     found = polygon(loop, tolerance)
     if len(found) < 3:  # two curves that are almost straight
         found = np.concatenate([curve.at(np.linspace(0.0, 0.9, 10)) for curve in loop])

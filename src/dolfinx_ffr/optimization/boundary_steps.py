@@ -19,11 +19,12 @@ from .. import validation
 from ..arrays import Array
 from ..boundary import Boundary, Kind, Surface
 from ..objective import is_stress
-from ..part import TURN, PartWarning
+from ..part import TURN, PartViolation, PartWarning
 from ..problem import Problem
 from .descent import HELD, LONGEST, NONE, Descent, Trial, kind_of, of_stress
 from .enough_modes import EVERY
-from .result import BoundaryResult, ranks_of
+from .part_checks import part_violations
+from .result import BoundaryResult, drawn_of, ranks_of
 from .running import interruptible, warnings_above
 from .steps_checkpoint import Learnt, StepsCheckpoint
 from .topology import GONE, changed, shifted
@@ -278,33 +279,44 @@ def _descended(
             checkpoint.tell(told)
         for name, film in shown.items():
             film.append(best.boundaries[name].material)
-    _warn_of_missed(best, descent.kind, change)
+    sizes = {
+        n: (b.member, b.gap if isinstance(b, Boundary) else 0.0) for n, b in boundaries.items()
+    }
+    missed = part_violations(
+        descent.problem, {n: drawn_of(b) for n, b in best.boundaries.items()}, sizes
+    )
+    _warn_of_missed(best, missed, descent.kind, change)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}
     of_best = best.boundaries, best.problem, best.evaluation
     over = {name: value for name, value in best.excesses.items() if value > HELD}
+    over |= {name: each.share for name, each in missed.items()}
     begun = partial(descent.resolved, boundaries)
     return BoundaryResult(*of_best, history, reason, known, shown, over, begun)
 
 
-def _warn_of_missed(trial: Trial, kind: Kind[Any], change: float) -> None:
+def _warn_of_missed(
+    trial: Trial, missed: Mapping[str, PartViolation], kind: Kind[Any], change: float
+) -> None:
     """Warn of bounds and sizes that do not hold, of coarse meshes, and of what the parts are."""
     said = [
         f"{name!r} is violated by {over:.2%} of its bound"
         for name, over in trial.excesses.items()
         if over > HELD
     ]
-    for found, what in ((trial.sizes, "a member or gap"), (trial.radii, "a radius")):
-        said += [
-            f"{what} of {name!r} is {rows.missed:.1%} below its minimum"
-            for name, rows in found.items()
-            if rows.missed > _MISSED
-        ]
+    said += [
+        f"a radius of {name!r} is {rows.missed:.1%} below its minimum"
+        for name, rows in trial.radii.items()
+        if rows.missed > _MISSED
+    ]
     if said:
         warnings.warn(
             f"boundary: {'; '.join(said)}: take more iterations, another start or other bounds",
             PartWarning,
             stacklevel=5,
         )
+    for violation, each in missed.items():
+        name = violation.partition(":")[0]
+        warnings.warn(f"boundary: {name!r}: {each.said}", PartWarning, stacklevel=5)
     if change > kind.still:
         told = (
             f"psi still changes by {change:.1%} on the finest mesh, by which it is told"

@@ -7,11 +7,12 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
-from ..boundary import Boundary, Surface
+from ..boundary import Boundary, CurveError, Surface
 from ..design import SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..part import LoosePieceWarning, Part, PartWarning
 from .boundary_steps import moved
+from .part_checks import part_violations
 from .result import Result, warn
 from .steps_checkpoint import StepsCheckpoint
 
@@ -19,6 +20,8 @@ from .steps_checkpoint import StepsCheckpoint
 _LEAST = 0.64
 #: How parts are made whose curves are smoothed by more, or only looked at
 _ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
+#: What a user of `optimize` can do where members are too thin for curves
+_REMEDY = "; give a larger minimum_member, smaller elements or more iterations"
 #: Share of the material that may be in loose pieces, which the densities count and the part has not
 _LOOSE = 1e-3
 
@@ -62,21 +65,39 @@ def with_moved_boundaries(
         found = moved(result.problem, boundaries, bound, *options)
     except (ValueError, SimulationError) as error:
         over = f" and violates {list(result.violations)}" if result.violations else ""
-        warn(f"optimize: the boundary stays as the mesh has drawn it{over} ({error})")
-        return result
+        why = f"{error}" + _REMEDY * isinstance(error, CurveError)
+        warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {why}")
+        return _denied(with_loose_pieces(result), progress)
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
     return replace(result, moved=found, violations=found.violations, reason=reason)
 
 
-def with_loose_pieces(result: Result) -> Result:
-    """The result, its loose pieces a violation: the part has not what its psi counts; collective.
+def _denied(result: Result, progress: bool) -> Result:
+    """The result, with what its part violates where the problem has constraints; collective.
 
-    A level set that is crisp may have them where elements are wider than the gaps beside them.
+    Densities tell little of the stress of a part whose boundary could not be moved.
+    """
+    if not result.problem.constraints or result.reason == "interrupted":
+        return result
+    try:
+        result.verify(most=2, progress=progress)
+    except (ValueError, SimulationError) as error:
+        warn(f"optimize: no part comes of this design: {error}", 5)
+        result.violations["no part"] = 1.0
+    return result if result.feasible else replace(result, reason="infeasible")
+
+
+def with_loose_pieces(result: Result) -> Result:
+    """The result, and as violations what its part lacks; collective.
+
+    Loose pieces are not in the part, and psi counts them: a level set that is crisp may have them
+    where elements are wider than the gaps beside them. Minimum sizes that were asked for are
+    measured, and struts that end free are looked for.
 
     Warns:
-        DesignWarning: Of loose pieces, or if no part comes of the design.
+        DesignWarning: Of each, or if no part comes of the design.
     """
     found = {}
     for name, design in result.designs.items():
@@ -95,6 +116,10 @@ def with_loose_pieces(result: Result) -> Result:
             assert isinstance(part, Part)
             share = sum(piece.area for piece in part.loose) / part.area
             why = f"{len(part.loose)} loose pieces of it touch no interface"
+            sizes = {name: _sizes(design)} if design.sizes_asked else {}
+            for what, each in part_violations(result.problem, {name: part}, sizes).items():
+                found[what] = each.share
+                warn(f"optimize: {name!r}: {each.said}")
         if share > _LOOSE:
             found[f"loose pieces of {name}"] = share
             warn(

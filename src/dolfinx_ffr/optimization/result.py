@@ -49,6 +49,11 @@ def gray_fraction(domain: Domain, x: Array) -> float:
     return domain.sum(domain.cell_volumes * gray) / domain.area
 
 
+def drawn_of(boundary: Boundary | Surface) -> Part | Solid:
+    """The part or solid that a boundary encloses."""
+    return boundary.drawn if isinstance(boundary, Surface) else boundary.part
+
+
 @dataclass(frozen=True, eq=False)
 class BoundaryResult:
     """What moving boundaries has come to."""
@@ -102,7 +107,7 @@ class BoundaryResult:
     def part(self, name: str | None = None) -> Part | Solid:
         """The part or solid of the body ``name``, by default of the only one."""
         found = self.boundary if name is None else self.boundaries[name]
-        return found.drawn if isinstance(found, Surface) else found.part
+        return drawn_of(found)
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,7 +128,9 @@ class Result(Shown):
     problem: Problem = field(repr=False)
     #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume);
     #: those of the parts, where boundaries were moved, and else the share of material in "loose
-    #: pieces of rod", which psi counts and the part has not
+    #: pieces of rod", which psi counts and the part has not. Sizes of parts below the minimum are
+    #: among them ("rod: thinnest member near (20, 3) mm"), struts that end free, and what `verify`
+    #: and `finish` have found since
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for, NaN where it cannot be estimated
@@ -140,7 +147,7 @@ class Result(Shown):
 
     @property
     def feasible(self) -> bool:
-        """Whether the design fulfils all constraints and volume bounds."""
+        """Whether the design fulfils all constraints, and its parts all bounds and sizes."""
         return not self.violations
 
     def _shown(self) -> list[tuple[str, str, str]]:
@@ -266,12 +273,15 @@ class Result(Shown):
         """Evaluate the problem with all designed bodies as parts that fit; collective.
 
         The ``options`` are those of `verify`; its ``volume`` is that of the run by default. Errors
-        and warnings are those of `part` and `verify`.
+        and warnings are those of `part` and `verify`. Bounds that the parts exceed are `violations`
+        from then on, and the result is not `feasible`.
         """
         validation.keywords("result.verify", options, verify)
         parts = {name: self.part(name) for name in self._designs_of_parts}
         problem, evaluation = self.told
-        return verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
+        found = verify(problem, parts, evaluation, **{"volume": self.bounds, **options})
+        self.violations.update(found.violations)
+        return found
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
         """Write the parts of all designed bodies for CAD, draw them, and evaluate them; collective.
@@ -317,6 +327,7 @@ class Result(Shown):
                 found = self.verify(**options)
             except (ValueError, SimulationError) as error:
                 warn(f"no part comes of this design: {error}", 2)
+                self.violations["no part"] = 1.0
             moved = dict[str, Path]()
             for name, at in folders.items():
                 part, title = self._parts.get(name), name

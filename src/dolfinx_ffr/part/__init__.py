@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 from ..documentation import explain_fields
+from .asked_sizes import PartViolation as PartViolation
+from .asked_sizes import size_violations as size_violations
+from .asked_sizes import solid_regions as solid_regions
 from .ball_widths import OPPOSITE, Balls, spread, tangent_balls
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures

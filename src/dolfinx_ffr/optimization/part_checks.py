@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: MIT
+"""What finished parts do not keep of what was asked for, looked at on the parts alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ..boundary import free_ends
+from ..part import Enclosed, Part, PartViolation, size_violations
+from ..problem import Problem
+
+
+def part_violations(
+    problem: Problem, parts: Mapping[str, Enclosed], sizes: Mapping[str, tuple[float, float]]
+) -> dict[str, PartViolation]:
+    """What parts violate, by name of the violation; collective.
+
+    ``sizes`` are minimum member and minimum gap of the parts that were asked for some [m].
+    """
+    return {
+        f"{name}: {each.name}": each
+        for name, part in parts.items()
+        if name in sizes
+        for each in _violations(problem, name, part, *sizes[name])
+    }
+
+
+def _violations(
+    problem: Problem, name: str, part: Enclosed, member: float, gap: float
+) -> Iterator[PartViolation]:
+    yield from size_violations(part, member, gap)
+    if isinstance(part, Part):
+        markers = problem.flexible[name].markers.values()
+        held = np.array([marker.position for marker in markers]).reshape(-1, 2)
+        for place in free_ends(part, member, held):
+            at = "({:.4g}, {:.4g}) mm".format(*(1e3 * place))
+            remedy = "take more steps of the boundary, a larger minimum_member, or another start"
+            said = f"a strut ends free near {at} and carries nothing: {remedy}"
+            yield PartViolation(f"strut that ends free near {at}", 1.0, said)
