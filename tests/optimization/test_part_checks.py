@@ -30,15 +30,11 @@ def eyes(rim: float, size: float) -> ffr.Domain:
         return lambda x: np.abs(np.hypot(x[0] - middle, x[1]) - BORE) < 2e-4
 
     pins = {"left": at(0.0), "right": at(LENGTH)}
-    return ffr.Domain.from_outline(
-        MPI.COMM_SELF, shape, interfaces=pins, size=size, solid_rim=rim
-    )
+    return ffr.Domain.from_outline(MPI.COMM_SELF, shape, interfaces=pins, size=size, solid_rim=rim)
 
 
 @pytest.mark.parametrize(("rim", "member", "volume"), [(4e-3, 4e-3, 0.3), (3e-3, 5e-3, 0.5)])
-def test_walls_at_eyes_are_as_asked_or_violations(
-    rim: float, member: float, volume: float
-) -> None:
+def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, volume: float) -> None:
     """A rod between two eyes, after two steps from a strip that lies on their rims."""
     domain = eyes(rim, 6e-3)
     steel = ffr.PlaneStress(210e9, 0.3, 7850.0, 0.01)
