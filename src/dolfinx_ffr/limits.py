@@ -18,6 +18,9 @@ from pathlib import Path
 INSIST = "DOLFINX_FFR_MAX_CELLS"
 #: Most cells of a mesh: gmsh takes about ten minutes for as many triangles
 MOST_CELLS = 4_000_000
+#: Most triangles of an outline that is drawn: a length in a wrong unit asks for hundreds of times
+#: as many as are meant, and a simulation with these already takes minutes
+MOST_TRIANGLES = 100_000
 #: Most curves of a drawing, for which gmsh takes minutes
 MOST_CURVES = 20_000
 #: Most pairs of points that see each other, which take a minute

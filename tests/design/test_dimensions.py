@@ -181,6 +181,16 @@ def arm(d: Mapping[str, float], model: Any) -> None:
     model.setPhysicalName(3, model.addPhysicalGroup(3, [volume]), "arm")
 
 
+def test_a_size_in_another_unit_is_refused_before_the_mesh() -> None:
+    """Dimensions in millimetres against a size in metres ask for millions of cells."""
+    bounds = {"width": (0.03, 0.05), "thickness": (0.01, 0.02), "bearing": (-0.01, 0.01)}
+    made = ffr.DimensionDesign(arm, bounds, size=1.2e-5)
+    with pytest.raises(
+        ValueError, match=r"cells of 1\.2e-05 m .*all dimensions in metres: the body"
+    ):
+        made.domain(MPI.COMM_SELF)
+
+
 def pendulum(domain: ffr.Domain) -> ffr.Problem:
     """The arm in space, thrown."""
     body = ffr.FlexibleBody(

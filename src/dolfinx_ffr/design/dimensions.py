@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -32,6 +33,7 @@ from ..fem import (
     read_outline,
     surfaces,
 )
+from ..limits import check_count
 from ..parallel import on_every_rank, on_rank_0
 from .parametrization import Variables
 
@@ -368,7 +370,7 @@ class DimensionDesign(Variables):
         if not self._drawn:
             return None
         given = self._given(variables)
-        drawn = closed_outline("outline", read_outline(given["outline"], None), ())
+        drawn = closed_outline("outline", read_outline(given["outline"], None))
         groups = [""] * len(drawn.curves)
         for name, where in given["interfaces"].items():
             for i, curve in enumerate(drawn.curves):
@@ -409,6 +411,7 @@ class DimensionDesign(Variables):
         """Gmsh's model with a mesh, until the stack ends; on rank 0."""
         gmsh = stack.enter_context(gmsh_model("dimensions need"))
         self._check(variables, gmsh)
+        self._check_count(gmsh.model)
         before = gmsh.option.getNumber("Mesh.MeshSizeMax")
         stack.callback(gmsh.option.setNumber, "Mesh.MeshSizeMax", before)
         gmsh.option.setNumber("Mesh.MeshSizeMax", self._length)
@@ -416,6 +419,17 @@ class DimensionDesign(Variables):
             gmsh.model.mesh.generate(gmsh.model.getDimension())
         gmsh.model.mesh.renumberNodes()
         return gmsh.model
+
+    def _check_count(self, model: Any) -> None:
+        """Refuse more cells than gmsh makes in minutes, as of dimensions in another unit."""
+        d = model.getDimension()
+        measure = sum(model.occ.getMass(*entity) for entity in model.occ.getEntities(d))
+        # equilateral triangles and regular tetrahedra
+        count = (4.0 / math.sqrt(3.0), 6.0 * math.sqrt(2.0))[d - 2] * measure / self._length**d
+        box = model.getBoundingBox(-1, -1)
+        sides = " x ".join(f"{box[k + 3] - box[k]:.4g} m" for k in range(d))
+        remedy = f"give a larger size [m], or all dimensions in metres: the body is {sides}"
+        check_count("the mesh", count, f"cells of {self._length:.4g} m", remedy)
 
     def _rates(self, x: Array, cells: Any, variables: Array, still: Any) -> Array:
         """Motion of all nodes by each dimension, (nodes, dimension, k); on rank 0."""

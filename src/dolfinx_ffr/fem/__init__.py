@@ -26,6 +26,8 @@ from .elasticity import (
 )
 from .elasticity import Elasticity as Elasticity
 from .faces import directed_loops, nested, ring
+from .interface import Bore as Bore
+from .interface import Box as Box
 from .interface import Interface as Interface
 from .interface import fit_circle, fit_cylinder, nearest_circle, surface_reference
 from .material import RAMP as RAMP

@@ -158,7 +158,8 @@ class Arc(Curve):
 
     def moved(self, start: Array, end: Array) -> Arc:
         if np.array_equal(start, end):
-            return Arc(start, end, self.center + start - self.start, self.sweep)
+            whole = float(np.copysign(2.0 * np.pi, self.sweep))
+            return Arc(start, end, self.center + start - self.start, whole)
         # the circle through both ends on which they are as far apart as before
         half = 0.5 * (end - start)
         away = np.array([-half[1], half[0]]) / np.tan(0.5 * self.sweep)
@@ -286,6 +287,8 @@ class Drawn:
 
     curve: Curve  #: In metres
     names: frozenset[str]  #: Layer, id, label
+    #: Name of its line type if it has gaps, as those of centre lines and hidden edges, or ""
+    line_type: str = ""
 
 
 def enclosed(loop: Sequence[Curve]) -> Array:

@@ -23,10 +23,10 @@ from ..arrays import Array, Integers, Mask
 from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
 from .form_cache import claim_form_cache
-from .interface import Interface, Predicate, find_interfaces, located_cells
+from .interface import Bore, Box, Interface, Predicate, find_interfaces, located_cells
 from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_nodes
 from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
-from .outline import mesh_outline
+from .outline import Sheet, mesh_outline
 from .rod import rod_mesh
 
 #: Densities that leave [0, 1] by less count as 0 or 1
@@ -280,9 +280,12 @@ class Domain:
         comm: MPI.Comm,
         outline: str | Path | Any,
         *,
-        interfaces: Mapping[str, Predicate | str],
+        interfaces: Mapping[str, Predicate | Bore | Box | str],
         size: float,
         unit: str | None = None,
+        layers: Sequence[str] | None = None,
+        inside: Sequence[float] | None = None,
+        gap: float | None = None,
         solid: Predicate | None = None,
         void: Predicate | None = None,
         order: int = 1,
@@ -297,10 +300,19 @@ class Domain:
                 arcs and splines stay what they are; y of SVG files, downwards, is turned. A ring
                 may be a list of pieces (n, 2) that follow each other: two points are a line, three
                 an arc of the circle through them, more a cubic spline.
-            interfaces: For each name a predicate as for `Domain`, or the layer (.dxf), id or label
-                (.svg) of its curves. A curve on a boundary that is drawn already only names it.
+            interfaces: For each name the layer (.dxf), id or label (.svg) of its curves, a point
+                in it, ``ffr.fem.Bore(at=(x, y))``, the box that it lies in, ``ffr.fem.Box``, or a
+                predicate as for `Domain`. A curve on a boundary that is drawn already only names
+                it.
             size: Of the triangles [m].
             unit: Of the outline, "mm", "cm", "m" or "in"; by default that of the file, or metres.
+            layers: Of a file, those of the outline, or ids or labels; layers that name interfaces
+                count, too. By default all. Curves of line types with gaps (CENTER, HIDDEN) never
+                do.
+            inside: Of several parts on a sheet that around this point, which is in its material
+                [m]; curves that do not meet the part are left out.
+            gap: Loose ends nearer to each other than this are joined [m]; by default a ten
+                thousandth of the drawing's extent.
             solid: Cells that stay solid, a predicate.
             void: Cells that stay void, a predicate.
             order: Polynomial order of the displacements; cells at curves are curved from 2 on.
@@ -319,16 +331,16 @@ class Domain:
             UserWarning: If the triangles are larger than the outline is across.
         """
         held = validation.by_name("from_outline: interfaces", interfaces, "predicates or layers")
-        layers = {name: where for name, where in held.items() if isinstance(where, str)}
-        degree = validation.integer("from_outline: order", order, least=1)
-        read = mesh_outline(comm, outline, held, size, unit, min(degree, 2), solid_rim)
-        facets = {name: read.tagged(1, layer) for name, layer in layers.items()}
+        degree = min(validation.integer("from_outline: order", order, least=1), 2)
+        sheet = Sheet(unit, layers, inside, gap)
+        read, facets = mesh_outline(comm, outline, held, size, sheet, degree, solid_rim)
         stays = located_cells(read.mesh, "domain: solid", solid)
         if (2, "solid") in read.numbers:
             rims = read.tagged(2, "solid")
             stays[rims[rims < len(stays)]] = True
         of = {"void": void, "order": order, "centers": centers}
-        return cls(read.mesh, {**held, **facets}, stays, **of)  # type: ignore[arg-type]
+        by_name: dict[str, Any] = {**held, **facets}
+        return cls(read.mesh, by_name, stays, **of)  # type: ignore[arg-type]
 
     @classmethod
     def _from_tags(

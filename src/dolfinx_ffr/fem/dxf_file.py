@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,10 +23,15 @@ _NOTES = {"TEXT", "MTEXT", "DIMENSION", "LEADER", "POINT", "HATCH", "ATTDEF", "V
 _POINTS = 65
 
 
-def read_dxf(path: Path, scale: float | None) -> list[Drawn]:
-    """The visible curves of a file, whose unit is ``scale`` [m], or that of its header."""
+def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) -> list[Drawn]:
+    """Read the visible curves in the model space of a DXF file.
+
+    The unit of the file is ``scale`` [m], or that of its header. Other ``layers`` are not looked
+    at; None stands for all.
+    """
     import ezdxf
 
+    _check_vertices(path)
     try:
         drawing = ezdxf.readfile(path)
     except Exception as error:  # a damaged file fails anywhere in the reader
@@ -37,51 +42,119 @@ def read_dxf(path: Path, scale: float | None) -> list[Drawn]:
         raise ValueError(
             f"outline {path}: the file does not say its unit ($INSUNITS = {code}); give unit='mm'"
         )
+    visible = _Visible(path, drawing, layers)
     found: list[Drawn] = []
-    for entity in _Visible(path, drawing).parts(drawing.modelspace(), "0"):
-        kind = entity.dxftype()
+    for entity, line_type in visible.parts(drawing.modelspace(), "0", ""):
+        kind, layer = entity.dxftype(), entity.dxf.layer
         if kind in _NOTES:
             continue
-        curves = _of_entity(entity, scale)
+        try:
+            curves = _of_entity(entity, scale)
+        except Exception as error:  # ezdxf raises many kinds for numbers that make no curve
+            raise ValueError(
+                f"outline {path}: a {kind} on the layer {layer!r} is damaged ({error}); delete it, "
+                "or draw it anew"
+            ) from error
         if curves is None:
             raise ValueError(
-                f"outline {path}: the layer {entity.dxf.layer!r} holds a {kind}, which is no "
-                "curve in the plane; delete it, or convert it to lines, arcs or splines"
+                f"outline {path}: the layer {layer!r} holds a {kind}, which is no curve in the "
+                "plane; delete it, convert it to lines, arcs or splines, or name the layers of the "
+                "outline by layers=[...]"
             )
-        found += [Drawn(curve, frozenset([entity.dxf.layer])) for curve in curves]
+        found += [Drawn(curve, frozenset([layer]), line_type) for curve in curves]
+    if not found:
+        _refuse_paper(path, drawing, visible)
     return found
+
+
+def _check_vertices(path: Path) -> None:
+    """Refuse more vertices of polylines than curves are allowed, before the file is parsed.
+
+    A text file is a list of pairs of lines, a code and a value: code 0 begins an entity, code 10
+    is the first coordinate of a point.
+    """
+    lines = path.read_bytes().splitlines()
+    vertices, polyline = 0, False
+    for code, value in zip(lines[::2], lines[1::2], strict=False):
+        if (number := code.strip()) == b"0":
+            kind = value.strip()
+            polyline = kind == b"LWPOLYLINE"
+            vertices += kind == b"VERTEX"
+        elif polyline and number == b"10":
+            vertices += 1
+    what, remedy = f"outline {path}: the vertices of polylines", "simplify the polylines"
+    check_count(what, vertices, "vertices", remedy, most=MOST_CURVES)
+
+
+def _refuse_paper(path: Path, drawing: Any, visible: _Visible) -> None:
+    """Refuse a drawing that is in paper space alone, which may be drawn to any scale."""
+    for name in drawing.layouts.names():
+        parts = [] if name == "Model" else visible.parts(drawing.layout(name), "0", "")
+        kinds = {entity.dxftype() for entity, _ in parts} - _NOTES
+        if kinds:
+            raise ValueError(
+                f"outline {path}: its curves are in paper space, on the layout {name!r}, whose "
+                "scale is not known; move them to model space in full size (CHSPACE)"
+            )
 
 
 class _Visible:
     """The visible entities of a drawing, blocks and polylines in parts."""
 
-    def __init__(self, path: Path, drawing: Any) -> None:
+    def __init__(self, path: Path, drawing: Any, layers: Collection[str] | None) -> None:
         self.path = path
+        self.layers = None if layers is None else {name.lower() for name in layers}
+        self.line_types = {
+            x.dxf.name.lower(): x.dxf.name for x in drawing.linetypes if _has_gaps(x)
+        }
+        self.of_layers = {x.dxf.name.lower(): x.dxf.linetype for x in drawing.layers}
         # names of layers have no small and large letters
         self.frozen = {x.dxf.name.lower() for x in drawing.layers if x.is_frozen()}
         self.off = {x.dxf.name.lower() for x in drawing.layers if x.is_off()} | self.frozen
         self._check_blocks(drawing)
 
-    def parts(self, entities: Iterable[Any], of: str) -> Iterator[Any]:
-        """Entities that are drawn; those on layer 0 of a block are on the layer of the block."""
+    def parts(
+        self, entities: Iterable[Any], layer_0: str, line_type: str
+    ) -> Iterator[tuple[Any, str]]:
+        """Entities that are drawn, with the names of line types that have gaps, or "".
+
+        What is on layer 0 of a block is on the layer of its insert, ``layer_0``; what has the line
+        type of its block has that of its insert.
+        """
         for entity in entities:
             if not entity.is_supported_dxf_attrib("layer"):
                 self._refuse(entity, "an unknown kind")
-            if entity.dxf.layer == "0" and of != "0":
-                entity.dxf.layer = of
+            if entity.dxf.layer == "0" and layer_0 != "0":
+                entity.dxf.layer = layer_0
             layer = entity.dxf.layer.lower()
             insert = entity.dxftype() == "INSERT"
             # a block that is off is drawn where it is on other layers
             if entity.dxf.get("invisible", 0) or layer in (self.frozen if insert else self.off):
                 continue
+            gaps = self._line_type(entity, line_type)
             if insert:
                 for each in entity.multi_insert() if entity.mcount > 1 else [entity]:
                     held = each.virtual_entities(skipped_entity_callback=self._refuse)
-                    yield from self.parts(held, entity.dxf.layer)
+                    yield from self.parts(held, entity.dxf.layer, gaps)
+            elif self.layers is not None and layer not in self.layers:
+                continue
             elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
-                yield from self.parts(entity.virtual_entities(), entity.dxf.layer)
+                entity.dxf.linetype = "BYLAYER"  # the sides cannot have one that the file lacks
+                for side, _ in self.parts(entity.virtual_entities(), entity.dxf.layer, gaps):
+                    yield side, gaps
             else:
-                yield entity
+                yield entity, gaps
+
+    def _line_type(self, entity: Any, of_block: str) -> str:
+        """The name of an entity's line type if it has gaps, or ""."""
+        name = entity.dxf.get("linetype", "BYLAYER").lower()
+        if name == "byblock":
+            return of_block
+        if name == "bylayer":
+            name = self.of_layers.get(entity.dxf.layer.lower(), "").lower()
+        # the table of the file may lack these
+        without = name.upper() if name.startswith(("center", "hidden")) else ""
+        return self.line_types.get(name, without)
 
     def _refuse(self, entity: Any, reason: str) -> None:
         if entity.dxftype() not in _NOTES:
@@ -126,6 +199,14 @@ class _Visible:
         what, count = f"outline {self.path}", curves(drawing.modelspace(), ())
         remedy = "delete blocks that are no outline"
         check_count(what, count, "curves", remedy, most=MOST_CURVES)
+
+
+def _has_gaps(line_type: Any) -> bool:
+    """Whether a line type has gaps, as those of centre lines and hidden edges.
+
+    Code 49 is the length of a dash, or of a gap if it is negative.
+    """
+    return any(tag.code == 49 and tag.value < 0.0 for tag in line_type.pattern_tags.tags)
 
 
 def _of_entity(entity: Any, scale: float) -> list[Curve] | None:

@@ -31,6 +31,39 @@ ROUND = 1e-4
 Predicate = Callable[[Array], Mask]
 
 
+@dataclass(frozen=True)
+class Bore:
+    """The closed curve of an outline around a point, as an interface of a body in the plane."""
+
+    at: tuple[float, float]  #: A point in the bore [m]
+
+    def __post_init__(self) -> None:
+        validation.real_array("bore: at", self.at, (2,), expected="two coordinates")
+
+
+@dataclass(frozen=True)
+class Box:
+    """The boundary between two corners, as an interface."""
+
+    lower: tuple[float, ...]  #: Smallest coordinates, two or three by the dimension [m]
+    upper: tuple[float, ...]  #: Largest coordinates [m]
+
+    def __post_init__(self) -> None:
+        low = validation.real_array("box: lower", self.lower, (None,))
+        high = validation.real_array("box: upper", self.upper, (None,))
+        if len(low) != len(high) or len(low) not in (2, 3) or not np.all(low < high):
+            raise ValueError(
+                f"box: lower {self.lower} and upper {self.upper} are no corners; give two or three "
+                "coordinates each, of which those of lower are smaller"
+            )
+
+    def __call__(self, x: Array) -> Mask:
+        """Whether points (3, n) are between the corners, shape (n,)."""
+        low, high = np.array(self.lower)[:, None], np.array(self.upper)[:, None]
+        inside = x[: len(low)]
+        return np.asarray(np.all((low <= inside) & (inside <= high), axis=0))
+
+
 def located(
     domain: mesh.Mesh, what: str, where: Predicate | ArrayLike, dim: int
 ) -> NDArray[np.int32]:
@@ -161,6 +194,8 @@ def find_interfaces(
     dim = domain.topology.dim
     found: dict[str, Interface] = {}
     coordinates = space.tabulate_dof_coordinates()[:, :dim]
+    owned = int(domain.topology.index_map(dim - 1).size_local)
+    boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
     for name, where in interfaces.items():
         facets = located(domain, f"interface {name!r}", where, dim - 1)
         if comm.allreduce(len(facets)) == 0:
@@ -172,6 +207,9 @@ def find_interfaces(
                 f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
                 f"of the body, which spans {' and '.join(spans)}"
             )
+        free = np.setdiff1d(boundary[boundary < owned], facets)
+        if comm.allreduce(len(free)) == 0:
+            raise ValueError(whole_edge(name))
         dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
         for other, taken in found.items():
             shared = np.intersect1d(dofs, taken.dofs)
@@ -193,6 +231,15 @@ def find_interfaces(
             center = validation.real_array(what, centers[name], (dim,), expected=expected).copy()
         found[name] = Interface(name, facets, dofs, center, extent, axis)
     return found
+
+
+def whole_edge(name: str) -> str:
+    """The message about an interface that leaves nothing of a body free."""
+    return (
+        f"interface {name!r} holds the whole edge of the body, which cannot deform then; name a "
+        "part of it: a layer or group of its own, a point in a bore (Bore), a box (Box), or a "
+        "predicate"
+    )
 
 
 def _surface(domain: mesh.Mesh, facets: NDArray[np.int32]) -> tuple[Array, Array | None]:

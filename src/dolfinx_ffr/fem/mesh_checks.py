@@ -75,7 +75,10 @@ def check_held(
     cells = np.ones(n_cells, dtype=bool) if void is None else ~void[:n_cells]
     _, floating, count = floating_cells(domain, cells, facets)
     if floating:
-        remedy = "give each piece an interface, or merge coincident nodes"
+        remedy = (
+            "give each piece an interface, merge coincident nodes, or choose one part of a drawing "
+            "by inside=(x, y)"
+        )
         if void is not None:
             remedy = "leave the cells that join them to the others out of the void region"
         raise ValueError(

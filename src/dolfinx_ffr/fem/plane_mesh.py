@@ -23,7 +23,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from ..limits import MOST_CURVES, check_count
+from ..limits import MOST_CELLS, MOST_CURVES, check_count
 from .curves import Arc, Curve, Line, Spline, enclosed
 
 _numbers = count()
@@ -278,8 +278,13 @@ def _flattest(x: Array) -> Array:
     return np.asarray(least / np.linalg.det(x[:, 1:3] - x[:, :1]))
 
 
-def check_size(what: str, drawing: Drawing, size: float) -> None:
-    """Refuse more triangles of a ``size`` [m], or more curves, than gmsh can take in minutes."""
+def check_size(
+    what: str, drawing: Drawing, size: float, *, most: float = MOST_CELLS, hint: str = ""
+) -> None:
+    """Refuse more triangles of a ``size`` [m], or more curves, than gmsh can take in minutes.
+
+    The ``hint`` is what the message says beside a larger size.
+    """
     curves = len(drawing.curves)
     remedy = "leave out what does not bear, or take fewer points (shapely.simplify)"
     check_count(what, curves, "curves", remedy, most=MOST_CURVES)
@@ -287,7 +292,8 @@ def check_size(what: str, drawing: Drawing, size: float) -> None:
     around = sum(curve.length for curve in drawing.curves)
     # equilateral ones, and at least one at each piece of the boundary
     count = 4.0 / math.sqrt(3.0) * (area / size / size) + around / size
-    check_count(what, count, f"triangles of {size:.4g} m", "give a larger size [m]", each=_BYTES)
+    things, remedy = f"triangles of {size:.4g} m", f"give a larger size [m]{hint}"
+    check_count(what, count, things, remedy, each=_BYTES, most=most)
 
 
 def walked(curves: Sequence[Curve], loop: Sequence[tuple[int, bool]]) -> list[Curve]:

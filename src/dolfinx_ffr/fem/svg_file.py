@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,8 @@ _FRAME = {"x", "y", "width", "height", "viewBox", "preserveAspectRatio"}
 #: Lengths in per cent of the width of the view (0), its height (1), or its mean diagonal (2)
 _ALONG = dict.fromkeys(("x", "width", "cx", "rx", "x1", "x2"), 0)
 _ALONG |= {**dict.fromkeys(("y", "height", "cy", "ry", "y1", "y2"), 1), "r": 2}
+#: A number of a path, which may follow another without a space
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 #: A mark that the library takes for a part of the value
 _IMPORTANT = re.compile(r"\s*!\s*important")
 
@@ -50,8 +52,12 @@ Sides = Mapping[str, str]
 _NO_SIDES: Sides = {}
 
 
-def read_svg(path: Path, scale: float | None) -> list[Drawn]:
-    """The visible curves of a file, whose unit is ``scale`` [m], or that of its page."""
+def read_svg(path: Path, scale: float | None, layers: Collection[str] | None) -> list[Drawn]:
+    """Read the visible curves of an SVG file.
+
+    The unit of the file is ``scale`` [m], or that of its page. Only shapes whose ids or labels, or
+    those of their groups, are among ``layers`` are looked at; None stands for all.
+    """
     import svgelements
 
     if not hasattr(svgelements, "Use"):
@@ -77,6 +83,8 @@ def read_svg(path: Path, scale: float | None) -> list[Drawn]:
         raise ValueError(f"{unreadable}: {error}") from error
     found: list[Drawn] = []
     for shape, names in _shapes(path, svg, frozenset()):
+        if layers is not None and names.isdisjoint(layers):
+            continue
         m = shape.transform
         placed = np.array([[across * m.a, across * m.c], [-down * m.b, -down * m.d]])
         moved = np.array([across * m.e, -down * m.f])
@@ -176,9 +184,9 @@ class _Plain:
         self, parent: Element, element: Element, size: Whole, above: Above, asked: Sides = _NO_SIDES
     ) -> None:
         """Copy an element into a view of a size; a reference may have asked for its sides."""
-        text = element.get("d", "") + element.get("points", "")
+        numbers = _NUMBER.findall(element.get("d", "") + " " + element.get("points", ""))
         # no segment has more than seven numbers
-        self._count += 1 + (text.count(" ") + text.count(",")) // 7
+        self._count += 1 + len(numbers) // 7
         remedy = "simplify paths, or let fewer <use> elements refer to each other"
         check_count(f"outline {self._path}", self._count, "curves", remedy, most=MOST_CURVES)
         name = _name(element)

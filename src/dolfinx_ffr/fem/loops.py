@@ -1,0 +1,430 @@
+# SPDX-License-Identifier: MIT
+"""From the curves of a drawing to faces: ends are joined, loops found, interfaces named."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from ..arrays import Array
+from .curves import Curve, Drawn, Line, enclosed, polygon
+from .interface import Bore
+from .mesh_checks import connected
+from .plane_mesh import Drawing, Face, walked
+
+#: Ends nearer to each other than this are one, in units of the drawing's extent
+JOINED = 1e-6
+#: Accuracy of the polygons by which crossings are found, and the largest distance between loose
+#: ends that are joined if no other is given, in units of the drawing's extent
+_FINE = 1e-4
+#: Bores that a message lists
+_LISTED = 8
+
+
+def closed_outline(
+    source: str,
+    drawn: Sequence[Drawn],
+    named: Mapping[str, str | Bore] | None = None,
+    *,
+    inside: Array | None = None,
+    gap: float | None = None,
+) -> Drawing:
+    """The faces that closed curves bound, each curve once: outer loops, holes, islands in holes.
+
+    The groups of the curves are the interfaces that are ``named`` by a layer or a bore. With a
+    point ``inside`` (2,) [m] there is one face, that around the point, and curves that do not meet
+    it do not count. Loose ends nearer to each other than the ``gap`` are joined [m].
+    """
+    named = named or {}
+    _refuse_unknown_names(source, drawn, named)
+    line_types = sorted({each.line_type for each in drawn if each.line_type})
+    note = f"; curves of the line types {', '.join(line_types)}, which have gaps, do not count"
+    try:
+        return _drawing([each for each in drawn if not each.line_type], source, named, inside, gap)
+    except ValueError as error:
+        if line_types:
+            raise ValueError(f"{error}{note}") from error
+        raise
+
+
+def _drawing(
+    drawn: Sequence[Drawn],
+    source: str,
+    named: Mapping[str, str | Bore],
+    inside: Array | None,
+    gap: float | None,
+) -> Drawing:
+    """The faces of `closed_outline`, of curves that all count."""
+    extent = 0.0
+    if drawn:
+        extent = float(np.max(np.ptp(samples([each.curve for each in drawn]), axis=0)))
+    near, fine = JOINED * extent, _FINE * extent
+    long_enough = [each for each in drawn if each.curve.length > near]
+    if not long_enough:
+        raise ValueError(f"{source}: it holds no curve that has a length")
+
+    once = _once(long_enough, near)
+    curves, nodes = _joined([each.curve for each in once], near)
+    curves, nodes = _bridged(curves, nodes, fine if gap is None else gap)
+    without_curls = _without_curls(source, curves, nodes)
+    once = [replace(once[i], curve=curves[i]) for i in without_curls]
+    curves, nodes = [each.curve for each in once], [nodes[i] for i in without_curls]
+
+    closed = _closed(nodes)
+    loops = _loops(nodes, closed)
+    if inside is None:
+        _refuse_open(source, once, nodes)
+        faces = _faces(source, curves, loops, fine)
+    else:
+        faces = [_face_around(source, curves, loops, fine, inside)]
+        stray = sorted(set(range(len(curves))) - set(closed))
+        meeting = _meeting(faces[0], curves, stray, fine)
+        _refuse_open(source, [once[i] for i in meeting], [nodes[i] for i in meeting])
+        if meeting:
+            raise ValueError(
+                f"{source}: a curve at {_point(curves[meeting[0]].start)}"
+                f"{_on([once[meeting[0]]])} meets the part, and is no boundary of it; delete it, "
+                "or name the layers of the outline by layers=[...]"
+            )
+    return _grouped(source, Drawing(curves, nodes, [""] * len(curves), faces), once, named, fine)
+
+
+def _refuse_unknown_names(
+    source: str, drawn: Sequence[Drawn], named: Mapping[str, str | Bore]
+) -> None:
+    """Refuse interfaces of layers that no curve is on."""
+    known = frozenset[str]().union(*(each.names for each in drawn))
+    wanted = [where for where in named.values() if isinstance(where, str)]
+    missing = [name for name in wanted if name not in known]
+    if missing:
+        raise ValueError(
+            f"{source}: no curve has the name {', '.join(map(repr, missing))}; its layers, ids and "
+            f"labels are {sorted(known) or 'none'}"
+        )
+
+
+def _grouped(
+    source: str,
+    drawing: Drawing,
+    drawn: Sequence[Drawn],
+    named: Mapping[str, str | Bore],
+    fine: float,
+) -> Drawing:
+    """The drawing with the curves of its faces alone, each in the group of its interface."""
+    curves = drawing.curves
+    holes = [
+        (shapely.Polygon(polygon(walked(curves, loop), fine)), loop)
+        for face in drawing.faces
+        for loop in face.loops[1:]
+    ]
+    used = sorted({i for face in drawing.faces for loop in face.loops for i, _ in loop})
+    groups = dict.fromkeys(used, "")
+    for name, where in named.items():
+        if isinstance(where, Bore):
+            members = _bore(source, name, where, holes)
+        else:
+            members = [i for i in used if where in drawn[i].names]
+        if not members:
+            raise ValueError(
+                f"{source}: interface {name!r}: no curve of the outline itself is on {where!r}"
+            )
+        taken = {groups[i] for i in members} - {""}
+        if taken:
+            raise ValueError(
+                f"{source}: the interfaces {taken.pop()!r} and {name!r} overlap: they have a curve "
+                "in common; give each layers or places of its own, or join them into one"
+            )
+        groups |= dict.fromkeys(members, name)
+    new = {i: k for k, i in enumerate(used)}
+    faces = [
+        Face(face.group, [[(new[i], forward) for i, forward in loop] for loop in face.loops])
+        for face in drawing.faces
+    ]
+    chosen = [curves[i] for i in used], [drawing.nodes[i] for i in used]
+    return Drawing(*chosen, [groups[i] for i in used], faces)
+
+
+def _bore(
+    source: str,
+    name: str,
+    bore: Bore,
+    holes: Sequence[tuple[shapely.Polygon, Sequence[tuple[int, bool]]]],
+) -> list[int]:
+    """The curves of the hole in which the point of a bore lies."""
+    point = shapely.Point(*bore.at)
+    around = [(shape.area, loop) for shape, loop in holes if shape.contains(point)]
+    if not around:
+        middles = [_point(np.array(shape.centroid.coords[0])) for shape, _ in holes[:_LISTED]]
+        more = ", ..." if len(holes) > _LISTED else ""
+        raise ValueError(
+            f"{source}: interface {name!r}: the point {_point(np.array(bore.at))} lies in no bore; "
+            f"its bores have their middles at {', '.join(middles) or 'no place'}{more}"
+        )
+    return [i for i, _ in min(around, key=lambda each: each[0])[1]]
+
+
+def samples(curves: Sequence[Curve]) -> Array:
+    """Five points of each curve, one after the other, shape (n, 2) [m]."""
+    return np.concatenate([curve.at(np.linspace(0.0, 1.0, 5)) for curve in curves])
+
+
+def _once(drawn: Sequence[Drawn], near: float) -> list[Drawn]:
+    """Curves without those that lie on others, whose names go to these."""
+    marks = samples([each.curve for each in drawn]).reshape(-1, 5, 2)
+    tree = cKDTree(marks[:, 2])
+    found: list[Drawn | None] = list(drawn)
+    for i, j in sorted(tree.query_pairs(2.0 * near)):
+        one, other = found[i], found[j]
+        if one is None or other is None:
+            continue
+        gaps = [np.max(np.abs(marks[i] - mark)) for mark in (marks[j], marks[j][::-1])]
+        if min(gaps) < 2.0 * near:
+            found[i], found[j] = replace(one, names=one.names | other.names), None
+    return [each for each in found if each is not None]
+
+
+def _joined(curves: Sequence[Curve], near: float) -> tuple[list[Curve], list[tuple[int, int]]]:
+    """The curves with common ends, and the numbers of the ends."""
+    ends = np.array([end for curve in curves for end in (curve.start, curve.end)])
+    pairs = cKDTree(ends).query_pairs(near, output_type="ndarray").reshape(-1, 2)
+    label = connected(pairs, len(ends))
+    positions = ends[np.unique(label, return_index=True)[1]]
+    nodes = [(a, b) for a, b in label.reshape(-1, 2).tolist()]
+    found = [c.moved(*positions[[*ns]]) for c, ns in zip(curves, nodes, strict=True)]
+    return found, nodes
+
+
+def _bridged(
+    curves: Sequence[Curve], nodes: Sequence[tuple[int, int]], gap: float
+) -> tuple[list[Curve], list[tuple[int, int]]]:
+    """The curves with loose ends joined to the loose ends next to them, up to a ``gap`` [m]."""
+    positions = {
+        n: end
+        for c, ns in zip(curves, nodes, strict=True)
+        for n, end in zip(ns, (c.start, c.end), strict=True)
+    }
+    degree = np.bincount(np.ravel(nodes))
+    loose = np.flatnonzero(degree == 1)
+    if len(loose) < 2:
+        return list(curves), list(nodes)
+    where = np.array([positions[n] for n in loose])
+    distance, nearest = cKDTree(where).query(where, k=2)
+    # of points at the same place the first neighbour may be either
+    other = np.where(nearest[:, 0] == np.arange(len(loose)), nearest[:, 1], nearest[:, 0])
+    sides = {frozenset(ns) for c, ns in zip(curves, nodes, strict=True) if isinstance(c, Line)}
+    renamed = {}
+    for i, j in enumerate(other.tolist()):
+        pair = int(loose[i]), int(loose[j])
+        if i < j and other[j] == i and distance[i, 1] <= gap and frozenset(pair) not in sides:
+            renamed[pair[1]] = pair[0]
+            positions[pair[0]] = 0.5 * (where[i] + where[j])
+    joined = [(renamed.get(a, a), renamed.get(b, b)) for a, b in nodes]
+    moved = [
+        curve.moved(positions[a], positions[b])
+        for curve, (a, b) in zip(curves, joined, strict=True)
+    ]
+    return moved, joined
+
+
+def _without_curls(
+    source: str, curves: Sequence[Curve], nodes: Sequence[tuple[int, int]]
+) -> list[int]:
+    """Numbers of the curves without curls, as programs for lasers draw them at corners.
+
+    A curl is a closed curve that hangs on a corner of two others, and is shorter than both.
+    """
+    at: dict[int, list[int]] = {}
+    for i, ends in enumerate(nodes):
+        for node in ends:
+            at.setdefault(node, []).append(i)
+    curls = []
+    for i, (first, last) in enumerate(nodes):
+        sides = [curves[j].length for j in at[first] if j != i]
+        if first == last and len(sides) == 2 and curves[i].length < min(sides):
+            curls.append(i)
+    if curls:
+        longest = max(curls, key=lambda i: curves[i].length)
+        warnings.warn(
+            f"{source}: {len(curls)} small loops that hang on corners of the outline are left "
+            f"out, the longest of {1e3 * curves[longest].length:.3g} mm at "
+            f"{_point(curves[longest].start)}; draw those that are holes apart from the outline",
+            stacklevel=2,
+        )
+    return [i for i in range(len(curves)) if i not in set(curls)]
+
+
+def _closed(nodes: Sequence[tuple[int, int]]) -> list[int]:
+    """Numbers of the curves that belong to closed loops and meet no others."""
+    degree = np.bincount(np.ravel(nodes))
+    piece = connected(np.array(nodes), len(degree))
+    faulty = set(piece[(degree > 0) & (degree != 2)].tolist())
+    return [i for i, (node, _) in enumerate(nodes) if piece[node] not in faulty]
+
+
+def _refuse_open(source: str, drawn: Sequence[Drawn], nodes: Sequence[tuple[int, int]]) -> None:
+    """Refuse curves that end alone, or of which more than two meet."""
+    at: dict[int, list[tuple[Array, Drawn]]] = {}
+    for each, ends in zip(drawn, nodes, strict=True):
+        for node, end in zip(ends, (each.curve.start, each.curve.end), strict=True):
+            at.setdefault(node, []).append((end, each))
+    loose = [ends[0] for ends in at.values() if len(ends) == 1]
+    if loose:
+        where, gap = np.array([end for end, _ in loose]), ""
+        if len(loose) > 1:
+            distance = float(cKDTree(where).query(where[0], k=2)[0][1])
+            gap = f", {1e3 * distance:.3g} mm from the nearest other end"
+        raise ValueError(
+            f"{source}: the outline is open: {len(loose)} curves end where no other begins, the "
+            f"first at {_point(where[0])}{_on([loose[0][1]])}{gap}; close it, give a larger gap=, "
+            "or name the layers of the outline by layers=[...]"
+        )
+    several = [ends for ends in at.values() if len(ends) > 2]
+    if several:
+        raise ValueError(
+            f"{source}: {len(several[0])} curves meet at {_point(several[0][0][0])}"
+            f"{_on([each for _, each in several[0]])}, where an outline has two; delete what is "
+            "no outline, as inner lines and axes, or name the layers of the outline by "
+            "layers=[...]"
+        )
+
+
+def _on(drawn: Sequence[Drawn]) -> str:
+    """The names of some curves, for a message."""
+    names = sorted(frozenset[str]().union(*(each.names for each in drawn)))
+    return f" (on {', '.join(map(repr, names))})" if names else ""
+
+
+def _loops(nodes: Sequence[tuple[int, int]], chosen: Sequence[int]) -> list[list[tuple[int, bool]]]:
+    """Closed loops of the chosen curves: their numbers, and whether each is walked forward."""
+    at: dict[int, list[int]] = {}
+    for i in chosen:
+        for node in nodes[i]:
+            at.setdefault(node, []).append(i)
+    left, found = set(chosen), []
+    for here in chosen:
+        node, loop = nodes[here][0], []
+        while here in left:
+            left.discard(here)
+            forward = nodes[here][0] == node
+            loop.append((here, forward))
+            node = nodes[here][1 if forward else 0]
+            here = next((i for i in at[node] if i in left), -1)
+        found += [loop] if loop else []
+    return found
+
+
+def _face_around(
+    source: str,
+    curves: Sequence[Curve],
+    loops: list[list[tuple[int, bool]]],
+    fine: float,
+    inside: Array,
+) -> Face:
+    """The face around a point: the smallest loop around it, and the loops right in that."""
+    lines = [polygon(walked(curves, loop), fine) for loop in loops]
+    shapes = [shapely.Polygon(line) if len(line) > 2 else shapely.Polygon() for line in lines]
+    point = shapely.Point(inside)
+    # a loop that crosses itself counts only where it is the one that is meant
+    sound = [shape.is_valid for shape in shapes]
+    around = [i for i, shape in enumerate(shapes) if sound[i] and shape.contains(point)]
+    if not around:
+        low, high = (
+            _point(bound(np.vstack(lines), axis=0)) if lines else "no place"
+            for bound in (np.min, np.max)
+        )
+        raise ValueError(
+            f"{source}: no closed curve lies around inside = {_point(inside)}; give a point in the "
+            f"material of the part that is meant; closed curves reach from {low} to {high}"
+        )
+    outer = min(around, key=lambda i: shapes[i].area)
+    within = [
+        i
+        for i, shape in enumerate(shapes)
+        if i != outer and sound[i] and not shape.is_empty and shapes[outer].contains(shape)
+    ]
+    holes = [i for i in within if not any(j != i and shapes[j].contains(shapes[i]) for j in within)]
+    chosen = [outer, *holes]
+    turned = [_turned(curves, loops[i], counterclockwise=i == outer) for i in chosen]
+    region = shapely.Polygon(lines[outer], [lines[i] for i in holes])
+    for i, line in enumerate(lines):
+        ring = shapely.LinearRing(line) if len(line) > 2 else shapely.LineString(line)
+        others = [shapes[j].exterior for j in chosen if j != i] if i in chosen else [region]
+        crossed = [ring.intersection(other) for other in others if ring.intersects(other)]
+        if crossed:
+            where = _point(shapely.get_coordinates(crossed[0])[0])
+            raise ValueError(
+                f"{source}: two closed curves of the outline cross or touch at {where}; trim them "
+                "to one boundary, or name the layers of the outline by layers=[...]"
+            )
+    return Face("design", turned)
+
+
+def _meeting(face: Face, curves: Sequence[Curve], others: Sequence[int], fine: float) -> list[int]:
+    """Of other curves the numbers of those that meet a face."""
+    outer, *holes = (polygon(walked(curves, loop), fine) for loop in face.loops)
+    region = shapely.Polygon(outer, holes)
+    return [i for i in others if region.intersects(shapely.LineString(curves[i].points(fine)))]
+
+
+def _turned(
+    curves: Sequence[Curve], loop: list[tuple[int, bool]], *, counterclockwise: bool
+) -> list[tuple[int, bool]]:
+    """A loop walked counterclockwise, or clockwise."""
+    if (enclosed(walked(curves, loop))[0] > 0.0) == counterclockwise:
+        return loop
+    return [(curve, not forward) for curve, forward in reversed(loop)]
+
+
+def _faces(
+    source: str, curves: Sequence[Curve], loops: list[list[tuple[int, bool]]], fine: float
+) -> list[Face]:
+    """Loops at even depth with the holes right in them, all with the face on the left."""
+    directed = [walked(curves, loop) for loop in loops]
+    shapes = [_shape(source, polygon(loop, fine)) for loop in directed]
+    rings = [shape.exterior for shape in shapes]
+    for i, j in shapely.STRtree(rings).query(rings, predicate="intersects").T:
+        if i != j:
+            where = shapely.get_coordinates(rings[i].intersection(rings[j]))[0]
+            raise ValueError(
+                f"{source}: two closed curves of the outline cross or touch at "
+                f"{_point(where)}; trim them to one boundary"
+            )
+    inner, outer = shapely.STRtree(shapes).query(shapes, predicate="within")
+    other = inner != outer
+    depth = np.bincount(inner[other], minlength=len(shapes))
+    holes: dict[int, list[int]] = {i: [] for i in range(len(shapes)) if depth[i] % 2 == 0}
+    for j, i in zip(inner[other], outer[other], strict=True):
+        if i in holes and depth[j] == depth[i] + 1:
+            holes[i].append(j)
+
+    def turned(i: int, hole: bool) -> list[tuple[int, bool]]:
+        """A loop counterclockwise, or clockwise around a hole."""
+        return _turned(curves, loops[i], counterclockwise=not hole)
+
+    return [
+        Face("design", [turned(i, False), *(turned(j, True) for j in sorted(inside))])
+        for i, inside in holes.items()
+    ]
+
+
+def _shape(source: str, ring: Array) -> shapely.Polygon:
+    """The polygon within a ring, which must not cross itself."""
+    shape = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
+    fault = "has a closed curve without area" if shape.is_empty else ""
+    if not fault and not shape.is_valid:
+        reason = shapely.is_valid_reason(shape)  # "Self-intersection[x y]"
+        numbers = reason.partition("[")[2].strip("]").split()
+        where = _point(np.array(numbers, dtype=float)) if len(numbers) == 2 else reason
+        fault = f"crosses itself at {where}"
+    if fault:
+        raise ValueError(f"{source}: the outline {fault}; repair it in the drawing")
+    return shape
+
+
+def _point(where: Array) -> str:
+    return f"({1e3 * where[0]:.6g}, {1e3 * where[1]:.6g}) mm"
