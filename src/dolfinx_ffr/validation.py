@@ -188,6 +188,7 @@ def real_array(
 
 def numbers(what: str, value: Any) -> Array:
     """An array of real numbers, of any shape, NaN and infinity included."""
+    refuse_masked(what, value)
     try:
         given = np.asarray(value)
     except ValueError as error:
@@ -197,6 +198,15 @@ def numbers(what: str, value: Any) -> Array:
         shown = f"it holds {holds}" if holds and given.ndim else f"it is {described(value)}"
         raise TypeError(f"{what} must hold real numbers, but {shown}")
     return np.asarray(given, dtype=np.float64)
+
+
+def refuse_masked(what: str, value: Any) -> None:
+    """Refuse masked entries, which NumPy would replace by whatever stands below the mask."""
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{what} has {np.ma.count_masked(value)} masked entries, which are no values; "
+            "fill them (array.filled(0.0)), or leave them out (array.compressed())"
+        )
 
 
 def direction(what: str, value: Any, dimension: int, *, expected: str = "") -> tuple[float, ...]:

@@ -357,6 +357,10 @@ def test_arrays_refused() -> None:
     negative, uneven = body.P.copy(), body.P.copy()
     negative[0, 0] = np.diag([1.0, 1.0, -0.2]) * np.trace(negative[0, 0])
     uneven[0, 1, 0, 2] += 1.0
+    # a coupling of two modes that the mass matrix of the undeformed body does not see
+    turned = rod.N.copy()
+    turned[1, 2] += 2.0 * np.sqrt(rod.G[1, 1] * rod.G[2, 2])
+    turned[2, 1] = -turned[1, 2]
     views, unit = {"G": body.G, "N": body.N[..., 2]}, 0.1 * np.eye(3)[None, None]
     refused: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
         (
@@ -375,6 +379,12 @@ def test_arrays_refused() -> None:
             "no distribution of mass has these m, S and P",
         ),
         ((body.mass, body.S), {"P": uneven, "K": body.K}, "P_ab = P_ba"),
+        ((rod.mass, rod.S), {"G": rod.G, "N": turned, "K": rod.K}, "these m, S, G and N"),
+        (
+            (rod.mass, np.ma.masked_equal(rod.S, rod.S[1, 0])),
+            {"G": rod.G, "N": rod.N, "K": rod.K},
+            "has [0-9] masked entries, which are no values",
+        ),
         ((body.mass, body.S), {**views, "K": body.K}, "in space give P"),
         (
             (1.0, np.zeros((1, 3))),

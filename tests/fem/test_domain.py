@@ -258,3 +258,17 @@ def test_gmsh_models_that_are_refused(
     comm.Barrier()
     with pytest.raises(ValueError, match=message):
         Domain.from_gmsh(comm, path, interfaces=["left"])
+
+
+def test_masked_arrays_are_refused(comm: MPI.Intracomm) -> None:
+    """NumPy would take what stands below the mask."""
+    domain = Domain.rectangle(comm, 0.4, 0.04, elements=(6, 2))
+    masked = np.ma.masked_less(np.ones(domain.n_cells), 2.0)
+    ends = {"left": lambda x: x[0] < 1e-9}
+    for call in (
+        lambda: domain.check_density(masked),
+        lambda: Domain(domain.mesh, ends, np.ma.masked_less(np.arange(4), 2)),
+        lambda: Domain(domain.mesh, {"left": lambda x: np.ma.masked_less(x[0], 1e-9) > 1.0}),
+    ):
+        with pytest.raises(ValueError, match="masked entries, which are no values; fill them"):
+            call()

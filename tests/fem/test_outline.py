@@ -367,3 +367,32 @@ def test_a_ring_of_pieces() -> None:
     np.testing.assert_allclose(body.interfaces["bore"].center, 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="a piece of a ring needs at least two points"):
         Domain.from_outline(MPI.COMM_SELF, [[half, half[:1]]], interfaces=interfaces, size=0.01)
+
+
+#: Each entity is ten of the one before
+TENFOLD = "".join(
+    f"<!ENTITY {name} '{f'&{before};' * 10}'>"
+    for before, name in zip("abcdefghi", "bcdefghij", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("head", "inside", "message"),
+    [
+        (f"<!DOCTYPE svg [<!ENTITY a 'words'>{TENFOLD}]>", "&j;", "amplification factor"),
+        ("<!DOCTYPE svg [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>", "&a;", "undefined entity"),
+        ("<?xml version='1.0' encoding='nonsense'?>", "", "unknown encoding"),
+        ("", "<g>" * 20_000 + "</g>" * 20_000, "nested too deeply"),
+    ],
+)
+def test_svg_files_that_are_meant_to_do_harm(
+    tmp_path: Path, head: str, inside: str, message: str
+) -> None:
+    """Entities are not expanded without bounds, and nothing is read from other files."""
+    path = tmp_path / "plate.svg"
+    page = 'xmlns="http://www.w3.org/2000/svg" width="9mm" height="9mm" viewBox="0 0 9 9"'
+    path.write_text(f'{head}<svg {page}><path d="M 0 0 H 9 V 9 Z"/>{inside}</svg>')
+    with pytest.raises(ValueError, match=f"plate.svg: .*{message}"):
+        Domain.from_outline(
+            MPI.COMM_SELF, path, interfaces={"left": lambda x: x[0] < 1e-9}, size=0.003
+        )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr.body import VolumeIntegrals
 from dolfinx_ffr.dynamics.kinematics import evaluate_equations
 from dolfinx_ffr.dynamics.model import assemble_model
-from dolfinx_ffr.interchange import FORMATS, InterchangeWarning
+from dolfinx_ffr.interchange import FORMATS, InterchangeWarning, sid
 from dolfinx_ffr.interchange.format import FEATURES
 
 #: Formats that can be read again, with an ending for a file
@@ -175,6 +176,29 @@ def test_three_hundred_damaged_files(tmp_path: Path, name: str) -> None:
         renamed = dict(zip(body.markers, found.markers.values(), strict=True))
         assert_same(replace(found, markers=renamed), held_by(body, FORMATS[name].holds))
     assert refused > 250
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("mbdyn", rb"markers=\[.*\]", b"markers=" + b"[" * 100_000 + b"]", "recursion"),
+        ("mbsim", rb"<\?xml.*?>", b'<!DOCTYPE x [<!ENTITY a "a">]>', "declares entities"),
+        ("mbsim", rb"UTF-8", b"nonsense", "unknown encoding: nonsense"),
+        ("sid", rb"x", b"x", "of 2 modes is more than the memory"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::dolfinx_ffr.interchange.InterchangeWarning")
+def test_files_that_are_meant_to_do_harm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, old: bytes, new: bytes, message: str
+) -> None:
+    path = tmp_path / f"body{FILES[name]}"
+    cloud(2).save(path, format=name)
+    content = path.read_bytes().replace(b"dolfinx_ffr crc32", b"others")
+    path.write_bytes(re.sub(old, new, content, count=1))
+    if name == "sid":
+        monkeypatch.setattr(sid, "available_memory", lambda: 10)
+    with pytest.raises(ValueError, match=f"body file {re.escape(str(path))}: .*{message}"):
+        VolumeIntegrals.load(path, format=name)
 
 
 def test_unknown_endings_and_formats_are_refused(tmp_path: Path) -> None:

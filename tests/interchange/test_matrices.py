@@ -139,6 +139,9 @@ def test_matrices_that_are_no_body_are_refused() -> None:
         "in 2 pieces": (*twice, np.vstack([nodes, nodes]), sets),
         "three rows for each of": (K[3:, 3:], M, nodes, sets),
         "at least three of the": (K, M, nodes, line),
+        "rows count from 0, take 1": (K, M, nodes, {"a": np.arange(len(nodes)) + 1}),
+        "name rows 0 to 11 of the 12 nodes, but it names -1": (K, M, nodes, {"a": [-1, 0, 1]}),
+        "masked entries": (K, M, nodes, {"a": np.ma.masked_less(np.arange(4), 1)}),
         "not finite": (K * np.nan, M, nodes, sets),
         "resists rotation": (K, M, 1e3 * nodes[::-1], sets),
     }.items():

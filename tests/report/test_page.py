@@ -14,6 +14,7 @@ from typing import Any
 from mpi4py import MPI
 
 import pytest
+from PIL import Image
 from shared.browser import Seen, look, printed
 from shared.runs import record, write_run
 
@@ -191,6 +192,18 @@ def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
         assert said in words(page)
     assert "data:image/gif" not in page
     assert len(page) < 1e6
+
+
+def test_pictures_and_summaries_that_are_meant_to_do_harm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of too many pixels is named; texts nested without end are damaged."""
+    folder = write_run(tmp_path, record(), history=False)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 0.4)
+    assert "scene.png: it has too many pixels" in words(page_of(folder))
+    (folder / "summary.json").write_text("[" * 100_000)
+    with pytest.raises(ValueError, match=r"summary.json is damaged: maximum recursion"):
+        page_of(folder)
 
 
 def test_nothing_of_a_drawing_but_outlines_comes_into_the_page(tmp_path: Path) -> None:

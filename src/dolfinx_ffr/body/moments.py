@@ -83,23 +83,43 @@ def check_moments(name: str, P: Array, shape: tuple[int, ...]) -> None:
 
 
 def check_gram_matrix(name: str, mass: float, S: Array, P: Array) -> None:
-    """Refuse integrals that no mass has: the Gram matrix of 1 and all components is indefinite."""
-    n = 3 * len(S)
-    gram = np.empty((n + 1, n + 1))
-    gram[0, 0], gram[0, 1:], gram[1:, 0] = mass, S.ravel(), S.ravel()
-    gram[1:, 1:] = P.transpose(0, 2, 1, 3).reshape(n, n)
-    smallest = smallest_scaled_eigenvalue(0.5 * (gram + gram.T))
+    """Refuse integrals that no mass has: the Gram matrix of 1 and all components is indefinite.
+
+    S is of shape (n, d), P of shape (n, n, d, d).
+    """
+    n = S.size
+    _refuse_indefinite(name, "S and P", mass, S.ravel(), P.transpose(0, 2, 1, 3).reshape(n, n))
+
+
+def check_flat_gram_matrix(name: str, mass: float, S: Array, G: Array, N: Array) -> None:
+    """Refuse integrals in the plane that no mass has, by the Gram matrix of 1 and all x + i y.
+
+    S is of shape (n, 2), G and N of shape (n, n).
+    """
+    _refuse_indefinite(name, "S, G and N", mass, S[:, 0] + 1j * S[:, 1], G + 1j * N)
+
+
+def _refuse_indefinite(name: str, what: str, mass: float, first: Any, second: Any) -> None:
+    """Refuse moments of first and of second order that make an indefinite matrix with the mass."""
+    n = len(first)
+    gram = np.empty((n + 1, n + 1), dtype=second.dtype)
+    gram[0, 0], gram[0, 1:], gram[1:, 0] = mass, first, first.conj()
+    gram[1:, 1:] = second
+    smallest = smallest_scaled_eigenvalue(0.5 * (gram + gram.conj().T))
     if smallest < -_ROUND_OFF:
         raise ValueError(
-            f"body {name!r}: no distribution of mass has these m, S and P (the Gram matrix of the "
+            f"body {name!r}: no distribution of mass has these m, {what} (the Gram matrix of the "
             f"shape functions has the eigenvalue {smallest:.1e} after scaling to unit diagonal); "
-            "check the inertia about all axes, and that S and P are of one frame"
+            "check the inertia about all axes, and that all are of one frame"
         )
 
 
-def smallest_scaled_eigenvalue(matrix: Array) -> float:
-    """Smallest eigenvalue after scaling to unit diagonal; negative for a non-positive diagonal."""
-    diagonal = np.diag(matrix)
+def smallest_scaled_eigenvalue(matrix: Any) -> float:
+    """Smallest eigenvalue of a symmetric or Hermitian matrix after scaling to unit diagonal.
+
+    It is negative for a diagonal that is not positive.
+    """
+    diagonal = np.real(np.diag(matrix))
     if matrix.size == 0:
         return 0.0
     if np.any(diagonal < 0.0):

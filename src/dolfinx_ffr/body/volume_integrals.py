@@ -57,6 +57,7 @@ from .marker import (
     largest_share,
 )
 from .moments import (
+    check_flat_gram_matrix,
     check_gram_matrix,
     check_moments,
     dimension_of_inertia,
@@ -437,6 +438,8 @@ class VolumeIntegrals(Shown):
             )
         if self.P is not None:
             check_gram_matrix(name, self.mass, self.S, self.P)
+        else:
+            check_flat_gram_matrix(name, self.mass, self.S, self.G, self.N)
         smallest = smallest_scaled_eigenvalue(self.K)
         if smallest < -1e-9:
             raise ValueError(

@@ -102,6 +102,7 @@ def checked(what: str, predicate: Predicate, points: Array) -> Mask:
         given = predicate(points)
     except Exception as error:
         raise ValueError(f"{what}: the predicate fails on an array of points: {error}") from error
+    validation.refuse_masked(what, given)
     found = np.asarray(given)
     if found.dtype != np.bool_ or found.shape != points.shape[1:]:
         raise ValueError(
@@ -116,6 +117,7 @@ def _numbers_of(
     what: str, given: ArrayLike, kind: str, sizes: tuple[int, int]
 ) -> NDArray[np.int32]:
     """The given numbers, or those where a mask is true; the sizes are without and with ghosts."""
+    validation.refuse_masked(what, given)
     array = np.asarray(given)
     if array.shape == (0,):  # a rank may have none
         return array.astype(np.int32)

@@ -69,7 +69,7 @@ def read_svg(path: Path, scale: float | None, layers: Collection[str] | None) ->
     unreadable = f"outline {path}: no SVG file that can be read"
     try:
         root = parse(path).getroot()
-    except (ParseError, OSError, UnicodeError, ValueError) as error:
+    except (ParseError, OSError, LookupError, ValueError) as error:
         raise ValueError(f"{unreadable}: {error}") from error
     if _name(root) != "svg":
         raise ValueError(f"{unreadable}: it begins with <{_name(root)}>")

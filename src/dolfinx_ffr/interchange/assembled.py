@@ -97,12 +97,26 @@ def _matrix(what: str, given: Any, size: int) -> scipy.sparse.csr_matrix:
 
 
 def _nodes(what: str, given: ArrayLike, n: int) -> Integers:
-    """Different rows of the nodes."""
-    found = np.unique(np.asarray(given, dtype=np.int64))
-    if len(found) < 3 or found[0] < 0 or found[-1] >= n:
+    """Different rows of the nodes, by their numbers from 0 or by a mask."""
+    validation.refuse_masked(what, given)
+    array = np.asarray(given)
+    if array.dtype == np.bool_ and array.shape == (n,):
+        array = np.flatnonzero(array)
+    if array.dtype.kind not in "iu" and array.size:
+        raise TypeError(
+            f"{what} must hold rows of the nodes, but it is {validation.described(given)}"
+        )
+    found = np.unique(array.astype(np.int64))
+    if len(found) and (found[0] < 0 or found[-1] >= n):
+        counted = "; rows count from 0, take 1 from each" if found[-1] == n and found[0] > 0 else ""
+        raise ValueError(
+            f"{what} must name rows 0 to {n - 1} of the {n} nodes, but it names {found[0]} to "
+            f"{found[-1]}{counted}"
+        )
+    if len(found) < 3:
         raise ValueError(
             f"{what} must name at least three of the {n} nodes, to hold a body against rotation, "
-            f"but it has {len(found)}" + (f" up to {found[-1]}" if len(found) else "")
+            f"but it has {len(found)}"
         )
     return found
 

@@ -79,7 +79,14 @@ def read_body(path: str | Path, format: str | None = None) -> dict[str, Any]:
         )
     try:
         arrays = kind.read(path)
-    except (IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+    except (
+        LookupError,
+        MemoryError,
+        OverflowError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
         told = str(error)
         told = told if told.startswith("body file") else f"body file {path}: {told}"
         raise ValueError(told) from error

@@ -43,6 +43,7 @@ import scipy.linalg
 
 from ..arrays import Array
 from ..files import replace_file
+from ..limits import available_memory
 from .format import (
     FEATURES,
     SEAL,
@@ -320,7 +321,10 @@ class _Reader:
                 f"line {self.line}: {name} has order {order}, {nrow} x {ncol} entries, nq = {nq} "
                 f"and structure {structure}; that does not fit {self.r} modes"
             )
-        parts = np.zeros(shape), np.zeros((nrow, self.r, ncol))
+        by_modes = nrow, self.r if order else 0, ncol
+        if 8 * nrow * ncol * (1 + by_modes[1]) > available_memory():  # it is text of any size
+            raise ValueError(f"line {self.line}: {name} of {self.r} modes is more than the memory")
+        parts = np.zeros(shape), np.zeros(by_modes)
         if structure == 4:
             parts[0][:] = np.eye(*shape)
         seen = set()

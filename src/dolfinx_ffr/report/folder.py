@@ -106,6 +106,9 @@ class Folder:
                 kind, (width, height) = str(image.format), image.size
                 image.load()
                 still = _still(image) if getattr(image, "is_animated", False) else b""
+        except Image.DecompressionBombError:
+            self.missing.append(f"{name}: it has too many pixels")
+            return None
         except (OSError, SyntaxError, UnidentifiedImageError, ValueError):
             self.missing.append(f"{name}: the file is damaged")
             return None
@@ -164,7 +167,7 @@ def _still(image: Image.Image) -> bytes:
 def _record(file: Path) -> dict[str, Any]:
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:  # no text, or no JSON
+    except (RecursionError, ValueError) as error:  # no text, or no JSON
         raise ValueError(f"report: {file} is damaged: {error}; run the program again") from error
     if not isinstance(found, dict):
         raise ValueError(f"report: {file} must hold a mapping from names to numbers and texts")

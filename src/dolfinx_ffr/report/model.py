@@ -175,7 +175,7 @@ def read_outline(path: Path) -> Outline:
     """The outlines in an SVG file that `Part.write` has written, or a ValueError."""
     try:
         root = ElementTree.fromstring(path.read_bytes())
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError) as error:
         raise ValueError(f"{path.name} is no SVG file: {error}") from None
     found = {e.get("id", ""): e.get("d", "") for e in root.iter(f"{_NAMESPACE}path")}
     box = (root.get("viewBox") or "").split()
