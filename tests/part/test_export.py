@@ -117,8 +117,7 @@ def test_step(part: ffr.Part, tmp_path: Path) -> None:
         for _, tag in gmsh.model.getEntities(1):
             (first,), (last,) = gmsh.model.getParametrizationBounds(1, tag)
             inside.append(gmsh.model.getValue(1, tag, np.linspace(first, last, 30)).reshape(-1, 3))
-    # OpenCASCADE integrates along splines to some digits only
-    assert 1e-9 * volume == pytest.approx(part.area * 0.012, rel=1e-5)
+    assert 1e-9 * volume == pytest.approx(part.area * 0.012, rel=1e-9)
     assert sorted(set(np.round(points[:, 2], 9))) == [0.0, 12.0]
     assert distance(part, 1e-3 * np.vstack([points, *inside])[:, :2]) < EXACT
 
@@ -136,7 +135,7 @@ def test_masses_in_cad_of_long_splines(tmp_path: Path) -> None:
         gmsh.model.occ.importShapes(str(path))
         gmsh.model.occ.synchronize()
         volume = gmsh.model.occ.getMass(3, gmsh.model.getEntities(3)[0][1])
-    assert 1e-9 * volume == pytest.approx(part.area * 0.012, rel=1e-5)
+    assert 1e-9 * volume == pytest.approx(part.area * 0.012, rel=1e-9)
 
 
 def test_stl(part: ffr.Part, tmp_path: Path) -> None:

@@ -22,6 +22,8 @@ from ..arrays import Array
 
 #: Gauss' rule by which an arc of at most a quarter circle is integrated, exact to round-off
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+#: Lengths and first derivatives that are nothing but round-off, over the length of their spline
+_ROUND_OFF = 1e-9
 
 
 class Curve(ABC):
@@ -223,9 +225,39 @@ class Spline(Curve):
         inner = self.breaks()
         return self.cut([0.5 if len(inner) < 3 else float(inner[len(inner) // 2])])
 
-    def short(self, spans: int) -> list[Spline]:
-        """The same curve as splines of at most so many polynomials."""
-        return self.cut(self.breaks()[spans:-1:spans].tolist())
+    def polynomials(self) -> list[Spline]:
+        """The same curve as splines of one polynomial each."""
+        return self.cut(self.breaks()[1:-1].tolist())
+
+    def with_lines(self) -> list[Curve]:
+        """The same curve as splines and lines, of which no derivative vanishes at an end.
+
+        Where the first and second derivatives of a cubic vanish at an end, it is straight up to the
+        next knot.
+        """
+        if self.degree == 1:
+            return [Line(start, end) for start, end in pairwise(self.control)]
+
+        breaks = self.breaks()
+        nothing = _ROUND_OFF * self.length
+        speeds = np.linalg.norm(self.slope(breaks[[0, -1]]), axis=1)
+        beside = zip(breaks[[1, -2]].tolist(), speeds, strict=True)
+        cuts = {cut for cut, speed in beside if speed < nothing} - {0.0, 1.0}
+        return [
+            Line(piece.start, piece.end) if piece._is_line(nothing) else piece
+            for piece in self.cut(sorted(cuts))
+        ]
+
+    def _is_line(self, tolerance: float) -> bool:
+        """Whether it goes from its start to its end within a ``tolerance`` of the chord [m]."""
+        chord = self.end - self.start
+        length = float(np.hypot(*chord))
+        if length == 0.0:
+            return False
+        ways = self.control - self.start
+        across = ways @ np.array([-chord[1], chord[0]]) / length
+        forward = np.diff(ways @ chord / length)
+        return bool(np.max(np.abs(across)) < tolerance and np.min(forward) > -tolerance)
 
     def cut(self, where: Sequence[float]) -> list[Spline]:
         found = []

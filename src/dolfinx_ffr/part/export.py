@@ -39,9 +39,6 @@ _SVG = """<?xml version='1.0' encoding='utf-8'?>
 <path id="{part}" d="{outline}" fill="#c9d1d9" fill-rule="evenodd" stroke="#22272e" \
 stroke-width="{line}" />\
 <g id="interfaces" fill="none" stroke="#0b62a4" stroke-width="{line}">{interfaces}</g></svg>"""
-#: Polynomials of a spline in STEP files at most: along longer ones CAD programs take too few points
-#: for masses
-_SPANS = 12
 #: What names of layers may not have
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`',]")
 #: A triangle of an STL file
@@ -59,8 +56,8 @@ class Sheet:
 
     @property
     def loops(self) -> list[Loop]:
-        """All loops; curves that go on are joined."""
-        return [_joined(loop) for loops in self.pieces for loop in loops]
+        """All loops, with splines that are straight as lines; curves that go on are joined."""
+        return [_joined(loop) for loops in self.pieces for loop in map(_with_lines, loops)]
 
 
 def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path]:
@@ -86,6 +83,15 @@ def write(part: Sheet, path: str | Path, unit: str, comm: MPI.Comm) -> list[Path
 
     on_rank_0(comm, on_disk)
     return list(files.values())
+
+
+def _with_lines(loop: Loop) -> Loop:
+    """A loop of curves of which no derivative vanishes, by which CAD programs offset them."""
+    return [
+        (piece, interface)
+        for curve, interface in loop
+        for piece in (curve.with_lines() if isinstance(curve, Spline) else [curve])
+    ]
 
 
 def _joined(loop: Loop) -> Loop:
@@ -209,7 +215,11 @@ def _write_dxf(part: Sheet, path: Path, unit: str) -> None:
 
 
 def _whole(part: Sheet) -> Drawing:
-    """The pieces of the part as faces, solid regions not told apart."""
+    """The pieces of the part as faces, solid regions not told apart.
+
+    A spline has a curve for each of its polynomials: along several ones OpenCASCADE takes too few
+    points for masses, and its offsets fail at random.
+    """
     curves: list[Curve] = []
     faces: list[Face] = []
     nodes: list[tuple[int, int]] = []
@@ -223,8 +233,8 @@ def _whole(part: Sheet) -> Drawing:
         for ring in rings:
             joined = [
                 part
-                for curve, _ in _joined([(curve, "") for curve, _ in ring])
-                for part in (curve.short(_SPANS) if isinstance(curve, Spline) else [curve])
+                for curve, _ in _joined([(curve, "") for curve, _ in _with_lines(ring)])
+                for part in (curve.polynomials() if isinstance(curve, Spline) else [curve])
             ]
             loops.append([(len(curves) + i, True) for i in range(len(joined))])
             curves += joined
