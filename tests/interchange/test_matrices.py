@@ -193,3 +193,29 @@ def test_incompatible_modes_are_not_read(tmp_path: Path) -> None:
     file.write_text(file.read_text() + "".join(f"99.{axis}\n" for axis in (1, 2, 3)))
     with pytest.raises(ValueError, match=r"no nodes \[99\].*C3D8I .* not read; take C3D8, C3D20"):
         read_calculix(path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("*NSET, NSET=all, GENERATE\n1, 99999999\n", "names 99,999,999 nodes from 1 to 99999999"),
+        ("*NSET, NSET=odd, GENERATE\n3, 25, 2\n", ""),
+        # each set is twice the one before
+        (
+            "".join(f"*NSET, NSET=s{k + 1}\ns{k}, s{k}\n" for k in range(60)),
+            "",
+        ),
+    ],
+)
+def test_sets_of_more_nodes_than_there_are(tmp_path: Path, lines: str, message: str) -> None:
+    _, matrices = bar((2, 1, 1))
+    path = write_calculix(tmp_path, matrices)
+    first = "*NSET, NSET=s0\n3, 5, 7\n"
+    path.write_text(path.read_text().replace("*STEP", f"{first}{lines}*STEP"))
+    if message:
+        with pytest.raises(ValueError, match=message):
+            read_calculix(path)
+        return
+    found = read_calculix(path).node_sets
+    assert len(found["s0"]) == 3
+    assert len(found.get("odd", range(12))) == 12 and len(found.get("s60", range(3))) == 3

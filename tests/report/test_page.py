@@ -14,7 +14,7 @@ from typing import Any
 from mpi4py import MPI
 
 import pytest
-from PIL import Image
+from PIL import EpsImagePlugin, Image
 from shared.browser import Seen, look, printed
 from shared.runs import record, write_run
 
@@ -197,10 +197,16 @@ def test_damaged_and_large_pictures_are_named(tmp_path: Path) -> None:
 def test_pictures_and_summaries_that_are_meant_to_do_harm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of too many pixels is named; texts nested without end are damaged."""
+    """PostScript is not executed, too many pixels are named, texts without end are damaged."""
     folder = write_run(tmp_path, record(), history=False)
+    (folder / "other.png").write_text("%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EOF\n")
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *_, **__: pytest.fail("executed"))
+    assert "other.png: the file is damaged" in words(page_of(folder))
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 0.4)
     assert "scene.png: it has too many pixels" in words(page_of(folder))
+    (folder / "history.csv").write_text(f"iteration,psi\n0,{'1' * 200_000}\n")
+    with pytest.raises(ValueError, match=r"history.csv is damaged: field larger"):
+        page_of(folder)
     (folder / "summary.json").write_text("[" * 100_000)
     with pytest.raises(ValueError, match=r"summary.json is damaged: maximum recursion"):
         page_of(folder)

@@ -26,8 +26,8 @@ _LINE = 1000
 _SHOWN = 40
 #: A node or an element takes at least so many bytes of a file, "1 1" and the end of the line
 _LEAST_BYTES = 4
-#: Sections whose first line counts what follows
-_COUNTED = re.compile(rb"^\$(Nodes|ParametricNodes|Elements)[ \t\r]*\n", re.MULTILINE)
+#: Heads of sections whose first line counts what follows; without "^", which would be slow
+_COUNTED = re.compile(rb"\n\$(Nodes|ParametricNodes|Elements)[ \t\r]*\n")
 #: First bytes of files that people take for meshes, and what to do with each
 _OTHERS = {
     b"\x1f\x8b": "compressed by gzip; unpack it (gunzip) and give the .msh file",

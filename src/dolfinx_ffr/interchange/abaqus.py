@@ -43,7 +43,8 @@ class InputFile:
         self.path = path
         self._nodes: dict[int, list[float]] = {}
         self._elements: dict[int, list[list[int]]] = {}
-        self._sets: dict[str, list[int]] = {}  # by the name in capitals
+        # by the name in capitals: labels, and ranges of them that are only as long as a file says
+        self._sets: dict[str, dict[int | range, None]] = {}
         self._types: set[str] = set()  # of the solid elements
         self._names: dict[str, str] = {}  # as they are written at first
         self._read(path, 0)
@@ -93,7 +94,7 @@ class InputFile:
                 raise ValueError("a node needs a label of its own and three finite coordinates")
             self._nodes[label] = place
             if "NSET" in options:
-                self._members(options["NSET"]).append(label)
+                self._members(options["NSET"])[label] = None
         elif keyword == "*ELEMENT":
             _, *nodes = (int(x) for x in fields)
             if options["TYPE"].upper().startswith("C3D"):
@@ -105,14 +106,27 @@ class InputFile:
             members = self._members(options["NSET"])
             if "GENERATE" in options:
                 first, last, *step = (int(x) for x in fields)
-                members.extend(range(first, last + 1, *step) if last - first < 10**8 else [])
+                members[range(first, last + 1, *step)] = None
                 return
             for x in fields:
-                members.extend([int(x)] if x.lstrip("-").isdigit() else self._sets[x.upper()])
+                members |= {int(x): None} if x.lstrip("-").isdigit() else self._sets[x.upper()]
 
-    def _members(self, name: str) -> list[int]:
+    def _members(self, name: str) -> dict[int | range, None]:
         self._names.setdefault(name.upper(), name)
-        return self._sets.setdefault(name.upper(), [])
+        return self._sets.setdefault(name.upper(), {})
+
+    def _labels_of(self, name: str) -> Integers:
+        """The labels in a set, which are no more than there are nodes."""
+        labels: set[int] = set()
+        for member in self._sets[name]:
+            several = member if isinstance(member, range) else (member,)
+            if len(several) > len(self.labels):
+                raise ValueError(
+                    f"{self.path}: set {name} names {len(several):,} nodes from {several[0]} to "
+                    f"{several[-1]}, and there are {len(self.labels):,}"
+                )
+            labels.update(several)
+        return np.array(sorted(labels), dtype=np.int64)
 
     def rows(self, what: str, labels: Integers) -> Integers:
         """The rows of nodes with some labels; ``what`` has them, for messages."""
@@ -137,10 +151,11 @@ class InputFile:
         for table, source in zip((stiffness, mass), sources, strict=True):
             index = whole_numbers(source, table[:, :2])
             whole.append(from_entries(str(source), index[:, 0], index[:, 1], table[:, 2], n))
+        members = {name: self._labels_of(name) for name in self._sets}
         sets = {
-            self._names[name]: self.rows(f"set {name}", np.array(labels, dtype=np.int64))
-            for name, labels in self._sets.items()
-            if len(set(labels)) > 2
+            self._names[name]: self.rows(f"set {name}", labels)
+            for name, labels in members.items()
+            if len(labels) > 2
         }
         elements = [
             self.rows("an element", np.array(block, dtype=np.int64).ravel()).reshape(-1, size)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import io
 import json
 import re
@@ -102,7 +103,8 @@ class Folder:
             return None
         content = file.read_bytes()
         try:
-            with Image.open(io.BytesIO(content)) as image:
+            # of other kinds some are programs, as PostScript, which Pillow hands to Ghostscript
+            with Image.open(io.BytesIO(content), formats=("PNG", "GIF")) as image:
                 kind, (width, height) = str(image.format), image.size
                 image.load()
                 still = _still(image) if getattr(image, "is_animated", False) else b""
@@ -147,7 +149,7 @@ def _columns(file: Path) -> dict[str, Array]:
     """The columns of a history; a ValueError if the file is damaged."""
     try:
         return read_history(file)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise ValueError(f"report: {file} is damaged: {error}") from error
 
 
