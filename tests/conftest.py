@@ -5,7 +5,9 @@ Every rank runs the same session, so that collective calls meet:
 
 * with more than one rank only the tests marked ``mpi`` are selected; with more than two, the first
   case of each, and outside of the folders where ranks share fields only those about ranks;
-  ``BUT_THOSE_OF_THREE`` leaves these out of a run with two, beside which one with three is made;
+  ``BUT_THOSE_OF_THREE`` leaves these out of a run with two, beside which one with three is made,
+  and with them the further cases in the folders where ranks share fields: they hold other meshes
+  and laws, which the serial session has, to the same agreement of the ranks;
 * the ranks agree on the outcome of each phase of each test over a communicator of their own: a test
   that fails anywhere fails everywhere, with the reason from the rank that knows it;
 * a rank that does not come to this agreement hangs in a collective call that another rank has left
@@ -45,7 +47,7 @@ GRACE = 60.0
 
 #: Folders of tests of fields and matrices that the ranks share. With more than two ranks, of what
 #: is made of these (motions, parts, whole loops) those run that say so in their names, no demos.
-SHARED = ("design", "fem", "paper", "reduction")
+SHARED = ("design", "fem", "objective", "paper", "reduction")
 RANKS = re.compile(r"_ranks?(_|\b)")
 
 #: Communicator of the agreement, so that it never meets a collective call of the test itself.
@@ -102,7 +104,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if AGREEMENT.size > 2:
         chosen = list(first.values())
     elif os.environ.get("BUT_THOSE_OF_THREE"):
-        chosen = [item for item in chosen if item != first.get(item.nodeid.partition("[")[0])]
+        chosen = [
+            item
+            for item in chosen
+            if item.path.parent.name not in SHARED
+            and item != first.get(item.nodeid.partition("[")[0])
+        ]
     config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
     items[:] = chosen
     names = AGREEMENT.allgather([item.nodeid for item in items])

@@ -155,8 +155,7 @@ def test_thin_walls_become_as_thick_as_asked(place: float) -> None:
     assert np.ptp(cut[:, 2]) > 0.98 * MEMBER
 
 
-@pytest.mark.mpi
-def test_what_is_drawn_thinner_is_mended(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_drawn_thinner_is_mended(monkeypatch: pytest.MonkeyPatch) -> None:
     """Until the measure of the solid, which knows nothing of the field, finds nothing thinner."""
 
     def left(self: Surface) -> Surface:
@@ -165,11 +164,11 @@ def test_what_is_drawn_thinner_is_mended(comm: MPI.Comm, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Surface, "_thick", left)  # the walls of the field stay
     member = 1.5 * MEMBER
-    found = surface(beam(comm), plate(0.94 * member, 0.0), member)
+    found = surface(beam(MPI.COMM_SELF), plate(0.94 * member, 0.0), member)
     before, after = found.drawn.thinnest_member, found.settled().drawn.thinnest_member
     assert before is not None and before.value == pytest.approx(0.94 * member, rel=0.02)
     assert after is None or after.value >= member
-    wider = surface(beam(comm), plate(1.2 * member, 0.0), member)
+    wider = surface(beam(MPI.COMM_SELF), plate(1.2 * member, 0.0), member)
     assert wider.settled() is wider
 
 
@@ -189,10 +188,7 @@ def test_windows_in_which_no_member_fits_are_closed(depth: float, stays: bool) -
     assert found.walls.thickness[0] > 0.999 * MEMBER
 
 
-@pytest.mark.mpi
-def test_windows_that_end_in_points_are_blunted(
-    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_windows_that_end_in_points_are_blunted(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the face of what is told only places where a disc fits stay open."""
     monkeypatch.setattr(surface_module, "_SETTLED", 0)  # thin places have a test of their own
 
@@ -201,7 +197,7 @@ def test_windows_that_end_in_points_are_blunted(
         lens = (np.abs(x[:, 1]) + 0.3 * np.abs(x[:, 0] - 0.08) - 0.01) / np.hypot(1.0, 0.3)
         return np.where(x[:, 2] > 0.0, np.minimum(hollow, lens), hollow)
 
-    found = surface(beam(comm), pointed)._as(pointed)
+    found = surface(beam(MPI.COMM_SELF), pointed)._as(pointed)
     grid = np.arange(-80, 81) * 5e-4
     face = np.stack(np.meshgrid(0.08 + grid, grid, [0.02], indexing="ij"), axis=-1)
 
