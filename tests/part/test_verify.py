@@ -114,9 +114,9 @@ def test_a_part_in_several_load_cases(comm: MPI.Comm) -> None:
     said = [str(each.message) for each in warned]
     assert "% above what was reported" in said[0]
     # the full rod is too heavy for the fast load case before it is meshed anew
-    assert len(said) == 2
-    assert "'fast: JointForce' by 48.4 % of the bound (11.87 of the design" in said[1]
-    assert "at most 8); the design exceeds it by 48.4 %" in said[1]
+    assert len(said) == 3 and "what was reported is not what the parts have: psi " in said[1]
+    assert "'fast: JointForce' by 48.4 % of the bound (11.87 of the design" in said[2]
+    assert "at most 8); the design exceeds it by 48.4 %" in said[2]
     # coarse cells of order 1 are stiffer than they should be
     assert 0.0 < found.difference < 0.1
     psi = found.fitted[-1].load_cases
@@ -261,6 +261,9 @@ def test_a_limit_that_the_part_exceeds(comm: MPI.Comm) -> None:
         last = found.fitted[-1]
         stress = last.bodies["rod"].stress
         assert stress is not None and stress > 1.3 * told
+        other = f"largest stress of 'rod' {told / 1e6:.4g} MPa, of the part {stress / 1e6:.4g} MPa"
+        assert other in found.differences and other in found.record()["part_differences"]
+        assert any(other in str(each.message) for each in warned)
         assert found.reported.psi == pytest.approx(told, rel=1e-6)
         assert found.psi == pytest.approx(stress, rel=1e-9)
         for name, value in last.constraints.items():
@@ -290,7 +293,8 @@ def test_a_part_of_more_volume_than_is_allowed(comm: MPI.Comm) -> None:
     with pytest.warns(ffr.PartWarning, match="'volume of rod' by 25.0 % .*, 1 of the part, at mo"):
         found = narrower.verify(tolerance=1e-2)
     assert found.violations == pytest.approx({"volume of rod": 0.25})
-    assert result.bounds == {"rod": 1.0}
+    assert narrower.violations == found.violations and not narrower.summary()["feasible"]
+    assert result.bounds == {"rod": 1.0} and result.feasible
 
 
 @pytest.mark.mpi

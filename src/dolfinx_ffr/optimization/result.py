@@ -145,6 +145,10 @@ class Result(Shown):
         default_factory=dict, init=False, repr=False, compare=False
     )
 
+    def __post_init__(self) -> None:
+        """Give each result violations of its own, as a verification adds to them."""
+        object.__setattr__(self, "violations", dict(self.violations))
+
     @property
     def feasible(self) -> bool:
         """Whether the design fulfils all constraints, and its parts all bounds and sizes."""

@@ -35,6 +35,9 @@ SOFTER = 0.02
 _FOR_BOUNDS = 3
 #: Frequencies that the summary shows
 _SHOWN = 3
+#: Shares by which frequencies and the largest stress of the part may differ from the reported ones
+#: before that is said: stress differs as much from mesh to mesh where edges begin at an interface
+_FREQUENCY, _STRESS = 0.02, 0.1
 
 
 class PartWarning(UserWarning):
@@ -318,6 +321,29 @@ class Verification:
         # what is not a number is no value below a bound
         return {n: over for n, over in self.fitted[-1].excesses.items() if not over <= SOFTER}
 
+    @property
+    def differences(self) -> list[str]:
+        """What of the reported numbers is another one of the parts, each in words.
+
+        psi and frequencies that differ by more than 2 %, and a largest stress by more than 10 %.
+        """
+        found, psi = [], (self.reported.psi, self.psi)
+        if abs(self.difference) > SOFTER:
+            found.append("psi {:.4g}, of the parts {:.4g}".format(*psi))
+        for name, body in self.fitted[-1].bodies.items():
+            before, of = self.reported.bodies[name], f"of {name!r}"
+            shown = zip(before.frequencies[:_SHOWN], body.frequencies, strict=False)
+            for i, (old, new) in enumerate(shown, 1):
+                if abs(new - old) > _FREQUENCY * abs(old):
+                    found.append(f"frequency {i} {of} {old:.4g} Hz, of the part {new:.4g} Hz")
+            if before.stress is not None and body.stress is not None:
+                old, new = before.stress, body.stress
+                if abs(new - old) > _STRESS * old:
+                    found.append(
+                        f"largest stress {of} {old / 1e6:.4g} MPa, of the part {new / 1e6:.4g} MPa"
+                    )
+        return found
+
     def _told(self, name: str) -> str:
         """A constraint or a volume of the design and of the part beside its bound."""
         before, last = (row.values[name] for row in (self.reported, self.fitted[-1]))
@@ -383,7 +409,7 @@ class Verification:
         record: dict[str, Any] = {"psi_part": self.psi}
         if self.reported.load_cases:
             record["psi_part_by_load_case"] = last.load_cases
-        for key in ("difference", "change", "violations"):
+        for key in ("difference", "differences", "change", "violations"):
             record[f"part_{key}"] = getattr(self, key)
         record["part_pieces"] = of_each({name: part.pieces for name, part in self.parts.items()})
         record["part_mass"] = of_each({name: body.mass for name, body in last.bodies.items()})
@@ -451,7 +477,7 @@ def verify(
     Warns:
         PartWarning: If psi does not stand still, is more than 2 % above the reported one, a finer
             mesh could not be made or does not fit into the memory, or a constraint or a volume is
-            more than 2 % beyond its bound.
+            more than 2 % beyond its bound; and of all `Verification.differences`.
     """
     validation.instance("verify: problem", problem, Problem, "a Problem")
     validation.instances_by_name("verify: parts", parts, Enclosed, "a Part or a Solid")
@@ -570,6 +596,12 @@ def _doubts(found: Verification) -> Iterator[str]:
             "member that is broken or thinner than they are, or are coarse themselves. Look at "
             "the picture of the part; design with a larger minimum_member, on smaller elements, "
             "or from another start"
+        )
+    if found.differences:
+        yield (
+            f"what was reported is not what the parts have: {'; '.join(found.differences)}. The "
+            "values of the parts are the ones to go by; smaller elements, or steps of the "
+            "boundary, bring both together"
         )
     for name, over in found.violations.items():
         before = found.reported.excesses[name]
