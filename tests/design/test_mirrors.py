@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import shapely
 from meshes.connecting_rod import ConnectingRod
 from numpy.testing import assert_allclose
 from shared.meshes import annulus, plate, prongs
@@ -97,6 +98,27 @@ def test_a_graded_mesh_without_the_symmetry_of_its_body(comm: MPI.Intracomm) -> 
         UserWarning, match=r"none of the body.*the gradient differs.*% of it have no image"
     ):
         assert angles(ffr.mirror_lines(domain, domain.cell_volumes * odd)) == []
+
+
+def eyes(comm: MPI.Intracomm, size: float, bolt: float = 0.0) -> ffr.Domain:
+    """A rod between two eyes with rims, and a bolt hole above its axis, from a drawing."""
+    middles = shapely.MultiPoint([(0, 0), (0.15, 0)])
+    shape = shapely.box(0, -0.014, 0.15, 0.014).union(middles.buffer(0.02, 48))
+    shape = shape.difference(middles.buffer(0.009, 48))
+    shape = shape.difference(shapely.Point(0.075, 0.007).buffer(bolt))
+    bores = {"bores": lambda x: np.hypot(0.075 - np.abs(x[0] - 0.075), x[1]) < 0.0092}
+    return ffr.Domain.from_outline(comm, shape, interfaces=bores, size=size, solid_rim=0.004)
+
+
+@pytest.mark.mpi
+def test_lines_of_a_drawing_whatever_its_mesh(comm: MPI.Intracomm) -> None:
+    """Triangles have no images; a bolt hole beside a line, smaller than they are, tells."""
+    for size in (0.006, 0.003):
+        domain = eyes(comm, size)
+        found = ffr.mirror_lines(domain)
+        assert angles(found) == [0.0, 90.0]
+        assert len(ffr.LevelSet(domain, mirrors=found).mirrors) == 2
+    assert angles(ffr.mirror_lines(eyes(comm, 0.006, bolt=0.0025))) == [90.0]
 
 
 def rod(comm: MPI.Intracomm, width: float = 0.3, cell: str = "", **options: object) -> ffr.Domain:

@@ -11,7 +11,7 @@ from .dimensions import DimensionMotion
 from .level_set import LevelSet as LevelSet
 from .level_set_step import Evolution as Evolution
 from .level_set_step import VelocityExtension as VelocityExtension
-from .mirrors import Isometry, image_cells, images
+from .mirrors import Isometry, images
 from .mirrors import Mirror as Mirror
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes

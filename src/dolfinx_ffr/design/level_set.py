@@ -54,7 +54,7 @@ from ..fem import Array, Domain, summed
 from ..limits import PAIR, check_count
 from ..parallel import ROUND_OFF, on_every_rank
 from .density_filter import HeavisideProjection, check_neighbours
-from .mirrors import Mirror, image_cells, images
+from .mirrors import Mirror, Symmetry, images
 from .parametrization import SHARP, Design, finite_vector, steepness
 from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
 
@@ -173,8 +173,9 @@ class LevelSet(Design):
         self.mirrors: tuple[Mirror, ...] = tuple(
             validation.instances("level set: mirrors", mirrors, Mirror, f"{name}s of the body")
         )
+        symmetry = Symmetry(domain) if self.mirrors else None
         for mirror in self.mirrors:
-            if len(mirror.normal) != d or isinstance(image_cells(domain, mirror), str):
+            if len(mirror.normal) != d or (symmetry and symmetry.reason(mirror)):
                 raise ValueError(
                     f"level set: {mirror} is no {name} of the body or of its solid regions; "
                     f"{name.replace(' ', '_')}s(domain) finds those that it has"

@@ -9,19 +9,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator
+import shapely
 from scipy.spatial import cKDTree
 
 from .. import validation
 from ..arrays import Integers
-from ..fem import Array, Domain
+from ..fem import Array, Domain, _compat
 
 #: Images of a point at most: more are needed only by lines whose angles have no common measure
 MOST = 96
-#: Distance of a point in a cell from the nearest centroid at most, in edges of a square as large
+#: Distance of a point in a cell from the nearest centroid at most, in edges of a cube as large
 NEAR = 0.75
+#: Distance of the outline of a body from its image at most, in edges of a mean cell as a square
+OUTLINE = 0.25
 #: Angle of principal axes with the axes of the coordinates that counts as none [degrees]
 ANGLE = 0.05
+#: Distance up to which cells count in a mean of the gradient, in edges of a mean cell
+MEAN = 2.5
 #: Share of a body that may be without an image, and by which a gradient may differ from its image
 SHARE = 0.02
 
@@ -90,29 +94,102 @@ def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
     return found
 
 
-def image_cells(domain: Domain, mirror: Mirror) -> Integers | str:
-    """The cell nearest to the image of each, shape (cells of all ranks,), or why there is none."""
-    found = domain.centroids, domain.cell_volumes, domain.design_cells
-    centroids, volumes, designed = map(domain.everywhere, found)
-    distance, nearest = cKDTree(centroids).query(mirror.reflection(centroids))
-    size = np.maximum(volumes, volumes[nearest]) ** (1.0 / domain.dimension)
-    # where triangles are graded, the image of a few may be farther from all centroids
-    off = volumes @ (distance > NEAR * size)
-    if off > SHARE * volumes.sum() or np.any(distance > 2.0 * NEAR * size):
-        far = float(np.max(distance))
-        return f"{100 * off / volumes.sum():.2g} % of it have no image, as far as {far:.3g} m off"
-    other = volumes @ (designed != designed[nearest])
-    if other > SHARE * volumes.sum():
-        return f"{100 * other / volumes.sum():.2g} % of it are designed and their image is not"
-    return np.asarray(nearest)
+class Symmetry:
+    """Whether a body is its own image in mirrors; collective.
+
+    Outlines tell it in the plane, whatever the mesh between them, and the cells in space.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain = domain
+        parts = domain.centroids, domain.cell_volumes, domain.design_cells
+        self._centroids, self._volumes, self._designed = map(domain.everywhere, parts)
+        self._tree = cKDTree(self._centroids)
+        if domain.dimension == 2:
+            cells = shapely.polygons(domain.everywhere(_corners(domain)))
+            self._body = shapely.union_all(cells)
+            self._of_design = shapely.union_all(cells[self._designed])
+
+    def nearest(self, mirror: Mirror) -> tuple[Integers, Array]:
+        """The cell nearest to the image of each, (cells of all ranks,), and how far it is [m]."""
+        distance, nearest = self._tree.query(mirror.reflection(self._centroids))
+        return np.asarray(nearest), np.asarray(distance)
+
+    def reason(self, mirror: Mirror) -> str:
+        """Why the body is not its own image, "" if it is."""
+        return self._by_outline(mirror) if self._domain.dimension == 2 else self._by_cells(mirror)
+
+    def difference(self, mirror: Mirror, gradient: Array) -> float:
+        """Share by which a gradient (cells of this rank,) per area differs from its image.
+
+        It is that of means over some cells, as those of the mesh have no images.
+        """
+        density = self._domain.everywhere(gradient) * self._designed
+        there = self._means(self._centroids, density)
+        off = there - self._means(mirror.reflection(self._centroids), density)
+        whole = np.sqrt(self._volumes @ there**2)
+        return float(np.sqrt(self._volumes @ off**2) / max(whole, 1e-300))
+
+    def _means(self, points: Array, sums: Array) -> Array:
+        """Means per area around points (n, dimension) of the sums over each cell, (n,)."""
+        radius = MEAN * self._domain.cell_size
+        near = cKDTree(points).sparse_distance_matrix(self._tree, radius, output_type="coo_matrix")
+        weight = (1.0 - near.data / radius) ** 2
+        total, area = (
+            np.bincount(near.row, weight * values[near.col], len(points))
+            for values in (sums, self._volumes)
+        )
+        return np.asarray(total / np.maximum(area, 1e-300))
+
+    def _by_outline(self, mirror: Mirror) -> str:
+        size, area = self._domain.cell_size, self._body.area
+        image = shapely.transform(self._body, mirror.reflection)
+        off = self._body.symmetric_difference(image)
+        # chords of the same curve differ by less
+        if not off.buffer(-0.5 * OUTLINE * size).is_empty:
+            points, both = (
+                shapely.points(shapely.get_coordinates(off)),
+                self._body.intersection(image),
+            )
+            far = float(np.max(shapely.distance(points, both)))
+            return (
+                f"{_percent(0.5 * off.area / area)} of it have no image, as far as {far:.3g} m off"
+            )
+        # edges of regions follow cells, up to half a cell
+        image = shapely.transform(self._of_design, mirror.reflection)
+        other = 0.5 * self._of_design.symmetric_difference(image).area / area
+        return f"{_percent(other)} of it are designed and their image is not" * (other > SHARE)
+
+    def _by_cells(self, mirror: Mirror) -> str:
+        volumes = self._volumes
+        nearest, distance = self.nearest(mirror)
+        size = np.maximum(volumes, volumes[nearest]) ** (1.0 / 3.0)
+        # where tetrahedra are graded, the image of a few may be farther from all centroids
+        off = float(volumes @ (distance > NEAR * size) / volumes.sum())
+        if off > SHARE or np.any(distance > 2.0 * NEAR * size):
+            far = float(np.max(distance))
+            return f"{_percent(off)} of it have no image, as far as {far:.3g} m off"
+        other = float(volumes @ (self._designed != self._designed[nearest]) / volumes.sum())
+        return f"{_percent(other)} of it are designed and their image is not" * (other > SHARE)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
+def _corners(domain: Domain) -> Array:
+    """The corners of this rank's cells one after the other, (cells, corners, 2) [m]."""
+    order = [0, 1, 2] if domain.cell == "triangle" else [0, 1, 3, 2]
+    nodes = _compat.cell_geometry(domain.mesh)[: domain.n_cells, order]
+    return np.asarray(domain.mesh.geometry.x[nodes][:, :, :2])
 
 
 def mirror_lines(domain: Domain, gradient: Array | None = None) -> list[Mirror]:
     """The lines through the centroid of a body about which it is its own mirror image.
 
     Candidates are the axes of the coordinates and the principal axes of the area, and lines in
-    steps of 15 degrees where those are not unique. The image of each cell must lie on the body, to
-    less than a cell, and be designed like the cell.
+    steps of 15 degrees where those are not unique. The outline of the body and that of its designed
+    region must be their own images, to less than a cell, whatever the mesh.
 
     A symmetric body has a symmetric best design only if its loads are symmetric too: give the
     gradient of an even density, which confirms it.
@@ -146,6 +223,7 @@ def mirror_planes(domain: Domain, gradient: Array | None = None) -> list[Mirror]
 
     Candidates are the planes across the axes of the coordinates and across the principal axes of
     the volume, and those between two axes of the coordinates with the same second moments.
+    The image of each cell must lie on the body, to less than a cell, and be designed like the cell.
     ``domain`` and ``gradient``, result and warning are as for `mirror_lines`.
     """
     center, spread, axes = _principal_axes("mirror planes", domain, 3)
@@ -182,37 +260,24 @@ def _confirmed(
     gradient: Array | None,
 ) -> list[Mirror]:
     """The mirrors through a center that the body has, and the gradient if there is one."""
-    parts = domain.centroids, domain.cell_volumes, domain.design_cells
-    centroids, volumes, designed = map(domain.everywhere, parts)
-    density = None
+    symmetry, found, reasons = Symmetry(domain), list[Mirror](), list[str]()
     if gradient is not None:
-        given = validation.real_array(f"{what}: gradient", gradient, (domain.n_cells,))
-        density = domain.everywhere(given) / volumes * designed
-        # the image of a cell of an unstructured mesh lies between others
-        interpolated = LinearNDInterpolator(centroids, density)
-    found, reasons = [], []
+        gradient = validation.real_array(f"{what}: gradient", gradient, (domain.n_cells,))
     for normal in normals:
         mirror = Mirror(tuple(center.tolist()), tuple(map(float, normal)))
-        nearest, reason = image_cells(domain, mirror), ""
-        if isinstance(nearest, str):
-            reason = nearest
-        elif density is not None:
-            image = interpolated(mirror.reflection(centroids))
-            image = np.where(np.isnan(image), density[nearest], image)  # beyond all centroids
-            difference = np.sqrt(volumes @ (density - image) ** 2)
-            whole = np.sqrt(volumes @ density**2)
-            if difference > SHARE * whole:
-                off = 100 * difference / whole
-                reason = f"the gradient differs by {off:.2g} % from its image"
+        reason = symmetry.reason(mirror)
+        if not reason and gradient is not None:
+            off = symmetry.difference(mirror, gradient)
+            reason = f"the gradient differs by {_percent(off)} from its image" * (off > SHARE)
         if reason:
             reasons.append(f"{mirror}: {reason}")
         else:
             found.append(mirror)
     if not found:
+        meshed = "a mesh with mirror images of its cells has them, and " * (domain.dimension == 3)
         warnings.warn(
             f"{what}: none of the body through its centroid; looked for were "
-            f"{'; '.join(reasons)}; a mesh with mirror images of its cells has them, and others "
-            "than these can be given by hand",
+            f"{'; '.join(reasons)}; {meshed}others than these can be given by hand",
             stacklevel=3,
         )
     return found
