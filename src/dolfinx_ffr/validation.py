@@ -202,9 +202,11 @@ def numbers(what: str, value: Any) -> Array:
 
 def refuse_masked(what: str, value: Any) -> None:
     """Refuse masked entries, which NumPy would replace by whatever stands below the mask."""
-    if np.ma.is_masked(value):
+    rows = value if isinstance(value, list | tuple) else [value]
+    arrays = [row for row in rows if isinstance(row, np.ma.MaskedArray)]
+    if masked := sum(int(np.sum(np.ma.getmaskarray(array))) for array in arrays):
         raise ValueError(
-            f"{what} has {np.ma.count_masked(value)} masked entries, which are no values; "
+            f"{what} has {masked} masked entries, which are no values; "
             "fill them (array.filled(0.0)), or leave them out (array.compressed())"
         )
 

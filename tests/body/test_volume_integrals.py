@@ -385,6 +385,11 @@ def test_arrays_refused() -> None:
             {"G": rod.G, "N": rod.N, "K": rod.K},
             "has [0-9] masked entries, which are no values",
         ),
+        (
+            (rod.mass, list(np.ma.masked_equal(rod.S, rod.S[1, 0]))),
+            {"G": rod.G, "N": rod.N, "K": rod.K},
+            "has [0-9] masked entries, which are no values",
+        ),
         ((body.mass, body.S), {**views, "K": body.K}, "in space give P"),
         (
             (1.0, np.zeros((1, 3))),
