@@ -412,7 +412,7 @@ def test_what_cannot_be_moved() -> None:
     )
     with pytest.raises(ValueError, match="give an objective that is positive"):
         move_boundary(negative, boundary, progress=False)
-    with pytest.warns(ffr.PartWarning, match="holes near .* mm are left out"):
+    with pytest.warns(ffr.PartWarning, match="holes of the design near .* mm are left out"):
         Boundary.of(part, 9e-3)
 
 

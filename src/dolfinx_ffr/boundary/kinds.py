@@ -145,7 +145,7 @@ class InThePlane(Kind[Boundary]):
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         if not boundary.valid:
-            raise ValueError("boundary: curves cross")
+            raise ValueError("boundary: curves cross, or leave the body")
         across = _ACROSS
         if turn == math.inf:
             across *= _LARGER

@@ -2,8 +2,10 @@
 """The boundary of a part as curves that stay and curves that move.
 
 Interfaces, solid regions and what lies between them stay: their lines and arcs are those of the
-part's drawing. All other sides become uniform B-splines: a closed one for each hole, an open one
-for each free side of the outline between two curves that stay.
+part's drawing. So do the holes of the body's drawing, with rims of a given width around them. The
+outline of the body is a limit that no curve crosses. All other sides become uniform B-splines: a
+closed one for each hole, an open one for each free side of the outline between two curves that
+stay.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
-from ..fem import Curve, Domain, Drawing, Face, connected, polygon, ring
+from ..fem import Curve, Domain, Drawing, Face, FlatHole, connected, polygon, ring
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
@@ -57,6 +59,9 @@ _TRIMMED, _FEWEST = 0.3, 12
 _CROWDED = 0.2
 #: Steps along the boundary at which members and gaps are measured, in minimum members
 _STEP = 0.2
+#: Distance by which curves may leave the body or enter a rim, as they are told by points, and
+#: distance of curves from the drawn hole that they are on, in minimum members
+_BEYOND, _ON_HOLE = 0.01, 0.05
 
 
 class CurveError(ValueError):
@@ -90,6 +95,7 @@ class Boundary:
     room: shapely.Geometry  #: The body
     member: float  #: Minimum member [m]
     gap: float  #: Minimum gap [m]
+    rim: float  #: Width of the rim around each hole of the body's drawing [m]
     radius: float  #: Smallest radius of curvature [m]
     spacing: float  #: Distance of the controls of holes [m]; twice that in outlines
 
@@ -99,6 +105,7 @@ class Boundary:
         member: float,
         *,
         gap: float | None = None,
+        rim: float | None = None,
         radius: float | None = None,
         spacing: float | None = None,
         outline: bool = True,
@@ -110,9 +117,11 @@ class Boundary:
             part: From a level set or densities, in one piece.
             member: Minimum member [m].
             gap: Minimum gap [m]; by default as the member.
+            rim: Width of the rim of material around each hole of the body's drawing [m]; by default
+                as the member. With 0 such holes may grow and join others, but are never filled.
             radius: Smallest radius of curvature [m]; by default half a minimum gap.
             spacing: Distance of the controls of holes [m]; by default two minimum members.
-            outline: Whether sides on the outline of the body may move, too.
+            outline: Whether sides on the outer edge of the body may move, too.
             mirrors: Lines about which the part is its own mirror image, and stays it exactly.
 
         Raises:
@@ -122,14 +131,16 @@ class Boundary:
                 minimum member does not fit into the body, or curves cross once they are smoothed.
 
         Warns:
-            PartWarning: Of holes that are left out, as they are smaller than five squares of the
-                minimum member.
+            PartWarning: Of holes of the design that are left out, as they are smaller than five
+                squares of the minimum member. Holes of the body's drawing never are.
         """
         needed = "a Part, of a body in the plane"
         validation.instance("boundary: part", part, Part, needed)
         validation.number("boundary: member", member, above=0.0, unit="m")
         gap = member if gap is None else gap
         validation.number("boundary: gap", gap, above=0.0, unit="m")
+        rim = member if rim is None else rim
+        validation.number("boundary: rim", rim, least=0.0, unit="m")
         radius = _RADIUS * gap if radius is None else radius
         validation.number("boundary: radius", radius, least=0.0, unit="m")
         spacing = 2.0 * member if spacing is None else spacing
@@ -147,13 +158,20 @@ class Boundary:
         whole = Part(part.body, lambda x: np.ones(len(x)), part.spacing, resolution=2)
         rings = [[polygon(loop, _FINE * member) for loop in loops] for loops in whole.outlines]
         room = shapely.union_all([shapely.Polygon(ring, holes) for ring, *holes in rings])
-        runs, faces = sides_of(part.drawing, room.boundary, 1e-3 * member, outline)
+        drawn = _drawn_holes(part.body).boundary.buffer(_ON_HOLE * member) if rim else None
+        # arcs are as near to the polygon of the outline as that is to them
+        near = 2.0 * _FINE * member
+        runs, faces = sides_of(part.drawing, room.boundary, near, outline, drawn)
         if not runs:
-            raise ValueError("boundary: interfaces and solid regions leave no side that could move")
+            raise ValueError(
+                "boundary: interfaces, solid regions and the holes of the body's drawing leave no "
+                "side that could move"
+            )
         # the last bits of a rank may decide nothing
         alike = tuple(images(lines))
         curves, masters = part.body.comm.bcast(fitted(runs, spacing, alike))
-        found = Boundary(part, curves, faces, masters, alike, room, member, gap, radius, spacing)
+        sizes = member, gap, rim, radius, spacing
+        found = Boundary(part, curves, faces, masters, alike, room, *sizes)
         if found._inner.buffer(-member).is_empty:
             raise ValueError(
                 f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
@@ -163,8 +181,8 @@ class Boundary:
         found = found.moved(np.zeros(found.n_controls))
         if not found.valid:
             raise CurveError(
-                "boundary: curves cross once they are smoothed, as members of the design are "
-                "thinner than its curves can show"
+                "boundary: curves cross once they are smoothed, or cross the rim of a hole of the "
+                "drawing, as members of the design are thinner than its curves can show"
             )
         return found
 
@@ -252,7 +270,9 @@ class Boundary:
             control = curve.control + motion[part]
             free[key] = kept(curve, control, self._inner, self._clear, _CLEAR * self.member)
         moved = replace(self, free=free)
-        moved.__dict__.update(_inner=self._inner, _clear=self._clear)  # as solid regions stay
+        # as solid regions, the body and its holes stay
+        same = ("_rims", "_inner", "_clear", "_limit", "_needed")
+        moved.__dict__.update({name: getattr(self, name) for name in same})
         return moved
 
     def ways(self, reach: float) -> Array:
@@ -284,11 +304,31 @@ class Boundary:
         return self._off_solid(_CLEAR)
 
     def _off_solid(self, distance: float) -> shapely.Geometry:
-        """The body without what is near what must stay solid, in minimum members."""
+        """The body without rims and what is near what must stay solid, in minimum members."""
         solid = shapely.MultiPolygon(
             [self._polygon(loops) for group, loops in self.faces if group == "solid"]
         )
-        return self.room.difference(solid.buffer(distance * self.member))
+        # curves along the outer edge of the body pass rims there
+        holes = _drawn_holes(self.body).buffer(_ON_HOLE * self.member)
+        rims = self._rims.intersection(self.room.union(holes).buffer(-_BEYOND * self.member))
+        return self.room.difference(solid.buffer(distance * self.member)).difference(rims)
+
+    @cached_property
+    def _rims(self) -> shapely.Geometry:
+        """Rims around the holes of the body's drawing, and the holes."""
+        return _drawn_holes(self.body).buffer(self.rim)
+
+    @cached_property
+    def _limit(self) -> shapely.Geometry:
+        """What the material stays in: the body, but for the accuracy of curves."""
+        return self.room.buffer(_BEYOND * self.member)
+
+    @cached_property
+    def _needed(self) -> shapely.Geometry:
+        """What stays material: rims, but for the accuracy of curves."""
+        beyond = 2.0 * _BEYOND * self.member
+        rims = self._rims.difference(_drawn_holes(self.body)).intersection(self.room)
+        return rims.buffer(-beyond)
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
         fine = _FINE * self.member
@@ -391,8 +431,13 @@ class Boundary:
 
     @property
     def valid(self) -> bool:
-        """Whether no curve crosses itself or another."""
-        return all(self._polygon(loops).is_valid for _, loops in self.faces)
+        """Whether no curve crosses itself, another, the outline of the body or a rim of a hole."""
+        faces = [self._polygon(loops) for _, loops in self.faces]
+        if not all(face.is_valid for face in faces):
+            return False
+        material = shapely.union_all(faces)
+        rims = self._needed.is_empty or material.covers(self._needed)
+        return bool(rims and self._limit.covers(material))
 
     @property
     def smallest_radius(self) -> float:
@@ -579,15 +624,16 @@ class Boundary:
         return [key for key in self.holes if self.hole(key).area < share * self.member**2]
 
     def _without_specks(self) -> Boundary:
-        """Without holes that are too small, which is warned of."""
-        specks = self._below(_SPECK)
+        """Without holes of the design that are too small, which is warned of."""
+        drawn = _drawn_holes(self.body)
+        specks = [key for key in self._below(_SPECK) if not self.hole(key).intersects(drawn)]
         if not specks:
             return self
         centers = [1e3 * np.mean(self.free[key].control, axis=0) for key in specks]
         near = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in centers)
         warnings.warn(
-            f"boundary: holes near {near} mm are left out: each is smaller than five squares of "
-            "the minimum member",
+            f"boundary: holes of the design near {near} mm are left out: each is smaller than five "
+            "squares of the minimum member",
             PartWarning,
             stacklevel=4,
         )
@@ -621,6 +667,11 @@ class Boundary:
             for group, loops in self.faces
         ]
         return Drawing(curves, nodes, groups, faces)
+
+
+def _drawn_holes(body: Domain) -> shapely.MultiPolygon:
+    """The holes of a body's drawing [m]."""
+    return shapely.MultiPolygon([hole.shape for hole in body.holes if isinstance(hole, FlatHole)])
 
 
 def _is_hole(loop: Sequence[Side], holes: set[int]) -> bool:

@@ -37,7 +37,11 @@ class Run:
 
 
 def sides_of(
-    given: Drawing, edge: shapely.Geometry, near: float, outline: bool = True
+    given: Drawing,
+    edge: shapely.Geometry,
+    near: float,
+    outline: bool = True,
+    holes: shapely.Geometry | None = None,
 ) -> tuple[list[Run], Loops]:
     """The runs that may move, by number, and all faces by their sides.
 
@@ -45,7 +49,7 @@ def sides_of(
     a hole of its own, and a run that meets the side of a solid region goes on along it to where it
     ends: so there is no notch without a radius, where stress would have no limit. ``edge`` is the
     outline of the whole body, found to a distance ``near`` [m]: what lies on it moves only where
-    the ``outline`` is free.
+    the ``outline`` is free. What lies on drawn ``holes`` stays.
     """
     groups: list[set[str]] = [set() for _ in given.curves]
     for face in given.faces:
@@ -55,9 +59,11 @@ def sides_of(
     middles = shapely.points([curve.at(np.array([0.5]))[0] for curve in given.curves])
     within = shapely.distance(middles, edge) > near
     of = [next(iter(group)) if len(group) == 1 else "" for group in groups]
+    drawn = shapely.intersects(middles, holes or shapely.MultiPolygon())
+    may_move = within | (outline & ~drawn)
     free = [
-        a == "design" and not name and (outline or deep)
-        for a, name, deep in zip(of, given.groups, within, strict=True)
+        a == "design" and not name and may
+        for a, name, may in zip(of, given.groups, may_move, strict=True)
     ]
     inside = [
         a == "solid" and not name and deep

@@ -23,8 +23,8 @@ from scipy.sparse.linalg import lsmr
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array, Integers
-from ..design import Mirror, images
+from ..arrays import Array, Integers, Mask
+from ..design import HoleRims, Mirror, images
 from ..fem import Domain, Tetrahedra
 from ..limits import PAIR, check_count
 from ..parallel import agreed_memory, on_every_rank, on_rank_0
@@ -70,6 +70,10 @@ _EACH = 800.0
 #: Distance from the zero of the field, in edges, and product of normals, up to which a triangle is
 #: part of the zero surface, and distance for its corners
 _NEAR, _ALONG, _ON = 0.25, 0.3, 0.1
+#: Width of rims at least, in minimum members: a little more than walls are kept to
+_RIM = 1.03
+#: Step of the differences by which the slope of rims is found, in spacings of the grid
+_DIFFERENCE = 1e-4
 #: Share of a plane's normals beyond which it keeps a point from moving
 _KEPT = 0.05
 
@@ -95,6 +99,7 @@ class Surface:
         spacing: Of the grid, shape (3,) [m].
         mirrors: Planes about which the surface is its own mirror image.
         size: Of the tetrahedra [m].
+        rim: Width of the rim around each bore of the body's drawing [m].
     """
 
     normals: Array
@@ -111,6 +116,7 @@ class Surface:
         spacing: Array,
         mirrors: Sequence[Mirror],
         size: float,
+        rim: float,
     ) -> None:
         #: The solid that it was made of
         self.origin, self._sides = origin, sides
@@ -123,6 +129,8 @@ class Surface:
         self.knots = 2.0 * spacing  #: Distances of the knots of the motion, (3,) [m]
         self.size = size  #: Of the tetrahedra [m]
         self.body: Domain = origin.body
+        self.rim = rim  #: Width of the rim around each bore of the body's drawing [m]
+        self._rims = HoleRims(self.body, max(rim, _RIM * member) if rim else 0.0)
         lines = [_refined(count) for count in coefficients.shape]
         self._counts = [line.shape[1] for line in lines]
         #: From motions to coefficients
@@ -134,13 +142,20 @@ class Surface:
 
     @staticmethod
     def of(
-        solid: Solid, member: float, *, mirrors: Sequence[Mirror] = (), size: float | None = None
+        solid: Solid,
+        member: float,
+        *,
+        rim: float | None = None,
+        mirrors: Sequence[Mirror] = (),
+        size: float | None = None,
     ) -> Surface:
         """The boundary of a ``solid``; collective.
 
         Args:
             solid: Of any field.
             member: Width of the thinnest member [m]; it sets the grid of the field, too.
+            rim: Width of the rim of material around each bore of the body's drawing [m]; by default
+                as the member, 0 for none. Others are at least a member wide.
             mirrors: Planes about which the surface is its own mirror image.
             size: Of the tetrahedra [m], see `Solid`; by default as small as the cells of the body
                 allow with 30,000 of them for all of it, or with 250,000 where fewer are larger than
@@ -156,6 +171,7 @@ class Surface:
         """
         validation.instance("surface: solid", solid, Solid, "a Solid")
         validation.number("surface: member", member, above=0.0, unit="m")
+        rim = validation.number("surface: rim", member if rim is None else rim, least=0.0, unit="m")
         planes = validation.instances("surface: mirrors", mirrors, Mirror, "planes of the body")
         if any(len(mirror.normal) != 3 for mirror in planes):
             raise ValueError("surface: mirrors: a line is none of a body in space; give planes")
@@ -183,7 +199,7 @@ class Surface:
             )
         sides = Sides.of(body, _SAMPLES * member)
         none = np.zeros(tuple(counts + 3))
-        empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size)
+        empty = Surface(solid, sides, member, none, low - spacing, spacing, planes, size, rim)
 
         def found() -> Surface:
             fitted = empty._fitted(lambda x: solid.field(np.clip(x, low, high)))
@@ -194,8 +210,12 @@ class Surface:
     # ------------------------------------------------------------------ field
 
     def field(self, points: ArrayLike) -> Array:
-        """The field at ``points`` (n, 3) [m], positive in the material, (n,) [m]."""
+        """The field at ``points`` (n, 3) [m], positive in material and rims, (n,) [m]."""
         x = np.asarray(points, dtype=np.float64)
+        return np.maximum(self._moving_field(x), self._rims.margin(x))
+
+    def _moving_field(self, x: Array) -> Array:
+        """The field at points (n, 3) without the rims of bores, which stay, (n,) [m]."""
         total = np.zeros(len(x))
         for image in self._images:
             at = (image(x) - self._low) / self._spacing
@@ -215,7 +235,17 @@ class Surface:
         found = np.zeros((len(x), 3))
         for image in self._images:
             found += _gradients(image(x), self._low, self._spacing, self.coefficients) @ image.turn
-        return found / len(self._images)
+        found /= len(self._images)
+        if np.any(rims := self._in_rims(x)):
+            steps = _DIFFERENCE * np.diag(self._spacing)
+            margin = self._rims.margin
+            change = [(margin(x[rims] + s) - margin(x[rims] - s)) / (2.0 * s.sum()) for s in steps]
+            found[rims] = np.column_stack(change)
+        return found
+
+    def _in_rims(self, x: Array) -> Mask:
+        """Whether a rim, and not what moves, decides on the material at points (n, 3), (n,)."""
+        return np.asarray(self._rims.margin(x) > self._moving_field(x))
 
     # ------------------------------------------------------------------ solid
 
@@ -425,7 +455,7 @@ class Surface:
 
     def _with(self, coefficients: Array, size: float | None = None) -> Surface:
         own = self.origin, self._sides, self.member, coefficients, self._low, self._spacing
-        return Surface(*own, self.mirrors, size or self.size)
+        return Surface(*own, self.mirrors, size or self.size, self.rim)
 
     def state(self) -> dict[str, Array]:
         """What has changed since `of`, as arrays by name."""
@@ -484,6 +514,7 @@ class Surface:
     def outwards(self, x: Array) -> csr_matrix:
         """How points ``x`` (n, 3) of the surface move along its normal, (n, variables)."""
         steep = np.linalg.norm(self._slopes(x), axis=1, keepdims=True)
+        steep[self._in_rims(x)] = np.inf
         return csr_matrix(self._rows(x).multiply(1.0 / steep).tocsr() @ self._finer)
 
 

@@ -16,6 +16,7 @@ from .mirrors import Mirror as Mirror
 from .mirrors import mirror_lines as mirror_lines
 from .mirrors import mirror_planes as mirror_planes
 from .parametrization import CRISP as CRISP
+from .parametrization import LEAST as LEAST
 from .parametrization import SHARP as SHARP
 from .parametrization import DensityDesign as DensityDesign
 from .parametrization import Design as Design
@@ -29,5 +30,6 @@ from .rbf import Multiquadric as Multiquadric
 from .rbf import ThinPlate as ThinPlate
 from .rbf import Wendland as Wendland
 from .rbf import check_kernel
+from .rims import HoleRims
 
 explain_fields(globals())

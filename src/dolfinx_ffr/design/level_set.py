@@ -49,7 +49,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Integers
+from ..arrays import Integers, Mask
 from ..fem import Array, Domain, summed
 from ..limits import PAIR, check_count
 from ..parallel import ROUND_OFF, on_every_rank
@@ -57,6 +57,7 @@ from .density_filter import HeavisideProjection, check_neighbours
 from .mirrors import Mirror, Symmetry, images
 from .parametrization import SHARP, Design, finite_vector, steepness
 from .rbf import Wendland, kernel_matrix, neighbours, strip_middle, strip_width
+from .rims import HoleRims
 
 #: Shortest radius of the kernel in mean elements: one of 2.75 costs 1 % of psi
 RADIUS = 2.25
@@ -104,6 +105,8 @@ class LevelSet(Design):
             bound. That of the finished part is `Part.thinnest_member`.
         minimum_gap: Width that no gap or hole may fall below [m]; by default the mesh's
             least, and at least a quarter of `minimum_member`.
+        hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
+            each round bore), with a name or without [m]; by default `minimum_member`, 0 for none.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
             any mesh; see `mirror_lines` and `mirror_planes`.
         knots: Shape (knots, dimension) [m], the same on every rank; by default a regular grid over
@@ -127,6 +130,7 @@ class LevelSet(Design):
         *,
         minimum_member: float | None = None,
         minimum_gap: float | None = None,
+        hole_rim: float | None = None,
         mirrors: Sequence[Mirror] = (),
         knots: ArrayLike | None = None,
         spacing: float | None = None,
@@ -142,6 +146,9 @@ class LevelSet(Design):
         self.minimum_member, self.minimum_gap = self._sizes(minimum_member, minimum_gap)
         #: Whether one of them was given, and is not that of the mesh
         self.sizes_asked = minimum_member is not None or minimum_gap is not None
+        self._rims = HoleRims(domain, self.minimum_member if hole_rim is None else hole_rim)
+        #: Width of the solid rim around each hole of the body's drawing [m]
+        self.hole_rim = self._rims.width
         # smaller ones than the elements resolve are left to the steps of the boundary
         member_, gap_ = np.maximum((self.minimum_member, self.minimum_gap), self._least)
         larger = SAFETY * max(member_, gap_)
@@ -191,6 +198,7 @@ class LevelSet(Design):
         check_neighbours(domain, "level set", sizes, self.radius / apart, remedy, ranks)
         self._tree = cKDTree(self.knots)
         points, self._weights = domain.quadrature_points(points_across)
+        self._in_rims = self._rims.contain(points)
         points = points.reshape(-1, d)
         self._check_cover(points)
         if knots is None:  # knots of the grid that no element sees are no variables
@@ -270,11 +278,14 @@ class LevelSet(Design):
             )
 
     def level(self, variables: ArrayLike) -> Callable[[ArrayLike], Array]:
-        """F - 1/2 by coefficients ``variables`` (knots,), positive in the material.
+        """F - 1/2 by coefficients ``variables`` (knots,), positive in the material and its rims.
 
         A function of positions (n, dimension) [m] that each rank may call for its own points.
         """
-        u = self._check(variables)
+        return self._rims.added_to(self._field(self._check(variables)))
+
+    def _field(self, u: Array) -> Callable[[ArrayLike], Array]:
+        """F - 1/2 by coefficients, without the rims."""
 
         def at(points: ArrayLike) -> Array:
             x = np.asarray(points, dtype=np.float64).reshape(-1, self.domain.dimension)
@@ -350,10 +361,12 @@ class LevelSet(Design):
     def pullback(self, variables: ArrayLike, x_bar: Array) -> Array:
         bar = np.where(self.domain.design_cells, x_bar, 0.0)[:, None] * self._weights
         f_bar = self.projection.pullback(self._at_points(variables), bar)
+        f_bar[self._in_rims] = 0.0
         return summed(self.domain.comm, self._matrix.T @ f_bar.ravel())
 
     def _at_points(self, variables: ArrayLike) -> Array:
-        return np.asarray(self._matrix @ self._check(variables)).reshape(self._weights.shape)
+        f = np.asarray(self._matrix @ self._check(variables)).reshape(self._weights.shape)
+        return np.where(self._in_rims, 1.0, f)
 
     def _check(self, variables: ArrayLike) -> Array:
         return finite_vector(variables, self.size, "level set", "coefficients, one a knot")
@@ -364,6 +377,11 @@ class LevelSet(Design):
     def _at_centroids(self) -> tuple[csr_matrix, ...]:
         points = self.domain.centroids
         return self._means(points), *self._slopes(points)
+
+    @cached_property
+    def _sized_cells(self) -> Mask:
+        """Whether a cell of this rank is designed and not in a rim, shape (cells,)."""
+        return self.domain.design_cells & ~self._rims.contain(self.domain.centroids)
 
     def penalty(self, variables: ArrayLike) -> tuple[float, Array]:
         """The penalty of members and gaps below their minimum sizes, beside log psi.
@@ -376,7 +394,7 @@ class LevelSet(Design):
         u = self._check(variables)
         mean, *slopes = self._origin._at_centroids
         f, *gradient = (np.asarray(matrix @ u) for matrix in (mean, *slopes))
-        share = self.domain.cell_volumes / self.domain.area * self.domain.design_cells
+        share = self.domain.cell_volumes / self.domain.area * self._origin._sized_cells
         project = HeavisideProjection(max(self.sharpness, 8.0))
         decay = DECAY * self.radius**2
         flat = share * np.exp(-decay * sum(part * part for part in gradient))
@@ -479,7 +497,7 @@ class LevelSet(Design):
                 f"level set: points in an array of shape {x.shape} must be finite coordinates of "
                 f"shape (n, {d})"
             )
-        sign = np.where(self.level(u)(x) >= -HALF, 1.0, -1.0)
+        sign = np.where(self._field(u)(x) >= -HALF, 1.0, -1.0)
         grid, matrix = self._drawn
         values = np.asarray(matrix @ u).reshape([len(line) for line in grid])
         return sign * _distance_from_contour(x, grid, values, 0.5 - HALF)
@@ -488,7 +506,7 @@ class LevelSet(Design):
         return {
             "knots": self.knots,
             "radius": self.radius,
-            "sizes": [self.minimum_member, self.minimum_gap],
+            "sizes": [self.minimum_member, self.minimum_gap, self.hole_rim],
             # numbers, some of which are zero but for their last bits
             "mirrors": np.array([[*m.point, *m.normal] for m in self.mirrors]),
             "cells": self.domain.n_cells_global,

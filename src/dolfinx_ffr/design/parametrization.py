@@ -18,6 +18,7 @@ from ..fem import Array, Domain
 from ..mechanism import Parameters
 from .density_filter import DensityFilter, HeavisideProjection
 from .rbf import Wendland, neighbours
+from .rims import HoleRims
 
 #: Steepness of the projection of a finished design: a step within a fifth of an element with the
 #: shortest kernel, and in proportion to its radius
@@ -26,11 +27,15 @@ SHARP = 32.0
 #: before it to find the topology, and after it to find the best crisp boundary
 CRISP = 0.55
 SHARPENING = (0.05, CRISP)
+#: Minimum member and gap of densities, in mean elements: those of a level set by default
+LEAST = 0.64
+#: Points in each direction of a cell by which its share in a rim is found
+_POINTS = 4
 #: Reach of a cell's density, in units of the edge of a square or cube as large
 _REACH = 1.5
 
 
-def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
+def density_field(domain: Domain, x: ArrayLike) -> Callable[[ArrayLike], Array]:
     """A smooth field that is zero where the densities of cells cross one half; collective.
 
         phi(X) = sum_e w_e(X) x_e / sum_e w_e(X) - 1/2,    w_e(X) = g(|X - X_e| / r_e),
@@ -48,7 +53,8 @@ def density_field(domain: Domain, x: ArrayLike) -> Callable[[Array], Array]:
     radii = _REACH * volumes ** (1.0 / domain.dimension)
     tree, reach, wendland = cKDTree(centers), float(radii.max()), Wendland(1.0)
 
-    def field(points: Array) -> Array:
+    def field(positions: ArrayLike) -> Array:
+        points = np.asarray(positions, dtype=np.float64)
         near = neighbours(points, tree, reach)
         weight = wendland(near["v"] / radii[near["j"]])  # zero beyond the radius of the cell
         places = near["i"], near["j"]
@@ -122,6 +128,8 @@ class Design(Variables):
     domain: Domain  #: Of the body
     #: Steepness of the step from void to solid; 1 is open, 32 is crisp. One without it is crisp.
     sharpness: float = SHARP
+    #: Width of the rim around each hole of the body's drawing that the design keeps solid [m]
+    hole_rim: float = 0.0
     #: Whether a density is the share of its element that the boundary encloses
     fills: ClassVar[bool] = False
 
@@ -145,7 +153,7 @@ class Design(Variables):
         bit-identical on every rank.
         """
 
-    def level(self, variables: Array) -> Callable[[Array], Array]:
+    def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
         """The field whose zero line bounds the material at ``variables``; collective.
 
         A function of positions (n, dimension) [m] on any rank alone, positive in the material; by
@@ -170,12 +178,28 @@ class DensityDesign(Design):
             struts may hang together by corners of elements, which looks stiffer than it is. Zero
             filters nothing.
         eta: Threshold of the projection, in (0, 1).
+        hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
+            each round bore), with a name or without [m]; by default 0.64 mean elements, the minimum
+            member of densities, 0 for none.
     """
 
     each: ClassVar[str] = "designed cell"
 
-    def __init__(self, domain: Domain, *, radius: float | None = None, eta: float = 0.5) -> None:
+    def __init__(
+        self,
+        domain: Domain,
+        *,
+        radius: float | None = None,
+        eta: float = 0.5,
+        hole_rim: float | None = None,
+    ) -> None:
         self.domain = validation.instance("density design: domain", domain, Domain, "a Domain")
+        rims = HoleRims(domain, LEAST * domain.cell_size if hole_rim is None else hole_rim)
+        #: Width of the solid rim around each hole of the body's drawing [m]
+        self.hole_rim, self._rims = rims.width, rims
+        points, weights = domain.quadrature_points(_POINTS)
+        #: Share of each cell that is in a rim, (cells of all ranks,)
+        self._rim_share = domain.everywhere(np.sum(weights * rims.contain(points), axis=1))
         self.filter = DensityFilter(domain, 2.5 * domain.cell_size if radius is None else radius)
         #: From means to densities
         self.projection = HeavisideProjection(SHARP, eta)
@@ -194,17 +218,27 @@ class DensityDesign(Design):
         return other
 
     def density(self, variables: Array) -> Array:
-        x = np.where(self._designed, self.projection(self._means(variables)), self._passive)
-        return self.domain.owned(x)
+        x = self._without_rims(variables)
+        x = np.where(self._designed, self._rim_share + (1.0 - self._rim_share) * x, x)
+        return self.domain.owned(np.clip(x, 0.0, 1.0))
+
+    def _without_rims(self, variables: Array) -> Array:
+        return np.where(self._designed, self.projection(self._means(variables)), self._passive)
 
     def pullback(self, variables: Array, x_bar: Array) -> Array:
         bar = np.where(self._designed, self.domain.everywhere(x_bar), 0.0)
+        bar *= 1.0 - self._rim_share
         means_bar = self.projection.pullback(self._means(variables), bar)
         return self.filter.pullback(means_bar)[self._designed]
 
+    def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
+        x = self.domain.owned(self._without_rims(variables))
+        return self._rims.added_to(density_field(self.domain, x))
+
     def identity(self) -> dict[str, Any]:
         radius, eta = self.filter.radius, self.projection.eta
-        return {"cells": self.domain.n_cells_global, "radius": radius, "eta": eta}
+        sizes = {"radius": radius, "eta": eta, "hole_rim": self.hole_rim}
+        return {"cells": self.domain.n_cells_global, **sizes}
 
     def _means(self, variables: Array) -> Array:
         values = self._passive.copy()

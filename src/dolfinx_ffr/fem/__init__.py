@@ -13,6 +13,7 @@ from ..arrays import Array as Array
 from .curves import Arc, Curve, Line, Spline, enclosed
 from .curves import polygon as polygon
 from .domain import Domain as Domain
+from .drawn_outline import DrawnHole, FlatHole, RoundHole
 from .elasticity import Block as Block
 from .elasticity import (
     CellFields,

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
+import shapely
 import ufl
 from dolfinx import fem, mesh
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +23,16 @@ from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
+from .drawn_outline import DrawnHole, bores, flat_holes, flat_outline
 from .form_cache import claim_form_cache
 from .interface import Bore, Box, Interface, Predicate, find_interfaces, located_cells
-from .mesh_checks import check_cells, check_hanging_nodes, check_held, facet_nodes
+from .mesh_checks import (
+    check_cells,
+    check_hanging_nodes,
+    check_held,
+    facet_nodes,
+    facet_points,
+)
 from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import Sheet, mesh_outline
 from .rod import rod_mesh
@@ -33,6 +41,8 @@ from .rod import rod_mesh
 _ROUND_OFF = 1e-14
 #: Share of the width of a rim by which a vertex on its edge may be off
 _ON = 1e-4
+#: Distance of points that are on a hole, in sizes of the body
+_ON_HOLE = 1e-6
 #: Cells of bodies in the plane and in space
 CELLS = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
 
@@ -417,6 +427,33 @@ class Domain:
         self.comm.Allreduce(np.max(x, axis=0, initial=-np.inf), box[1], MPI.MAX)
         return box
 
+    @cached_property
+    def outline(self) -> shapely.Geometry:
+        """What a body in the plane covers, the void region left out, as polygons [m]; collective.
+
+        It is the limit that no part of the body crosses, the same on every rank.
+        """
+        return self._drawn_outline.difference(self._void_polygons)
+
+    @cached_property
+    def holes(self) -> Sequence[DrawnHole]:
+        """The holes of the body's drawing, with a name or without, on every rank; collective.
+
+        In the plane they are closed inner lines of the outline, in space round bores.
+        """
+        return bores(self.mesh) if self.dimension == 3 else flat_holes(self._drawn_outline)
+
+    @cached_property
+    def _drawn_outline(self) -> shapely.Geometry:
+        return flat_outline(self.mesh)
+
+    @property
+    def _void_polygons(self) -> shapely.Geometry:
+        order = [0, 1, 2] if self.cell == "triangle" else [0, 1, 3, 2]
+        nodes = _compat.cell_geometry(self.mesh)[: self.n_cells, order]
+        corners = self.everywhere(self.mesh.geometry.x[nodes][:, :, :2])
+        return shapely.union_all(shapely.polygons(corners[self.everywhere(self.void_cells)]))
+
     @property
     def area(self) -> float:
         """Area of the whole body, in space its volume [m^2], [m^3]; the same on every rank."""
@@ -580,6 +617,12 @@ class Domain:
     def designed_interfaces(self) -> list[str]:
         """Interfaces along which no cell stays solid: a design may empty them; collective."""
         return self._not_along(self._with_ghosts(self.solid_cells))
+
+    def on_hole(self, name: str) -> bool:
+        """Whether the interface ``name`` lies on a hole of the body's drawing; collective."""
+        points = facet_points(self.mesh, self.interfaces[name].facets)
+        near = _ON_HOLE * float(np.max(np.ptp(self.bounding_box, axis=0)))
+        return any(np.max(hole.distance(points)) < near for hole in self.holes)
 
     def _rim(self, width: float) -> Mask:
         """Cells of this rank that reach within a width of the interfaces, shape (cells,)."""

@@ -282,8 +282,9 @@ def _descended(
     sizes = {
         n: (b.member, b.gap if isinstance(b, Boundary) else 0.0) for n, b in boundaries.items()
     }
+    rims = {name: (boundary.rim, boundary.member) for name, boundary in boundaries.items()}
     missed = part_violations(
-        descent.problem, {n: drawn_of(b) for n, b in best.boundaries.items()}, sizes
+        descent.problem, {n: drawn_of(b) for n, b in best.boundaries.items()}, sizes, rims
     )
     _warn_of_missed(best, missed, descent.kind, change)
     history = {key: np.array([row[key] for row in told]) for key in told[0]}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..boundary import Boundary, CurveError, Surface
-from ..design import SHARP, Design, LevelSet
+from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..part import LoosePieceWarning, Part, PartWarning
 from .boundary_steps import moved
@@ -16,8 +16,6 @@ from .part_checks import part_violations
 from .result import Result, warn
 from .steps_checkpoint import StepsCheckpoint
 
-#: Minimum member and gap of densities, in mean elements: those of a level set by default
-_LEAST = 0.64
 #: How parts are made whose curves are smoothed by more, or only looked at
 _ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
 #: What a user of `optimize` can do where members are too thin for curves
@@ -58,16 +56,18 @@ def with_moved_boundaries(
             mirrors = design.mirrors if isinstance(design, LevelSet) else ()
             member, gap = _sizes(design)
             if isinstance(part, Part):
-                boundaries[name] = Boundary.of(part, member, gap=gap, mirrors=mirrors)
+                boundaries[name] = Boundary.of(
+                    part, member, gap=gap, rim=design.hole_rim, mirrors=mirrors
+                )
             else:
-                boundaries[name] = Surface.of(part, member, mirrors=mirrors)
+                boundaries[name] = Surface.of(part, member, rim=design.hole_rim, mirrors=mirrors)
         options = others, steps, None, tolerance, progress, checkpoint
         found = moved(result.problem, boundaries, bound, *options)
     except (ValueError, SimulationError) as error:
         over = f" and violates {list(result.violations)}" if result.violations else ""
         why = f"{error}" + _REMEDY * isinstance(error, CurveError)
         warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {why}")
-        return _denied(with_loose_pieces(result), progress)
+        return _denied(with_checked_parts(result), progress)
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
@@ -89,38 +89,43 @@ def _denied(result: Result, progress: bool) -> Result:
     return result if result.feasible else replace(result, reason="infeasible")
 
 
-def with_loose_pieces(result: Result) -> Result:
+def with_checked_parts(result: Result) -> Result:
     """The result, and as violations what its part lacks; collective.
 
     Loose pieces are not in the part, and psi counts them: a level set that is crisp may have them
     where elements are wider than the gaps beside them. Minimum sizes that were asked for are
-    measured, and struts that end free are looked for.
+    measured, and struts that end free are looked for. Of bodies with holes in their drawing, what
+    lies outside of the body is a violation, and a rim of a hole that is thinner than asked for.
 
     Warns:
         DesignWarning: Of each, or if no part comes of the design.
     """
-    found = {}
+    found: dict[str, float] = {}
     for name, design in result.designs.items():
-        if not isinstance(design, LevelSet) or design.domain.dimension != 2:
+        if not isinstance(design, Design) or design.sharpness < SHARP:
             continue
-        if design.sharpness < SHARP:
+        flat_level = isinstance(design, LevelSet) and design.domain.dimension == 2
+        if not flat_level and not design.domain.holes:
             continue
         why = "nothing is held by its interfaces"
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PartWarning)
-                part = result.enclosed(name, **_ROUGHLY)
+                part = result.enclosed(name, **(_ROUGHLY if design.domain.dimension == 2 else {}))
         except ValueError as error:
             share, why = 1.0, str(error)
         else:
-            assert isinstance(part, Part)
-            share = sum(piece.area for piece in part.loose) / part.area
-            why = f"{len(part.loose)} loose pieces of it touch no interface"
-            sizes = {name: _sizes(design)} if design.sizes_asked else {}
-            for what, each in part_violations(result.problem, {name: part}, sizes).items():
+            share = 0.0
+            if isinstance(part, Part):
+                share = sum(piece.area for piece in part.loose) / part.area
+                why = f"{len(part.loose)} loose pieces of it touch no interface"
+            asked = isinstance(design, LevelSet) and flat_level and design.sizes_asked
+            sizes = {name: _sizes(design)} if asked else {}
+            rims = {name: (design.hole_rim, _sizes(design)[0])}
+            for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
                 found[what] = each.share
                 warn(f"optimize: {name!r}: {each.said}")
-        if share > _LOOSE:
+        if share > _LOOSE and flat_level:
             found[f"loose pieces of {name}"] = share
             warn(
                 f"optimize: psi is not that of a part of {name!r}: {why}; take smaller elements, "
@@ -136,4 +141,4 @@ def _sizes(design: Design) -> tuple[float, float]:
     """Minimum member and gap of a design [m]."""
     if isinstance(design, LevelSet):
         return design.minimum_member, design.minimum_gap
-    return _LEAST * design.domain.cell_size, _LEAST * design.domain.cell_size
+    return LEAST * design.domain.cell_size, LEAST * design.domain.cell_size

@@ -21,7 +21,7 @@ from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
 from .loop import Callback, DesignLoop, ExactAdjoint, GradientMethod, Optimizer
 from .mma import MMA
-from .moved_parts import with_loose_pieces, with_moved_boundaries
+from .moved_parts import with_checked_parts, with_moved_boundaries
 from .result import Result, ranks_of, warn
 from .running import alone_in
 from .sizing import sized
@@ -209,7 +209,7 @@ def optimize(
                     result, steps, mode_tolerance, progress, loop.checkpoint
                 )
             elif isinstance(problem, Problem) and result.feasible:
-                result = with_loose_pieces(result)
+                result = with_checked_parts(result)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
 
@@ -282,7 +282,12 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
                 f"make it on problem.bodies[{name!r}].domain (what is pickled apart has a domain "
                 "of its own each: pickle problem and design together, as one tuple)"
             )
-        if undefended := part.domain.designed_interfaces:
+        undefended = part.domain.designed_interfaces
+        if part.hole_rim:
+            undefended = [
+                interface for interface in undefended if not part.domain.on_hole(interface)
+            ]
+        if undefended:
             warn(
                 f"optimize: no cell of {name!r} along {', '.join(map(repr, undefended))} stays "
                 "solid: the design may take all material away from there, and encloses no part "

@@ -8,27 +8,32 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..boundary import free_ends
-from ..part import Enclosed, Part, PartViolation, size_violations
+from ..part import Part, PartViolation, Solid, outline_violations, size_violations
 from ..problem import Problem
 
 
 def part_violations(
-    problem: Problem, parts: Mapping[str, Enclosed], sizes: Mapping[str, tuple[float, float]]
+    problem: Problem,
+    parts: Mapping[str, Part | Solid],
+    sizes: Mapping[str, tuple[float, float]],
+    rims: Mapping[str, tuple[float, float]],
 ) -> dict[str, PartViolation]:
     """What parts violate, by name of the violation; collective.
 
-    ``sizes`` are minimum member and minimum gap of the parts that were asked for some [m].
+    ``sizes`` are minimum member and minimum gap of the parts that were asked for some; ``rims`` the
+    width of the rims of drawn holes of all parts, and their minimum member [m].
     """
-    return {
-        f"{name}: {each.name}": each
-        for name, part in parts.items()
-        if name in sizes
-        for each in _violations(problem, name, part, *sizes[name])
-    }
+    violations = {}
+    for name, part in parts.items():
+        for each in outline_violations(part, *rims[name]):
+            violations[f"{name}: {each.name}"] = each
+        for each in _of_sizes(problem, name, part, *sizes[name]) if name in sizes else ():
+            violations[f"{name}: {each.name}"] = each
+    return violations
 
 
-def _violations(
-    problem: Problem, name: str, part: Enclosed, member: float, gap: float
+def _of_sizes(
+    problem: Problem, name: str, part: Part | Solid, member: float, gap: float
 ) -> Iterator[PartViolation]:
     yield from size_violations(part, member, gap)
     if isinstance(part, Part):

@@ -10,6 +10,7 @@ from .asked_sizes import solid_regions as solid_regions
 from .ball_widths import OPPOSITE, Balls, spread, tangent_balls
 from .figures import BodyFigures as BodyFigures
 from .figures import Figures as Figures
+from .outline_limit import outline_violations as outline_violations
 from .part import STRESSED, TURN
 from .part import LoosePiece as LoosePiece
 from .part import Part as Part

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: MIT
+"""Whether a part stays within the outline of its body, and its holes have the rims asked for.
+
+It looks at the finished part and at the drawing alone, whatever made the one from the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import shapely
+
+from ..arrays import Array
+from ..fem import VOID, FlatHole, RoundHole, Tetrahedra
+from ..parallel import on_rank_0
+from .asked_sizes import PartViolation
+from .part import Part
+from .solid import Solid
+from .tetrahedral_cut import outer_faces
+
+#: Share of a minimum size by which a part may miss it, or leave the body
+_MISSED = 0.01
+#: The same of a solid, whose surface is one of flat triangles; and of the size of its body's cells
+_MISSED_IN_SPACE, _OF_CELLS = 0.03, 0.1
+#: Depths at which the rim of a bore is looked at, points on its axis, and of its wall at most
+_DEPTHS, _ON_AXIS, _ON_WALL = 40, 21, 400
+
+
+def outline_violations(part: Part | Solid, rim: float, least: float) -> list[PartViolation]:
+    """Where a part crosses the outline of its body, or lacks the rim of a drawn hole; collective.
+
+    Args:
+        part: What is to be made of a body.
+        rim: Width of the rim around each hole of the body's drawing that was asked for [m].
+        least: Minimum member, by which lengths are measured [m].
+
+    Returns:
+        What and where. The share of material outside of the body is the depth to which it leaves
+        the body, in minimum members; that of a rim is what is missing of its width.
+    """
+    find = _in_the_plane if isinstance(part, Part) else _in_space
+    return list(find(part, rim, least))  # type: ignore[arg-type]
+
+
+def _in_the_plane(part: Part, rim: float, least: float) -> Iterator[PartViolation]:
+    body, tolerance = part.body.outline, _MISSED * least
+    beyond = part.polygon.difference(body.buffer(tolerance))
+    for piece in [] if beyond.is_empty else shapely.get_parts(beyond):
+        corners = shapely.points(shapely.get_coordinates(piece))
+        radius = shapely.maximum_inscribed_circle(piece, 0.1 * tolerance)
+        depth = max(float(np.max(shapely.distance(corners, body))), radius.length + tolerance)
+        yield _outside(np.array(radius.coords[0]), depth, least)
+
+    for hole in part.body.holes:
+        assert isinstance(hole, FlatHole)
+        missing = hole.shape.buffer(rim).intersection(body).difference(part.polygon)
+        # what is thinner than the accuracy of the curves is not missing
+        missing = missing.buffer(-tolerance).buffer(tolerance)
+        if not missing.is_empty:
+            width = hole.shape.distance(missing)
+            if width < (1.0 - _MISSED) * rim:
+                yield _rim(hole.center, width, rim)
+
+
+def _in_space(solid: Solid, rim: float, least: float) -> Iterator[PartViolation]:
+    body = Tetrahedra.of(solid.body)
+    bores = [hole for hole in solid.body.holes if isinstance(hole, RoundHole)]
+    tolerance = max(_MISSED * least, _OF_CELLS * solid.body.cell_size)
+
+    def find() -> list[PartViolation]:
+        distances = _Distances(solid, _surface(body), bores)
+        return [*distances.outside(least, tolerance), *distances.rims(rim)]
+
+    yield from on_rank_0(solid.body.comm, find)
+
+
+class _Distances:
+    """Signed distances from the surfaces of a solid and of its body, negative inside."""
+
+    def __init__(self, solid: Solid, body: Any, bores: list[RoundHole]) -> None:
+        self.solid, self.body, self.bores = solid, body, bores
+        self.surface = solid.surface()
+
+    @staticmethod
+    def _from(surface: Any, points: Array) -> Array:
+        import pyvista  # takes a while
+
+        cloud = pyvista.PolyData(points).compute_implicit_distance(surface)
+        return np.asarray(cloud["implicit_distance"])
+
+    def outside(self, least: float, tolerance: float) -> Iterator[PartViolation]:
+        """The point of the solid that is farthest outside of the body, and filled bores."""
+        away = self._from(self.body, self.solid.points)
+        farthest = int(np.argmax(away))
+        if away[farthest] > tolerance:
+            yield _outside(self.solid.points[farthest], float(away[farthest]), least)
+        for bore in self.bores:
+            along = bore.length * (np.linspace(0.0, 1.0, _ON_AXIS) - 0.5)
+            points = bore.center + along[:, None] * bore.axis
+            # where another void or another body crosses the axis nothing is said
+            empty = self._from(self.body, points) > tolerance
+            if np.any(self._from(self.surface, points[empty]) < -tolerance):
+                yield _outside(bore.center, bore.radius, least)
+
+    def rims(self, rim: float) -> Iterator[PartViolation]:
+        """The bores whose rims are thinner than asked for."""
+        depths = rim * np.linspace(0.0, 1.0, _DEPTHS + 1)[1:]
+        for bore in self.bores if rim > 0.0 else ():
+            walls = bore.walls[:: -(-len(bore.walls) // _ON_WALL)] - bore.center
+            foot = (walls @ bore.axis)[:, None] * bore.axis
+            outward = (walls - foot) / np.linalg.norm(walls - foot, axis=1, keepdims=True)
+            starts = bore.center + foot + bore.radius * outward
+            rays = starts[:, None, :] + depths[:, None] * outward[:, None, :]
+            points = rays.reshape(-1, 3)
+            tolerance = _MISSED_IN_SPACE * rim
+            within = self._from(self.body, points) < -tolerance
+            away = self._from(self.surface, points)
+            missing = within & (away > tolerance)
+            # the material ends where a point outside of it is near it
+            ends = np.tile(depths, len(walls)) - away
+            width = max(float(np.min(ends[missing], initial=rim)), 0.0)
+            if width < rim - tolerance:
+                yield _rim(bore.center, width, rim)
+
+
+def _surface(body: Tetrahedra) -> Any:
+    """The closed surface of the tetrahedra that are not void, on rank 0."""
+    import pyvista
+
+    triangles = outer_faces(body.cells[body.regions != VOID])[0]
+    return pyvista.PolyData.from_regular_faces(body.points, triangles)
+
+
+def _outside(place: Array, depth: float, least: float) -> PartViolation:
+    said = (
+        f"material lies {1e3 * depth:.3g} mm outside of the body near {_near(place)}: take smaller "
+        "elements, or leave the boundary to the mesh (boundary=0)"
+    )
+    return PartViolation(f"material outside of the body near {_near(place)}", depth / least, said)
+
+
+def _rim(place: Array, width: float, rim: float) -> PartViolation:
+    said = (
+        f"the rim of the hole near {_near(place)} is {1e3 * width:.3g} mm wide, where "
+        f"{1e3 * rim:.3g} mm were asked for: take smaller elements, another start or a larger "
+        "volume, or ask for less (hole_rim)"
+    )
+    return PartViolation(f"rim of the hole near {_near(place)}", 1.0 - width / rim, said)
+
+
+def _near(place: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * x:.4g}" for x in place) + ") mm"
