@@ -94,5 +94,6 @@ def test_struts_that_end_free() -> None:
     assert 0.03 < place[0] < 0.034 and -0.012 < place[1] < 0.005
     assert free_ends(spur, 0.004, np.array([[0.032, 0.004]])) == []
     problem: Any = SimpleNamespace(flexible={"plate": SimpleNamespace(markers={})})
-    (name,) = part_violations(problem, {"plate": spur}, {"plate": (0.004, 0.004)})
+    sizes = {"plate": (0.004, 0.004)}
+    (name,) = part_violations(problem, {"plate": spur}, sizes, sizes)
     assert name.startswith("plate: strut that ends free near (3")

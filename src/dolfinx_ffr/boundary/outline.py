@@ -98,6 +98,7 @@ class Boundary:
     rim: float  #: Width of the rim around each hole of the body's drawing [m]
     radius: float  #: Smallest radius of curvature [m]
     spacing: float  #: Distance of the controls of holes [m]; twice that in outlines
+    needed: shapely.Geometry  #: Of rims what the part began with, which stays material
 
     @staticmethod
     def of(
@@ -170,8 +171,8 @@ class Boundary:
         # the last bits of a rank may decide nothing
         alike = tuple(images(lines))
         curves, masters = part.body.comm.bcast(fitted(runs, spacing, alike))
-        sizes = member, gap, rim, radius, spacing
-        found = Boundary(part, curves, faces, masters, alike, room, *sizes)
+        sizes, none = (member, gap, rim, radius, spacing), shapely.MultiPolygon()
+        found = Boundary(part, curves, faces, masters, alike, room, *sizes, none)
         if found._inner.buffer(-member).is_empty:
             raise ValueError(
                 f"boundary: minimum members of {1e3 * member:.4g} mm do not fit into the body; "
@@ -181,10 +182,11 @@ class Boundary:
         found = found.moved(np.zeros(found.n_controls))
         if not found.valid:
             raise CurveError(
-                "boundary: curves cross once they are smoothed, or cross the rim of a hole of the "
-                "drawing, as members of the design are thinner than its curves can show"
+                "boundary: curves cross once they are smoothed, as members of the design are "
+                "thinner than its curves can show"
             )
-        return found
+        rims = found._rims.intersection(found.material)
+        return replace(found, needed=rims.buffer(-2.0 * _BEYOND * member))
 
     @property
     def body(self) -> Domain:
@@ -271,7 +273,7 @@ class Boundary:
             free[key] = kept(curve, control, self._inner, self._clear, _CLEAR * self.member)
         moved = replace(self, free=free)
         # as solid regions, the body and its holes stay
-        same = ("_rims", "_inner", "_clear", "_limit", "_needed")
+        same = ("_rims", "_inner", "_clear", "_limit")
         moved.__dict__.update({name: getattr(self, name) for name in same})
         return moved
 
@@ -322,13 +324,6 @@ class Boundary:
     def _limit(self) -> shapely.Geometry:
         """What the material stays in: the body, but for the accuracy of curves."""
         return self.room.buffer(_BEYOND * self.member)
-
-    @cached_property
-    def _needed(self) -> shapely.Geometry:
-        """What stays material: rims, but for the accuracy of curves."""
-        beyond = 2.0 * _BEYOND * self.member
-        rims = self._rims.difference(_drawn_holes(self.body)).intersection(self.room)
-        return rims.buffer(-beyond)
 
     def _polygon(self, loops: Sequence[Sequence[Side]]) -> shapely.Polygon:
         fine = _FINE * self.member
@@ -436,7 +431,7 @@ class Boundary:
         if not all(face.is_valid for face in faces):
             return False
         material = shapely.union_all(faces)
-        rims = self._needed.is_empty or material.covers(self._needed)
+        rims = self.needed.is_empty or material.covers(self.needed)
         return bool(rims and self._limit.covers(material))
 
     @property
