@@ -70,7 +70,7 @@ _BY_FOLDER = _lists(
         "boundary": "Surface",
         "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
         "dynamics": "Trajectory",
-        "fem": "ElasticMaterial Elasticity Interface",
+        "fem": "Bore Box ElasticMaterial Elasticity Interface",
         "interchange": (
             "AssembledMatrices Format InterchangeWarning read_abaqus read_body read_calculix "
             "read_nastran read_terms sid_terms write_body"

@@ -47,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--resume", action="store_true", help="go on from the checkpoint, as after Ctrl-C"
     )
     of["design"].add_argument(
+        "--overwrite", action="store_true", help="replace the results of an earlier run"
+    )
+    of["design"].add_argument(
         "--python", action="store_true", help="write the scene as a program instead, to the screen"
     )
     of["report"].add_argument("folder", help="of the run, for example results/slider_crank")
@@ -77,7 +80,8 @@ def with_scene(given: argparse.Namespace) -> int:
         if given.python:
             print(scene_file.read_scene(given.file).program(given.output), end="")
             return 0
-        return scene_file.design(given.file, output=given.output, resume=given.resume)
+        how = {"resume": given.resume, "overwrite": given.overwrite}
+        return scene_file.design(given.file, output=given.output, **how)
     except KeyboardInterrupt:
         print("dolfinx_ffr: interrupted", file=sys.stderr)
         return scene_file.INTERRUPTED

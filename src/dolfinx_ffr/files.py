@@ -6,6 +6,7 @@ Files that other files include are read only where they came with them.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import fcntl
 import os
@@ -57,6 +58,25 @@ def included_file(name: str, folder: Path) -> Path:
             "or below are read; copy that file there, and include it by its name there"
         )
     return path
+
+
+def text_of(path: Path) -> str:
+    """The text of a file that a person or another program has written.
+
+    It is in UTF-8, or in UTF-16 with a byte order mark; what is neither is taken for Latin-1.
+
+    Raises:
+        ValueError: If the file holds bytes that no text has.
+    """
+    data = path.read_bytes()
+    utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = data.decode("utf-16" if utf_16 else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    if "\0" in text:
+        raise ValueError(f"{path} is no text that can be read; save it as UTF-8")
+    return text
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import time
 import traceback
@@ -20,6 +21,10 @@ def run(main: Callable[[], object]) -> None:
     read or written and missing memory say in their message what is wrong and what to do; ``python
     -X dev`` shows where they were raised. Other errors keep their traceback.
     """
+    for stream in (sys.stdout, sys.stderr):
+        # a title may have letters that the terminal has not
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         main()
     except (MemoryError, OSError) as error:

@@ -147,10 +147,13 @@ def keywords(what: str, given: Iterable[str], *takers: Callable[..., Any]) -> No
 
 
 def path(what: str, value: Any) -> Path:
-    """The path of a file or folder."""
+    """The path of a file or folder, in which ~ is the home directory."""
     if not isinstance(value, str | os.PathLike):
         raise _refused(what, "a path", value)
-    return Path(value)
+    try:
+        return Path(value).expanduser()
+    except RuntimeError as error:
+        raise ValueError(f"{what}: {str(value)!r} is in no home directory that is known") from error
 
 
 def choice(what: str, value: Any, options: Iterable[str]) -> str:

@@ -236,6 +236,17 @@ def test_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(slide.value(np.array([0.01, 9.0])), [2e-3, 4e-3], rtol=1e-12)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1", "cp1252"])
+def test_tables_in_other_encodings(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "angles.csv"
+    path.write_bytes("Zeit [µs];Drehwinkel Kürbel [°]\n0;90\n1;180\n2;180\n".encode(encoding))
+    found = Motion.from_table(path, "Drehwinkel Kürbel", time="Zeit")
+    np.testing.assert_allclose(found.value(np.array([0.0, 1e-6])), [np.pi / 2, np.pi], rtol=1e-14)
+    path.write_bytes(path.read_text(encoding=encoding).encode("utf-16-be"))
+    with pytest.raises(ValueError, match="is no text that can be read; save it as UTF-8"):
+        Motion.from_table(path, "Drehwinkel Kürbel", time="Zeit")
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [

@@ -117,6 +117,16 @@ def test_outline_of_a_curved_mesh(comm: MPI.Comm, order: int) -> None:
             ffr.Part(coarse, lambda p: np.ones(len(p)))
 
 
+def test_a_bore_that_is_drawn_as_a_polygon(comm: MPI.Comm) -> None:
+    """More elements do not make it round."""
+    bore = shapely.Point(0.0, 0.0).buffer(0.01, quad_segs=5)
+    shape = shapely.box(-0.02, -0.02, 0.02, 0.02).difference(bore)
+    interfaces = {"bore": ffr.fem.Bore((0.0, 0.0))}
+    body = ffr.Domain.from_outline(comm, shape, interfaces=interfaces, size=0.003)
+    with pytest.warns(ffr.PartWarning, match="polygon of 20 sides.* bore, draw it as a circle"):
+        ffr.Part(body, lambda x: np.ones(len(x)))
+
+
 def test_boundary_ends_on_arcs(comm: MPI.Comm) -> None:
     """A slot through the side of an eye meets the arc itself, not a chord of it."""
     shape = ConnectingRod()

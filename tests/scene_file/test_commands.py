@@ -113,6 +113,12 @@ def test_design_interrupted_and_resumed_and_its_program_on_several_ranks(
     main(["design", str(file), "--resume"])
     assert ("report.html" in capsys.readouterr().out) == (comm.rank == 0)
     assert list(ffr.read_history(folder / "history.csv")["iteration"]) == list(range(4))
+    # what is finished is not overwritten without a word
+    again = ["design", str(file)]
+    with pytest.raises(
+        scene_file.SceneError, match=r"holds the results of an earlier run \(summary"
+    ):
+        main(again)
     names = "part.step part.dxf part.svg part.stl report.html motion.gif scene.png design.png"
     assert set(names.split()) <= {path.name for path in folder.iterdir()}
     found = json.loads((folder / "summary.json").read_text())
@@ -142,6 +148,62 @@ def test_what_only_the_package_knows_is_told_with_file_and_table(
         file.write_text(file.read_text().replace(old, new, 1))
         with pytest.raises(scene_file.SceneError, match=said):
             scene_file.read_scene(file).made()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("volume = 50", r"volume of 'rod' must lie between 0 and 1, 0 excluded, but it is 50"),
+        ("volume = { rood = 0.5 }", "volume is given for .'rood'., and the designs are of .'rod'."),
+        ("boundary = -1", "boundary must be a whole number that is not negative"),
+    ],
+)
+def test_check_looks_at_the_settings_of_the_run(
+    example: Callable[[str], Path], setting: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything is simulated."""
+    file = example("slider_crank")
+    text, count = re.subn(
+        r"\[optimize\].*", f"[optimize]\n{setting}\n", file.read_text(), flags=re.S
+    )
+    assert count == 1
+    file.write_text(text)
+    monkeypatch.setattr(ffr.Problem, "value", lambda *_: pytest.fail("it was simulated"))
+    with pytest.raises(scene_file.SceneError, match=said):
+        scene_file.check(file, output=None)
+
+
+def test_results_are_overwritten_only_where_that_is_said(
+    example: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of a finished run, and the checkpoint of one that was interrupted."""
+    file, reached = example("slider_crank"), []
+
+    def begun(scene: scene_file.Scene) -> None:
+        reached.append(scene.title)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scene_file.Scene, "made", begun)
+    for name in ("summary.json", "checkpoint"):
+        folder = Path("results", name)
+        folder.mkdir(parents=True)
+        (folder / name).touch()
+        for option in ([], ["--overwrite"], ["--resume"]):
+            given = ["design", str(file), "--output", str(folder), *option]
+            with pytest.raises(SystemExit if option else scene_file.SceneError) as ended:
+                main(given)
+            assert option or f"holds the results of an earlier run ({name})" in str(ended.value)
+    assert len(reached) == 4
+
+
+def test_a_title_that_the_terminal_has_not(example: Callable[[str], Path]) -> None:
+    file = example("slider_crank")
+    file.write_text(re.sub("title = .*", "title = 'Kürbel'", file.read_text()))
+    code = "from pathlib import Path; from dolfinx_ffr import program, scene_file; "
+    code += f"program.run(lambda: print(scene_file.read_scene(Path({str(file)!r})).title))"
+    told = processes.run("-c", code, PYTHONIOENCODING="ascii")
+    assert told.returncode == 0 and told.stdout.strip() == r"K\xfcrbel", told.stderr
 
 
 @pytest.mark.slow

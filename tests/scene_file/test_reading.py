@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from shared import TOP
 
 import dolfinx_ffr as ffr
+from dolfinx_ffr import validation
 from dolfinx_ffr.mechanism import Joint
 from dolfinx_ffr.scene_file import SceneError, read_scene
 from dolfinx_ffr.scene_file.calls import Call, Maker
@@ -127,6 +129,11 @@ WRONG = [
     ('[objective] # what is minimised\nkind = "IntegralCompliance"', "", r"objective: the scene needs \[objective\]"),
     ("[designs.rod]", "[designs.arm]", r"designs: there is no flexible body 'arm'; there are rod"),
     ("volume = 0.5", 'volume = "5 m"', r"optimize.volume: '5 m' has a wrong unit: it takes no unit"),
+    ("volume = 0.5", 'volume = "0,5"', r"""optimize.volume: '0,5' has a decimal comma; write a point: "0.5\""""),
+    ('a = "rod.left"', 'a = "rod"', r"""joints\[1\] \(crank pin\).a: 'rod' is a body; name a marker of it, "rod.NAME\""""),
+    ('marker = "rod.right"', 'marker = "right"', r"""point_masses\[1\].marker: 'right' is no marker, as "body.marker\""""),
+    ("iterations = 60", "iterations = 0", r"optimize.iterations: 0 iterations design nothing"),
+    ("iterations = 60", 'iterations = "16 mm"', r"optimize.iterations: '16 mm' is no whole number"),
     ("iterations = 60", "iteration = 60", r"optimize: optimize has no key 'iteration'; did you mean 'iterations'"),
     ("title =", "title", r"Expected '='"),
     ('kind = "TimeInterval"', "", r"integrator: say which kind it is, kind = one of"),
@@ -146,6 +153,58 @@ def test_what_is_wrong_is_told_with_its_place(
     with pytest.raises(SceneError, match=f"^{re.escape(str(file))}: .*{said}") as told:
         read_scene(file)
     assert "\n" not in str(told.value)
+
+
+def test_nesting_without_end_is_told_in_a_line(tmp_path: Path) -> None:
+    file = tmp_path / "rod.toml"
+    for depth in (200, 20_000):
+        file.write_text(f"jumps = {'[' * depth}{']' * depth}\n{CRANK}")
+        with pytest.raises(SceneError, match=r": jumps.*no number|nested too deeply to be read$"):
+            read_scene(file)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be", "latin-1"])
+def test_files_in_other_encodings_are_read(tmp_path: Path, encoding: str) -> None:
+    file = written(tmp_path, ("title =", 'title = "Kurbelschlägel"\n#'), ("= 60", '= "16"'))
+    text = file.read_text()
+    file.write_bytes(
+        (codecs.BOM_UTF16_BE if encoding == "utf-16-be" else b"") + text.encode(encoding)
+    )
+    scene = read_scene(file)
+    assert scene.title == "Kurbelschlägel" and scene.run.arguments["iterations"] == 16
+    file.write_bytes(text.encode("utf-16-le"))
+    with pytest.raises(SceneError, match="is no text that can be read; save it as UTF-8"):
+        read_scene(file)
+
+
+def test_a_tilde_is_the_home_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    output = next(line for line in CRANK.splitlines() if line.startswith("output"))
+    file = written(tmp_path, (output, 'output = "~/rods"'))
+    assert read_scene(file).output == tmp_path / "home" / "rods"
+    assert validation.path("a path", "~/x") == tmp_path / "home" / "x"
+    with pytest.raises(ValueError, match="'~nobody at all/x' is in no home directory"):
+        validation.path("a path", "~nobody at all/x")
+
+
+def test_interfaces_by_place(tmp_path: Path) -> None:
+    """A point in a bore, and a box; a program says the same."""
+    (tmp_path / "lever.dxf").write_bytes((EXAMPLES / "lever.dxf").read_bytes())
+    (tmp_path / "angles.csv").write_bytes((EXAMPLES / "angles.csv").read_bytes())
+    text = (EXAMPLES / "outline.toml").read_text()
+    places = '{ shaft = { at = [0, "1 mm"] }, pin = { lower = ["1 mm", 0], upper = [1, 1] } }'
+    by_layer = '{ shaft = "shaft", pin = "pin" }'
+    assert by_layer in text
+    file = tmp_path / "lever.toml"
+    file.write_text(text.replace(by_layer, places))
+    scene = read_scene(file)
+    body = scene.problem.arguments["bodies"]["lever"]
+    interfaces = of(body.arguments["domain"].arguments["interfaces"])
+    assert interfaces == {
+        "shaft": ffr.fem.Bore((0, 0.001)),
+        "pin": ffr.fem.Box((0.001, 0), (1, 1)),
+    }
+    assert "ffr.fem.Bore(at=(0.0, 0.001))" in scene.program()
 
 
 def of(call: Call) -> Any:

@@ -162,7 +162,7 @@ def read_outline(
         if not found:
             raise ValueError("outline: it is empty; give rings of at least three points")
         return found
-    path = Path(outline)
+    path = validation.path("outline", outline)
     if path.suffix.lower() not in _READERS:
         raise ValueError(f"outline {path}: give a file that ends in .dxf or .svg, or polygons")
     if not path.is_file():

@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import validation
 from ..arrays import Array
+from ..files import text_of
 
 #: Units of times in seconds, of angles in radians, of lengths in metres.
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
@@ -35,7 +36,7 @@ def read_motion(
     what = f"table {str(file)!r}"
     if unwrap is not None:
         validation.flag(f"{what}: unwrap", unwrap)
-    text = file.read_text(encoding="utf-8-sig").splitlines()
+    text = text_of(file).splitlines()
     lines = [(k, line) for k, line in enumerate(text, 1) if line.strip() and line.strip()[0] != "#"]
     if len(lines) < 2:
         raise ValueError(f"{what}: there is no line of numbers below one with the columns' names")

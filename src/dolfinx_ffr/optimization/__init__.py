@@ -14,7 +14,7 @@ from .loop import GradientMethod as GradientMethod
 from .loop import GradientReport as GradientReport
 from .loop import Optimizer as Optimizer
 from .mma import MMA as MMA
-from .optimize import default_steps
+from .optimize import check_run, default_steps
 from .optimize import optimize as optimize
 from .result import BoundaryResult as BoundaryResult
 from .result import DesignWarning as DesignWarning

@@ -8,14 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
+
+from mpi4py import MPI
 
 from numpy.typing import ArrayLike
 
 from .. import validation
+from ..arrays import Array
 from ..design import CRISP, Design, ParameterDesign, Variables
+from ..fem import Domain
 from ..mechanism import Parameters
 from ..parallel import check_alike, on_every_rank
 from ..problem import Problem
@@ -109,109 +114,192 @@ def optimize(
         OSError: On every rank, if a file cannot be written, or another program writes into
             ``output``.
     """
-    kind = ("flexible", "value", "differentiate", "calibrated")
-    validation.implementation("optimize: problem", problem, kind, "a Problem")
-    comm = ranks_of(problem)
+    comm = _ranks(problem)
     # what is a user's own may fail on one rank: designs, objectives, gradients, callbacks
     with on_every_rank(comm, "optimize"):
-        said: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
-        said |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
-        said |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
-        check_alike(comm, "optimize", said)
-        iterations = validation.integer("optimize: iterations", iterations)
-        if boundary is not None:
-            validation.integer("optimize: boundary", boundary)
-        validation.flag("optimize: resume", resume)
-        validation.flag("optimize: progress", progress)
-        folder = None if output is None else validation.path("optimize: output", output)
-        if callback is not None:
-            of = "iteration, density and evaluation"
-            validation.function("optimize: callback", callback, of)
-        if gradient is not None:
-            needed = ("__call__", "exact")
-            validation.implementation("optimize: gradient", gradient, needed, "ExactAdjoint()")
-        if mode_tolerance is not None:
-            validation.number("optimize: mode_tolerance", mode_tolerance, above=0.0)
-        if resume and output is None:
-            raise ValueError(
-                "optimize: resume=True needs the folder of the checkpoint: give it as output"
-            )
-        design = _with_parameters(problem, design)
-        sizing = sized(problem, design)
-        alone = sizing is not None and not sizing[0].flexible
-        given_volume = alone and volume != _VOLUME
-        if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
-            raise ValueError(
-                "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
-                "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
-            )
-        designs = _by_body(*(sizing or (problem, design)))
-        tuned = [part for part in designs.values() if isinstance(part, ParameterDesign)]
-        if tuned and gradient is not None and not gradient.exact:
-            raise ValueError("optimize: parameters take the exact gradient")
-        if optimizer is not None:
-            what = "LevelSetEvolution(...) or MMA(...)"
-            validation.implementation("optimize: optimizer", optimizer, ("run",), what)
-        if options:
-            taker = MMA if optimizer is None else type(optimizer)
-            validation.keywords("optimize", options, optimize, taker)
-            give = f"give {sorted(options)} to the optimizer"
-            raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
-        given = {n: part.even() for n, part in designs.items()} if start is None else start
-        starts = given if isinstance(given, Mapping) else dict.fromkeys(designs, given)
-        domains = {n: part.domain for n, part in designs.items() if isinstance(part, Design)}
-        bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(domains, volume)
-        for what, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
-            if set(by_body) != set(names):
-                raise ValueError(
-                    f"optimize: {what} is given for {sorted(by_body)}, and the designs are of "
-                    f"{sorted(names)}"
-                )
-        begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
-        check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
-        flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
-        steps = boundary or 0
-        if boundary is None and flat and (gradient is None or gradient.exact):
-            steps = default_steps(iterations)
-        if steps and not (isinstance(problem, Problem) and domains):
-            raise ValueError(
-                "optimize: a boundary moves after a design of densities, of a Problem; give "
-                "boundary=0"
-            )
-        filled = {name: validation.number("optimize: volume", bounds[name]) for name in domains}
-        loop = DesignLoop(
-            problem if sizing is None else sizing[0],  # type: ignore[arg-type]
-            domains,
-            gradient=gradient or ExactAdjoint(),
+        run = _checked(
+            comm,
+            problem,
+            design,
+            start,
+            optimizer=optimizer,
+            volume=volume,
+            gradient=gradient,
             iterations=iterations,
-            output=folder,
+            output=output,
             resume=resume,
             progress=progress,
             callback=callback,
-            start=None if start is None else begin,
-            mode_tolerance=mode_tolerance if sizing is None else None,
-            followed=steps > 0,
+            mode_tolerance=mode_tolerance,
+            boundary=boundary,
+            options=options,
         )
-        if tuned:
+        loop = DesignLoop(
+            run.problem,
+            run.domains,
+            gradient=gradient or ExactAdjoint(),
+            iterations=iterations,
+            output=run.folder,
+            resume=resume,
+            progress=progress,
+            callback=callback,
+            start=None if start is None else run.begin,
+            mode_tolerance=mode_tolerance if run.sizing is None else None,
+            followed=run.steps > 0,
+        )
+        if run.tuned:
             problem.check_influence()
         chosen = optimizer or MMA()
-        if steps and isinstance(chosen, MMA) and chosen.length is None:
+        if run.steps and isinstance(chosen, MMA) and chosen.length is None:
             # a crisp design is where the boundary begins: it finds sizes better than elements do
             chosen = replace(chosen, length=max(math.ceil(iterations / CRISP), 1))
-        if not domains and isinstance(chosen, MMA) and chosen.length is None:
+        if not run.domains and isinstance(chosen, MMA) and chosen.length is None:
             chosen = replace(chosen, length=1)  # nothing becomes crisp
-        with alone_in(comm, folder, "optimize: output"):
-            result = chosen.run(loop, designs, begin, filled)
-            if sizing is not None:
-                result = sizing[0].finished(result, mode_tolerance)
-            if steps and result.reason != "interrupted":
+        with alone_in(comm, run.folder, "optimize: output"):
+            result = chosen.run(loop, run.designs, run.begin, run.filled)
+            if run.sizing is not None:
+                result = run.sizing[0].finished(result, mode_tolerance)
+            if run.steps and result.reason != "interrupted":
                 result = with_moved_boundaries(
-                    result, steps, mode_tolerance, progress, loop.checkpoint
+                    result, run.steps, mode_tolerance, progress, loop.checkpoint
                 )
             elif isinstance(problem, Problem) and result.feasible:
                 result = with_checked_parts(result)
     ended = loop.terminated or (result.moved and result.moved.reason == "terminated")
     return replace(result, terminated=True) if ended else result
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """The arguments of `optimize`, checked, with defaults in place."""
+
+    problem: Problem
+    designs: dict[str, Variables]
+    domains: dict[str, Domain]
+    begin: dict[str, Array]  #: Variables of the start by design
+    filled: dict[str, float]  #: Bounds of the volume by body
+    sizing: Any  #: Problem and design of dimensions, None without them
+    tuned: bool  #: Whether parameters of the mechanism are designed
+    folder: Path | None
+    steps: int  #: Of the boundary
+
+
+def check_run(problem: Problem, design: Any, **settings: Any) -> None:
+    """Refuse what `optimize` would refuse before it computes anything; collective.
+
+    Arguments and errors are those of `optimize`.
+    """
+    comm = _ranks(problem)
+    with on_every_rank(comm, "optimize"):
+        given = signature(optimize).bind(problem, design, **settings)
+        given.apply_defaults()
+        _checked(comm, **given.arguments)
+
+
+def _ranks(problem: Problem) -> MPI.Comm:
+    """The communicator of a problem."""
+    kind = ("flexible", "value", "differentiate", "calibrated")
+    validation.implementation("optimize: problem", problem, kind, "a Problem")
+    return ranks_of(problem)
+
+
+def _checked(
+    comm: MPI.Comm,
+    problem: Problem,
+    design: Any,
+    start: Any,
+    *,
+    optimizer: Optimizer | None,
+    volume: float | Mapping[str, float],
+    gradient: GradientMethod | None,
+    iterations: int,
+    output: str | Path | None,
+    resume: bool,
+    progress: bool,
+    callback: Callback | None,
+    mode_tolerance: float | None,
+    boundary: int | None,
+    options: Mapping[str, Any],
+) -> _Checked:
+    """The arguments of `optimize`, or an error where they do not fit each other; collective."""
+    said: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
+    said |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
+    said |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}
+    check_alike(comm, "optimize", said)
+    iterations = validation.integer("optimize: iterations", iterations)
+    if boundary is not None:
+        validation.integer("optimize: boundary", boundary)
+    validation.flag("optimize: resume", resume)
+    validation.flag("optimize: progress", progress)
+    folder = None if output is None else validation.path("optimize: output", output)
+    if callback is not None:
+        of = "iteration, density and evaluation"
+        validation.function("optimize: callback", callback, of)
+    if gradient is not None:
+        needed = ("__call__", "exact")
+        validation.implementation("optimize: gradient", gradient, needed, "ExactAdjoint()")
+    if mode_tolerance is not None:
+        validation.number("optimize: mode_tolerance", mode_tolerance, above=0.0)
+    if resume and output is None:
+        raise ValueError(
+            "optimize: resume=True needs the folder of the checkpoint: give it as output"
+        )
+    design = _with_parameters(problem, design)
+    sizing = sized(problem, design)
+    alone = sizing is not None and not sizing[0].flexible
+    given_volume = alone and volume != _VOLUME
+    if sizing and (given_volume or gradient or not isinstance(optimizer, MMA | None)):
+        raise ValueError(
+            "optimize: dimensions take MMA, the exact gradient, and no volume; bound the "
+            "material by a constraint, ffr.Constraint(ffr.Mass(name), upper=...)"
+        )
+    designs = _by_body(*(sizing or (problem, design)))
+    tuned = [part for part in designs.values() if isinstance(part, ParameterDesign)]
+    if tuned and gradient is not None and not gradient.exact:
+        raise ValueError("optimize: parameters take the exact gradient")
+    if optimizer is not None:
+        what = "LevelSetEvolution(...) or MMA(...)"
+        validation.implementation("optimize: optimizer", optimizer, ("run",), what)
+    if options:
+        taker = MMA if optimizer is None else type(optimizer)
+        validation.keywords("optimize", options, optimize, taker)
+        give = f"give {sorted(options)} to the optimizer"
+        raise ValueError(f"optimize: {give}, optimizer={taker.__name__}(...)")
+    given = {n: part.even() for n, part in designs.items()} if start is None else start
+    starts = given if isinstance(given, Mapping) else dict.fromkeys(designs, given)
+    domains = {n: part.domain for n, part in designs.items() if isinstance(part, Design)}
+    bounds = volume if isinstance(volume, Mapping) else dict.fromkeys(domains, volume)
+    for what, by_body, names in (("start", starts, designs), ("volume", bounds, domains)):
+        if set(by_body) != set(names):
+            raise ValueError(
+                f"optimize: {what} is given for {sorted(by_body)}, and the designs are of "
+                f"{sorted(names)}"
+            )
+    begin = {name: validation.numbers("optimize: start", starts[name]) for name in designs}
+    check_alike(comm, "optimize", {f"the start of {n!r}": x for n, x in begin.items()})
+    flat = isinstance(problem, Problem) and {d.dimension for d in domains.values()} == {2}
+    steps = boundary or 0
+    if boundary is None and flat and (gradient is None or gradient.exact):
+        steps = default_steps(iterations)
+    if steps and not (isinstance(problem, Problem) and domains):
+        raise ValueError(
+            "optimize: a boundary moves after a design of densities, of a Problem; give boundary=0"
+        )
+    filled = {
+        name: validation.number(f"optimize: volume of {name!r}", bounds[name], above=0.0, most=1.0)
+        for name in domains
+    }
+    return _Checked(
+        problem=problem if sizing is None else sizing[0],  # type: ignore[arg-type]
+        designs=designs,
+        domains=domains,
+        begin=begin,
+        filled=filled,
+        sizing=sizing,
+        tuned=bool(tuned),
+        folder=folder,
+        steps=steps,
+    )
 
 
 def default_steps(iterations: int) -> int:
@@ -245,7 +333,6 @@ def _with_parameters(
                 f"optimize: the parameters {own.names} of the mechanism keep their values, as no "
                 "design is given for them; give a mapping, as {'rod': design, 'machine': "
                 "problem.parameters}, to design them, too, or make the mechanism without them",
-                3,
             )
         return design  # type: ignore[return-value]
     return {n: ParameterDesign(p) if n in given else p for n, p in every.items()}  # type: ignore[misc, arg-type]
@@ -292,6 +379,5 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
                 f"optimize: no cell of {name!r} along {', '.join(map(repr, undefended))} stays "
                 "solid: the design may take all material away from there, and encloses no part "
                 "then; keep cells along each interface solid (Domain(..., solid=...))",
-                3,
             )
     return found

@@ -70,6 +70,8 @@ _SMALLER = (1.0, 0.5, 0.25)
 _SMALLEST, _FINE = 0.03, 2e-3
 #: Angle between sides of a polygon from which on it is a corner, rather than part of a curve
 _CORNER = 0.5
+#: A polygon with fewer sides than these may be the coarse mesh of a circle
+_FEW_SIDES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,9 +407,11 @@ def _polygonal(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
         closed = {side.nodes[0] for side in own} == {side.nodes[1] for side in own}
         if closed and own and all(isinstance(side.curve, Line) for side in own):
             if fit_circle(np.array([side.curve.start for side in own])) is not None:
+                few = len(own) < _FEW_SIDES
+                remedy = "give it ten elements around, or order=2" if few else "draw it as a circle"
                 said.append(
                     f"the interface {name!r} is a polygon of {len(own)} sides, with its corners on "
-                    "a circle: if it is a round bore, give it ten elements around, or order=2"
+                    f"a circle: if it is a round bore, {remedy}"
                 )
     return said
 

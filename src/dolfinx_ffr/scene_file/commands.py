@@ -15,7 +15,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from .. import plotting
+from .. import plotting, validation
 from ..dynamics import SimulationError
 from ..io import write_density, write_summary
 from ..objective import JointForce
@@ -37,14 +37,21 @@ _EXAMPLES = files(__package__) / "examples"
 #: them take as long as, by dimension: measured on the examples, see docs/command.md; steps of a
 #: surface in space were not measured
 _GRADIENTS = {2: (2.0, 10.0, 170.0), 3: (5.0, 0.0, 170.0)}
+#: Files by which a folder shows that a run has written into it
+_RESULTS = ("summary.json", "checkpoint", "history.csv")
 #: Files that belong to an example
 _COMPANIONS = {"outline": ("lever.dxf", "angles.csv")}
 
 
-def design(file: Path, *, output: Path | None, resume: bool) -> int:
-    """Design the bodies of a scene file, write parts, pictures and report; the exit code."""
+def design(file: Path, *, output: Path | None, resume: bool, overwrite: bool = False) -> int:
+    """Design the bodies of a scene file, write parts, pictures and report; the exit code.
+
+    Results of an earlier run are refused unless it goes on from them or overwrites them.
+    """
     scene = read_scene(file)
-    folder = output or scene.output
+    folder = _folder(scene, output)
+    if not (resume or overwrite):
+        _refuse_results(folder)
     with _plain_warnings(), recorded_warnings() as said:
         problem, maker = scene.made()
         _say(f"{scene.title}: {_sizes(problem)}")
@@ -80,9 +87,10 @@ def design(file: Path, *, output: Path | None, resume: bool) -> int:
 def check(file: Path, *, output: Path | None) -> int:
     """Simulate the full bodies of a scene file, draw it, and say what is to be expected."""
     scene = read_scene(file)
-    folder = output or scene.output
+    folder = _folder(scene, output)
     with _plain_warnings():
-        problem, _ = scene.made()
+        problem, maker = scene.made()
+        scene.check_run(maker)
         full = problem.value(DesignedBodies(problem.bodies).filled(1.0))
         _say(f"{scene.title}: {_sizes(problem)}")
         for name, body in problem.integrals(full).items():
@@ -101,6 +109,26 @@ def check(file: Path, *, output: Path | None) -> int:
         _say(_estimate(scene, problem))
     _say(f"the scene is drawn in {picture}")
     return 0
+
+
+def _folder(scene: Scene, output: Path | None) -> Path:
+    """The folder of the results: of the command, or of the scene."""
+    return scene.output if output is None else validation.path("output", output)
+
+
+def _refuse_results(folder: Path) -> None:
+    """Refuse to overwrite the results of a run, or the checkpoint of one that was interrupted."""
+
+    def check() -> None:
+        there = [name for name in _RESULTS if (folder / name).exists()]
+        if there:
+            raise SceneError(
+                f"{folder} holds the results of an earlier run ({', '.join(there)}); go on from "
+                "them by --resume, write elsewhere by --output FOLDER, or replace them by "
+                "--overwrite"
+            )
+
+    on_rank_0(COMM, check)
 
 
 def new(name: str | None, folder: Path) -> int:

@@ -50,6 +50,10 @@ _ARRAYS = set(typing.get_args(ArrayLike)) or {ArrayLike}
 _ARRAY = "array"
 #: A number and what follows it
 _QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
+#: A whole number
+_WHOLE = re.compile(r"[-+]?\d+")
+#: A number with a decimal comma
+_COMMA = re.compile(r"([-+]?\d+),(\d+)(.*)")
 #: A unit in brackets, or several, "[m or rad]"; intervals and shapes are none
 _STATED = re.compile(r"\[((?:1/)?[A-Za-z-][^\],]*)\]")
 #: An entry of a section "Args" or "Attributes"
@@ -239,8 +243,10 @@ class Reader:
                 return in_si(raw, units)
             except ValueError as error:
                 self.refuse(where, str(error))
+        if int in options and str not in options and _WHOLE.fullmatch(raw.strip()):
+            return int(raw)
         if any(typing.get_origin(o) is os.PathLike or o is Path for o in options):
-            path = self.file.parent / raw
+            path = self.file.parent / validation.path(where, raw)
             if not path.is_file():
                 self.refuse(where, f"there is no file {str(path)!r}")
             return str(path)
@@ -254,6 +260,12 @@ class Reader:
         words = [w for o in options if typing.get_origin(o) is Literal for w in typing.get_args(o)]
         if raw in words or str in options:
             return raw
+        if _BODY_POINT in options and raw in self.bodies:
+            self.refuse(
+                where,
+                f'{raw!r} is a body; name a marker of it, "{raw}.NAME", where NAME is one of its '
+                "interfaces",
+            )
         points = [f"{body}.MARKER" for body in self.bodies] if _BODY_POINT in options else []
         known = [*words, *kinds, *points, *(n for table in tables for n in self.named[table])]
         self.refuse(where, f"{raw!r} is {self.none_of(options)}; {near(raw, known)}")
@@ -280,7 +292,8 @@ class Reader:
         origins = {typing.get_origin(o) for o in options}
         words = {
             "name of a motion": Motion in options,
-            'marker, as "body.marker", nor name of one': Ground in options,
+            'marker, as "body.marker"': _BODY_POINT in options,
+            "name of one": Ground in options,
             "number": numeric(options),
             "whole number": int in options and float not in options,
             "text": str in options,
@@ -437,6 +450,9 @@ def in_si(text: str, units: tuple[str, ...]) -> float:
 
     Radians count: a moment is no stiffness by angle, and turns a second are no hertz.
     """
+    if comma := _COMMA.fullmatch(text.strip()):
+        point = "".join((comma[1], ".", *comma.groups()[1:]))
+        raise ValueError(f'{text!r} has a decimal comma; write a point: "{point}"')
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
         raise ValueError(f'{text!r} is no number; write 0.04, or with its unit "40 mm"')

@@ -15,9 +15,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from .. import validation
+from ..files import text_of
 from ..mechanical_problem import MechanicalProblem
 from ..mechanism import Mechanism
-from ..optimization import Result, optimize
+from ..optimization import Result, check_run, optimize
 from ..problem import Problem
 from ..reduction import FlexibleBody
 from .calls import Call, Maker, Name, SceneError, Writer, variables
@@ -81,6 +83,10 @@ class Scene:
         maker(self.run.arguments["design"])
         return problem, maker
 
+    def check_run(self, maker: Maker) -> None:
+        """Refuse settings of `optimize` with which a design could not begin; collective."""
+        maker(replace(self.run, target=check_run))
+
     def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
         """What `optimize` makes of the scene; collective."""
         given = {"output": str(output), "resume": resume}
@@ -98,10 +104,19 @@ class Scene:
 def read_scene(file: Path) -> Scene:
     """The scene of a file; a SceneError says what is wrong in it, and where."""
     try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return _Tables(file, tomllib.loads(_text_of(file))).scene()
+    except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{file}: {error}") from error
-    return _Tables(file, data).scene()
+    except RecursionError:
+        raise SceneError(f"{file}: its lists or tables are nested too deeply to be read") from None
+
+
+def _text_of(file: Path) -> str:
+    """The text of a scene file."""
+    try:
+        return text_of(file)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
 
 
 class _Tables:
@@ -144,7 +159,8 @@ class _Tables:
     def scene(self) -> Scene:
         """The whole scene."""
         title, data = self._text("title", self.file.stem.replace("_", " ")), self.data
-        output = self.file.parent / self._text("output", f"results/{self.file.stem}")
+        folder = validation.path("output", self._text("output", f"results/{self.file.stem}"))
+        output = self.file.parent / folder
         overrides = self._table(data, "load_cases")
         given: Table = {"bodies": self.bodies}
         if overrides:
@@ -211,6 +227,8 @@ class _Tables:
         settings = self._table(self.data, "optimize")
         known = [name for name in arguments_of(optimize) if name not in _GIVEN]
         self.reader.check_keys("optimize", settings, known, "optimize")
+        if settings.get("iterations") == 0:
+            self.reader.refuse("optimize.iterations", "0 iterations design nothing; give some")
         given: Table = {"problem": problem, "design": designs, "output": Name("output", None)}
         return self.reader.call({"optimize": optimize}, settings, "optimize", **given)
 
