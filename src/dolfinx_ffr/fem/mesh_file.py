@@ -37,12 +37,18 @@ FLAT = 1e-6
 _TRIAL = """
 import resource
 import sys
-memory = int(sys.argv[3])
-resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 sys.path.append(sys.argv[1])
 import gmsh
 gmsh.initialize(readConfigFiles=False)
 gmsh.option.setNumber("General.Terminal", 0)
+try:
+    with open("/proc/self/statm") as file:
+        held = int(file.read().split()[0]) * resource.getpagesize()
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    most = held + int(sys.argv[3])
+    resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+except OSError:  # not every system tells how much a process holds
+    pass
 gmsh.merge(sys.argv[2])
 gmsh.model.mesh.renumberNodes()
 gmsh.model.mesh.getNodes()
