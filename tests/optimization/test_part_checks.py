@@ -12,9 +12,12 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import shapely
+from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import free_ends
+from dolfinx_ffr.fem import CurveError
+from dolfinx_ffr.optimization import moved_parts
 from dolfinx_ffr.optimization.part_checks import part_violations
 
 LENGTH, BORE = 0.15, 0.009
@@ -66,6 +69,39 @@ def test_walls_at_eyes_are_as_asked_or_violations(rim: float, member: float, vol
     thin = [name for name in result.violations if name.startswith("rod: thinnest member")]
     assert bool(thin) == (part.thinnest_member.value < 0.99 * member)
     assert bool(thin) == any("the thinnest member is" in str(each.message) for each in said)
+
+
+def test_what_the_part_of_curves_that_cross_exceeds_is_no_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The reason is told with what a user of `optimize` can do, and the part is verified."""
+    body = ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(20, 4))
+    scene = slider_crank(MPI.COMM_SELF, domain=body, modes=1, steps=100)
+    design, filled = ffr.LevelSet(body), ffr.Volume("rod", lambda x: x[0] < 0.36)
+
+    def run(boundary: int, upper: float) -> ffr.Result:
+        limit = ffr.Constraint(filled, upper=upper, name="filled")
+        of = scene.mechanism, scene.integrator, ffr.IntegralCompliance()
+        problem = ffr.Problem(scene.bodies, *of, [limit])
+        how: dict[str, Any] = {"progress": False, "mode_tolerance": None}
+        return ffr.optimize(
+            problem, design, design.even(1.0), volume=1.0, iterations=0, boundary=boundary, **how
+        )
+
+    share = run(0, 1.0).evaluation.constraints["filled"].value
+    assert share < 0.95 and run(0, 1.01 * share).feasible
+
+    def crossed(*args: Any, **options: Any) -> None:
+        raise CurveError("boundary: curves cross; give a smaller spacing")
+
+    monkeypatch.setattr(moved_parts.Boundary, "of", crossed)
+    with (
+        pytest.warns(ffr.part.PartWarning, match="the part violates 'filled'"),
+        pytest.warns(ffr.DesignWarning, match="cross or almost touch.* give a larger minimum_mem"),
+    ):
+        result = run(1, 1.01 * share)
+    assert not result.feasible and result.reason == "infeasible"
+    assert result.violations["filled"] > 0.02
 
 
 def part_of(shape: shapely.Geometry) -> ffr.Part:

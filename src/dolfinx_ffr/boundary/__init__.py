@@ -9,7 +9,6 @@ from .kinds import InSpace as InSpace
 from .kinds import InThePlane as InThePlane
 from .kinds import Kind as Kind
 from .outline import Boundary as Boundary
-from .outline import CurveError as CurveError
 from .sizes import Rows as Rows
 from .slide import slides as slides
 from .spurs import free_ends as free_ends

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from ..arrays import Array
-from ..fem import Domain
+from ..fem import CurveError, Domain
 from ..part import Solid
 from ..reduction import Struts
 from .derivative import CurveMotion, NodeMotion
@@ -145,7 +145,7 @@ class InThePlane(Kind[Boundary]):
 
     def mesh(self, boundary: Boundary, size: float, turn: float) -> Domain:
         if not boundary.valid:
-            raise ValueError("boundary: curves cross, or leave the body")
+            raise CurveError("boundary: curves cross, or leave the body")
         across = _ACROSS
         if turn == math.inf:
             across *= _LARGER

@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
-from ..fem import Curve, Domain, Drawing, Face, FlatHole, connected, polygon, ring
+from ..fem import Curve, CurveError, Domain, Drawing, Face, FlatHole, connected, polygon, ring
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
@@ -62,14 +62,6 @@ _STEP = 0.2
 #: Distance by which curves may leave the body or enter a rim, as they are told by points, and
 #: distance of curves from the drawn hole that they are on, in minimum members
 _BEYOND, _ON_HOLE = 0.01, 0.05
-
-
-class CurveError(ValueError):
-    """Members of a design are too thin for curves to follow their sides.
-
-    A larger minimum member, smaller elements or more iterations of the design help, and to
-    `Boundary.of` a smaller ``member`` or ``spacing``.
-    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +174,9 @@ class Boundary:
         found = found.moved(np.zeros(found.n_controls))
         if not found.valid:
             raise CurveError(
-                "boundary: curves cross once they are smoothed, as members of the design are "
-                "thinner than its curves can show"
+                "boundary: curves cross once they are smoothed, as members are thinner than the "
+                "distance of the controls can show; give a smaller member or spacing, or a design "
+                "without hairlines"
             )
         rims = found._rims.intersection(found.material)
         return replace(found, needed=rims.buffer(-2.0 * _BEYOND * member))

@@ -162,7 +162,8 @@ def _faces(
 ) -> Iterator[tuple[str, tuple[tuple[Side, ...], ...]]]:
     """Loops around designed regions, counterclockwise, each with the holes in it, clockwise."""
     # runs that go on along a solid region go back there
-    shapes = [shapely.Polygon(points).buffer(0.0) for _, points in loops]
+    rings = [points if len(points) > 2 else np.zeros((0, 2)) for _, points in loops]
+    shapes = [shapely.Polygon(points).buffer(0.0) for points in rings]
     outer = [k for k, (_, x) in enumerate(loops) if np.sum(cross(x, np.roll(x, -1, axis=0))) > 0.0]
     within: dict[int, list[int]] = {k: [] for k in sorted(outer, key=lambda k: shapes[k].area)}
     for k, (_, points) in enumerate(loops):

@@ -26,6 +26,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _ROUND_OFF = 1e-9
 
 
+class CurveError(ValueError):
+    """Curves cross, or are so near each other that no mesh fits them."""
+
+
 class Curve(ABC):
     """A curve from `start` to `end`."""
 

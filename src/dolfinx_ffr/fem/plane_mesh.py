@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array
 from ..limits import MOST_CELLS, MOST_CURVES, check_count
-from .curves import Arc, Curve, Line, Spline, enclosed
+from .curves import Arc, Curve, CurveError, Line, Spline, enclosed
 
 _numbers = count()
 #: Smallest Jacobian determinant of a curved cell over that of the straight cell
@@ -380,7 +380,7 @@ def _refuse_crossed(drawing: Drawing, divided: Sequence[_Divided], size: float) 
     crossed = shapely.STRtree(cells).query(cells, predicate="crosses")
     if crossed.size:
         x, y = shapely.get_coordinates(shapely.intersection(*cells[crossed[:, 0]]))[0]
-        raise ValueError(
+        raise CurveError(
             f"parts of the outline cross, or almost touch, near ({x:.4g}, {y:.4g}) m where cells "
             f"of {size:.4g} m follow it: give a smaller size, or move them apart"
         )
@@ -396,7 +396,7 @@ def _refuse_unmeshed(model: Any, drawing: Drawing, found: Sequence[int], size: f
         around = sum(drawing.curves[i].length for loop in face.loops for i, _ in loop)
         # chords of curves leave out, or add, less than a quarter of their length along them
         if abs(covered - whole) > 1e-6 * whole + 0.25 * size * around or not len(doubled):
-            raise ValueError(
+            raise CurveError(
                 f"gmsh cannot mesh the outline by triangles of {size:.4g} m; give a smaller size, "
                 "or look for parts of the outline that almost touch"
             )

@@ -7,9 +7,10 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
-from ..boundary import Boundary, CurveError, Surface
+from ..boundary import Boundary, Surface
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
+from ..fem import CurveError
 from ..part import LoosePieceWarning, Part, PartWarning
 from .boundary_steps import moved
 from .part_checks import part_violations
@@ -18,8 +19,11 @@ from .steps_checkpoint import StepsCheckpoint
 
 #: How parts are made whose curves are smoothed by more, or only looked at
 _ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
-#: What a user of `optimize` can do where members are too thin for curves
-_REMEDY = "; give a larger minimum_member, smaller elements or more iterations"
+#: What is said where curves cross, with what a user of `optimize` can do
+_HAIRLINES = (
+    "curves along its sides cross or almost touch, as members or gaps of the design are thinner "
+    "than these can show; give a larger minimum_member, smaller elements or more iterations"
+)
 #: Share of the material that may be in loose pieces, which the densities count and the part has not
 _LOOSE = 1e-3
 
@@ -65,7 +69,7 @@ def with_moved_boundaries(
         found = moved(result.problem, boundaries, bound, *options)
     except (ValueError, SimulationError) as error:
         over = f" and violates {list(result.violations)}" if result.violations else ""
-        why = f"{error}" + _REMEDY * isinstance(error, CurveError)
+        why = _HAIRLINES if isinstance(error, CurveError) else str(error)
         warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {why}")
         return _denied(with_checked_parts(result), progress)
     # the part may keep bounds that the densities have missed

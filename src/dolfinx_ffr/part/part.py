@@ -29,6 +29,7 @@ from .. import validation
 from ..arrays import Array, Integers
 from ..fem import (
     Curve,
+    CurveError,
     Domain,
     Drawing,
     ElasticMaterial,
@@ -154,7 +155,7 @@ class Part(Enclosed):
             if not found.crossing:
                 break
         else:
-            raise ValueError(
+            raise CurveError(
                 f"part: curves cross near {found.crossing} mm, where members or gaps are thinner "
                 "than the lattice on which they are looked for; give a larger resolution, or take "
                 "a design without hairlines"
