@@ -63,13 +63,14 @@ def chains(draw: st.DrawFn) -> Scene:
             masses.append(ffr.PointMass((name, "right"), draw(st.floats(0.01, 2.0))))
         end = end + length * along
         previous = (name, "right")
+    damping = ffr.RayleighDamping(draw(st.floats(0.0, 5.0)), 1e-5)
     mechanism = ffr.Mechanism(
         placements=placements,
         joints=joints,
         forces=forces,
         point_masses=masses,
         gravity=(0.0, draw(st.sampled_from([0.0, -9.81]))),
-        damping={"link 0": ffr.RayleighDamping(draw(st.floats(0.0, 5.0)), 1e-5)},
+        damping={"link 0": damping} if bodies["link 0"].modes else {},  # rigid ones have none
     )
     steps = draw(st.integers(50, 150))
     radius = draw(st.sampled_from([0.0, 0.5, 0.8, 1.0]))

@@ -233,6 +233,8 @@ class Domain:
     ) -> Domain:
         """Read a body from a gmsh file (``.msh``) by the names of its physical groups.
 
+        The file is data: one that does not begin as a mesh is refused, as gmsh would execute it.
+
         Args:
             comm: Communicator over which the mesh is distributed; rank 0 reads the file.
             path: The file; for a body in the plane it holds physical groups of curves (interfaces)
