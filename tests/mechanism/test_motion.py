@@ -255,6 +255,12 @@ def test_tables_in_other_encodings(tmp_path: Path, encoding: str) -> None:
         ("time [s],a [rad]\n0,1\n1,nan\n2,3\n", {}, "'nan' in line 3 is no finite number$"),
         ("time [s];a [rad]\n0;1\n1;1,5\n", {}, "'1,5' in line 3 is no finite .* decimal point"),
         ("time [s],a [rad]\n0,1\n1\n", {}, "line 3 has 1 columns only"),
+        pytest.param(
+            f"time [s],a [rad]\n0,{'1' * 200_000}\n",
+            {},
+            "no table of numbers: field larger than",
+            id="an endless field",
+        ),
         ("time [s],b [rad]\n0,1\n", {}, r"there is no column 'a'; the columns are \['time', 'b'\]"),
         ("time [s],a,a\n0,1,2\n", {}, "2 columns 'a'"),
         ("time [s],a\n0,1\n1,2\n", {}, "column 'a' has no unit; write it in brackets"),

@@ -41,7 +41,10 @@ def read_motion(
     if len(lines) < 2:
         raise ValueError(f"{what}: there is no line of numbers below one with the columns' names")
     separator = max(",;\t", key=lines[0][1].count)
-    rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
+    try:
+        rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
+    except csv.Error as error:
+        raise ValueError(f"{what}: it is no table of numbers: {error}") from error
     numbers = [k for k, _ in lines[1:]]
     kinds: tuple[Mapping[str, float], ...] = (_TIMES, {**_ANGLES, **_LENGTHS})
     kept = zip(("time", "value"), columns, strict=True)
