@@ -130,8 +130,6 @@ def test_groups_by_their_numbers(comm: MPI.Intracomm, shared_tmp_path: Path) -> 
     path = written(comm, shared_tmp_path, strip(names=False))
     body = Domain.from_gmsh(comm, path, interfaces=["1", 2], centers={"2": (4.0, 0.0)})
     assert list(body.interfaces) == ["1", "2"] and body.interfaces["2"].center[1] == 0.0
-    with pytest.raises(ValueError, match="all cells are solid"):
-        Domain.from_gmsh(comm, path, interfaces=["1", 2], solid=[3])
     with pytest.raises(ValueError, match=r"no physical curve named '7'; .* curves \['1', '2'\]"):
         Domain.from_gmsh(comm, path, interfaces=[7])
     with pytest.raises(TypeError, match="interfaces must be a list of texts"):
@@ -179,28 +177,27 @@ def test_nodes_without_cells(comm: MPI.Intracomm, shared_tmp_path: Path) -> None
     np.testing.assert_allclose(body.interfaces["right"].center, [4.0, 0.5], atol=1e-12)
 
 
-#: Order, whether incomplete, whether quadrilaterals or hexahedra, error of the area
+#: Dimension, order, whether incomplete, whether of quadrilaterals or hexahedra, error of the area
 KINDS = {
-    "S8": (2, 1, 1, -0.0003659489620955),
-    "order 3": (3, 0, 1, 0.0000536334173282),
-    "T9": (3, 1, 0, "are of the kind Triangle 9, of order 3; taken are"),
-    "order 4": (4, 0, 1, "are of the kind Quadrilateral 25, of order 4"),
-    "triangles of order 4": (4, 0, 0, "are of the kind Triangle 15, of order 4"),
+    "S8": (2, 2, 1, 1, -0.0003659489620955),
+    "C3D20": (3, 2, 1, 1, -0.0003659489620955),
+    "order 3": (2, 3, 0, 1, 0.0000536334173282),
+    "T9": (2, 3, 1, 0, "are of the kind Triangle 9, of order 3; taken are"),
+    "order 4": (2, 4, 0, 1, "are of the kind Quadrilateral 25, of order 4"),
+    "triangles of order 4": (2, 4, 0, 0, "are of the kind Triangle 15, of order 4"),
+    "hexahedra of order 3": (3, 3, 0, 1, "taken are .* hexahedra of order 1 and 2: mesh it with"),
 }
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("space", [False, True])
 @pytest.mark.parametrize("case", KINDS)
-def test_kinds_of_cells(comm: MPI.Intracomm, shared_tmp_path: Path, case: str, space: bool) -> None:
+def test_kinds_of_cells(comm: MPI.Intracomm, shared_tmp_path: Path, case: str) -> None:
     """A quarter of a ring, with the area of the complete cells, or refused in words."""
-    order, incomplete, recombined, expected = KINDS[case]
-    path, d = shared_tmp_path / "ring.msh", 3 if space else 2
+    d, order, incomplete, recombined, expected = KINDS[case]
+    path = shared_tmp_path / "ring.msh"
     if comm.rank == 0:
         write_ring(path, d, order, incomplete, recombined)
     comm.Barrier()
-    if space and case != "S8":
-        expected = "taken are .* hexahedra of order 1 and 2: mesh it with order 2"
     if isinstance(expected, str):
         with pytest.raises(ValueError, match=expected):
             Domain.from_gmsh(comm, path)

@@ -65,9 +65,7 @@ def test_files_that_are_no_meshes(refused: Callable[..., None], case: str) -> No
     refused(*NO_MESHES[case])
 
 
-@pytest.mark.parametrize(
-    "name", ["rod.msh", "rod.geo", "rod.step", "rod.py", "$(id > executed).gz"]
-)
+@pytest.mark.parametrize("name", ["rod.msh", "rod.geo", "$(id > executed).gz"])
 def test_a_mesh_is_one_by_its_content(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -101,7 +99,7 @@ def test_gmsh_starts_without_options_of_the_home_directory(
     assert "readConfigFiles=False" in mesh_file._TRIAL
 
 
-@pytest.mark.parametrize("way", ["check", "design", "demo"])
+@pytest.mark.parametrize("way", ["check", "demo"])
 def test_commands_and_demos_execute_no_mesh(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], way: str
 ) -> None:
