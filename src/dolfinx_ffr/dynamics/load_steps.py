@@ -38,6 +38,8 @@ FEWEST_CELLS = 50
 RESOLVED = 5e-3
 #: Most cells. Beyond, the load is noise, or longer than what can be followed
 MOST_CELLS = 2**13
+#: Part of the duration by which a jump that nobody named may lie behind its time
+JUST_BEFORE = 4.0 * BESIDE_JUMP
 #: Columns whose range is below this share of the largest in their table are round-off
 _ROUND_OFF = 1e-9
 
@@ -199,7 +201,7 @@ class _Search:
         """The time just before a jump between two samples; None where they change smoothly."""
         while True:
             middle = 0.5 * (low + high)
-            if high - low <= 4.0 * BESIDE_JUMP * self.end_time or not low < middle < high:
+            if high - low <= JUST_BEFORE * self.end_time or not low < middle < high:
                 # the tables hold at the very time of a jump the values before it
                 return float(low)
             here = self.sampled(np.array([middle]))[0]

@@ -41,9 +41,11 @@ def simulate(
     relative to the largest displacement from the start. The trajectory's ``error`` is the last
     change. The error itself is smaller, by up to 31 times (Radau IIA) or 3 times (generalised
     alpha); where unresolved vibrations make all of it, it is about as large. The errors of
-    velocities, deformations and multipliers, each relative to its own size, are larger; for the
-    error of an objective see :meth:`MechanicalProblem.with_tolerance`. A tolerance takes one and a
-    half to twice the time of the last steps alone.
+    velocities and deformations, each relative to its own size, are larger. Forces in joints are
+    accurate to the square root of the tolerance, as the trajectory's ``force_error`` tells, unless
+    they jump at times that nobody named. For the error of an objective see
+    :meth:`MechanicalProblem.with_tolerance`. A tolerance takes one and a half to twice the time of
+    the last steps alone.
 
     Args:
         mechanism: The mechanism.

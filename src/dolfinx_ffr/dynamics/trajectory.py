@@ -135,12 +135,17 @@ class Trajectory(Shown):
     #: error of the positions, see there. Else, with Radau IIA, the largest error that a single step
     #: adds; a motion that magnifies errors ends further off.
     error: float = math.nan
+    #: Estimate of the largest error of forces and moments in joints at single instants, relative to
+    #: the largest of these, NaN where there is none. Integrals over time of forces are closer.
+    force_error: float = math.nan
     #: Unwrapped angles of drives, gears and torsional springs in space, two of each row and spring,
     #: shape (steps + 1, rows and springs, 2) [rad]; empty where there are none.
     turns: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     def _shown(self) -> list[tuple[str, str, str]]:
         error = "" if math.isnan(self.error) else f"estimated {self.error:.1e}"
+        if not math.isnan(self.force_error):
+            error += f", of forces in joints {self.force_error:.1e}"
         if self.integrator.chosen_for is not None:  # by two methods, of psi
             error = f"chosen for {self.integrator.chosen_for:.1e} of psi"
         iterations = np.sum(self.iterations) / max(self.iterations.size, 1)

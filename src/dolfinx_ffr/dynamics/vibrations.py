@@ -61,7 +61,7 @@ def lost_vibrations(trajectory: Trajectory) -> LostVibrations:
         weights = np.gradient(trajectory.t)
     weights = weights / np.sum(weights)
     end, h = float(trajectory.t[-1]), float(np.median(np.diff(trajectory.step_ends)))
-    displacement, _, strain = norm_floors(model.arrays, end)
+    displacement, _, strain, _ = norm_floors(model.arrays, end)
     if flexible:
         mean = sum(float(weights @ trajectory.strain_energy(name)) for name in flexible)
         mean += strain**2

@@ -15,13 +15,16 @@ from dataclasses import replace
 import numpy as np
 
 from ... import validation
+from ..equations import CONSTRAINTS, FORCES
 from ..failures import SimulationError
-from ..kinematics import mass_norm, norm_floors
+from ..kinematics import Kinematics, mass_norm, norm_floors
 from ..trajectory import Integrator, Trajectory
 from .certificate import Run
 
 #: Most steps that are tried.
 MOST_STEPS = 2**17
+#: Least change of the estimated error of forces by halved steps, below which they converge
+CONVERGING = 0.5
 #: Bounds of what may be asked for.
 TIGHTEST, LOOSEST = 1e-12, 0.1
 
@@ -41,12 +44,36 @@ def _position_error(fine: Trajectory, coarse: Trajectory) -> float:
     return difference / max(displacement, floor)
 
 
+def _force_error(fine: Trajectory, coarse: Trajectory) -> float:
+    """Largest difference of the multipliers, relative to the largest of them.
+
+    Rows count by the accelerations that their multipliers give the bodies at the start, so that
+    forces and moments can be compared.
+    """
+    model, arrays = fine.model, fine.model.arrays
+    if not model.rows:
+        return 0.0
+    kinematics = Kinematics(arrays)
+    kinematics.begin(fine.y[0])
+    kinematics.set(fine.y[0])
+    kinematics.evaluate(0, CONSTRAINTS | FORCES, 0.0)
+    eq = kinematics.equations
+    reach = np.max(np.abs(eq.C) / np.sqrt(np.abs(np.diag(eq.M))), axis=1)
+    common = np.intersect1d(fine.step_ends, coarse.step_ends)
+    ours, theirs = (r.multipliers[np.searchsorted(r.t, common)] * reach for r in (fine, coarse))
+    floor = norm_floors(arrays, float(fine.t[-1]))[3]
+    return float(np.max(np.abs(ours - theirs)) / max(float(np.max(np.abs(ours))), floor))
+
+
 def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Trajectory:
     """Trajectory with as many steps as an accuracy of the positions takes.
 
     Fixed steps are halved, adaptive ones get a smaller tolerance, until the position error against
     a trajectory with steps twice as long is small enough, and with Radau IIA also the estimate of
-    the error which single steps add. The trajectory's ``error`` is the former.
+    the error which single steps add. The trajectory's ``error`` is the former. Positions that are
+    prescribed have no error, however long the steps: forces in joints reach the square root of the
+    tolerance, too, unless they do not converge, as where they jump at times that nobody named; the
+    trajectory's ``force_error`` tells.
 
     Raises:
         ValueError: If the tolerance is out of range.
@@ -55,6 +82,7 @@ def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Traj
     """
     validation.number("tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
     integrator = integrator.toward(tolerance)
+    forces = math.inf
     while True:
         estimate, unresolved, trajectory = math.inf, False, None
         try:
@@ -63,6 +91,10 @@ def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Traj
             unresolved = trajectory.error > tolerance * (1.0 + 1e-9)
             coarse = run(integrator.with_steps_of(trajectory).coarser)
             estimate = _position_error(trajectory, coarse)
+            if math.isnan(trajectory.force_error):
+                before, forces = forces, _force_error(trajectory, coarse)
+                trajectory = replace(trajectory, force_error=forces)
+                unresolved = math.sqrt(tolerance) < forces <= CONVERGING * before
             trajectory = replace(trajectory, error=estimate)
         except SimulationError:
             # Shorter steps may help; adaptive ones have been as short as they can be.

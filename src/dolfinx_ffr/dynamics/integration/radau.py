@@ -3,7 +3,9 @@
 
 The stage equations are in stages.py. The error of a step is the difference from an embedded formula
 of order 3, relative to the norms of the trajectory: the mass norms of the velocities and of the
-displacement from the start, and the energy norm of the elastic part. The steps are chosen by a
+displacement from the start, and the energy norm of the elastic part. In the directions of joints,
+which that formula does not see, it is the jump of accelerations and of multipliers from one step
+to the next. The steps are chosen by a
 proportional-integral controller (K. Gustafsson, Control-theoretic techniques for stepsize selection
 in implicit Runge-Kutta methods, ACM Transactions on Mathematical Software 20 (1994),
 doi:10.1145/198429.198437), a few equal ones at a time. A run with a large tolerance comes first: it
@@ -26,11 +28,11 @@ from ...arrays import Array, Integers
 from ..compilation import Compiled, Table
 from ..failures import SimulationError, diagnosis
 from ..kinematics import Kinematics, Samples, mass_norm, norm_floors
-from ..load_steps import FEWER_SAMPLES, equal_steps, load_steps
+from ..load_steps import FEWER_SAMPLES, JUST_BEFORE, LoadSteps, equal_steps, load_steps
 from ..model import FlatModel
 from ..trajectory import OVER_TIME, Integrator, Trajectory, TrajectoryBar, TrajectoryPullback
 from .linear import linear_system
-from .stage_loops import REJECTED, backward, march
+from .stage_loops import OF_FORCES, REJECTED, backward, march
 from .stages import NODES, A, Stages
 from .start import (
     CONVERGED,
@@ -57,6 +59,9 @@ _SAME = 1e-9
 _NO_JUMP = 1e-9
 #: Steps of a trajectory for which there is one at least between two jumps
 STEPS_FOR_ONE = 50
+#: Share of the duration below which steps are the less judged by their multipliers, so that a force
+#: that jumps at a time that nobody named ends no motion.
+_BRIEF = 1e-6
 #: Exponent of the tolerance in the error of the embedded formula, whose order is 4 of 6.
 _EXPONENT = 2.0 / 3.0
 #: Arrays with three rows for each step; the method has no accelerations of its own.
@@ -106,7 +111,10 @@ class RadauIIA(Integrator):
     #: deformation: an objective that hardly depends on them is far more accurate. A motion that
     #: magnifies errors, through a singular position for instance, is less accurate. At 1e-6 psi
     #: has four to five correct digits where a body vibrates and seven or more where it does not
-    #: (benchmarks/integration.py); three more digits take three to eight times the steps.
+    #: (benchmarks/integration.py); three more digits take three to eight times the steps. Forces
+    #: in joints limit the steps, too, also of a machine whose motion is prescribed: at single
+    #: instants they are accurate to the square root of the tolerance (`Trajectory.force_error`),
+    #: and their integrals over time far better.
     tolerance: float = 1e-6
     first_step: float | None = None  #: First step to try [s]; None leaves it to the method.
     largest_step: float | None = None  #: Largest step [s]; None sets no limit.
@@ -207,7 +215,7 @@ class RadauIIA(Integrator):
         start.turns = kinematics.turns(1)
         found = start_accelerations(kinematics, 0, y0, v0)
         if found is None:
-            so_far = _trajectory(self, model.at(start.t), start, np.ones(3))
+            so_far = _trajectory(self, model.at(start.t), start, np.ones(4))
             raise SimulationError(NO_START, so_far)
         start.w[0], start.multipliers[0] = found
         norms = norm_floors(model.arrays, self.end_time)
@@ -235,7 +243,7 @@ class RadauIIA(Integrator):
         over_time = {name: getattr(trajectory, name) for name in _OVER_TIME}
         if model.arrays.turning:  # the transpose changes them to coordinates within each step
             over_time |= {"y": trajectory.y.copy(), "v": trajectory.v.copy()}
-        errors = np.zeros((trajectory.iterations.size, 3))
+        errors = np.zeros((trajectory.iterations.size, 4))
         rows = _Rows(**over_time, errors=errors, iterations=trajectory.iterations)
         stages = rows.stages(np.diff(trajectory.step_ends))
         bars = step_bars(bar.y, bar.v, bar.w, bar.multipliers)
@@ -299,7 +307,7 @@ class _Rows:
     multipliers: Array
     stabilization: Array
     turns: Array
-    errors: Array  #: Norms of the errors, shape (steps, 3).
+    errors: Array  #: Norms of the errors, shape (steps, 4).
     iterations: Integers
 
     @staticmethod
@@ -307,7 +315,7 @@ class _Rows:
         y, v, w = (np.zeros((t.size, model.size)) for _ in range(3))
         multipliers, stabilization = (np.zeros((t.size, model.rows)) for _ in range(2))
         steps = t.size // 3
-        errors, iterations = np.zeros((steps, 3)), np.zeros(steps, dtype=np.int64)
+        errors, iterations = np.zeros((steps, 4)), np.zeros(steps, dtype=np.int64)
         turns = np.zeros((t.size, 0, 2))
         return _Rows(t, y, v, w, multipliers, stabilization, turns, errors, iterations)
 
@@ -341,7 +349,8 @@ class _Rows:
             iterations=self.iterations,
             last=np.zeros(1, dtype=np.int64),
             errors=self.errors,
-            sizes=np.zeros(3),
+            sizes=np.zeros(4),
+            brief=np.full(1, np.finfo(float).tiny),
             reference=np.zeros(n),
             w_before=np.zeros((3, n)),
             lam_before=np.zeros((3, rows)),
@@ -354,12 +363,27 @@ class _Rows:
 class _March:
     """State of the integration between two calls of the compiled loop."""
 
-    def __init__(self, integrator: RadauIIA, model: FlatModel, start: _Rows, norms: Array) -> None:
+    def __init__(
+        self,
+        integrator: RadauIIA,
+        model: FlatModel,
+        start: _Rows,
+        norms: Array,
+        found: LoadSteps | None = None,
+    ) -> None:
+        """Begin at a start, with what was found of loads and motions where steps are adaptive."""
         self.integrator, self.model, self.start, self.norms = integrator, model, start, norms
+        self.corners = model.tables.jumps
+        brief = float(np.finfo(float).tiny)
+        if found is not None:
+            self.corners = np.union1d(self.corners, found.corners)
+            # No step follows the forces under a load that is noise.
+            brief = _BRIEF * integrator.end_time if found.resolved else math.inf
         self.parts = [start]
         size = model.size + 2 * model.rows
         self.system, self.small = Table(linear_system(3 * size)), Table(linear_system(size))
         self.weight, self.kept = np.zeros(model.size), np.zeros(2)
+        self.mass, self.brief = np.zeros((model.size, model.size)), np.full(1, brief)
 
     def advance(self, ends: Array, limit: float) -> tuple[int, int, _Rows]:
         """Take steps from ends[0], the present time, to the others.
@@ -376,7 +400,12 @@ class _March:
             before = float(last.t[-1] - last.t[-4])
             stages.w_before[:], stages.lam_before[:] = last.w[-3:], last.multipliers[-3:]
         stages = stages._replace(
-            sizes=self.norms, reference=self.start.y[0], kept=self.kept, weight=self.weight
+            sizes=self.norms,
+            reference=self.start.y[0],
+            kept=self.kept,
+            weight=self.weight,
+            mass=self.mass,
+            brief=self.brief,
         )
         arrays = self.model.arrays._replace(**self.model.tables.tabulate(rows.t))
         equations = Kinematics(arrays, last.turns[-1:])
@@ -397,14 +426,18 @@ class _March:
         from the last stage by the vibrations that no step resolves.
         """
         t, model = float(rows.t[0]), self.model.counting_from(self.parts[-1].turns[-1:])
-        if t not in model.tables.jumps:
+        if t not in self.corners:
             return False
-        sides = accelerations_at_jump(model, t, rows.y[0], rows.v[0])
+        # One that nobody named is known to some units in the last place of the end time.
+        slack = 0.0 if t in model.tables.jumps else JUST_BEFORE * self.integrator.end_time
+        sides = accelerations_at_jump(model, t, rows.y[0], rows.v[0], slack)
         if sides is None:
             return False
         (_, w, multipliers), (_, w_after, multipliers_after) = sides
         jump, usual = mass_norm(model.arrays, np.stack([w_after - w, w]))
-        if not jump > _NO_JUMP * usual:
+        change, force = np.abs(multipliers_after - multipliers), np.abs(multipliers)
+        held = np.max(change, initial=0.0) <= _NO_JUMP * np.max(force, initial=0.0)
+        if not jump > _NO_JUMP * usual and held:
             return False
         rows.w[0] += w_after - w
         rows.multipliers[0] += multipliers_after - multipliers
@@ -428,10 +461,10 @@ def _adaptive(
     longest = min(integrator.largest_step or duration, duration)
     limit = tolerance**_EXPONENT
     h, batch, before = min(first or 1e-3 * duration, longest), 1, 1.0
-    march_state = _March(integrator, model, start, norms)
     # Steps end where loads or prescribed motions change so fast that a step might not see it.
-    found = load_steps(model.tables, duration, FEWER_SAMPLES).special
-    corners = [*np.union1d(_jumps_inside(model, integrator), found), duration]
+    found = load_steps(model.tables, duration, FEWER_SAMPLES)
+    march_state = _March(integrator, model, start, norms, found)
+    corners = [*np.union1d(_jumps_inside(model, integrator), found.special), duration]
     while march_state.t < duration:
         t = march_state.t
         end = next(corner for corner in corners if corner > t)
@@ -444,7 +477,7 @@ def _adaptive(
             ends = t + h * np.arange(batch + 1)
         status, good, rows = march_state.advance(ends, limit)
         if status == CONVERGED:
-            error = max(float(np.max(rows.errors / norms)) / limit, 1e-8)
+            error = max(_relative(rows.errors, norms) / limit, 1e-8)
             factor = 0.9 * error ** (-0.7 / 4.0) * before ** (0.4 / 4.0)
             before = error
             if 0.95 < factor < 1.2:
@@ -454,7 +487,7 @@ def _adaptive(
                 batch = min(batch + 1, _BATCH) if factor < 1.5 else 1
             continue
         if status == REJECTED:
-            error = min(max(float(np.max(rows.errors[good] / norms)) / limit, 1.0), 1e8)
+            error = min(max(_relative(rows.errors[good], norms) / limit, 1.0), 1e8)
             h *= min(max(0.2, 0.9 * error ** (-1.0 / 4.0)), 0.7)
         else:
             h *= 0.25
@@ -467,7 +500,7 @@ def _adaptive(
 def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Array) -> Trajectory:
     weights = np.zeros(rows.t.size)
     weights[1:] = np.ravel(np.diff(rows.t[::3])[:, None] * A[2])
-    largest = float(np.max(rows.errors / norms, initial=0.0))
+    largest = _relative(rows.errors, norms)
     return Trajectory(
         **{name: getattr(rows, name) for name in _OVER_TIME},
         a=rows.w,
@@ -477,7 +510,17 @@ def _trajectory(integrator: RadauIIA, model: FlatModel, rows: _Rows, norms: Arra
         integrator=integrator,
         weights=weights,
         error=largest ** (1.0 / _EXPONENT),
+        force_error=float(np.max(rows.errors[:, 3] / norms[3], initial=0.0)),
     )
+
+
+def _relative(errors: Array, norms: Array) -> float:
+    """Largest error of steps, (4,) or (steps, 4), relative to norms (4,), as of the fourth order.
+
+    The errors of multipliers are those of one order less.
+    """
+    relative = np.max(np.reshape(errors / norms, (-1, 4)), axis=0, initial=0.0)
+    return float(max(*relative[:3], relative[3] ** (1.0 / OF_FORCES)))
 
 
 def _failure(

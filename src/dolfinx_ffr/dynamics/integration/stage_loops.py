@@ -16,6 +16,7 @@ from .stages import (
     Stages,
     begin_step,
     estimate_error,
+    joint_errors,
     load_stage,
     stage_jacobian,
     stage_residual,
@@ -26,6 +27,9 @@ from .steps import MAX_ITERATIONS, StepBars, pushed, times_transposed
 
 #: Outcome of the loop, beside those of start.py: the error of a step is too large.
 REJECTED = 3
+
+#: Exponent of the limit of errors for those of multipliers, which are of order 3 and not of 4.
+OF_FORCES = 3.0 / 4.0
 
 #: Largest angle by which a body turns in one step of a length that is free to choose [rad].
 LARGEST_TURN = 1.0
@@ -170,6 +174,12 @@ def judge(
         return SINGULAR
     for i in range(3):
         stages.errors[k, i] = eq.sizes[i]
+    velocity, multiplier, force = joint_errors(eq, stages, at, h)
+    stages.errors[k, 1] = max(stages.errors[k, 1], velocity)
+    stages.errors[k, 3] = multiplier * min(h / stages.brief[0], 1.0)
+    force = max(force, stages.sizes[3])
+    if not stages.errors[k, 3] <= limit**OF_FORCES * force:
+        return REJECTED
     load_stage(eq, stages, at + 2)
     chart(eq, at + 2, equations.COMPOSE)
     for p in range(eq.r.size):
@@ -189,6 +199,7 @@ def judge(
         if not eq.sizes[3] <= LARGEST_TURN:
             return REJECTED
     stages.sizes[0], stages.sizes[1], stages.sizes[2] = own
+    stages.sizes[3] = force
     return CONVERGED
 
 

@@ -36,6 +36,10 @@ from .steps import pushed, step_system, times_transposed
 
 ROOT = math.sqrt(6.0)
 
+#: Round-off of accelerations and multipliers, in parts of positions over the squared step: Newton's
+#: method ends at some units in the last place of these.
+ROUND_OFF_OF_JUMPS = 1e-12
+
 #: Nodes and coefficients of the method; the last row of A holds the weights.
 NODES = np.array([(4.0 - ROOT) / 10.0, (4.0 + ROOT) / 10.0, 1.0])
 A = np.array(
@@ -55,6 +59,8 @@ ESTIMATE = REAL / 3.0 * np.array([-13.0 - 7.0 * ROOT, -13.0 + 7.0 * ROOT, -1.0])
 #: Coefficients of the polynomials that are 1 at one node and 0 at the others, shape (3, 3), from
 #: the power 0 on.
 LAGRANGE = np.linalg.inv(np.vander(NODES, increasing=True)).T
+#: Their values at the beginning of a step, shape (3,).
+AT_BEGIN = LAGRANGE[:, 0].copy()
 
 
 def stage_integrals(x: Array) -> Array:
@@ -80,8 +86,9 @@ class Stages(NamedTuple):
     eta: Matrix  # (3 steps + 1, rows) multipliers of the position corrections, h sigma
     iterations: IntVector  # (steps,) Newton iterations
     last: IntVector  # (1,) number of good steps, or instant whose transpose is singular
-    errors: Matrix  # (steps, 3) norms of the errors of the steps
-    sizes: Vector  # (3,) largest norms of the motion so far, kept up to date
+    errors: Matrix  # (steps, 4) norms of the errors of the steps
+    sizes: Vector  # (4,) largest norms of the motion so far, kept up to date
+    brief: Vector  # (1,) length below which a step is the less judged by its multipliers [s]
     reference: Vector  # (n,) coordinates at the start of the motion
     w_before: Matrix  # (3, n) accelerations of the step before the first one
     lam_before: Matrix  # (3, rows) and multipliers
@@ -89,7 +96,7 @@ class Stages(NamedTuple):
     #: none, and whether they do for other steps; kept up to date
     kept: Vector
     weight: Vector  # (n,) weights of corrections of accelerations, kept up to date
-    mass: Matrix  # (n, n)
+    mass: Matrix  # (n, n) kept up to date
 
 
 @kernel
@@ -268,3 +275,39 @@ def estimate_error(eq: Equations, stages: Stages, system: LinearSystem, at: int,
         eq.reference[p] = 0.0
     measure(eq)
     return True
+
+
+@kernel
+def joint_errors(eq: Equations, stages: Stages, at: int, h: float) -> tuple[float, float, float]:
+    """Errors that joints hide: of velocities, and of multipliers with their size, as mass norms.
+
+    The method meets prescribed positions and velocities at its stages, however long the step is, so
+    that the embedded formula sees no error in the directions of the joints. There accelerations
+    and multipliers are polynomials of their own in each step. Where these polynomials part from the
+    end of the step before, neither is right: their jump is of third order, like their errors, and
+    as large as the largest of these.
+    """
+    n, w, lam, C, mass = eq.r.size, stages.w, stages.lam, eq.C, stages.mass
+    load_stage(eq, stages, at - 1)
+    evaluate(eq, at - 1, 0.0, equations.CONSTRAINTS)
+    round_off = 0.0
+    for p in range(n):
+        y, v = max(abs(eq.y[p]), eq.floor[p]), abs(eq.v[p])
+        round_off = max(round_off, np.sqrt(abs(mass[p, p])) * (y / h + v) / h)
+    round_off *= ROUND_OFF_OF_JUMPS
+    velocity = multiplier = size = 0.0
+    for c in range(eq.value.size):
+        reach = jump = 0.0
+        for p in range(n):
+            reach = max(reach, abs(C[c, p]) / np.sqrt(abs(mass[p, p])))
+            change = -w[at - 1, p]
+            for j in range(3):
+                change += AT_BEGIN[j] * w[at + j, p]
+            jump += C[c, p] * change
+        change = -lam[at - 1, c]
+        for j in range(3):
+            change += AT_BEGIN[j] * lam[at + j, c]
+        velocity = max(velocity, REAL * h * (abs(jump) / reach - round_off))
+        multiplier = max(multiplier, abs(change) * reach - round_off)
+        size = max(size, abs(lam[at + 2, c]) * reach)
+    return velocity, multiplier, size

@@ -127,15 +127,15 @@ def start_accelerations(
 
 
 def accelerations_at_jump(
-    model: FlatModel, t: float, y: Array, v: Array
+    model: FlatModel, t: float, y: Array, v: Array, slack: float = 0.0
 ) -> list[tuple[Kinematics, Array, Array]] | None:
     """Equations, accelerations (n,) and multipliers (rows,) at (y, v) just before and after t.
 
-    None where the accelerations cannot be found.
+    The jump lies at t [s] or up to `slack` [s] behind. None where no accelerations can be found.
     """
     sides = []
-    for share in (1.0 - BESIDE_JUMP, 1.0 + BESIDE_JUMP):
-        tables = model.tables.tabulate(np.full(2, share * t))
+    for beside in ((1.0 - BESIDE_JUMP) * t, (1.0 + BESIDE_JUMP) * t + slack):
+        tables = model.tables.tabulate(np.full(2, beside))
         kinematics = Kinematics(model.arrays._replace(**tables))
         kinematics.begin(y)
         found = start_accelerations(kinematics, 0, y, v)

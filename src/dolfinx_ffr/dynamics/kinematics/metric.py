@@ -45,10 +45,13 @@ def largest_length(model: ModelArrays) -> float:
 
     Arms of markers, prescribed positions, lengths of ways and ways along lines.
     """
-    points = (model.vector_kind == OF_POINT) & (model.vector_body >= 0)
-    prescribed = (model.vector_kind == OF_POINT) & (model.vector_body < 0)
+    of_point, ours = model.vector_kind == OF_POINT, model.vector_body >= 0
+    points, prescribed = of_point & ours, of_point & ~ours
     places = model.prescribed[:1, model.vector_slot[prescribed], 0]
-    ways = model.drive[:1, np.isin(model.kind, (POINT, PLANE, DISTANCE)), 0]
+    # the same kinds of rows hold angles, between spins
+    between_points = np.any(of_point[model.side] & (model.side >= 0), axis=1)
+    rows = between_points & np.isin(model.kind, (POINT, PLANE, DISTANCE))
+    ways = model.drive[:1, rows, 0]
     lengths = (np.linalg.norm(model.shapes[points, :, 0], axis=-1), np.abs(places), np.abs(ways))
     return max(float(np.max(each, initial=0.0)) for each in lengths)
 
@@ -56,7 +59,7 @@ def largest_length(model: ModelArrays) -> float:
 def norm_floors(model: ModelArrays, duration: float) -> Array:
     """Sizes below which a motion of a duration [s] counts as rest: far below what it usually does.
 
-    Way and velocity by mass, elastic part by energy, shape (3,).
+    Way and velocity by mass, elastic part by energy, forces by inverse mass, shape (4,).
     """
     least = 1e-6 * length_of(model) * float(np.sqrt(np.sum(model.mass)))
-    return np.array([least, least / duration, 1e-6 * least / duration])
+    return np.array([least, least / duration, 1e-6 * least / duration, least / duration**2])
