@@ -77,7 +77,9 @@ _BY_FOLDER = _lists(
         ),
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
         "mechanism": "Parameter ParametricMechanism",
-        "objective": "DensityField DrivePower DriveWork ResidualVibration StressField",
+        "objective": (
+            "DensityField DrivePower DriveWork ResidualVibration StressField marker_derivatives"
+        ),
         "optimization": (
             "BoundaryResult DesignLoop GradientErrors GradientMethod GradientReport Optimizer"
         ),

@@ -12,11 +12,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from shared.problems import slider_crank
+from shared.derivatives import check_gradient
+from shared.problems import slider_crank, swing_about_a_point
 from shared.scenes import slider_crank as slider_crank_of_arrays
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import TrajectoryBar
+from dolfinx_ffr.objective import marker_derivatives
 
 pytestmark = pytest.mark.mpi
 
@@ -218,3 +220,77 @@ def test_gradients_of_ones_own_way(comm: MPI.Intracomm, values: Any, said: str) 
     design = ffr.DensityDesign(problem.flexible["rod"].domain)
     with pytest.raises((TypeError, ValueError), match=said):
         ffr.optimize(problem, design, gradient=OfAnother(values), iterations=1, progress=False)
+
+
+class Way(ffr.Objective):
+    """How far a marker comes in y in the end, and its velocity and acceleration there."""
+
+    def __init__(self, marker: str, *, whole: bool) -> None:
+        self.marker, self.whole = marker, whole
+
+    def vectors(self, run: ffr.dynamics.Trajectory) -> list[np.ndarray]:
+        point = ("rod", self.marker)
+        return [
+            run.marker_path(*point),
+            run.marker_velocity(*point),
+            run.marker_acceleration(*point),
+        ]
+
+    def evaluate(self, response: ffr.Response) -> float:
+        place, velocity, acceleration = self.vectors(response.trajectory)
+        return float(place[-1, 1] + 0.1 * velocity[-1, 0] + 1e-4 * acceleration[-1, 1])
+
+    def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
+        bars = [np.zeros_like(part) for part in self.vectors(response.trajectory)]
+        bars[0][-1, 1], bars[1][-1, 0], bars[2][-1, 1] = 1.0, 0.1, 1e-4
+        names = ("position", "velocity", "acceleration")
+        found = marker_derivatives(
+            response, "rod", self.marker, **dict(zip(names, bars, strict=True))
+        )
+        return found if self.whole else replace(found, integrals={})
+
+
+def with_objective(problem: ffr.Problem, objective: ffr.Objective) -> ffr.Problem:
+    return ffr.Problem(problem.bodies, problem.mechanism, problem.integrator, objective)
+
+
+def test_own_objectives_of_a_marker(comm: MPI.Intracomm) -> None:
+    """Exact by `marker_derivatives`; refused where shapes inside of the body are left out."""
+    problem = swing_about_a_point(comm, 200)
+    check_gradient(with_objective(problem, Way("tip", whole=True)), step=2e-3)
+    x = np.full(problem.flexible["rod"].domain.n_cells, 0.7)
+    for objective in (Way("tip", whole=False), ffr.Mass("rod") + Way("tip", whole=False)):
+        lacking = with_objective(problem, objective)
+        with pytest.raises(ValueError, match="the derivatives of Way by the integrals of 'rod' do"):
+            lacking.gradient(x)
+    # at an interface, which the density does not move in the body, nothing is lacking
+    alike = [with_objective(problem, Way("right", whole=w)).gradient(x) for w in (True, False)]
+    one, two = (evaluation.gradient["rod"] for evaluation in alike if evaluation.gradient)
+    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-12 * np.abs(one).max(initial=0.0))
+    response = problem.response(problem.value(x))
+    with pytest.raises(ValueError, match=r"by the velocity must have shape \(201, 2\)"):
+        marker_derivatives(response, "rod", "tip", velocity=np.zeros(2))
+
+
+@pytest.mark.parametrize("part", ["trajectory", "integrals"])
+def test_derivatives_that_differ_between_ranks(comm: MPI.Intracomm, part: str) -> None:
+    class Differing(Way):
+        def derivatives(self, response: ffr.Response) -> ffr.Derivatives:
+            found = super().derivatives(response)
+            share = 1.0 + 1e-3 * comm.rank
+            if part == "trajectory" and found.trajectory is not None:
+                return replace(found, trajectory=found.trajectory.scaled(share))
+            scaled = {
+                name: bar.scaled(1.0 + 1e-4 * comm.rank) for name, bar in found.integrals.items()
+            }
+            return replace(found, integrals=scaled)
+
+    problem = with_objective(swing_about_a_point(comm, 60), Differing("tip", whole=True))
+    value = problem.value(np.full(problem.flexible["rod"].domain.n_cells, 0.7))
+    if comm.size == 1:
+        problem.differentiate(value)
+        return
+    with pytest.raises(
+        ValueError, match=rf"the derivative of the objective by .*{part[:6]}.*differs"
+    ):
+        problem.differentiate(value)

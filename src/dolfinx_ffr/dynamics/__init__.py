@@ -25,12 +25,19 @@ from .integration.time_interval import TimeInterval as TimeInterval
 from .integration.time_interval import recorded as recorded
 from .integration.time_interval import refined as refined
 from .integration.time_interval import restored_method as restored_method
-from .kinematics import MarkerMotion, marker_motion, marker_motion_pullback
+from .kinematics import (
+    IN_SPACE,
+    MarkerMotion,
+    State,
+    columns_in_space,
+    marker_motion_pullback,
+    motion_of_marker,
+)
 from .mechanism_bars import MechanismBars as MechanismBars
 from .mechanism_bars import fixed_slopes, influence, parameter_slopes, parametric
 from .model import FlatModel as FlatModel
 from .model import assemble_model, check_names
-from .power import drives, driving_power, driving_power_pullback, forces_on_frame
+from .power import driving_power_pullback, forces_on_frame
 from .simulation import check_memory, load_cells, required_memory, restored
 from .simulation import integrate as integrate
 from .simulation import simulate as simulate

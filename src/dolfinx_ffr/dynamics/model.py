@@ -16,6 +16,7 @@ from ..documentation import Shown
 from ..mechanism import (
     Element,
     Mechanism,
+    Moving,
     RayleighDamping,
     Row,
     Undeformed,
@@ -101,6 +102,17 @@ class FlatModel(Shown):
     def angular(self) -> Mask:
         """Which scalar constraints count angles, their multipliers moments, shape (rows,)."""
         return np.array([row.angular for row, _ in self.tables.rows], dtype=bool)
+
+    @cached_property
+    def drives(self) -> list[str]:
+        """Names of the joints that drive the mechanism: by a motion, or by a marker that moves."""
+        names = []
+        for name, rows in self.joints.items():
+            of_joint = [row for row, _ in self.tables.rows[rows]]
+            moving = (isinstance(v.marker, Moving) for row in of_joint for v in row.vectors)
+            if any(row.motion is not None for row in of_joint) or any(moving):
+                names.append(name)
+        return names
 
     @property
     def damped(self) -> bool:

@@ -1,13 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Power that joints bring into the bodies of a mechanism, and their forces on its frame.
-
-The force C_y^T lam of some rows on the bodies, of the opposite sign, moves with their velocities:
-
-    P = -lam . (C_y v)
-
-It is zero for a joint between bodies, or between a body and the ground, that nothing drives. The
-velocities are those of the bodies, not those of the drive's motion, which they follow.
-"""
+"""The pullback of the power of drives (`Trajectory.drive_power`), and forces on the frame."""
 
 from __future__ import annotations
 
@@ -17,40 +9,18 @@ import numpy as np
 
 from ..arrays import Array, Integers
 from ..body import VolumeIntegrals
-from ..mechanism import Moving, RowKind
+from ..mechanism import RowKind
 from .equations import CONSTRAINTS, ROWS
-from .kinematics import Kinematics, marker_bar
+from .kinematics import marker_bar
 from .model import FlatModel
 from .trajectory import Trajectory, TrajectoryBar
-
-
-def drives(model: FlatModel) -> list[str]:
-    """Names of the joints that drive a mechanism: by a motion, or by a marker that moves."""
-    found = []
-    for name, rows in model.joints.items():
-        own = [row for row, _ in model.tables.rows[rows]]
-        moving = (isinstance(v.marker, Moving) for row in own for v in row.vectors)
-        if any(row.motion is not None for row in own) or any(moving):
-            found.append(name)
-    return found
-
-
-def driving_power(trajectory: Trajectory, joints: Sequence[str]) -> Array:
-    """Power over time that joints bring into the bodies, shape (steps + 1,) [W]."""
-    kinematics, driving = _prepared(trajectory, joints)
-    found = np.zeros(len(trajectory.t))
-    for k, lam in enumerate(driving):
-        kinematics.set(trajectory.y[k], trajectory.v[k], None, lam)
-        kinematics.evaluate(k, CONSTRAINTS)
-        found[k] = -lam @ (kinematics.equations.C @ trajectory.v[k])
-    return found
 
 
 def driving_power_pullback(
     trajectory: Trajectory, joints: Sequence[str], power_bar: Array
 ) -> tuple[TrajectoryBar, dict[str, VolumeIntegrals]]:
     """Derivatives by trajectory and markers from those by the power over time, (steps + 1,)."""
-    kinematics, driving = _prepared(trajectory, joints)
+    kinematics, driving = trajectory.of_joints(joints)
     model, eq, bar = trajectory.model, kinematics.equations, TrajectoryBar.zeros(trajectory)
     counts = np.zeros(model.rows, dtype=bool)
     for name in joints:
@@ -69,15 +39,6 @@ def driving_power_pullback(
     for (body, marker), number in model.markers.items():
         bodies[body].markers[marker] += marker_bar(model.arrays, number, kinematics.marker_bars)
     return bar, bodies
-
-
-def _prepared(trajectory: Trajectory, joints: Sequence[str]) -> tuple[Kinematics, Array]:
-    """Kinematics, and the multipliers of the joints, zero for all others, (steps + 1, rows)."""
-    model, driving = trajectory.model, np.zeros_like(trajectory.multipliers)
-    for name in joints:
-        rows = model.joints[name]
-        driving[:, rows] = trajectory.multipliers[:, rows]
-    return Kinematics(model.arrays, trajectory.turns), driving
 
 
 def forces_on_frame(model: FlatModel, joints: Sequence[str]) -> tuple[Integers, Array]:

@@ -5,18 +5,31 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from .. import validation
 from ..arrays import Array, Integers
+from ..body import BodyMarker
 from ..documentation import Shown
 from .compilation import Compiled
-from .kinematics import Momenta, Samples, applied_forces, momenta_of, turned_between
+from .equations import CONSTRAINTS
+from .kinematics import (
+    Kinematics,
+    MarkerMotion,
+    Momenta,
+    Samples,
+    applied_forces,
+    momenta_of,
+    motion_of_marker,
+    turned_between,
+)
 from .model import FlatModel
 
 #: Arrays of a trajectory with one row for each instant.
@@ -262,13 +275,73 @@ class Trajectory(Shown):
 
     def marker_path(self, body: str, marker: str) -> Array:
         """Position of a marker of a body over time, shape (steps + 1, 2), in space (..., 3) [m]."""
-        rigid, elastic = self.rigid(body), self.elastic(body)
+        rigid, point = self.rigid(body), self._marker(body, marker)
+        local = point.position + point.shift(self.elastic(body))
+        turned = np.einsum("tij,tj->ti", self.rotation(body), local)
+        return np.asarray(rigid[:, : self.model.dimension] + turned)
+
+    def marker_velocity(self, body: str, marker: str) -> Array:
+        """Velocity of a marker in the global axes, (steps + 1, 2), in space (..., 3) [m/s]."""
+        return self._marker_motion(body, marker).velocity[:, : self.model.dimension]
+
+    def marker_acceleration(self, body: str, marker: str) -> Array:
+        """Acceleration of a marker in the global axes, (steps + 1, 2), in space (..., 3) [m/s^2].
+
+        Where the mechanism gives the ground an acceleration, it is that relative to the ground.
+        """
+        return self._marker_motion(body, marker).acceleration[:, : self.model.dimension]
+
+    def marker_rotation(self, body: str, marker: str) -> Array:
+        """Rotation matrix of a marker's axes over time, shape (steps + 1, d, d), d = 2 or 3.
+
+        It is that of the body's frame, turned by the elastic rotation at the marker, and in space
+        by the marker's own axes in the body.
+        """
+        point, elastic = self._marker(body, marker), self.elastic(body)
+        if self.model.dimension == 2:
+            return self.model.arrays.rotations(self.marker_angle(body, marker))
+        turn = Rotation.from_rotvec(elastic @ point.rotation.T).as_matrix()
+        axes = np.eye(3) if point.axes is None else point.axes
+        return np.asarray(self.rotation(body) @ turn @ axes)
+
+    def marker_angle(self, body: str, marker: str) -> Array:
+        """Angle of a marker in the plane over time, full turns counted, shape (steps + 1,) [rad].
+
+        It is that of the body's frame and the elastic rotation at the marker.
+        """
+        if self.model.dimension == 3:
+            raise ValueError(
+                f"marker {marker!r} of body {body!r} is in space, where no angle tells its "
+                "rotation; take the matrices of marker_rotation(body, marker)"
+            )
+        point = self._marker(body, marker)
+        return np.asarray(self.rigid(body)[:, 2] + self.elastic(body) @ point.rotation)
+
+    def marker_angular_velocity(self, body: str, marker: str) -> Array:
+        """Angular velocity of a marker, shape (steps + 1,), in space (..., 3) [rad/s].
+
+        In space it is a vector in the global axes.
+        """
+        point, where = self._marker(body, marker), self.model.coordinates(body)
+        elastic = self.v[:, where.elastic] @ point.rotation.T
+        if self.model.dimension == 2:
+            return np.asarray(self.v[:, where.all][:, 2] + elastic)
+        local = self.v[:, where.rotation] + elastic
+        return np.asarray(np.einsum("tij,tj->ti", self.rotation(body), local))
+
+    def _marker(self, body: str, marker: str) -> BodyMarker:
+        """A marker by name, or a ValueError with those that there are."""
+        if body not in self.model.bodies:
+            raise ValueError(f"no body {body!r}; the bodies are {list(self.model.bodies)}")
         markers = self.model.bodies[body].markers
         if marker not in markers:
             raise ValueError(f"body {body!r} has no marker {marker!r}, but {list(markers)}")
-        local = markers[marker].position + markers[marker].shift(elastic)
-        turned = np.einsum("tij,tj->ti", self.rotation(body), local)
-        return np.asarray(rigid[:, : self.model.dimension] + turned)
+        return markers[marker]
+
+    def _marker_motion(self, body: str, marker: str) -> MarkerMotion:
+        """The motion of a marker as if in space."""
+        point, columns = self._marker(body, marker), self.model.coordinates(body).all
+        return motion_of_marker(point, *(part[:, columns] for part in (self.y, self.v, self.w)))[2]
 
     def joint_force(self, name: str) -> Array:
         """Force of the joint of a name on its first marker, shape (steps + 1, rows) [N, N m].
@@ -287,6 +360,39 @@ class Trajectory(Shown):
         if name not in self.model.joints:
             raise ValueError(f"no joint {name!r}; the joints are {list(self.model.joints)}")
         return -self.multipliers[:, self.model.joints[name]]
+
+    def drive_power(self, *drives: str) -> Array:
+        """Power that drives bring into the bodies over time, shape (steps + 1,) [W].
+
+        A drive is a joint with a motion, or one on a marker in prescribed motion, as the pin of a
+        crank. The powers of several add up; where they brake, the power is negative. The force
+        C_y^T lam of their rows on the bodies, of the opposite sign, moves with the velocities of
+        these: P = -lam . (C_y v).
+
+        Raises:
+            ValueError: If a joint does not exist, or drives nothing.
+        """
+        for name in drives:
+            if name not in self.model.drives:
+                raise ValueError(
+                    f"joint {name!r} drives nothing, so that it has no power; the joints with a "
+                    f"motion or a marker in prescribed motion are {self.model.drives}"
+                )
+        kinematics, multipliers = self.of_joints(drives)
+        power = np.zeros(len(self.t))
+        for k, lam in enumerate(multipliers):
+            kinematics.set(self.y[k], self.v[k], None, lam)
+            kinematics.evaluate(k, CONSTRAINTS)
+            power[k] = -lam @ (kinematics.equations.C @ self.v[k])
+        return power
+
+    def of_joints(self, joints: Sequence[str]) -> tuple[Kinematics, Array]:
+        """Kinematics, and multipliers (steps + 1, rows) that are zero but for some joints."""
+        multipliers = np.zeros_like(self.multipliers)
+        for name in joints:
+            rows = self.model.joints[name]
+            multipliers[:, rows] = self.multipliers[:, rows]
+        return Kinematics(self.model.arrays, self.turns), multipliers
 
     def applied_force(self, name: str) -> Array:
         """Force of the force, spring or damper of a name, shape (steps + 1, 3) [N, N, N m].

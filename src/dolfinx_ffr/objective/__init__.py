@@ -30,6 +30,7 @@ from .markers import MarkerAcceleration as MarkerAcceleration
 from .markers import MarkerVelocity as MarkerVelocity
 from .markers import PathTracking as PathTracking
 from .markers import ResidualVibration as ResidualVibration
+from .markers import marker_derivatives as marker_derivatives
 from .properties import Frequency as Frequency
 from .properties import Mass as Mass
 from .properties import Volume as Volume

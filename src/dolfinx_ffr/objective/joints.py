@@ -13,8 +13,6 @@ from ..arrays import Array, Integers
 from ..dynamics import (
     Trajectory,
     TrajectoryBar,
-    drives,
-    driving_power,
     driving_power_pullback,
     forces_on_frame,
 )
@@ -131,14 +129,7 @@ class _OfDrives(OfJoints):
     def powers(self, response: Response) -> Array:
         """The power over time at a ``response``, negative where drives brake, (steps + 1,) [W]."""
         self.validate(response.inventory)
-        driving = drives(response.trajectory.model)
-        for name in self._joints:
-            if name not in driving:
-                raise ValueError(
-                    f"{self._what}: joint {name!r} drives nothing, so that it has no power; the "
-                    f"joints with a motion or a marker in prescribed motion are {driving}"
-                )
-        return driving_power(response.trajectory, self._joints)
+        return response.trajectory.drive_power(*self._joints)
 
     def _pullback(self, response: Response, bar: Array) -> Derivatives:
         """Derivatives from those by the power over time, (steps + 1,)."""

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Objectives of the motion of a marker: distance from a path, velocity, acceleration.
 
-The kinematics are those of `marker_motion` in space: a body in the plane is embedded in the plane
-z = 0, and turns about the z axis.
+The kinematics are those of `motion_of_marker` in space, in which a body in the plane is embedded.
 """
 
 from __future__ import annotations
@@ -10,34 +9,30 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Real
-from types import SimpleNamespace
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..arrays import Array, Integers
+from ..arrays import Array
 from ..body import BodyMarker
 from ..dynamics import (
+    IN_SPACE,
     MarkerMotion,
+    State,
     Trajectory,
     TrajectoryBar,
-    marker_motion,
+    columns_in_space,
     marker_motion_pullback,
+    motion_of_marker,
 )
 from ..mechanism import Motion, check_signal, evaluated
 from .base import Derivatives, Inventory, Objective, Response, no_body
 from .time_average import check_window, time_weights
 
-#: Coordinates, velocities and accelerations of a body over time
-State = tuple[Array, Array, Array]
-
 #: A coordinate over time: a motion, a function of an array of times, or a constant.
 Coordinate: TypeAlias = Motion | Callable[[Array], ArrayLike] | float
-
-#: Columns of the coordinates of one body in space
-_IN_SPACE: Any = SimpleNamespace(position=slice(0, 3), rotation=slice(3, 6), elastic=slice(6, None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +61,7 @@ class _MarkerObjective(Objective):
 
     def vectors(self, response: Response) -> Array:
         """The vector at a ``response`` in global axes, shape (steps + 1, 2 or 3)."""
-        found: Array = getattr(self._motion(response)[2], self._vector)
+        found: Array = getattr(self._motion(response), self._vector)
         return found[:, : response.trajectory.model.dimension]
 
     def _weights(self, trajectory: Trajectory) -> Array:
@@ -82,73 +77,86 @@ class _MarkerObjective(Objective):
         bar = 2.0 * weights[:, None] * self.vectors(response)
         return self._pullback(response, **{self._vector: bar})
 
-    def _state(self, response: Response) -> tuple[BodyMarker, State]:
-        """The marker and its body's coordinates, velocities, accelerations, as if in space."""
+    def _motion(self, response: Response) -> MarkerMotion:
+        """The motion of the marker, as if in space."""
         self.validate(response.inventory)
-        trajectory, marker = response.trajectory, response.bodies[self.body].markers[self.marker]
-        own = trajectory.model.coordinates(self.body).all
-        y, v, w = (part[:, own] for part in (trajectory.y, trajectory.v, trajectory.w))
-        if marker.dimension == 3:
-            return marker, (y, v, w)
-        columns = _columns_in_space(y.shape[1])
-
-        def embedded(part: Array) -> Array:
-            found = np.zeros((len(part), part.shape[1] + 3))
-            found[:, columns] = part
-            return found
-
-        def padded(part: Array) -> Array:
-            return np.concatenate([part, np.zeros((1, *part.shape[1:]))])
-
-        T = marker.stiffening
-        marker = BodyMarker(
-            padded(marker.position),
-            padded(marker.displacement),
-            np.zeros((3, marker.displacement.shape[1])),
-            None if T is None else padded(T),
-        )
-        return marker, (embedded(y), embedded(v), embedded(w))
-
-    def _motion(self, response: Response) -> tuple[BodyMarker, State, MarkerMotion]:
-        """The marker, its body's state and its motion, as if in space."""
-        marker, state = self._state(response)
-        motion = marker_motion(_IN_SPACE, marker, *state)
-        if response.trajectory.model.dimension == 2:  # no round-off by rotation vectors
-            angle = state[0][:, 5]
-            A = np.zeros_like(motion.A)
-            A[:, 0, 0] = A[:, 1, 1] = np.cos(angle)
-            A[:, 1, 0] = np.sin(angle)
-            A[:, 0, 1], A[:, 2, 2] = -A[:, 1, 0], 1.0
-            r, v, a = (
-                part[:, :3] + np.einsum("tij,tj->ti", A, own)
-                for part, own in zip(state, (motion.c, motion.c1, motion.c2), strict=True)
-            )
-            motion = motion._replace(position=r, velocity=v, acceleration=a, A=A)
-        return marker, state, motion
+        return _moved(response, self.body, self.marker)[2]
 
     def _pullback(self, response: Response, **bars: Array) -> Derivatives:
-        """Transpose of `_motion` for vectors of the marker by name, bars (steps + 1, 2 or 3)."""
-        trajectory, (marker, state, motion) = response.trajectory, self._motion(response)
-        d = trajectory.model.dimension
-        r, v, a = (np.zeros_like(motion.position) for _ in range(3))
-        for name, bar in bars.items():
-            {"position": r, "velocity": v, "acceleration": a}[name][:, :d] = bar
-        found = marker_motion_pullback(_IN_SPACE, marker, state, motion, (r, v, a))
-        where = trajectory.model.coordinates(self.body).all
-        columns = slice(None) if d == 3 else _columns_in_space(where.stop - where.start)
-        total = TrajectoryBar.zeros(trajectory)
-        for out, own in ((total.y, found.y), (total.v, found.v), (total.w, found.w)):
-            out[:, where] = own[:, columns]
-        integrals = {name: body.zeros_like() for name, body in response.bodies.items()}
-        markers = integrals[self.body].markers
-        old = markers[self.marker]
-        markers[self.marker] = replace(
-            old,
-            position=found.position[:d],
-            displacement=found.displacement[:d],
-            stiffening=None if old.stiffening is None else found.stiffening[:d],
+        """Derivatives from those by vectors of the marker, by name, (steps + 1, 2 or 3)."""
+        self.validate(response.inventory)
+        return marker_derivatives(response, self.body, self.marker, **bars)
+
+
+def marker_derivatives(
+    response: Response,
+    body: str,
+    marker: str,
+    *,
+    position: Array | None = None,
+    velocity: Array | None = None,
+    acceleration: Array | None = None,
+) -> Derivatives:
+    """The derivatives of a number that depends on the motion of a marker, for one's own objectives.
+
+    They are those by the trajectory and those by the shape functions of the body at the marker,
+    which change with its density, also at a fixed trajectory.
+
+    Args:
+        response: The argument of `Objective.derivatives`.
+        body: Name of the body.
+        marker: Name of the marker.
+        position: Derivatives of the number by `Trajectory.marker_path`, shape (steps + 1, 2), in
+            space (steps + 1, 3); None if it does not depend on it.
+        velocity: Likewise by `Trajectory.marker_velocity`.
+        acceleration: Likewise by `Trajectory.marker_acceleration`.
+
+    Raises:
+        ValueError: If an array has another shape, or there is no such body or marker.
+    """
+    trajectory = response.trajectory
+    moved_marker, state, motion = _moved(response, body, marker)
+    d = trajectory.model.dimension
+
+    def in_space(name: str, bar: Array | None) -> Array:
+        found = np.zeros_like(motion.position)
+        if bar is not None:
+            what = f"marker derivatives: those by the {name}"
+            found[:, :d] = validation.real_array(what, bar, (len(trajectory.t), d))
+        return found
+
+    by_place, by_velocity = in_space("position", position), in_space("velocity", velocity)
+    bars = by_place, by_velocity, in_space("acceleration", acceleration)
+    pulled = marker_motion_pullback(IN_SPACE, moved_marker, state, motion, bars)
+    where = trajectory.model.coordinates(body).all
+    columns = slice(None) if d == 3 else columns_in_space(where.stop - where.start)
+    total = TrajectoryBar.zeros(trajectory)
+    for out, own in ((total.y, pulled.y), (total.v, pulled.v), (total.w, pulled.w)):
+        out[:, where] = own[:, columns]
+    integrals = {name: each.zeros_like() for name, each in response.bodies.items()}
+    markers = integrals[body].markers
+    zero = markers[marker]
+    markers[marker] = replace(
+        zero,
+        position=pulled.position[:d],
+        displacement=pulled.displacement[:d],
+        stiffening=None if zero.stiffening is None else pulled.stiffening[:d],
+    )
+    return Derivatives(total, integrals)
+
+
+def _moved(response: Response, body: str, marker: str) -> tuple[BodyMarker, State, MarkerMotion]:
+    """A marker, the state of its body and its motion, as if in space."""
+    trajectory, bodies = response.trajectory, response.bodies
+    if body not in bodies:
+        raise no_body("motion of a marker", body, bodies)
+    if marker not in bodies[body].markers:
+        raise ValueError(
+            f"body {body!r} has no marker {marker!r}, but {list(bodies[body].markers)}"
         )
-        return Derivatives(total, integrals)
+    columns = trajectory.model.coordinates(body).all
+    states = (part[:, columns] for part in (trajectory.y, trajectory.v, trajectory.w))
+    return motion_of_marker(bodies[body].markers[marker], *states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +333,7 @@ class ResidualVibration(_SquareOverTime):
         return positions - validation.real_array(what, self.place, (positions.shape[1],))
 
     def _velocities(self, response: Response) -> Array:
-        found: Array = self._motion(response)[2].velocity
+        found: Array = self._motion(response).velocity
         return found[:, : response.trajectory.model.dimension]
 
     def evaluate(self, response: Response) -> float:
@@ -338,11 +346,6 @@ class ResidualVibration(_SquareOverTime):
         w = 2.0 * self._weights(response.trajectory)[:, None]
         velocity = self.tau**2 * w * self._velocities(response)
         return self._pullback(response, position=w * self.vectors(response), velocity=velocity)
-
-
-def _columns_in_space(size: int) -> Integers:
-    """Places in space of a planar body's ``size`` coordinates: x, y, rotation about z, elastic."""
-    return np.array([0, 1, 5, *range(6, size + 3)])
 
 
 def _is_pair_of_coordinates(path: object) -> bool:

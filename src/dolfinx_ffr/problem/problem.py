@@ -41,6 +41,7 @@ from ..parallel import agreed_memory, alike, check_alike, on_every_rank
 from .bodies import Body, Densities, DesignedBodies, Pulled
 from .evaluation import Evaluation, LoadCaseEvaluation, only_case
 from .load_cases import LoadCases, apart, check_influence, parametric, shared, weighted
+from .own_objectives import check_integrals, replicated
 from .spread import WORK, Job, adjoints, checked_memory, chosen_again, chosen_before, trajectories
 
 Change = Callable[[MechanicalProblem, Response], MechanicalProblem]
@@ -455,6 +456,8 @@ class Problem(LoadCases):
         checked_memory(self._designed, self.load_cases, self._memory, adjoint=True)
         psis = {name: case.psi for name, case in evaluation.load_cases.items()}
         weights = self._slopes(psis)
+        slopes = {"the slopes by the load cases": np.array(list(weights.values()))}
+        check_alike(self.comm, "problem", slopes, DIFFERS)
         counting = {name: weight for name, weight in weights.items() if weight}
         apart = set(psis if by_load_case else self.combine.near(psis)) if len(psis) > 1 else set()
         begin = perf_counter()
@@ -527,6 +530,14 @@ class Problem(LoadCases):
                 labels = [label for n, label in jobs if n == name]
                 own = case.partial(responses[name], labels, f"{name}: " if several else "")
                 found |= {(name, label): part for label, part in own.items()}
+                for label in labels:
+                    check_integrals(case.objectives[label], responses[name], self.flexible)
+        said: dict[str, Any] = {}
+        for (name, label), part in found.items() if self.comm.size > 1 else ():
+            of = self._of(f"the constraint {label!r}" if label else "the objective", name)
+            for by, array in replicated(part, responses[name]).items():
+                said[f"the derivative of {of} {by}"] = array
+        check_alike(self.comm, "problem", said, DIFFERS)
         return {job: found[job] for job in jobs}
 
     def _counting(

@@ -25,15 +25,19 @@ from .instant import (
 from .lowering import Lowering
 from .metric import elastic_mass, length_of, mass_norm, norm_floors
 from .motion import (
+    IN_SPACE,
     MarkerMotion,
     Momenta,
-    marker_motion,
+    State,
+    columns_in_space,
     marker_motion_pullback,
     momenta_of,
+    motion_of_marker,
     turned_between,
 )
 
 __all__ = [
+    "IN_SPACE",
     "KINDS",
     "Coordinates",
     "Evaluation",
@@ -44,8 +48,10 @@ __all__ = [
     "Momenta",
     "Samples",
     "SpaceCoordinates",
+    "State",
     "applied_forces",
     "body_arrays",
+    "columns_in_space",
     "compiled_kinematics",
     "elastic_mass",
     "equations_pullback",
@@ -56,11 +62,11 @@ __all__ = [
     "is_spatial",
     "length_of",
     "marker_bar",
-    "marker_motion",
     "marker_motion_pullback",
     "mass_norm",
     "metric_bars",
     "momenta_of",
+    "motion_of_marker",
     "norm_floors",
     "place_vectors",
     "reversed_row",

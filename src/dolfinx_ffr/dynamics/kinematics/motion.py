@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ...arrays import Array
+from ...arrays import Array, Integers
 from ...body import BodyMarker
 from .arrays import SpaceCoordinates, carried_of
 from .body_arrays import ModelArrays
 from .carried import marked
 from .space import SpaceArrays, with_turns
+
+#: Coordinates, velocities and accelerations of a body over time
+State = tuple[Array, Array, Array]
+#: Columns of the coordinates of one body in space
+IN_SPACE: Any = SimpleNamespace(position=slice(0, 3), rotation=slice(3, 6), elastic=slice(6, None))
 
 
 class Momenta(NamedTuple):
@@ -104,6 +110,54 @@ def marker_motion(
         c2,
         shapes,
     )
+
+
+def columns_in_space(size: int) -> Integers:
+    """Places in space of a planar body's ``size`` coordinates: x, y, rotation about z, elastic."""
+    return np.array([0, 1, 5, *range(6, size + 3)])
+
+
+def motion_of_marker(
+    marker: BodyMarker, y: Array, v: Array, w: Array
+) -> tuple[BodyMarker, State, MarkerMotion]:
+    """A marker, the state of its body and its motion, as if in space.
+
+    A body in the plane is embedded in the plane z = 0, and turns about the z axis. Coordinates y,
+    velocities v and accelerations w of the body have the shape (instants, n).
+    """
+    if marker.dimension == 3:
+        return marker, (y, v, w), marker_motion(IN_SPACE, marker, y, v, w)
+    columns = columns_in_space(y.shape[1])
+
+    def embedded(part: Array) -> Array:
+        found = np.zeros((len(part), part.shape[1] + 3))
+        found[:, columns] = part
+        return found
+
+    def padded(part: Array) -> Array:
+        return np.concatenate([part, np.zeros((1, *part.shape[1:]))])
+
+    T = marker.stiffening
+    marker = BodyMarker(
+        padded(marker.position),
+        padded(marker.displacement),
+        np.zeros((3, marker.displacement.shape[1])),
+        None if T is None else padded(T),
+    )
+    state = embedded(y), embedded(v), embedded(w)
+    motion = marker_motion(IN_SPACE, marker, *state)
+    # no round-off by rotation vectors
+    angle = state[0][:, 5]
+    A = np.zeros_like(motion.A)
+    A[:, 0, 0] = A[:, 1, 1] = np.cos(angle)
+    A[:, 1, 0] = np.sin(angle)
+    A[:, 0, 1], A[:, 2, 2] = -A[:, 1, 0], 1.0
+    position, velocity, acceleration = (
+        part[:, :3] + np.einsum("tij,tj->ti", A, local)
+        for part, local in zip(state, (motion.c, motion.c1, motion.c2), strict=True)
+    )
+    motion = motion._replace(position=position, velocity=velocity, acceleration=acceleration, A=A)
+    return marker, state, motion
 
 
 def turned_between(t: Array, vectors: Array, times: Array) -> tuple[Array, Array]:
