@@ -63,6 +63,11 @@ class BodyMarker(Shown):
         """2 in the plane, 3 in space."""
         return int(self.position.size)
 
+    @property
+    def planar(self) -> bool:
+        """Whether it is a marker of a body in the plane."""
+        return self.dimension == 2
+
     @staticmethod
     def of_rigid_body(position: ArrayLike, axes: ArrayLike | None = None) -> BodyMarker:
         """A point of a body without shape functions, from its ``position`` and ``axes``."""

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from .. import validation
 from ..arrays import Array, Integers
@@ -281,52 +280,53 @@ class Trajectory(Shown):
         return np.asarray(rigid[:, : self.model.dimension] + turned)
 
     def marker_velocity(self, body: str, marker: str) -> Array:
-        """Velocity of a marker in the global axes, (steps + 1, 2), in space (..., 3) [m/s]."""
+        """Velocity of a ``marker`` of a ``body``, (steps + 1, 2), in space (..., 3) [m/s].
+
+        Its components are those in the global axes.
+        """
         return self._marker_motion(body, marker).velocity[:, : self.model.dimension]
 
     def marker_acceleration(self, body: str, marker: str) -> Array:
-        """Acceleration of a marker in the global axes, (steps + 1, 2), in space (..., 3) [m/s^2].
+        """Acceleration of a ``marker`` of a ``body``, (steps + 1, 2), in space (..., 3) [m/s^2].
 
-        Where the mechanism gives the ground an acceleration, it is that relative to the ground.
+        Its components are those in the global axes. Where the mechanism gives the ground an
+        acceleration, it is that relative to the ground.
         """
         return self._marker_motion(body, marker).acceleration[:, : self.model.dimension]
 
     def marker_rotation(self, body: str, marker: str) -> Array:
-        """Rotation matrix of a marker's axes over time, shape (steps + 1, d, d), d = 2 or 3.
+        """Rotation matrix of a ``marker`` of a ``body`` over time, (steps + 1, d, d), d = 2 or 3.
 
         It is that of the body's frame, turned by the elastic rotation at the marker, and in space
         by the marker's own axes in the body.
         """
-        point, elastic = self._marker(body, marker), self.elastic(body)
-        if self.model.dimension == 2:
-            return self.model.arrays.rotations(self.marker_angle(body, marker))
-        turn = Rotation.from_rotvec(elastic @ point.rotation.T).as_matrix()
-        axes = np.eye(3) if point.axes is None else point.axes
-        return np.asarray(self.rotation(body) @ turn @ axes)
+        point = self._marker(body, marker)
+        turn = self.model.arrays.rotations(self.elastic(body) @ point.rotation.T)
+        turned = self.rotation(body) @ turn
+        return np.asarray(turned if point.axes is None else turned @ point.axes)
 
     def marker_angle(self, body: str, marker: str) -> Array:
-        """Angle of a marker in the plane over time, full turns counted, shape (steps + 1,) [rad].
+        """Angle of a ``marker`` of a ``body`` in the plane, turns counted, (steps + 1,) [rad].
 
         It is that of the body's frame and the elastic rotation at the marker.
         """
-        if self.model.dimension == 3:
+        point, where = self._marker(body, marker), self.model.coordinates(body)
+        if not point.planar:
             raise ValueError(
                 f"marker {marker!r} of body {body!r} is in space, where no angle tells its "
                 "rotation; take the matrices of marker_rotation(body, marker)"
             )
-        point = self._marker(body, marker)
-        return np.asarray(self.rigid(body)[:, 2] + self.elastic(body) @ point.rotation)
+        return np.asarray(self.y[:, where.rotation] + self.elastic(body) @ point.rotation)
 
     def marker_angular_velocity(self, body: str, marker: str) -> Array:
-        """Angular velocity of a marker, shape (steps + 1,), in space (..., 3) [rad/s].
+        """Angular velocity of a ``marker`` of a ``body``, shape (steps + 1,) [rad/s].
 
-        In space it is a vector in the global axes.
+        In space it is a vector in the global axes, shape (steps + 1, 3).
         """
         point, where = self._marker(body, marker), self.model.coordinates(body)
-        elastic = self.v[:, where.elastic] @ point.rotation.T
-        if self.model.dimension == 2:
-            return np.asarray(self.v[:, where.all][:, 2] + elastic)
-        local = self.v[:, where.rotation] + elastic
+        local = self.v[:, where.rotation] + self.v[:, where.elastic] @ point.rotation.T
+        if local.ndim == 1:  # about the normal of the plane, which does not turn
+            return np.asarray(local)
         return np.asarray(np.einsum("tij,tj->ti", self.rotation(body), local))
 
     def _marker(self, body: str, marker: str) -> BodyMarker:

@@ -125,7 +125,7 @@ def motion_of_marker(
     A body in the plane is embedded in the plane z = 0, and turns about the z axis. Coordinates y,
     velocities v and accelerations w of the body have the shape (instants, n).
     """
-    if marker.dimension == 3:
+    if not marker.planar:
         return marker, (y, v, w), marker_motion(IN_SPACE, marker, y, v, w)
     columns = columns_in_space(y.shape[1])
 
