@@ -188,7 +188,7 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
 
 def alike(one: object, other: object) -> bool:
     """Whether two objects hold the same numbers and texts, but for round-off."""
-    return one is other or same(_text(one), _text(other))
+    return one is other or same(in_words(one), in_words(other))
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class _Digest:
             count = "a number" if x.size == 1 else f"{x.size} numbers"
             return _Digest(count, float(np.sqrt(x @ x)), weighted)
         try:
-            return _Digest(_text(value))
+            return _Digest(in_words(value))
         except RecursionError:
             return _Digest(f"a {type(value).__qualname__} that holds itself")
 
@@ -238,15 +238,15 @@ class _Digest:
 _NOTHING = _Digest("nothing")
 
 
-def _text(value: Any) -> str:
-    """Numbers and texts in an object, and the kinds of its other parts."""
+def in_words(value: Any) -> str:
+    """Numbers and texts in an object, and the kinds of its other parts, as a text."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k!r}: {_text(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k!r}: {in_words(v)}" for k, v in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return "(" + ", ".join(map(_text, value)) + ")"
+        return "(" + ", ".join(map(in_words, value)) + ")"
     if is_dataclass(value) and not isinstance(value, type):
         parts = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
-        given = ", ".join(f"{name}={_text(part)}" for name, part in parts.items())
+        given = ", ".join(f"{name}={in_words(part)}" for name, part in parts.items())
         return f"{type(value).__name__}({given})"
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         squares = np.square(value.ravel(), dtype=np.float64)

@@ -37,7 +37,7 @@ from ..fem import (
 )
 from ..interchange import DERIVED, derived_terms, write_all
 from ..limits import check_count, give_back_memory, held_memory
-from ..parallel import agreed_memory, check_alike, on_rank_0
+from ..parallel import agreed_memory, check_alike, in_words, on_rank_0
 from .cell_derivatives import CellDerivatives, ShapeSlopes
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .direct_solver import DIRECT, factor_entries
@@ -66,6 +66,8 @@ class ReducedBody(Shown):
     seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
     #: `FlexibleBody.mark` of the body that was reduced
     mark: str = field(default="", repr=False, compare=False)
+    #: Its interpolation between void and solid, in words
+    law: str = field(default="", repr=False, compare=False)
 
     def leading(self, shapes: int) -> ReducedBody:
         """The same body with its first ``shapes`` shape functions, constraint modes first.
@@ -204,8 +206,12 @@ class FlexibleBody:
 
     def with_modes(self, modes: int) -> FlexibleBody:
         """The same body with another number of normal ``modes``."""
-        body = self._with(modes=modes)
-        body.mark = self.mark  # the matrices are the same, and serve what either has reduced
+        return self._alike(modes=modes)
+
+    def _alike(self, **changed: Any) -> FlexibleBody:
+        """The same body for all that has been reduced of either: mesh, material and frame stay."""
+        body = self._with(**changed)
+        body.mark = self.mark
         return body
 
     def _with(self, **changed: Any) -> FlexibleBody:
@@ -217,7 +223,7 @@ class FlexibleBody:
 
     def with_interpolation(self, interpolation: Interpolation) -> FlexibleBody:
         """The same body with another ``interpolation`` between void and solid."""
-        return self._with(interpolation=interpolation)
+        return self._alike(interpolation=interpolation)
 
     def with_cut_elements(self) -> FlexibleBody:
         """The same body, for densities that are shares of elements which a boundary cuts.
@@ -304,7 +310,8 @@ class FlexibleBody:
             "reduction": reduced - assembled,
             "integrals": perf_counter() - reduced,
         }
-        return ReducedBody(integrals, basis, density, seconds, self.mark)
+        law = in_words(self.interpolation)
+        return ReducedBody(integrals, basis, density, seconds, self.mark, law)
 
     def refuse_foreign(self, reduced: ReducedBody, name: str = "") -> None:
         """Refuse, by a ValueError, a ``reduced`` body that this one has not reduced.
@@ -507,7 +514,17 @@ class FlexibleBody:
                 of interfaces, and to these centers, which the frame follows, are wanted, too.
                 Markers besides the interfaces move with their cells.
             cells: Whether those by the densities are wanted; else they are zero.
+
+        Raises:
+            ValueError: If another body was reduced, or by another law between void and solid.
         """
+        self.refuse_foreign(reduced)
+        if reduced.law != in_words(self.interpolation):
+            raise ValueError(
+                f"body: the gradient is asked of {in_words(self.interpolation)}, and the body was "
+                f"reduced by {reduced.law}, as the elements that a boundary cuts are; give a "
+                "problem with its own evaluation, as result.problem and result.evaluation"
+            )
         with self._working:
             start = perf_counter()
             moved = self.elasticity.nodes.zeros() if nodes else None
