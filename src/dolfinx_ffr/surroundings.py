@@ -28,11 +28,12 @@ _AMBIGUOUS = "_ZNSt8__detail8_ScannerIcE14_M_scan_normalEv"
 
 
 def prepare() -> None:
-    """See to threads, NumPy, VTK and the arguments of the program."""
+    """See to threads, NumPy, VTK, the arguments of the program, and PETSc on several ranks."""
     _limit_threads()
     _check_numpy()
     _load_vtk_apart()
     _load_dolfinx_with_readable_arguments()
+    _begin_petsc_on_all_ranks()
 
 
 @contextmanager
@@ -160,3 +161,17 @@ def _load_dolfinx_with_readable_arguments() -> None:
             import_module("dolfinx")
     finally:
         sys.argv = given
+
+
+def _begin_petsc_on_all_ranks() -> None:
+    """Load PETSc and SLEPc with the package where mpi4py has been imported on several ranks.
+
+    They begin by a call of MPI that takes all ranks. Loaded when they are first needed, as all else
+    is, they would let a rank wait for ever that alone makes a body of its own.
+    """
+    mpi = sys.modules.get("mpi4py.MPI")
+    if mpi is None or not mpi.Is_initialized() or mpi.COMM_WORLD.size == 1:
+        return
+    for module in ("petsc4py.PETSc", "slepc4py.SLEPc"):
+        with suppress(ImportError):  # the mechanical half needs neither
+            import_module(module)

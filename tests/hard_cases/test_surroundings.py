@@ -307,3 +307,15 @@ def test_without_fenics_one_is_told_where_it_comes_from() -> None:
     assert done.returncode == 1
     said = r"ModuleNotFoundError: dolfinx_ffr\.Domain needs mpi4py, .* Debian or from conda-forge"
     assert re.match(said, done.stderr.splitlines()[-1]), done.stderr
+
+
+def test_a_rank_makes_a_body_of_its_own() -> None:
+    """The other ranks go on meanwhile: nothing that it loads takes all of them."""
+    program = """
+from mpi4py import MPI
+import dolfinx_ffr as ffr
+if MPI.COMM_WORLD.rank == 1:
+    print(ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(8, 2)).n_cells)
+"""
+    done = processes.run("-c", program, ranks=2, OMPI_MCA_rmaps_base_oversubscribe="1")
+    assert (done.returncode, done.stdout.split()) == (0, ["16"]), done.stderr
