@@ -178,6 +178,12 @@ def test_gaps_are_closed_as_far_as_is_asked(tmp_path: Path) -> None:
 
     disc = drawn(tmp_path / "c.dxf", almost_round)
     assert area(disc) == pytest.approx(1600e-6 - np.pi * 1e-4, rel=1e-6)
+    # the ends of a piece of an arc are not joined to each other
+    bit = drawn(
+        tmp_path / "d.dxf", lambda _, space: (plate(space), space.add_arc((50, 10), 5, 0, 1))
+    )
+    with pytest.raises(ValueError, match="the outline is open: 2 curves"):
+        area(bit, gap=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ..arrays import Array
-from .curves import Curve, Drawn, Line, enclosed, polygon
+from .curves import Curve, Drawn, enclosed, polygon
 from .interface import Bore
 from .mesh_checks import connected
 from .plane_mesh import Drawing, Face, walked
@@ -216,11 +216,12 @@ def _bridged(
     distance, nearest = cKDTree(where).query(where, k=2)
     # of points at the same place the first neighbour may be either
     other = np.where(nearest[:, 0] == np.arange(len(loose)), nearest[:, 1], nearest[:, 0])
-    sides = {frozenset(ns) for c, ns in zip(curves, nodes, strict=True) if isinstance(c, Line)}
+    # a short curve is no closed one
+    short = {frozenset(ns) for c, ns in zip(curves, nodes, strict=True) if c.length <= 2.0 * gap}
     renamed = {}
     for i, j in enumerate(other.tolist()):
         pair = int(loose[i]), int(loose[j])
-        if i < j and other[j] == i and distance[i, 1] <= gap and frozenset(pair) not in sides:
+        if i < j and other[j] == i and distance[i, 1] <= gap and frozenset(pair) not in short:
             renamed[pair[1]] = pair[0]
             positions[pair[0]] = 0.5 * (where[i] + where[j])
     joined = [(renamed.get(a, a), renamed.get(b, b)) for a, b in nodes]
