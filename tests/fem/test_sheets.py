@@ -17,7 +17,7 @@ import shapely
 from ezdxf.math import Matrix44
 
 from dolfinx_ffr import Domain
-from dolfinx_ffr.fem import Bore, Box, closed_outline, read_outline
+from dolfinx_ffr.fem import Bore, Box, closed_outline, gmsh_model, read_outline
 from dolfinx_ffr.fem.curves import enclosed
 from dolfinx_ffr.fem.plane_mesh import walked
 from dolfinx_ffr.limits import INSIST
@@ -303,6 +303,18 @@ def test_a_whole_edge_is_no_interface(comm: MPI.Comm, tmp_path: Path) -> None:
     path = drawn(tmp_path / "plate.dxf", apart)
     with pytest.raises(ValueError, match="'a' holds the whole edge of the body"):
         Domain.from_outline(comm, path, interfaces={"a": "outline"}, size=0.01)
+
+
+def test_a_whole_edge_of_a_mesh_is_no_interface(comm: MPI.Comm) -> None:
+    with gmsh_model() as gmsh:
+        gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 1.0, 1.0)
+        gmsh.model.occ.synchronize()
+        for dim, name in ((1, "edge"), (2, "plate")):
+            tags = [tag for _, tag in gmsh.model.getEntities(dim)]
+            gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
+        gmsh.model.mesh.generate(2)
+        with pytest.raises(ValueError, match="'edge' holds the whole edge of the body"):
+            Domain.from_gmsh_model(comm, gmsh.model, interfaces=["edge"])
 
 
 def test_an_interface_that_is_called_outline_is_no_more_than_that(

@@ -25,7 +25,15 @@ from ..parallel import gathered, on_every_rank, on_rank_0
 from . import _compat
 from .drawn_outline import DrawnHole, bores, flat_holes, flat_outline
 from .form_cache import claim_form_cache
-from .interface import Bore, Box, Interface, Predicate, find_interfaces, located_cells
+from .interface import (
+    Bore,
+    Box,
+    Interface,
+    Predicate,
+    find_interfaces,
+    located_cells,
+    refuse_whole_edge,
+)
 from .mesh_checks import (
     check_cells,
     check_hanging_nodes,
@@ -352,7 +360,9 @@ class Domain:
             stays[rims[rims < len(stays)]] = True
         of = {"void": void, "order": order, "centers": centers}
         by_name: dict[str, Any] = {**held, **facets}
-        return cls(read.mesh, by_name, stays, **of)  # type: ignore[arg-type]
+        body = cls(read.mesh, by_name, stays, **of)  # type: ignore[arg-type]
+        refuse_whole_edge(body.mesh, body.interfaces)
+        return body
 
     @classmethod
     def _from_tags(
@@ -383,7 +393,9 @@ class Domain:
                 default = [name] if (dim, name) in read.numbers else []
                 groups = tagged(dim, name, default if given is None else given)
                 options[name] = np.concatenate([np.zeros(0, dtype=np.int32), *groups.values()])
-        return cls(read.mesh, facets, **options)
+        body = cls(read.mesh, facets, **options)
+        refuse_whole_edge(body.mesh, body.interfaces)
+        return body
 
     # ------------------------------------------------------------------ copies
 

@@ -196,8 +196,6 @@ def find_interfaces(
     dim = domain.topology.dim
     found: dict[str, Interface] = {}
     coordinates = space.tabulate_dof_coordinates()[:, :dim]
-    owned = int(domain.topology.index_map(dim - 1).size_local)
-    boundary = mesh.locate_entities_boundary(domain, dim - 1, lambda x: np.full(x.shape[1], True))
     for name, where in interfaces.items():
         facets = located(domain, f"interface {name!r}", where, dim - 1)
         if comm.allreduce(len(facets)) == 0:
@@ -209,9 +207,6 @@ def find_interfaces(
                 f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
                 f"of the body, which spans {' and '.join(spans)}"
             )
-        free = np.setdiff1d(boundary[boundary < owned], facets)
-        if comm.allreduce(len(free)) == 0:
-            raise ValueError(whole_edge(name))
         dofs = np.asarray(fem.locate_dofs_topological(space, dim - 1, facets), dtype=np.int32)
         for other, taken in found.items():
             shared = np.intersect1d(dofs, taken.dofs)
@@ -233,6 +228,20 @@ def find_interfaces(
             center = validation.real_array(what, centers[name], (dim,), expected=expected).copy()
         found[name] = Interface(name, facets, dofs, center, extent, axis)
     return found
+
+
+def refuse_whole_edge(domain: mesh.Mesh, interfaces: Mapping[str, Interface]) -> None:
+    """Refuse an interface that holds all facets on the boundary of a mesh; collective.
+
+    A file or a drawing of which all curves have one name says so without meaning it.
+    """
+    facets = domain.topology.dim - 1
+    owned = int(domain.topology.index_map(facets).size_local)
+    boundary = mesh.locate_entities_boundary(domain, facets, lambda x: np.full(x.shape[1], True))
+    for name, interface in interfaces.items():
+        free = np.setdiff1d(boundary[boundary < owned], interface.facets)
+        if domain.comm.allreduce(len(free)) == 0:
+            raise ValueError(whole_edge(name))
 
 
 def whole_edge(name: str) -> str:
