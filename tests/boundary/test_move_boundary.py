@@ -22,11 +22,14 @@ from slider_crank import STEEL, reference_problem
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import Boundary, InThePlane
+from dolfinx_ffr.boundary import kinds as kinds_module
 from dolfinx_ffr.boundary.derivative import CurveMotion
 from dolfinx_ffr.boundary.fair import faired
 from dolfinx_ffr.boundary.sizes import Rows, radius_rows, size_rows
+from dolfinx_ffr.boundary.step import best_step
 from dolfinx_ffr.io import load_checkpoint, save_checkpoint
 from dolfinx_ffr.optimization import BoundaryResult, move_boundary
+from dolfinx_ffr.optimization import descent as descent_module
 from dolfinx_ffr.optimization.descent import Descent, Trial
 from dolfinx_ffr.optimization.steps_checkpoint import Kept, StepsCheckpoint
 
@@ -117,6 +120,27 @@ def test_the_derivative_on_several_ranks_is_that_of_parts_meshed_anew() -> None:
     found = 0.5 * (values[0] - values[1])
     assert abs(exact) > 0.01 * evaluation.psi
     assert found == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.mpi
+def test_rank_0_decides_on_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps that differ between ranks, as round-off may choose other rows, lead to one boundary."""
+    problem, boundary = scene()
+    comm = MPI.COMM_WORLD
+
+    def differently(*arguments: Any) -> Any:
+        step = best_step(*arguments)
+        return replace(step, offsets=(1.0 + 1e-3 * comm.rank) * step.offsets)
+
+    for module in (descent_module, kinds_module):
+        monkeypatch.setattr(module, "best_step", differently)
+    descent = Descent(problem, {}, {"rod": 3.2 * MEMBER}, {})
+    trial = descent.tried({"rod": boundary})
+    moved = descent.moved(trial, descent.step(trial, descent.slopes(trial), 0.3))
+    assert moved is not None
+    control = np.vstack([curve.control for curve in moved.boundaries["rod"].free.values()])
+    assert np.ptp(comm.allgather(control), axis=0).max() == 0.0
+    assert np.any(control != np.vstack([c.control for c in boundary.free.values()]))
 
 
 @pytest.mark.parametrize(

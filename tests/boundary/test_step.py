@@ -57,6 +57,21 @@ def test_the_step_is_the_minimum_within_the_constraints(
     assert np.max(np.abs(found.offsets - best.x)) < error
 
 
+@pytest.mark.parametrize("kind", [np.asarray, csr_matrix])
+@pytest.mark.parametrize("rows", [[[0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
+def test_constraints_without_a_slope_cost_nothing(
+    rows: list[list[float]], kind: Callable[[np.ndarray], Any]
+) -> None:
+    """They are violated whatever the step is: it is that of the others alone."""
+    metric, gradient = csc_matrix(diags([2.0, 2.0])), np.ones(2)
+    values = np.array([0.1, -0.05])[: len(rows)]
+    held = np.zeros(2, dtype=bool)
+    found = best_step(metric, gradient, values, kind(np.array(rows)), held, 0.3)
+    alone = best_step(metric, gradient, values[1:], kind(np.array(rows)[1:]), held, 0.3)
+    np.testing.assert_allclose(found.offsets, alone.offsets)
+    np.testing.assert_allclose(found.multipliers, [0.0, *alone.multipliers])
+
+
 def test_without_constraints_it_is_steepest_descent_in_the_metric() -> None:
     metric = csc_matrix(diags([1.0, 2.0, 4.0]))
     nothing = np.zeros(0), np.zeros((0, 3))

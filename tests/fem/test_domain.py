@@ -272,3 +272,17 @@ def test_masked_arrays_are_refused(comm: MPI.Intracomm) -> None:
     ):
         with pytest.raises(ValueError, match="masked entries, which are no values; fill them"):
             call()
+
+
+def test_a_center_that_fails_leaves_the_mesh_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    domain = Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(20, 4))
+    x = domain.mesh.geometry.x
+    before, rates = x.copy(), np.ones((len(x), 2, 1))
+
+    def failing(*_: object) -> None:
+        raise RuntimeError("no circle")
+
+    monkeypatch.setattr("dolfinx_ffr.fem.interface._surface", failing)
+    with pytest.raises(RuntimeError, match="no circle"):
+        domain.interfaces["left"].center_rates(domain.mesh, rates)
+    np.testing.assert_array_equal(x, before)

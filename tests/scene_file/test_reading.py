@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import codecs
+import inspect
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -60,13 +61,33 @@ def test_wrong_units(text: str, units: tuple[str, ...], said: str) -> None:
         in_si(text, units)
 
 
-def test_units_are_those_of_the_documentation() -> None:
-    """Of comments of fields, and of sections of docstrings."""
+def test_units_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of fields by their comments, of functions by a table: ``python -OO`` has no docstrings."""
+    for target in (ffr.LevelSet, vars(ffr.Domain)["box"], vars(ffr.Motion)["smooth_step"]):
+        monkeypatch.setattr(getattr(target, "__func__", target), "__doc__", None)
     assert stated_units(ffr.PlaneStress)["young"] == ("Pa",)
     assert stated_units(ffr.SpringDamper)["stiffness"] == ("N/m", "N m/rad")
     assert stated_units(ffr.Motion.smooth_step)["distance"] == ("m", "rad")
     assert stated_units(ffr.Domain.box)["width"] == ("m",)
+    assert stated_units(ffr.Domain.box)["order"] == ("-",)
     assert stated_units(ffr.LevelSet)["minimum_member"] == ("m",)
+
+
+def test_units_are_those_of_the_documentation() -> None:
+    """All that docstrings state of arguments of classes and their constructors is known."""
+    entry = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}.*)*)", re.M)
+    compared = 0
+    for kind in (getattr(ffr, name) for name in ffr.__all__):
+        if not inspect.isclass(kind) or issubclass(kind, Exception | Warning):
+            continue
+        for target in kinds_of([kind]).values():
+            units = stated_units(target)
+            for name, text in entry.findall(inspect.getdoc(target) or ""):
+                written = re.findall(r"\[((?:1/)?[A-Za-z-][^\],]*)\]", text)
+                if written and name in units and (target, name) != (ffr.Domain, "domain"):
+                    assert units[name] == tuple(" or ".join(written).split(" or ")), (target, name)
+                    compared += 1
+    assert compared > 50
 
 
 def test_every_joint_force_and_objective_can_be_written() -> None:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
+from mpi4py import MPI
+
 import numpy as np
 import shapely
 
@@ -76,6 +78,10 @@ class Kind(ABC, Generic[B]):
     @abstractmethod
     def motion(self, boundary: B, domain: Domain) -> NodeMotion[Any]:
         """How the nodes of that mesh follow; collective."""
+
+    def agreed(self, boundary: B, comm: MPI.Comm) -> B:
+        """The boundary of rank 0, from which others may differ by round-off; collective."""
+        return boundary
 
     @abstractmethod
     def sizes(self, boundary: B) -> Rows:
@@ -152,6 +158,9 @@ class InThePlane(Kind[Boundary]):
             size = max(size, min(_LARGER * size, _enough(boundary)))
         return boundary.part.domain(size, across=across, turn=turn)
 
+    def agreed(self, boundary: Boundary, comm: MPI.Comm) -> Boundary:
+        return boundary.restored(comm.bcast(boundary.state())) if comm.size > 1 else boundary
+
     def motion(self, boundary: Boundary, domain: Domain) -> CurveMotion:
         return CurveMotion(boundary, domain)
 
@@ -182,7 +191,7 @@ class InThePlane(Kind[Boundary]):
             if max(part.missed for part in rows) <= missed and more <= _MORE * member**2:
                 break
             rows.append(self.room(boundary, 1.5 * reach * member))
-            scale = np.linalg.norm(gain)
+            scale = max(float(np.linalg.norm(gain)), 1e-300)
             values = np.concatenate([*(part.values for part in rows), [more / scale]])
             slopes = np.vstack([*(member * (part.slopes @ shares) for part in rows), gain / scale])
             step = best_step(metric, still, values, slopes, held, reach)

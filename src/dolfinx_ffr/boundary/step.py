@@ -68,12 +68,15 @@ def best_step(
     how: dict[str, Any] = _SYMMETRIC if issparse(slopes) else {}
     factor = splu(metric[free][:, free].tocsc(), **how)
     downhill = -factor.solve(gradient[free])
-    wanted = np.minimum(values, _AT_ONCE)
+    # no step changes a constraint without a slope, and its multiplier is not determined
+    squares: Any = slopes.multiply(slopes) if issparse(slopes) else slopes**2  # type: ignore[union-attr]
+    able = np.flatnonzero(np.asarray(squares[:, free].sum(axis=1)).ravel())
+    slopes, wanted = slopes[able][:, free], np.minimum(values[able], _AT_ONCE)
     bends = np.zeros((len(free), 0)) if curved is None else curved[free]
     step = (
-        _accelerated(factor, slopes[:, free], downhill, bends)
+        _accelerated(factor, slopes, downhill, bends)
         if issparse(slopes)
-        else _exact(factor, slopes[:, free], downhill, bends)
+        else _exact(factor, slopes, downhill, bends)
     )
     mends = not np.any(gradient)
     weight = reach / max(float(np.max(np.abs(downhill), initial=0.0)), 1e-300)
@@ -88,7 +91,9 @@ def best_step(
     offsets = np.zeros(len(gradient))
     offsets[free] = inner
     # what it takes to mend a violation is no cost of psi
-    costs = np.zeros(len(values)) if mends else step(np.minimum(wanted, 0.0), weight)[1] / weight
+    costs = np.zeros(len(values))
+    if not mends:
+        costs[able] = step(np.minimum(wanted, 0.0), weight)[1] / weight
     promised = -float(gradient[free] @ inner + 0.5 * np.sum((inner @ bends) ** 2))
     return Step(offsets, costs, weight, promised)
 

@@ -166,11 +166,13 @@ class Interface:
         own = np.abs(rates[facet_nodes(domain, self.facets).ravel()])
         fastest = np.max(comm.allgather(np.max(own, axis=(0, 1), initial=0.0)), axis=0)
         found, before = np.zeros(rates.shape[1:]), x.copy()
-        for k in np.flatnonzero(fastest):
-            step = _STEP * self.extent / fastest[k]
-            for side in (1.0, -1.0):
-                x[:, :d] = before[:, :d] + side * step * rates[:, :, k]
-                found[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
+        try:
+            for k in np.flatnonzero(fastest):
+                step = _STEP * self.extent / fastest[k]
+                for side in (1.0, -1.0):
+                    x[:, :d] = before[:, :d] + side * step * rates[:, :, k]
+                    found[:, k] += side * _surface(domain, self.facets)[0] / (2.0 * step)
+        finally:
             x[:] = before
         return found
 

@@ -30,9 +30,11 @@ from ..boundary import (
 from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
 from ..objective import Constraint, PeakStress, Response, is_stress, value_of
+from ..parallel import on_rank_0
 from ..part import STRESSED, TURN
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
+from .result import ranks_of
 from .steps_checkpoint import Kept, Learnt
 
 #: By the dimension of the bodies
@@ -158,7 +160,8 @@ class Descent:
 
     def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries meshed and evaluated; collective."""
-        bodies = dict(self.problem.bodies)
+        bodies, comm = dict(self.problem.bodies), ranks_of(self.problem)
+        boundaries = {name: self.kind.agreed(b, comm) for name, b in boundaries.items()}
         for name, boundary in boundaries.items():
             domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
             domain.whole = boundary.body
@@ -242,7 +245,11 @@ class Descent:
         held = [b.shares.T @ b.held > 0 for b in boundaries.values()]
         metric, held = csc_matrix(sparse_block_diag(metrics)), np.concatenate(held)
         constraints, curved = (found.values, found.slopes), curvature(metric, known, found.psi)
-        step = best_step(metric, found.psi, *constraints, held, reach, curved)
+        # round-off may decide which constraints a step is bounded by
+        step = on_rank_0(
+            ranks_of(self.problem),
+            lambda: best_step(metric, found.psi, *constraints, held, reach, curved),
+        )
         cost = step.multipliers
         offsets, costs, first, row = {}, {}, 0, 0
         for name, boundary in boundaries.items():

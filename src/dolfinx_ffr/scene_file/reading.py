@@ -56,8 +56,26 @@ _WHOLE = re.compile(r"[-+]?\d+")
 _COMMA = re.compile(r"([-+]?\d+),(\d+)(.*)")
 #: A unit in brackets, or several, "[m or rad]"; intervals and shapes are none
 _STATED = re.compile(r"\[((?:1/)?[A-Za-z-][^\],]*)\]")
-#: An entry of a section "Args" or "Attributes"
-_ENTRY = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}.*)*)", re.M)
+_METRES = (
+    "center centers field gap height inside knots length markers member minimum_gap minimum_member "
+    "position radius size solid_length solid_rim spacing surface width"
+)
+_METRES_OR_RADIANS = "cosines distance mean sines value values"
+#: Units of arguments of functions by their names; comments state those of fields, and all other
+#: arguments have no unit
+_UNITS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(_METRES.split(), ("m",)),
+    **dict.fromkeys(_METRES_OR_RADIANS.split(), ("m", "rad")),
+    **dict.fromkeys(("duration", "end_time", "period", "smoothing", "start", "times"), ("s",)),
+    "angle": ("rad",),
+    "coefficients": ("m", "rad", "m/s", "rad/s", "m/s^2", "rad/s^2"),
+    "mass": ("kg",),
+    "S": ("kg m",),
+    **dict.fromkeys(("inertia", "P", "G", "N"), ("kg m^2",)),
+    "K": ("N/m",),
+}
+#: Arguments that mean something else by a name of these
+_WITHOUT_UNIT = {("DimensionDesign", "start"), ("Motion.from_table", "value")}
 _LISTS = (collections.abc.Sequence, collections.abc.Iterable, list)
 _BODY_POINT = tuple[str, str]
 
@@ -434,15 +452,17 @@ def near(word: str, known: Iterable[str]) -> str:
 
 
 def stated_units(target: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
-    """The units that the documentation of a class or function states, by name of its argument.
-
-    An argument that is explained without any is a number without unit.
-    """
-    said = dict(_ENTRY.findall(inspect.getdoc(target) or ""))
-    if inspect.isclass(target):
-        said |= field_comments(target)
-    found = {name: " or ".join(_STATED.findall(text)) or "-" for name, text in said.items()}
-    return {name: tuple(units.split(" or ")) for name, units in found.items()}
+    """The units of the arguments of a class or function, by their names; "-" stands for none."""
+    if inspect.isclass(target) and is_dataclass(target):
+        comments = field_comments(target)
+        stated = {name: _STATED.findall(text) for name, text in comments.items()}
+        units = {
+            name: tuple(" or ".join(said).split(" or ")) for name, said in stated.items() if said
+        }
+    else:
+        label = public_name(target).removeprefix("ffr.")
+        units = {name: unit for name, unit in _UNITS.items() if (label, name) not in _WITHOUT_UNIT}
+    return {name: units.get(name, ("-",)) for name in arguments_of(target)}
 
 
 def in_si(text: str, units: tuple[str, ...]) -> float:
