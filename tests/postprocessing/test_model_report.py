@@ -24,7 +24,7 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     rod = report.bodies["rod"]
     assert (rod.kind, rod.constraint_modes, rod.normal_modes) == ("flexible", 3, 6)
     assert (report.coordinates, report.rows) == (12, 3)
-    assert rod.elements == 360
+    assert (rod.elements, rod.order) == (360, 1)
     assert 0.0 < rod.softening < 0.01
     assert rod.highest_frequency < rod.next_frequency
     assert report.left_out == ["gravity", "damping", "forces", "geometric stiffening"]
@@ -36,6 +36,10 @@ def test_report_of_the_slider_crank(comm: MPI.Intracomm) -> None:
     assert missing / 1.2 < report.modes_error < 1.2 * missing
     text = str(report)
     assert "3 constraint and 6 normal modes" in text and "left out: gravity" in text
+    assert "elements of order 1 lock: where few of them are across, rod is too stiff" in text
+    assert "the error by the mesh is not estimated" in text
+    quadratic = replace(report, bodies={"rod": replace(rod, order=2)})
+    assert "lock" not in str(quadratic) and "not estimated" in str(quadratic)
 
 
 @pytest.mark.slow

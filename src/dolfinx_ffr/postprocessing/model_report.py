@@ -47,6 +47,7 @@ class BodyReport:
     #: Interfaces that span more than a quarter of the body, which they make rigid there, each with
     #: its extent over the body's
     long_interfaces: Mapping[str, float] = field(default_factory=dict)
+    order: int = 0  #: Of the displacements in its elements; 0 where it has none
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,17 @@ class ModelReport:
             if math.isfinite(body.next_frequency):
                 text += f" (next: {body.next_frequency:.4g} Hz)"
             if body.elements:
-                text += f", {body.elements} elements"
+                text += f", {body.elements} elements of order {body.order}"
             if body.stiffening:
                 text += f", geometric stiffening by {', '.join(body.stiffening)}"
             elif body.softening:
                 text += f", softened by its rotation by {100.0 * body.softening:.2g} %"
             lines.append(text)
+            if body.order == 1:
+                lines.append(
+                    f"    elements of order 1 lock: where few of them are across, {name} is too "
+                    "stiff in bending, and psi too low"
+                )
             for interface, share in body.long_interfaces.items():
                 lines.append(
                     f"    interface {interface!r} spans {100.0 * share:.0f} % of {name} and makes "
@@ -90,6 +96,11 @@ class ModelReport:
             f"  estimated relative error of psi: {self.modes_error:.1e} by modes, "
             f"{self.step_error:.1e} by the time step"
         )
+        if any(body.elements for body in self.bodies.values()):
+            lines.append(
+                "  the error by the mesh is not estimated: compare with a higher order, or with "
+                "elements half as large"
+            )
         return "\n".join(lines)
 
 
@@ -122,6 +133,7 @@ def model_report(problem: Problem, evaluation: Evaluation) -> ModelReport:
             softening=_softening(body, omega),
             elements=flexible.domain.n_cells_global if flexible else 0,
             long_interfaces=_long_interfaces(flexible.domain) if flexible else {},
+            order=flexible.domain.order if flexible else 0,
         )
     mechanisms = [case.mechanism for case in problem.load_cases.values()]
     modelled = {

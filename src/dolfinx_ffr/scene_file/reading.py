@@ -57,8 +57,8 @@ _COMMA = re.compile(r"([-+]?\d+),(\d+)(.*)")
 #: A unit in brackets, or several, "[m or rad]"; intervals and shapes are none
 _STATED = re.compile(r"\[((?:1/)?[A-Za-z-][^\],]*)\]")
 _METRES = (
-    "center centers field gap height inside knots length markers member minimum_gap minimum_member "
-    "position radius size solid_length solid_rim spacing surface width"
+    "center centers field gap height hole_rim inside knots length markers member minimum_gap "
+    "minimum_member position radius rim size solid_length solid_rim spacing surface width"
 )
 _METRES_OR_RADIANS = "cosines distance mean sines value values"
 #: Units of arguments of functions by their names; comments state those of fields, and all other
