@@ -14,7 +14,7 @@ import ezdxf
 import numpy as np
 import pytest
 import shapely
-from ezdxf.math import Matrix44
+from ezdxf.math import Matrix44, Vec2
 
 from dolfinx_ffr import Domain
 from dolfinx_ffr.fem import Bore, Box, closed_outline, gmsh_model, read_outline
@@ -67,6 +67,9 @@ def test_centre_lines_and_hidden_edges_are_no_outline(tmp_path: Path) -> None:
         space.add_blockref("cross", (0, 0), dxfattribs={"linetype": "STRICHPUNKT"})
         space.add_line((-5, 10), (105, 10), dxfattribs={"linetype": "CENTER"})
         space.add_lwpolyline([(0, 0), (5, 5), (0, 20)], dxfattribs={"linetype": "HIDDEN2"})
+        note = space.add_multileader_mtext("Standard")
+        note.set_content("a note")
+        note.build(insert=Vec2(3, 3))
 
     path = drawn(tmp_path / "plate.dxf", draw)
     assert area(path) == pytest.approx(PLATE, rel=1e-9)

@@ -19,6 +19,7 @@ from .curves import Arc, Curve, Drawn, Line, Spline
 _INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 13: 1e-6, 14: 0.1}
 #: Entities that draw no outline
 _NOTES = {"TEXT", "MTEXT", "DIMENSION", "LEADER", "POINT", "HATCH", "ATTDEF", "VIEWPORT", "IMAGE"}
+_NOTES |= {"ACAD_TABLE", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION", "MULTILEADER", "TOLERANCE"}
 #: Points by which curves are taken that are neither lines, arcs nor B-splines, as ellipses
 _POINTS = 65
 
