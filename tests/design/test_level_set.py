@@ -105,9 +105,10 @@ def test_default_knots_are_a_grid_of_the_size_of_the_elements(levelset: ffr.Leve
     domain = levelset.domain
     coarse = ffr.LevelSet(domain, minimum_member=2.0 * levelset.minimum_member)
     assert coarse.radius == pytest.approx(0.045)
-    assert coarse.minimum_gap == levelset.minimum_gap == pytest.approx(0.00642, abs=1e-5)
-    # a wide member alone is no error about gaps: one kernel holds both
-    assert ffr.LevelSet(domain, minimum_member=0.03).minimum_gap == 0.0075
+    assert levelset.minimum_gap == pytest.approx(0.00642, abs=1e-5)
+    # a gap follows the member, whatever the elements, and a member that a cutter fits beside it
+    assert coarse.minimum_gap == coarse.minimum_member == 2.0 * levelset.minimum_member
+    assert ffr.LevelSet(domain, minimum_member=0.03).minimum_gap == 0.03
     assert ffr.LevelSet(domain, minimum_gap=0.03).minimum_member == 0.0075
 
 
@@ -270,7 +271,7 @@ def test_sizes_that_elements_do_not_resolve_are_left_to_the_boundary() -> None:
     domain = rod(MPI.COMM_SELF)
     usual, finer = ffr.LevelSet(domain), ffr.LevelSet(domain, minimum_member=0.004)
     assert usual.minimum_member == pytest.approx(0.006418, rel=1e-3)
-    assert (finer.minimum_member, finer.minimum_gap) == (0.004, usual.minimum_gap)
+    assert (finer.minimum_member, finer.minimum_gap) == (0.004, 0.004)
     assert finer.radius == usual.radius and finer.size == usual.size
     variables = usual.with_holes(4, 2, 0.012)
     assert finer.penalty(variables)[0] == usual.penalty(variables)[0]

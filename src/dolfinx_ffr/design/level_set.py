@@ -103,8 +103,8 @@ class LevelSet(Design):
             0.64 mean elements, and at least a quarter of `minimum_gap`. On the elements a penalty
             asks for it, or for the mesh's least if that is larger; in steps of the boundary it is a
             bound. That of the finished part is `Part.thinnest_member`.
-        minimum_gap: Width that no gap or hole may fall below [m]; by default the mesh's
-            least, and at least a quarter of `minimum_member`.
+        minimum_gap: Width that no gap or hole may fall below [m]; by default as `minimum_member`,
+            whatever the mesh, and without any of both the mesh's least.
         hole_rim: Width of the rim that stays solid around each hole of the body's drawing (in space
             each round bore), with a name or without [m]; by default `minimum_member`, 0 for none.
         mirrors: Lines, in space planes, about which the design is its own mirror image, exactly, on
@@ -221,8 +221,10 @@ class LevelSet(Design):
         for name, value in given.items():
             validation.number(f"level set: {name}", value, above=0.0, unit="m")
         # one kernel holds both sizes: one that is not asked for follows the other
-        smallest = max([self._least, *(SIZES * value for value in given.values())])
-        sizes = given.get("minimum_member", smallest), given.get("minimum_gap", smallest)
+        smallest = max(self._least, SIZES * given.get("minimum_gap", 0.0))
+        least_member = given.get("minimum_member", smallest)
+        follows = given.get("minimum_member", self._least)
+        sizes = least_member, given.get("minimum_gap", follows)
         if min(sizes) < SIZES * max(sizes):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
