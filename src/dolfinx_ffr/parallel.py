@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from typing import Any
 
 from mpi4py import MPI
@@ -188,7 +189,7 @@ def same(one: ArrayLike, other: ArrayLike, tolerance: float = ROUND_OFF) -> bool
 
 def alike(one: object, other: object) -> bool:
     """Whether two objects hold the same numbers and texts, but for round-off."""
-    return one is other or same(in_words(one), in_words(other))
+    return one is other or same(in_words(one, arrays=True), in_words(other, arrays=True))
 
 
 @dataclass(frozen=True)
@@ -238,17 +239,21 @@ class _Digest:
 _NOTHING = _Digest("nothing")
 
 
-def in_words(value: Any) -> str:
-    """Numbers and texts in an object, and the kinds of its other parts, as a text."""
+def in_words(value: Any, *, arrays: bool = False) -> str:
+    """Numbers and texts in an object, and the kinds of its other parts, as a text.
+
+    Of ``arrays`` two sums are told if they are asked for; they may differ between ranks.
+    """
+    within = partial(in_words, arrays=arrays)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k!r}: {in_words(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{k!r}: {within(v)}" for k, v in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return "(" + ", ".join(map(in_words, value)) + ")"
+        return "(" + ", ".join(map(within, value)) + ")"
     if is_dataclass(value) and not isinstance(value, type):
         parts = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
-        given = ", ".join(f"{name}={in_words(part)}" for name, part in parts.items())
+        given = ", ".join(f"{name}={within(part)}" for name, part in parts.items())
         return f"{type(value).__name__}({given})"
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+    if arrays and isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         squares = np.square(value.ravel(), dtype=np.float64)
         weights = 1.0 + np.arange(squares.size) / max(squares.size, 1)  # sums without cancellation
         return f"array{value.shape}({np.sum(squares)!s}, {weights @ squares!s})"
