@@ -28,6 +28,7 @@ from .dynamics import (
     Bars,
     Certificate,
     FlatModel,
+    GeneralizedAlpha,
     Integrator,
     Judge,
     Run,
@@ -338,7 +339,8 @@ class MechanicalProblem:
 
         Fixed steps are halved, and the tolerance of adaptive ones falls, until objective and
         bounded objectives are as near as that to certified values (see :class:`TimeInterval`).
-        Choose once, and keep the steps while designing.
+        Where nothing damps vibrations, generalised-alpha without damping of its own is tried, too,
+        which may take a hundredth of the steps. Choose once, and keep the steps while designing.
 
         Args:
             bodies: As for :meth:`value`.
@@ -352,8 +354,13 @@ class MechanicalProblem:
         interval, given = TimeInterval(self.integrator.end_time, tolerance), self.response(bodies)
         if isinstance(self.integrator, TimeInterval) or self.integrator.chosen_for is not None:
             return self.stepping(self.choice(given, interval))
-        exact = self._certified(given, interval.end_time, REFERENCE * tolerance)
-        return self.stepping(refined(self.integrator, *self._judged(given), exact, tolerance))
+        cells, damped = load_cells(self.mechanism, given.bodies, interval.end_time)
+        judged = self._judged(given)
+        exact = certified(*judged, cells, REFERENCE * tolerance, damped=damped)
+        methods = [self.integrator]
+        if isinstance(self.integrator, GeneralizedAlpha) and not cells.corners.size and not damped:
+            methods.append(replace(self.integrator, spectral_radius=1.0))
+        return self.stepping(refined(methods, *judged, exact, tolerance))
 
     def time_error(self, response: Response) -> float:
         """An estimate of the largest relative error by time steps, of psi and bounded objectives.

@@ -269,7 +269,17 @@ def test_sudden_weight() -> None:
     assert given.time_error(lost.response) == pytest.approx(0.5 / 1.5, rel=0.1)
     # the same where other steps are to be refined
     alpha = replace(problem, integrator=ffr.GeneralizedAlpha(2.0, 500)).with_tolerance(bodies, 1e-2)
+    assert alpha.integrator == ffr.GeneralizedAlpha(2.0, 500, 1.0)
     assert alpha.value(bodies).psi == pytest.approx(1.5 * 2.0 * sag(bodies), rel=1e-2)
+
+
+def test_chosen_steps_are_not_told_to_be_chosen() -> None:
+    """Where they lose vibrations of another design they are to be judged there."""
+    mechanism, bodies = steel_cantilever(gravity=(0.0, -9.81))
+    chosen = ffr.RadauIIA(2.0, steps=400, chosen_for=1e-2)
+    with pytest.warns(ffr.TimeStepWarning, match=r"were chosen for an error of 1\.0e-02") as said:
+        ffr.simulate(mechanism, bodies, chosen)
+    assert "TimeInterval" not in str(said[0].message)
 
 
 def test_weight_from_equilibrium_is_silent() -> None:

@@ -206,13 +206,19 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
     flexible = any(body.modes for body in trajectory.model.bodies.values())
     what = "strain energy" if flexible else "square of the accelerations"
     where = "the start" if lost.time == 0.0 else f"the jump at t = {lost.time:.4g} s"
+    remedy = "Take TimeInterval(end_time, tolerance), which finds steps that keep them"
+    if method.chosen_for is not None:
+        remedy = (
+            f"These steps were chosen for an error of {method.chosen_for:.1e} of other designs; "
+            "judge them here by model_report, choose anew by Problem.with_steps_for"
+        )
     yield (
         TimeStepWarning,
         f"{where} excites vibrations, of {lost.frequency:.4g} Hz first of all, that would make "
         f"{100.0 * lost.share:.2g} percent of the mean {what}: {method.in_words} damp them away, "
-        "the machine does not. Take TimeInterval(end_time, tolerance), which finds steps that keep "
-        "them, let loads and drives set in smoothly (Motion.smooth_step), begin in "
-        "StaticEquilibrium(), or give the bodies the damping that they have (RayleighDamping)",
+        f"the machine does not. {remedy}, let loads and drives set in smoothly "
+        "(Motion.smooth_step), begin in StaticEquilibrium(), or give the bodies the damping that "
+        "they have (RayleighDamping)",
     )
 
 

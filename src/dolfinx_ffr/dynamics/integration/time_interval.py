@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from time import perf_counter
 from typing import ClassVar
@@ -212,23 +212,24 @@ def restored_method(text: str) -> Integrator:
 
 
 def refined(
-    integrator: Integrator, run: Run, judge: Judge, exact: Certificate, tolerance: float
+    integrators: Sequence[Integrator], run: Run, judge: Judge, exact: Certificate, tolerance: float
 ) -> StepChoice:
-    """A method with its steps divided, or its tolerance lowered, until an accuracy is met.
+    """The cheapest of some methods with steps divided, or tolerance lowered, to an accuracy.
 
     Raises:
         ValueError: If it begins with more steps than are ever taken.
     """
-    first = integrator.toward(tolerance)
-    if not first.adaptive and _cost(first) > COST * MOST_STEPS:
-        most = COST * MOST_STEPS * (first.times.size - 1) // _cost(first)
-        raise ValueError(
-            f"time steps: {first.in_words} are more than the {most:,} from which steps are still "
-            "divided for a tolerance: begin with fewer, or give TimeInterval(end_time, tolerance)"
-        )
+    begun = [integrator.toward(tolerance) for integrator in integrators]
+    for first in begun:
+        if not first.adaptive and _cost(first) > COST * MOST_STEPS:
+            most = COST * MOST_STEPS * (first.times.size - 1) // _cost(first)
+            raise ValueError(
+                f"time steps: {first.in_words} are more than the {most:,} from which steps are "
+                "still divided for a tolerance: begin with fewer, or give "
+                "TimeInterval(end_time, tolerance)"
+            )
 
-    def finer() -> Iterator[Integrator]:
-        method = first
+    def finer(method: Integrator) -> Iterator[Integrator]:
         while method.adaptive or _cost(method) <= COST * MOST_STEPS:
             yield method
             if method.adaptive and method.finest:
@@ -236,7 +237,7 @@ def refined(
             method = method.finer
 
     start = perf_counter()
-    found = _cheapest([finer()], run, judge, exact, tolerance)
+    found = _cheapest([finer(first) for first in begun], run, judge, exact, tolerance)
     seconds = perf_counter() - start
     return StepChoice(*found, tolerance, exact.rings, True, seconds)
 
