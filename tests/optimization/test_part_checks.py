@@ -103,6 +103,17 @@ def test_what_the_part_of_curves_that_cross_exceeds_is_no_result(
     assert not result.feasible and result.reason == "infeasible"
     assert result.violations["filled"] > 0.02
 
+    def torn(*args: Any, **options: Any) -> None:
+        raise ValueError("part: no material connects")
+
+    monkeypatch.setattr(ffr.Result, "enclosed", torn)
+    with (
+        pytest.warns(ffr.DesignWarning, match="the boundary stays as the mesh has drawn it"),
+        pytest.warns(ffr.DesignWarning, match="no part comes of this design: part: no material"),
+    ):
+        result = run(1, 1.01 * share)
+    assert result.violations == {"no part": 1.0} and not result.feasible
+
 
 def part_of(shape: shapely.Geometry) -> ffr.Part:
     """A plate of 100 mm x 40 mm, held on the left, whose part is a shape."""

@@ -79,14 +79,21 @@ def with_moved_boundaries(
 
 
 def _denied(result: Result, progress: bool) -> Result:
-    """The result, with what its part violates where the problem has constraints; collective.
+    """The result, not feasible if no part comes of it, or one that exceeds constraints; collective.
 
     Densities tell little of the stress of a part whose boundary could not be moved.
     """
-    if not result.problem.constraints or result.reason == "interrupted":
+    if result.reason == "interrupted":
         return result
     try:
-        result.verify(most=2, progress=progress)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PartWarning)  # said where the part is asked for
+            for name, design in result.designs.items():
+                if isinstance(design, Design):
+                    flat = design.domain.dimension == 2
+                    result.enclosed(name, **(_ROUGHLY if flat else {}))
+        if result.problem.constraints:
+            result.verify(most=2, progress=progress)
     except (ValueError, SimulationError) as error:
         warn(f"optimize: no part comes of this design: {error}", 5)
         result.violations["no part"] = 1.0
