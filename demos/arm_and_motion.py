@@ -72,13 +72,18 @@ def main(arguments: list[str] | None = None) -> None:
     total = ffr.Mass("upper arm") + ffr.Mass("forearm") + ffr.Mass("weight")
     most = sum(body.mass for body in fixed.values()) + 2e-3  # of all designs [kg]
 
-    def designed(bodies: dict, design: object, **more: object) -> ffr.Result:
-        problem = ffr.Problem(bodies, *parts, [ffr.Constraint(total, upper=most, name="mass")])
+    def designed(
+        bodies: dict, design: object, moves: ffr.Mechanism = parts[0], **more: object
+    ) -> ffr.Result:
+        bound = ffr.Constraint(total, upper=most, name="mass")
+        problem = ffr.Problem(bodies, moves, *parts[1:], [bound])
         more |= {"iterations": options.iterations, "mode_tolerance": None}
         return ffr.optimize(problem, design, **more)
 
     with ffr.recorded_warnings() as warnings:
-        links, motion = designed(bodies, designs), designed(fixed, PARAMETERS)
+        straight, weight = machine(**PARAMETERS.values)  # without parameters
+        links = designed({**bodies, **weight}, designs, straight)
+        motion = designed(fixed, PARAMETERS)
         after = designed({n: b.integrals for n, b in links.evaluation.bodies.items()}, PARAMETERS)
         best = designed(bodies, {**designs, "machine": PARAMETERS}, output=output)
 
