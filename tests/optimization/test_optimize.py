@@ -27,7 +27,7 @@ from shared.problems import Copy, slider_crank
 import dolfinx_ffr as ffr
 from dolfinx_ffr import io
 from dolfinx_ffr.optimization.loop import COLUMNS, GRADIENT_COLUMNS
-from dolfinx_ffr.optimization.moved_parts import with_loose_pieces
+from dolfinx_ffr.optimization.moved_parts import with_checked_parts
 
 
 def disc(c: np.ndarray) -> np.ndarray:
@@ -401,7 +401,7 @@ def test_loose_pieces_are_no_feasible_design(comm: MPI.Intracomm) -> None:
     assert begun.feasible  # it is not crisp
     crisp = replace(begun, designs={"rod": levelset}, variables={"rod": start})
     with pytest.warns(ffr.DesignWarning, match="1 loose pieces.*take smaller elements"):
-        result = with_loose_pieces(crisp)
+        result = with_checked_parts(crisp)
     assert not result.feasible and result.reason == "infeasible"
     assert 0.001 < result.violations["loose pieces of rod"] < 0.02
 
