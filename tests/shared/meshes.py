@@ -136,7 +136,7 @@ def rod_file(comm: MPI.Intracomm, folder: Path, **options: Any) -> Path:
     return path
 
 
-def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
+def write_pierced_block(path: Path, *, tilt: float = 0.0, size: float = 0.12) -> None:
     """A block with a bore along z, turned about x by an angle, as a gmsh file."""
     with gmsh_model() as gmsh:
         block = gmsh.model.occ.addBox(-0.5, -0.25, 0.0, 1.0, 0.5, 0.2)
@@ -149,7 +149,7 @@ def write_pierced_block(path: Path, *, tilt: float = 0.0) -> None:
         left = [s for s in surfaces if gmsh.model.occ.getCenterOfMass(2, s)[0] < -0.499]
         for dim, tags, name in ((3, [1], "material"), (2, bore, "bore"), (2, left, "left")):
             gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.12)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
         gmsh.model.mesh.generate(3)
         gmsh.write(str(path))
 

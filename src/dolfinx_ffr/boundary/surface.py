@@ -260,7 +260,7 @@ class Surface:
     def drawn(self) -> Solid:
         """The same solid, its surface cut out of smaller tetrahedra than its mesh; collective."""
         most = min(_MANY, int(agreed_memory(self.body.comm) / _EACH))
-        size = min(self.size, _finest(self.body, _DRAWN * self.member, most))
+        size = min(self.size, Tetrahedra.finest(self.body, _DRAWN * self.member, most))
         material = self.origin.material
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)
@@ -520,18 +520,8 @@ class Surface:
 
 def _size(body: Domain, member: float) -> float:
     """The size of tetrahedra [m] that is fine enough for psi and walls, if it is not too dear."""
-    size = _finest(body, 0.0, _TETRAHEDRA)
-    return size if size <= _SMALL * member else _finest(body, _SMALL * member, _DEAR)
-
-
-def _finest(body: Domain, enough: float, most: int) -> float:
-    """The size of tetrahedra [m] that is small ``enough``, or that of the ``most`` at most."""
-    finer = 0
-    while Tetrahedra.size(body, finer) > enough:
-        if body.n_cells_global * Tetrahedra.each(body, finer + 1) > most:
-            break
-        finer += 1
-    return Tetrahedra.size(body, finer)
+    size = Tetrahedra.finest(body, 0.0, _TETRAHEDRA)
+    return size if size <= _SMALL * member else Tetrahedra.finest(body, _SMALL * member, _DEAR)
 
 
 def _along(

@@ -170,6 +170,16 @@ class Tetrahedra:
         return domain.cell_size * (6.0 / Tetrahedra.each(domain, finer)) ** (1.0 / 3.0)
 
     @staticmethod
+    def finest(domain: Domain, enough: float, most: int) -> float:
+        """The size of tetrahedra [m] that is small ``enough``, or that of the ``most`` at most."""
+        finer = 0
+        while Tetrahedra.size(domain, finer) > enough:
+            if domain.n_cells_global * Tetrahedra.each(domain, finer + 1) > most:
+                break
+            finer += 1
+        return Tetrahedra.size(domain, finer)
+
+    @staticmethod
     def check(domain: Domain, finer: int) -> None:
         """Refuse more tetrahedra than can be cut."""
         count = domain.n_cells_global * Tetrahedra.each(domain, finer)

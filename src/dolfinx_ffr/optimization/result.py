@@ -20,12 +20,16 @@ from ..boundary import Boundary, Surface
 from ..design import Design, DimensionDesign, Variables
 from ..documentation import Shown
 from ..dynamics import SimulationError
-from ..fem import Domain
+from ..fem import Domain, Tetrahedra
 from ..files import file_names
 from ..part import Part, Solid, Verification, verify
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from .running import alone_in
+
+#: Size of the tetrahedra whose cut is the surface of a solid with bores, in widths of their rims,
+#: and the most of them
+_RIM, _TETRAHEDRA = 0.5, 250_000
 
 
 class DesignWarning(UserWarning):
@@ -264,6 +268,10 @@ class Result(Shown):
         design, body = self.designs[name], self.problem.flexible[name]
         kind: type[Part] | type[Solid] = Solid if body.domain.dimension == 3 else Part
         if isinstance(design, Design):
+            if kind is Solid and design.hole_rim and body.domain.holes:
+                # cells as large as a rim would cut into it
+                fine = Tetrahedra.finest(body.domain, _RIM * design.hole_rim, _TETRAHEDRA)
+                options = {"surface": fine, **options}
             return kind.of(design, self.variables[name], material=body.material, **options)
         # all of the body
         assert isinstance(design, DimensionDesign)
