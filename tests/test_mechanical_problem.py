@@ -80,6 +80,24 @@ def test_objective_without_influence_needs_no_adjoint(scene: Scene, calls: dict[
     assert calls == {"simulate": 1, "adjoint": 0}
 
 
+class Stretched(ffr.IntegralCompliance):
+    """An objective that stands for three times the compliance."""
+
+    def calibrated(self, response: ffr.Response) -> ffr.Objective:
+        return 3.0 * ffr.IntegralCompliance()
+
+
+def test_calibrated_at_an_evaluation(scene: Scene, calls: dict[str, int]) -> None:
+    """The problem and the evaluation, without another simulation, as those with meshes do it."""
+    problem = ffr.MechanicalProblem(scene.mechanism, scene.integrator, Stretched())
+    value = problem.value(scene.bodies)
+    corrected, told = problem.calibrated(value)
+    assert told.psi == pytest.approx(3.0 * value.psi, rel=1e-14)
+    assert corrected.gradient(scene.bodies).psi == told.psi
+    assert calls["simulate"] == 2
+    assert corrected.calibrated(told) == (corrected, told)
+
+
 def test_names_of_constraints(scene: Scene) -> None:
     twice = [ffr.Constraint(ffr.Mass("coupler"), 1.0), ffr.Constraint(ffr.Mass("rocker"), 1.0)]
     with pytest.raises(ValueError, match="two constraints have the name 'Mass'"):

@@ -69,14 +69,14 @@ _BY_FOLDER = _lists(
         "body": "save_derivatives",
         "boundary": "Surface",
         "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
-        "dynamics": "Trajectory",
+        "dynamics": "GearFlankWarning Trajectory",
         "fem": "Bore Box ElasticMaterial Elasticity Interface",
         "interchange": (
             "AssembledMatrices Format InterchangeWarning read_abaqus read_body read_calculix "
             "read_nastran read_terms sid_terms write_body"
         ),
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
-        "mechanism": "Parameter ParametricMechanism",
+        "mechanism": "AngleCoupling Parameter ParametricMechanism",
         "objective": (
             "DensityField DrivePower DriveWork ResidualVibration StressField marker_derivatives"
         ),

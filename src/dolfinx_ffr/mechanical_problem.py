@@ -286,7 +286,21 @@ class MechanicalProblem:
             found[label] = replace(part, parameters=own)
         return found
 
-    def calibrated(self, response: Response) -> MechanicalProblem:
+    def calibrated(
+        self, evaluation: MechanicalEvaluation
+    ) -> tuple[MechanicalProblem, MechanicalEvaluation]:
+        """The problem and an ``evaluation`` with objectives that are corrected at these bodies.
+
+        It is as `Problem.calibrated`: both are the given ones where none is to be corrected.
+        """
+        problem = self.calibrated_at(evaluation.response)
+        if problem is self:
+            return self, evaluation
+        return problem, replace(
+            problem.evaluated(evaluation.response), seconds=dict(evaluation.seconds)
+        )
+
+    def calibrated_at(self, response: Response) -> MechanicalProblem:
         """The problem with objectives corrected at a ``response``, see `Objective.calibrated`.
 
         It is the problem itself where none is to be corrected.

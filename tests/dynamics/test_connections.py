@@ -24,7 +24,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr import mechanism as language
 from dolfinx_ffr.dynamics import Integrator, Trajectory
 from dolfinx_ffr.dynamics.kinematics import evaluate_equations
-from dolfinx_ffr.mechanism import AppliedForce, Joint
+from dolfinx_ffr.mechanism import AngleCoupling, AppliedForce, Joint
 
 #: What is tested are equations, of motions that no one would want.
 pytestmark = [
@@ -120,7 +120,24 @@ JOINTS: list[tuple[str, set[int], tuple[int, int], Make]] = [
     ("weld", BOTH, (3, 6), joint(lambda f: ffr.Weld(A, B))),
     ("line", BOTH, (1, 2), joint(lambda f: ffr.PointOnLine(A, B, f.line))),
     ("translational", BOTH, (2, 5), joint(lambda f: ffr.Translational(A, B, f.line))),
-    ("gear", BOTH, (1, 1), joint(lambda f: ffr.Gear(A, B, -1.7, axis=f.ground_axis))),
+    (
+        "coupling",
+        BOTH,
+        (1, 1),
+        joint(lambda f: AngleCoupling(A, B, -1.7, axis=f.ground_axis)),
+    ),
+    (
+        *("housed", BOTH, (1, 1)),
+        joint(lambda f: AngleCoupling(A, B, -1.7, axis=f.axis, relative_to=FAR_A)),
+    ),
+    (
+        *("gear", BOTH, (1, 1)),
+        joint(lambda f: ffr.Gear(A, B, -1.7, "", 0.3, relative_to=FAR_A, axis=f.axis)),
+    ),
+    (
+        *("ring", BOTH, (1, 1)),
+        joint(lambda f: ffr.Gear(A, B, 1.7, "", -0.3, relative_to=FAR_B, axis=f.axis)),
+    ),
     ("distance", BOTH, (1, 1), joint(lambda f: ffr.Distance(FAR_A, FAR_B))),
     ("cylinder", BOTH, (1, 1), joint(lambda f: ffr.Distance(FAR_A, FAR_B, STROKE))),
     (
@@ -154,7 +171,7 @@ FORCES: list[tuple[str, set[int], Callable[[Frame], AppliedForce]]] = [
 CASES = JOINTS + [(name, where, (0, 0), force(make)) for name, where, make in FORCES]
 MAKE = {name: make for name, _, _, make in CASES}
 #: What acts on the ground or from outside; the damper resists the turning of the line between ends
-NOT_BETWEEN = ("gear", "position", "damper", "follower", "torque")
+NOT_BETWEEN = ("coupling", "position", "damper", "follower", "torque")
 DRIVEN = ("cylinder", "angle", "position", "drive")
 RUNS = [(name, d, rows[d - 2], make) for name, where, rows, make in CASES for d in sorted(where)]
 every = pytest.mark.parametrize(
@@ -203,7 +220,11 @@ def test_rows_hold_and_momentum_stays(name: str, dimension: int, rows: int, make
 #: Positions along global axes, and angles about axes of the ground that no bearing holds, do
 free = pytest.mark.parametrize(
     ("name", "dimension", "rows", "make"),
-    [given for given in RUNS if given[:2] not in {("position", 2), ("position", 3), ("gear", 3)}],
+    [
+        given
+        for given in RUNS
+        if given[:2] not in {("position", 2), ("position", 3), ("coupling", 3)}
+    ],
     ids=lambda value: value if isinstance(value, str) else None,
 )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import ellipk
-from shared.spatial_bodies import cloud, stiffened_cloud
+from shared.spatial_bodies import cloud, flat_cloud, stiffened_cloud
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Integrator, TrajectoryBar, adjoint, influence, parameter_slopes
@@ -157,7 +157,7 @@ def geared(**p: float) -> ffr.Mechanism:
         [
             ffr.Revolute(ROOT, ffr.Ground(), axis=tilted),
             ffr.Revolute(TWO, ffr.Ground((0.0, 1.0, 0.0))),
-            ffr.Gear(TWO, ROOT, p["ratio"], "gear", (0.0, 0.0, 1.0), tilted),
+            ffr.mechanism.AngleCoupling(TWO, ROOT, p["ratio"], "gear", (0.0, 0.0, 1.0), tilted),
         ],
         forces=[
             ffr.TorsionalSpringDamper(
@@ -172,6 +172,44 @@ GEARED = {
     "ratio": (-2.0, -3.0, -1.0),
     "stiffness": (5.0, 2.0, 8.0),
     "rest": (0.1, -1.0, 1.0),
+}
+
+
+def toothed(dimension: int) -> Callable[..., ffr.Mechanism]:
+    """A wheel that goes more than halfway round another one, whose axle is at the ground."""
+
+    def build(**p: float) -> ffr.Mechanism:
+        def spatial(*components: float) -> tuple[float, ...]:
+            return (*components, 0.0, 0.0, 0.0)[:dimension]
+
+        def about(z: float) -> Any:
+            return (0.0, 0.0, z) if dimension == 3 else z
+
+        orbit, origin = (-0.1 * p["orbit"], p["reach"] * p["orbit"]), ffr.Ground(spatial())
+        joints = [
+            ffr.Revolute(ROOT, origin),
+            ffr.Distance(TWO, origin),
+            ffr.Gear(TWO, ROOT, p["ratio"], "gear", p["angle"]),
+        ]
+        return ffr.Mechanism(
+            {
+                "one": ffr.Placement(spatial(), angular_velocity=about(p["spin"])),
+                "two": ffr.Placement(spatial(p["reach"], 0.1), velocity=spatial(*orbit)),
+            },
+            joints + [ffr.Planar(TWO, origin)] * (dimension == 3),
+            forces=[ffr.Torque(TWO, about(p["moment"]))],
+        )
+
+    return build
+
+
+TOOTHED = {
+    "reach": (1.0, 0.8, 1.2),
+    "ratio": (-0.7, -1.0, -0.5),
+    "angle": (0.3, 0.1, 0.5),
+    "moment": (1.0, 0.5, 2.0),
+    "spin": (3.0, 2.0, 4.0),
+    "orbit": (12.0, 10.0, 14.0),
 }
 
 
@@ -225,6 +263,9 @@ SCENES = {
     "settled": Scene(settled, SETTLED, two(cloud), ALPHA),
     "settled radau": Scene(settled, SETTLED, two(cloud), RADAU),
     "geared": Scene(geared, GEARED, two(lambda _, seed: cloud(0, seed)), ALPHA),
+    "toothed": Scene(toothed(2), TOOTHED, two(flat_cloud), ALPHA),
+    "toothed radau": Scene(toothed(2), TOOTHED, two(flat_cloud), RADAU),
+    "toothed in space": Scene(toothed(3), TOOTHED, two(cloud), ALPHA),
 }
 
 

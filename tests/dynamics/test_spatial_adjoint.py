@@ -15,6 +15,7 @@ from shared.spatial_bodies import cloud, stiffened_cloud
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.dynamics import Integrator
+from dolfinx_ffr.mechanism import AngleCoupling
 
 #: What is tested are derivatives, of motions that no one would want.
 pytestmark = [
@@ -131,7 +132,7 @@ def spun() -> Case:
         joints=[
             ffr.Revolute(ROOT, ffr.Ground(), axis=tilted),
             ffr.Revolute(("two", "root"), ffr.Ground((0.0, 1.0, 0.0))),
-            ffr.Gear(("two", "root"), ROOT, -2.0, "gear", (0.0, 0.0, 1.0), tilted),
+            AngleCoupling(("two", "root"), ROOT, -2.0, "gear", (0.0, 0.0, 1.0), tilted),
         ],
         forces=[ffr.TorsionalSpringDamper(ROOT, ffr.Ground(), 5.0, 0.02, angle=0.0, axis=tilted)],
     )

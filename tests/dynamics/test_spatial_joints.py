@@ -189,7 +189,7 @@ def test_redundant_rows_are_refused_with_a_proposal() -> None:
     ("joint", "force"),
     [
         (ffr.PrescribedAngle(PIN, ffr.Motion.constant(0.0), name="loose"), None),
-        (ffr.Gear(PIN, GROUND, 1.0, name="loose"), None),
+        (ffr.mechanism.AngleCoupling(PIN, GROUND, 1.0, name="loose"), None),
         (
             ffr.Spherical(PIN, GROUND),
             ffr.TorsionalSpringDamper(PIN, GROUND, 1.0, name="loose"),

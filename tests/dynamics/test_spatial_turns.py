@@ -52,7 +52,7 @@ def geared(
         [
             ffr.Revolute(PIN, AXLE),
             ffr.Revolute(OTHER, ffr.Ground((1.0, 0.0, 0.0))),
-            ffr.Gear(OTHER, PIN, -2.0, "gear"),
+            ffr.mechanism.AngleCoupling(OTHER, PIN, -2.0, "gear"),
         ],
         forces=[spring, *forces],
         **options,

@@ -28,6 +28,7 @@ from shared.problems import Copy
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import design, paper, plotting, postprocessing
+from dolfinx_ffr.mechanism import AngleCoupling
 
 PACKAGE = Path(ffr.__file__).parent
 COMM = MPI.COMM_SELF
@@ -194,7 +195,9 @@ class Scene:
         yield row(joint(ffr.Weld), "a b name", angle=("1", True, *ENDLESS, held))
         along = {"direction": (1.0, 0.0)}
         yield row(joint(ffr.Translational), "a b name direction", along)
-        yield row(joint(ffr.Gear), "a b name", {"ratio": 2.0}, ratio=(*NUMBER, 0.0))
+        yield row(joint(AngleCoupling), "a b name", {"ratio": 2.0}, ratio=(*NUMBER, 0.0))
+        teeth = {"ratio": (*NUMBER, 0.0, 1.0), "pressure_angle": (*NUMBER, 20.0)}
+        yield row(joint(ffr.Gear), "a b name", {"ratio": 2.0}, relative_to=MARKER, **teeth)
         length = ("1", True, 1j, *ENDLESS, 0.0, -1.0, np.sin)
         yield row(joint(ffr.Distance), "a b name", length=length)
         yield row(joint(ffr.PointOnLine), "point line direction", along)

@@ -10,6 +10,7 @@ import pytest
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.mechanism import (
+    AngleCoupling,
     AppliedForce,
     BodyVector,
     Element,
@@ -38,13 +39,14 @@ STILL = ffr.Motion.constant(0.5)
 BODIES = {"block": ffr.VolumeIntegrals.rigid(3.0, (0.0, 0.0), 0.5, {"center": (0.0, 0.0)})}
 #: Joints, the kinds of their rows in the plane and in space, and their symbols
 POINT, PLANE, DOT, ANGLE = RowKind.POINT, RowKind.PLANE, RowKind.DOT, RowKind.ANGLE
-LENGTH, GEAR = RowKind.DISTANCE, RowKind.GEAR
+LENGTH, GEAR, MESH = RowKind.DISTANCE, RowKind.GEAR, RowKind.MESH
 KINDS: list[tuple[Joint, list[RowKind], list[RowKind], list[type[Symbol]]]] = [
     (ffr.Revolute(A, B), [POINT] * 2, [POINT] * 3 + [DOT] * 2, [Pin]),
     (ffr.Weld(A, B), [POINT, POINT, ANGLE], [POINT] * 3 + [DOT] * 3, [Square]),
     (ffr.PointOnLine(A, B), [PLANE], [PLANE] * 2, [Slider]),
     (ffr.Translational(A, B), [PLANE, ANGLE], [PLANE] * 2 + [DOT] * 3, [Slider]),
-    (ffr.Gear(A, B, -2.0), [GEAR], [GEAR], []),
+    (AngleCoupling(A, B, -2.0), [GEAR], [GEAR], []),
+    (ffr.Gear(A, B, -2.0), [MESH], [MESH], []),
     (ffr.Distance(A, B), [LENGTH], [LENGTH], [Pin, Line]),
     (ffr.PrescribedAngle(A, STILL, B), [ANGLE], [ANGLE], []),
     (ffr.PrescribedPosition(A, "y", STILL), [POINT], [POINT], [Pin]),
@@ -71,7 +73,7 @@ def test_rows_and_symbols(
         start = {"block": ffr.Placement()}, {A: np.full(dimension, 0.3)}, np.zeros(1), dimension
         rows = joint.rows(Undeformed(*start))
         assert [row.kind for row in rows] == kinds
-        ends = {*joint.markers, ffr.Ground()} if GEAR in kinds else {*joint.markers}
+        ends = {*joint.markers}
         assert {vector.marker for row in rows for vector in row.vectors} == ends
         assert joint.rigid == (len(rows) == 3 * dimension - 3)
         directions = [v for row in rows for v in row.vectors if v.kind == VectorKind.DIRECTION]
@@ -151,13 +153,18 @@ ENDS, DOWN, ASIDE = (point(A), point(B)), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
 X, Y, Z = (direction(B, axis) for axis in np.eye(3))
 ALONG_X = Row(RowKind.POINT, ENDS, ASIDE)
 REFUSED: list[tuple[Joint | AppliedForce, str]] = [
-    (ffr.Gear(A, B, 2.0, axis=ASIDE), "the axis is perpendicular to the plane in which"),
+    (
+        AngleCoupling(A, B, 2.0, axis=ASIDE),
+        "the axis is perpendicular to the plane in which",
+    ),
     (ffr.TorsionalSpringDamper(A, B, 2.0, axis=ASIDE), "the axis is perpendicular to the"),
+    (ffr.Gear(A, B, -2.0), "centres of the wheels lie on one axis .* an AngleCoupling couples"),
+    (ffr.Gear(A, B, -2.0, axis=ASIDE), "the axis is perpendicular to the plane in which"),
     (
         ffr.PrescribedAngle(A, STILL, B, axis=DOWN),
         r"count about the axis \(0, 0, 1\); give this one",
     ),
-    (ffr.Gear(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
+    (AngleCoupling(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
     (ffr.TorsionalSpringDamper(A, B, 2.0, axis=DOWN), r"angles count about the axis \(0, 0, 1\)"),
     (Own(Row(RowKind.DOT, (X, Y))), "a row DOT of these vectors.* exists in space only"),
     (Own(Row(RowKind.POINT, ENDS, (0.6, 0.8, 0.0))), "in the plane there are POINT along x or y"),

@@ -164,7 +164,7 @@ def spring(to: Marker = GROUND, **options: Any) -> AppliedForce:
             r"\['left', 'right', 'middle'\]",
         ),
         (
-            placed(ffr.Gear(LEFT, ("wheel", "center"), 2.0)),
+            placed(ffr.mechanism.AngleCoupling(LEFT, ("wheel", "center"), 2.0)),
             "refers to body 'wheel', but the bodies",
         ),
         (
@@ -195,7 +195,7 @@ def spring(to: Marker = GROUND, **options: Any) -> AppliedForce:
         (placed(PIN, PIN), "two joints have the name 'pin'"),
         (placed(PUSH, PUSH), "two forces have the name 'push'"),
         (placed(ffr.Distance(GROUND, AWAY)), "has no marker on a body"),
-        (placed(ffr.Gear(GROUND, AWAY, 1.0)), "has no marker on a body"),
+        (placed(ffr.mechanism.AngleCoupling(GROUND, AWAY, 1.0)), "has no marker on a body"),
         (
             placed(ffr.SpringDamper(GROUND, GROUND, 1.0)),
             r"'SpringDamper\(ground, ground\)' has no marker",
@@ -263,7 +263,7 @@ def spring(to: Marker = GROUND, **options: Any) -> AppliedForce:
             r"1 of the 3 constraints is redundant; joints involved: \['pin', 'slider'\]",
         ),
         (
-            placed(RAILS, ffr.Gear(LEFT, AWAY, 1.0, name="gear")),
+            placed(RAILS, ffr.mechanism.AngleCoupling(LEFT, AWAY, 1.0, name="gear")),
             r"1 of the 3 constraints is redundant; joints involved: \['rails', 'gear'\]",
         ),
         (

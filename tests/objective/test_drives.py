@@ -50,11 +50,16 @@ def test_a_bar_that_is_lifted_and_let_down(space: bool, method: ffr.RadauIIA) ->
     force = trajectory.joint_force("motor")[:, 0]
     np.testing.assert_allclose(powers, force * SPEED, rtol=1e-9, atol=1e-9 * largest)
     assert DrivePower("motor").evaluate(response) == pytest.approx(largest / 2**0.5, rel=1e-4)
-    peak = DrivePower("motor", power=8.0, peak=True)
-    assert peak.calibrated(response).evaluate(response) == pytest.approx(
-        np.max(np.abs(powers)), rel=1e-12
-    )
-    assert DrivePower("motor", power=8.0).calibrated(response).scale == 1.0
+    for of in (DrivePower, ffr.JointForce):
+        peak = of("motor", power=8.0, peak=True)
+        size = np.abs(powers if of is DrivePower else force)
+        # A peak is the peak, and what its derivative takes is the mean, as large as that there.
+        assert peak.evaluate(response) == pytest.approx(np.max(size), rel=1e-12)
+        mean, slopes = replace(peak, peak=False), peak.derivatives(response).trajectory
+        share = peak.evaluate(response) / mean.evaluate(response)
+        of_mean = mean.derivatives(response).trajectory
+        assert slopes is not None and of_mean is not None
+        np.testing.assert_allclose(slopes.multipliers, share * of_mean.multipliers, rtol=1e-12)
     lifted = 2.0 * MASS * GRAVITY * ARM
     for recovered, expected in ((1.0, 0.0), (0.4, 0.6), (0.0, 1.0), (-1.0, 2.0)):
         work = DriveWork("motor", recovered, rounding=1e-3).evaluate(response)

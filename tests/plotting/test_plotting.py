@@ -114,7 +114,7 @@ def press() -> Solved:
             ffr.Revolute(("rod", "right"), ("carriage", "left"), name="pin"),
             ffr.Translational(("carriage", "right"), slope, (1.0, -0.1), name="rails"),
             ffr.Revolute(("wheel", "left"), ffr.Ground((0.05, -0.2)), name="axle"),
-            ffr.Gear(("wheel", "left"), ("rod", "left"), -2.0, name="gear"),
+            ffr.mechanism.AngleCoupling(("wheel", "left"), ("rod", "left"), -2.0, name="gear"),
             ffr.Distance(("rod", "left"), ffr.Ground((-0.2, -0.1)), name="strut"),
             ffr.Weld(("flag", "right"), ("carriage", "right"), name="weld"),
         ],

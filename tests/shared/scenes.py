@@ -186,7 +186,7 @@ def loader(end_time: float = 0.2, steps: int = 120) -> Scene:
         joints=[
             ffr.Revolute(("arm", "left"), ("boom", "right"), name="elbow"),
             ffr.Revolute(("link", "left"), shaft, name="shaft"),
-            ffr.Gear(("arm", "left"), ("link", "middle"), -0.6, name="gear"),
+            ffr.mechanism.AngleCoupling(("arm", "left"), ("link", "middle"), -0.6, name="gear"),
             ffr.Translational(("carriage", "left"), ("boom", "middle"), (1.0, 0.3), name="rails"),
             ffr.Distance(
                 ("arm", "right"), ("carriage", "right"), swing(0.32, 0.02, 11.0), name="cylinder"

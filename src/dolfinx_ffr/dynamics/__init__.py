@@ -44,6 +44,7 @@ from .simulation import simulate as simulate
 from .trajectory import Integrator as Integrator
 from .trajectory import Trajectory as Trajectory
 from .trajectory import TrajectoryBar as TrajectoryBar
+from .validity import GearFlankWarning as GearFlankWarning
 from .validity import LargeDeformationWarning as LargeDeformationWarning
 from .validity import SofteningWarning as SofteningWarning
 from .validity import TiltedAxisWarning as TiltedAxisWarning

@@ -73,7 +73,8 @@ class Equations(NamedTuple):
     excess: Array3  # (9, n, 3) derivatives of it, in stage i, by the accelerations of stage j
     excess_start: Array3  # (3, n, 3) and by the velocities at the beginning of the step
     #: (7,) addresses of the functions evaluate, pullback and measure, of the two tables that they
-    #: take beside the equations, and of the functions chart and turn_stages, 0 where v = dy/dt
+    #: take beside the equations, and of the functions chart and turn_stages, 0 where v = dy/dt;
+    #: chart counts the turns of angles, too, and is there where these are counted
     kinematics: IntVector
 
 
@@ -94,7 +95,7 @@ def equations(
         **{name: np.zeros(rows) for name in of_rows},
         **{name: np.zeros((rows, n)) for name in ("D", "correction")},
         C=jacobian,
-        Cy=np.zeros((rows, n)) if kinematics[5] else jacobian,
+        Cy=np.zeros((rows, n)) if len(turning) else jacobian,
         **{name: np.zeros((n, n)) for name in ("M", "Ky")},
         turning=np.array(turning, dtype=np.int64),
         stage_weights=np.zeros((3, 3)),

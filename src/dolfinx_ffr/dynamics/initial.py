@@ -83,8 +83,7 @@ def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, 
     """Distance [m] and angle [rad] of each undeformed body from its placement, by the joints."""
     if not model.rows:
         return {}
-    # Gears count from the placements, also where the motion begins far from them.
-    model = model.counting_from(np.zeros((1, model.arrays.kind.size, 2)))
+    model = model.counting_from_placements()
     placed, found = _placed(model)[0], {}
     if model.mechanism.start.in_equilibrium or np.any(_elastic_state(model)[0]):
         y = _Closure(model).assembled(placed, refuse=False)
@@ -98,7 +97,7 @@ def placement_corrections(model: FlatModel, y: Array) -> dict[str, tuple[float, 
 
 def widest_gap(model: FlatModel) -> tuple[str, str]:
     """Name of the joint with the widest gap in the placements, and the gap with its unit."""
-    closure = _Closure(model.counting_from(np.zeros((1, model.arrays.kind.size, 2))))
+    closure = _Closure(model.counting_from_placements())
     gap, _ = closure.residual(_placed(model)[0])
     row = int(np.argmax(np.abs(gap)))
     size, unit = abs(gap[row]) / closure.row[row], "rad" if model.angular[row] else "m"

@@ -83,6 +83,11 @@ class FlatModel(Shown):
             return self
         return replace(self, arrays=self.arrays._replace(start_angles=turns[0].copy()))
 
+    def counting_from_placements(self) -> FlatModel:
+        """The same with angles counted from the placements, wherever the motion begins."""
+        placed = self.tables.lowering.start_angles
+        return replace(self, arrays=self.arrays._replace(start_angles=placed))
+
     @property
     def size(self) -> int:
         """Number of coordinates."""

@@ -111,7 +111,7 @@ class Numbers:
         tables, count = model.tables, model.arrays.kind.size
         springs = [spring.row for element, _ in tables.elements for spring in element.springs]
         rows = [row for row, _ in tables.rows]
-        if not any(row.angular for row in (*rows, *springs)):
+        if not any(row.counts_angles for row in (*rows, *springs)):
             return np.array([row.constant for row in rows] + [0.0] * len(springs))
         # In the plane the angles of vectors differ from those of markers
         constants = tables.tabulate(model.times[:1])["drive"][0, :, 0]

@@ -150,8 +150,8 @@ class Trajectory(Shown):
     #: Estimate of the largest error of forces and moments in joints at single instants, relative to
     #: the largest of these, NaN where there is none. Integrals over time of forces are closer.
     force_error: float = math.nan
-    #: Unwrapped angles of drives, gears and torsional springs in space, two of each row and spring,
-    #: shape (steps + 1, rows and springs, 2) [rad]; empty where there are none.
+    #: Unwrapped angles of drives, couplings and torsional springs in space, and of gears, two of
+    #: each row and spring, shape (steps + 1, rows and springs, 2) [rad]; empty without them.
     turns: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     def _shown(self) -> list[tuple[str, str, str]]:
@@ -348,14 +348,15 @@ class Trajectory(Shown):
 
         A revolute joint gives (F_x, F_y) in global axes, a weld (F_x, F_y, M), a point on a line
         the force along the normal of the line, a translational joint that force and the moment, a
-        distance the force along the line from the second to the first marker, a gear the moment on
-        its first marker, a prescribed angle or position the driving moment or force. In space come
-        first forces, along the global axes where markers coincide and else along directions of the
-        second marker that the joint locks, then moments about axes of the second marker. A joint
-        with an axis has two perpendicular ones, x and y if the axis is z, y and z if it is x, and
-        then the axis itself, where the joint locks it. On the second marker acts the opposite; of a
-        gear, minus ratio times the moment; of a line, also the moment of the force about the marker
-        through which the line passes.
+        distance the force along the line from the second to the first marker, a gear the force of
+        the teeth along their line of action, positive where it turns the first wheel about its
+        axis, a coupling of angles the moment on its first marker, a prescribed angle or position
+        the driving moment or force. In space come first forces, along the global axes where markers
+        coincide and else along directions of the second marker that the joint locks, then moments
+        about axes of the second marker. A joint with an axis has two perpendicular ones, x and y if
+        the axis is z, y and z if it is x, and then the axis itself, where the joint locks it. On
+        the second marker acts the opposite; of a coupling of angles, minus ratio times the moment;
+        of a line, also the moment of the force about the marker through which the line passes.
         """
         if name not in self.model.joints:
             raise ValueError(f"no joint {name!r}; the joints are {list(self.model.joints)}")

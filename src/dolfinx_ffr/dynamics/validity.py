@@ -9,7 +9,7 @@ from collections.abc import Container, Iterable, Iterator
 
 import numpy as np
 
-from ..mechanism import PlacementWarning
+from ..mechanism import Gear, PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
 from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
 from .load_steps import FEWER_SAMPLES, load_steps
@@ -69,6 +69,10 @@ class TiltedAxisWarning(UserWarning):
     """An angle counts about an axis that nothing holds, or a bushing turns too far, in space."""
 
 
+class GearFlankWarning(UserWarning):
+    """The teeth of a gear carry most where its pressure angle makes them pull instead of push."""
+
+
 class TimeStepWarning(UserWarning):
     """The time steps are too long for the motion, or for the vibrations among its deformations.
 
@@ -97,6 +101,7 @@ def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warn
     if not complete:
         return
     yield from _deformations(trajectory, softening)
+    yield from _flanks(trajectory)
     yield from _lost_vibrations(trajectory)
     yield from _reversed_axes(trajectory)
     method = trajectory.integrator
@@ -174,6 +179,23 @@ def _tilted_axes(trajectory: Trajectory) -> Warnings:
                 f"{what}: the axes of its markers part by {math.asin(min(tilt, 1.0)):.2g} rad, and "
                 f"an angle about them means little beyond {LARGEST_TILT:g}: hold its axis by a "
                 "joint (Revolute, Cylindrical), or, of a Bushing, make it stiffer about all axes",
+            )
+
+
+def _flanks(trajectory: Trajectory) -> Warnings:
+    """Gears that carry the largest force by the flank that their pressure angle is not of."""
+    mechanism = trajectory.model.mechanism
+    for name, joint in zip(mechanism.joint_names, mechanism.joints, strict=True):
+        if not isinstance(joint, Gear) or joint.pressure_angle == 0.0:
+            continue
+        force = trajectory.joint_force(name)[:, 0] * np.sign(joint.pressure_angle)
+        push, pull = float(np.max(force)), -float(np.min(force))
+        if pull > max(push, 0.0):
+            yield (
+                GearFlankWarning,
+                f"joint {name!r}: with this sign of the pressure angle the teeth pull the wheels "
+                f"together by up to {pull:.3g} N, and push by {max(push, 0.0):.3g} N at most: give "
+                f"pressure_angle={-joint.pressure_angle:.4g}, or 0 where the load alternates",
             )
 
 

@@ -20,6 +20,7 @@ from .initial_conditions import Assembled as Assembled
 from .initial_conditions import Placement as Placement
 from .initial_conditions import Start as Start
 from .initial_conditions import StaticEquilibrium as StaticEquilibrium
+from .joints import AngleCoupling as AngleCoupling
 from .joints import Cylindrical as Cylindrical
 from .joints import Distance as Distance
 from .joints import Gear as Gear

@@ -162,28 +162,108 @@ class Translational(_Between):
 
 @dataclass(frozen=True)
 class Gear(_Between):
+    """Two toothed wheels that mesh: the angle of one follows that of the other, one row.
+
+    The markers are at the centres of the wheels, whose bearings are joints of their own. Wheels
+    with z_a and z_b teeth that mesh from outside have the ratio -z_b / z_a, a wheel in a ring has
+    z_b / z_a. The teeth push at the pitch point, which divides the line of centres in the
+    placements by the ratio, so that the bearings are loaded. Angles count from the line of centres,
+    so the wheels may be on a carrier that turns; a ring that is at rest is a marker on the ground.
+
+    The force is the same for both directions of load: on teeth with a pressure angle it pushes the
+    wheels apart for one sign only. Take the angle of the sign that is needed where the load keeps
+    its direction, and zero where it does not, for the mean of both flanks.
+    """
+
+    #: Speed of the first wheel over speed of the second, on a carrier against it; negative if they
+    #: mesh from outside, between 0 and 1 if the first is the ring, above 1 if the second is.
+    ratio: float
+    name: str = ""  #: Name for results and messages.
+    #: Angle of the force from the tangent of the pitch circles [rad]. Positive: teeth push apart
+    #: where they turn the first wheel about the axis, and negative: where they turn it back.
+    pressure_angle: float = 0.0
+    #: Marker in whose axes the axis is given in space, as one of the carrier.
+    relative_to: Marker = field(default_factory=Ground)
+    #: Axis in space to which those of the wheels are parallel, in the axes of that marker and of
+    #: any length.
+    axis: Triple = (0.0, 0.0, 1.0)
+
+    drawn = ()
+
+    def rows(self, undeformed: Undeformed) -> list[Row]:
+        carrier, axis = self.relative_to, np.array(undeformed.axis(self.axis))
+        axis = axis / np.linalg.norm(axis)
+        line = undeformed.position(self.a) - undeformed.position(self.b)
+        line = undeformed.axes(carrier).T @ line
+        line = line - (line @ axis) * axis
+        distance = float(np.linalg.norm(line))
+        if not distance > 0.0:
+            raise ValueError(
+                f"{undeformed.user}: the centres of the wheels lie on one axis in the placements; "
+                "an AngleCoupling couples shafts without teeth between them"
+            )
+        wheels = [
+            direction(marker, undeformed.seen_from(marker, carrier, line))
+            for marker in (self.a, self.b)
+        ]
+        lines = [direction(carrier, line), direction(carrier, np.cross(axis, line))]
+        # a wheel in a ring has its pitch circle on one side of both centres
+        along = abs(distance / (1.0 - self.ratio)) * np.cos(self.pressure_angle)
+        apart = -np.sign(self.ratio) * distance * np.sin(self.pressure_angle)
+        return [
+            Row(
+                RowKind.MESH,
+                (*wheels, point(self.a), point(self.b), *lines),
+                normal=(float(along), float(-self.ratio * along), 0.0),
+                ratio=float(apart),
+                constant=float(apart * np.log(distance)),
+            )
+        ]
+
+    def _check(self, what: str) -> None:
+        super()._check(what)
+        ratio = validation.number(f"{what}: the ratio", self.ratio)
+        if ratio in (0.0, 1.0):
+            raise ValueError(
+                f"{what}: the ratio must be a number other than zero and one, but it is {ratio:g}; "
+                "an AngleCoupling couples angles as a belt or a shaft does"
+            )
+        angle = validation.number(f"{what}: the pressure angle", self.pressure_angle)
+        if not abs(angle) < 0.5 * np.pi:
+            raise ValueError(
+                f"{what}: the pressure angle must lie between -pi/2 and pi/2, in radians, but it "
+                f"is {angle:g}; math.radians(20) is that of most wheels"
+            )
+
+
+@dataclass(frozen=True)
+class AngleCoupling(_Between):
     """The angle of a marker follows that of another, angle_a - ratio angle_b = constant: one row.
 
-    The constant follows from the placements. Wheels with z_a and z_b teeth that mesh from outside
-    have the ratio -z_b / z_a, an inner gearing and a belt have z_b / z_a; the first marker is on
-    the driven wheel, say. The bearings of the wheels are joints of their own. In space the angles
-    are about axes that are fixed to the ground.
+    It is a pure couple of moments, which loads no bearing, as a gearbox whose housing carries the
+    rest; a :class:`Gear` has the force between two wheels. The constant follows from the
+    placements. In space the angles are about axes that are fixed to the marker that they count
+    against.
     """
 
     #: Speed of the first marker over speed of the second, negative if they turn oppositely.
     ratio: float
     name: str = ""  #: Name for results and messages.
-    #: Axis in space about which the first marker turns, in the global axes and of any length.
+    #: Axis in space about which the first marker turns, in the axes of the marker against which
+    #: angles count (the global axes by default) and of any length.
     axis: Triple = (0.0, 0.0, 1.0)
     #: Axis of the second one, likewise; None is the axis of the first.
     second_axis: Triple | None = None
+    #: Marker against which both angles count, as one of a housing that turns.
+    relative_to: Marker = field(default_factory=Ground)
 
     drawn = ()
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
         axes = (self.axis, self.axis if self.second_axis is None else self.second_axis)
         pairs = zip((self.a, self.b), axes, strict=True)
-        vectors = [v for marker, axis in pairs for v in turning(marker, _GROUND, axis, undeformed)]
+        housing = self.relative_to
+        vectors = [v for marker, axis in pairs for v in turning(marker, housing, axis, undeformed)]
         return [Row(RowKind.GEAR, tuple(vectors), ratio=self.ratio)]
 
     def _check(self, what: str) -> None:

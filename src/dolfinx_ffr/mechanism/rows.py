@@ -45,6 +45,10 @@ class RowKind(IntEnum):
     DISTANCE = 3  #: Length of s_1 - s_2, which must be positive.
     ANGLE = 4  #: Angle from s_2 to s_1 about s_2 x s_3, atan2(s_1 . s_3, s_1 . s_2).
     GEAR = 5  #: Angle of the first three less ratio times angle of the last three.
+    #: Of two directions of wheels, their centres and two directions d, e: n_1 and n_2 times the
+    #: angles of the wheels from the line of centres about d x e, plus ratio times the logarithm of
+    #: its length.
+    MESH = 6
 
 
 @dataclass(frozen=True)
@@ -74,9 +78,11 @@ class Row:
 
     kind: RowKind  #: The function g.
     vectors: tuple[BodyVector, ...]  #: The vectors s_1, s_2, ...
-    normal: Triple = (0.0, 0.0, 0.0)  #: Unit vector of POINT, in the global axes.
-    ratio: float = 1.0  #: Factor of the second angle of GEAR.
-    start_angle: float = 0.0  #: Unwrapped angle of ANGLE in the placements [rad]; 0 for GEAR.
+    #: Unit vector of POINT, in the global axes; lever arms n_1 and n_2 of MESH [m].
+    normal: Triple = (0.0, 0.0, 0.0)
+    ratio: float = 1.0  #: Factor of the second angle of GEAR, of the logarithm of MESH [m].
+    #: Unwrapped angle of ANGLE in the placements [rad]; 0 for GEAR and MESH.
+    start_angle: float = 0.0
     constant: float = 0.0  #: Constant part of the right-hand side [m or rad].
     motion: Motion | None = None  #: Part of the right-hand side over time [m or rad].
 
@@ -84,6 +90,11 @@ class Row:
     def angular(self) -> bool:
         """Whether g is an angle, so that the multiplier is a moment."""
         return self.kind in (RowKind.DOT, RowKind.ANGLE, RowKind.GEAR)
+
+    @property
+    def counts_angles(self) -> bool:
+        """Whether g contains angles of markers."""
+        return self.kind in (RowKind.ANGLE, RowKind.GEAR, RowKind.MESH)
 
     def tabulate(self, instants: Array, label: str) -> Array:
         """Right-hand side and its two derivatives at times (instants,), shape (instants, 3).

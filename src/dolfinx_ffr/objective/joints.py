@@ -51,10 +51,10 @@ class OfJoints(Objective):
 class JointForce(OfJoints, MeanOverTime):
     """Power mean over time of the force in a joint, or of joints on the frame together [N].
 
-        psi = scale (1/T int |F(t)|^p dt)^(1/p)
+        psi = (1/T int |F(t)|^p dt)^(1/p)
 
-    With p = 2 it is the root mean square; it tends to the largest force over time as p grows, and
-    with ``peak`` the objective :meth:`calibrated` at a design is the largest force there. F is
+    With p = 2 it is the root mean square. With ``peak`` psi is the largest force of all instants,
+    and its derivatives are those of the mean, times the ratio of both: take p = 8, say. F is
     the vector of the joint's forces, as in :meth:`Trajectory.joint_force`. A joint that carries
     forces and a moment, a weld for instance, counts its forces unless ``moment`` is set; a joint
     that carries only a moment, a drive, counts that [N m].
@@ -73,8 +73,7 @@ class JointForce(OfJoints, MeanOverTime):
     moment: bool = False  #: Count the moment of a joint that carries forces as well [N m]
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
-    peak: bool = False  #: Correct the mean, by its scale, to the largest force of each design kept
-    scale: float = 1.0  #: Factor of the mean, positive
+    peak: bool = False  #: Whether psi is the largest force instead of the mean
 
     _what = "force"
 
@@ -140,13 +139,13 @@ class _OfDrives(OfJoints):
 class DrivePower(_OfDrives, MeanOverTime):
     """Power mean over time of the power of a drive, whatever its sign [W].
 
-        psi = scale (1/T int |P(t)|^p dt)^(1/p),    P = -lam . (C_y v)
+        psi = (1/T int |P(t)|^p dt)^(1/p),    P = -lam . (C_y v)
 
     P is what the joint brings into the bodies: moment times speed of a :class:`PrescribedAngle`,
     force times velocity of a :class:`LinearDrive` or of the pin of a crank (:class:`Moving`), which
-    has no mass of its own. With p = 2 psi is the root mean square; it tends to the peak as p grows.
-    With ``peak`` the objective :meth:`calibrated` at a design is the peak there, as that of
-    :class:`PeakStress`.
+    has no mass of its own. With p = 2 psi is the root mean square. With ``peak`` psi is the largest
+    power of all instants, and its derivatives are those of the mean, times the ratio of both: take
+    p = 8, say.
 
     Raises:
         ValueError: If the power is not above 1 or the window is not an interval; when the value is
@@ -159,8 +158,7 @@ class DrivePower(_OfDrives, MeanOverTime):
     power: float = 2.0  #: The power p, above 1
     #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
-    peak: bool = False  #: Correct the mean, by its scale, to the largest power of each design kept
-    scale: float = 1.0  #: Factor of the mean, positive
+    peak: bool = False  #: Whether psi is the largest power instead of the mean
 
     def __post_init__(self) -> None:
         self._check_joints()

@@ -8,8 +8,6 @@ order. A window is integrated to its own ends, also where these cut a step.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
-from typing import Self
 
 import numpy as np
 
@@ -86,15 +84,16 @@ def power_mean(values: Array, weights: Array, power: float) -> tuple[float, Arra
 
 
 class MeanOverTime(Objective):
-    """Power mean over time of a size, whose scale may correct it to the largest one.
+    """Power mean over time of a size, or its largest value.
 
-    psi = scale (1/T int |s(t)|^p dt)^(1/p)
+    psi = (1/T int |s(t)|^p dt)^(1/p), and max |s(t)| of the instants where the peak is asked for.
+    Which instant has the peak may change with the design, so the derivatives of a peak are those of
+    the power mean, times the ratio of the peak to the mean at the same design.
     """
 
     power: float  #: The power p, above 1
     window: tuple[float, float] | None  #: Begin and end of the time that counts [s]
-    peak: bool  #: Correct the mean, by its scale, to the largest size of each design kept
-    scale: float  #: Factor of the mean, positive
+    peak: bool  #: Whether it is the largest size instead of the mean
 
     def _check_mean(self, what: str) -> None:
         """Refuse wrong fields."""
@@ -105,7 +104,6 @@ class MeanOverTime(Objective):
                 "larger one"
             )
         validation.flag(f"{what}: peak", self.peak)
-        validation.number(f"{what}: scale", self.scale, above=0.0)
         check_window(what, self.window)
 
     @abstractmethod
@@ -114,18 +112,15 @@ class MeanOverTime(Objective):
 
     def _sizes_bar(self, response: Response) -> Array:
         """Derivative of the number by the sizes, shape (steps + 1,)."""
-        return self.scale * power_mean(*self._sizes(response), self.power)[1]
+        mean, slopes = power_mean(*self._sizes(response), self.power)
+        return slopes * (self.largest(response) / mean) if self.peak and mean > 0.0 else slopes
 
     def evaluate(self, response: Response) -> float:
-        return self.scale * power_mean(*self._sizes(response), self.power)[0]
+        if self.peak:
+            return self.largest(response)
+        return power_mean(*self._sizes(response), self.power)[0]
 
     def largest(self, response: Response) -> float:
         """The largest size of the instants that count at a ``response``, in the unit of psi."""
         sizes, weights = self._sizes(response)
         return float(np.max(sizes[weights > 0.0]))
-
-    def calibrated(self, response: Response) -> Self:
-        mean = power_mean(*self._sizes(response), self.power)[0]
-        if not (self.peak and mean > 0.0):
-            return self
-        return replace(self, scale=self.largest(response) / mean)  # type: ignore[type-var]

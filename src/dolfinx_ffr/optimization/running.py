@@ -17,7 +17,13 @@ from mpi4py import MPI
 
 from tqdm.auto import tqdm
 
-from ..dynamics import LargeDeformationWarning, SofteningWarning, TiltedAxisWarning, TimeStepWarning
+from ..dynamics import (
+    GearFlankWarning,
+    LargeDeformationWarning,
+    SofteningWarning,
+    TiltedAxisWarning,
+    TimeStepWarning,
+)
 from ..files import locked, unlocked
 from ..mechanism import PlacementWarning
 from ..parallel import gathered, on_rank_0
@@ -26,6 +32,7 @@ from ..reduction import RoundOffWarning
 
 #: Warnings of one trajectory, which hardly differ from design to design
 LIMITS = (
+    GearFlankWarning,
     LargeDeformationWarning,
     LocalModesWarning,
     PlacementWarning,

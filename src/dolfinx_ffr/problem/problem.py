@@ -347,7 +347,7 @@ class Problem(LoadCases):
         Nothing is simulated for it. The evaluation has values and no gradients; where no objective
         is to be corrected, both are the given ones.
         """
-        return self.adapted(evaluation, MechanicalProblem.calibrated)
+        return self.adapted(evaluation, MechanicalProblem.calibrated_at)
 
     def adapted(self, evaluation: Evaluation, changed: Change) -> tuple[Problem, Evaluation]:
         """The problem with load cases ``changed`` at an ``evaluation``, and theirs; collective."""

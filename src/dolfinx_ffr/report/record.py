@@ -46,7 +46,7 @@ from .. import validation
 from ..dynamics import SimulationError, Trajectory
 from ..io import plain
 from ..mechanical_problem import MechanicalProblem
-from ..mechanism import Gear, Mechanism, PrescribedAngle, marker_name
+from ..mechanism import AngleCoupling, Mechanism, PrescribedAngle, marker_name
 from ..objective import JointForce, Objective
 from ..optimization import Result
 from ..parallel import on_rank_0
@@ -169,7 +169,7 @@ def run_record(
 def _unit(objective: Objective, mechanism: Mechanism) -> str:
     if isinstance(objective, JointForce):
         joints = dict(zip(mechanism.joint_names, mechanism.joints, strict=True))
-        turns = isinstance(joints.get(str(objective.joint)), Gear | PrescribedAngle)
+        turns = isinstance(joints.get(str(objective.joint)), AngleCoupling | PrescribedAngle)
         return "N m" if objective.moment or turns else "N"
     return objective.unit
 

@@ -205,8 +205,11 @@ def judge(
 
 @kernel
 def retract_stages(eq: Equations, stages: Stages, at: int) -> None:
-    """Change rows at, at + 1, at + 2 from coordinates within the step to those between steps."""
-    if eq.turning.size > 0:
+    """Change rows at, at + 1, at + 2 from coordinates within the step to those between steps.
+
+    The angles whose turns are counted are kept with them.
+    """
+    if eq.kinematics[5] != 0:
         for i in range(3):
             load_stage(eq, stages, at + i)
             evaluate(eq, at + i, 0.0, equations.CONSTRAINTS)

@@ -13,7 +13,7 @@ from ...mechanism import RowKind, VectorKind
 from ..compilation import Array3, Array4, IntMatrix, IntVector, Kernel, Matrix, Vector
 
 #: Kinds of rows and of vectors, as numbers for the kernels.
-POINT, DOT, PLANE, DISTANCE, ANGLE, GEAR = (int(kind) for kind in RowKind)
+POINT, DOT, PLANE, DISTANCE, ANGLE, GEAR, MESH = (int(kind) for kind in RowKind)
 OF_POINT, OF_DIRECTION, OF_SPIN = (int(kind) for kind in VectorKind)
 
 #: Rows of Work.bars, derivatives with respect to a vector s, its shift L adj, its velocity and its
@@ -69,8 +69,8 @@ class _Fields(NamedTuple):
     prescribed_turn: Array3  # (instants, prescribed vectors, 3) turn of their marker so far [rad]
     kind: IntVector  # (rows and springs,) the constraints first
     side: IntMatrix  # (rows and springs, sides) vectors, -1 where there are fewer
-    normal: Matrix  # (rows and springs, d) of POINT
-    ratio: Vector  # (rows and springs,)
+    normal: Matrix  # (rows and springs, d) of POINT, and lever arms of MESH
+    ratio: Vector  # (rows and springs,) and radial factor of MESH
     start_angles: Matrix  # (rows and springs, 2) about those of rows at the start, turns counted
     drive: Array3  # (instants, rows and springs, 3) c(t) and its two derivatives
     law: Matrix  # (springs, 2) stiffness and damping
@@ -153,7 +153,7 @@ class Work(NamedTuple):
     tension: Vector  # (springs,) force of each spring
     angles: Matrix  # (rows and springs, 2) angles of rows
     #: (instants, rows and springs, 2) angles of rows over time, turns counted; no rows where none
-    #: counts turns; in the plane they are coordinates
+    #: counts turns; in the plane angles are coordinates, and only the lines of MESH count theirs
     turns: Array3
     base_angles: Matrix  # (rows and springs, 2) those at the beginning of the step
     base_instant: IntVector  # (1,) and its number in the tables
@@ -192,7 +192,7 @@ def work_arrays(model: Arrays) -> Work:
     bodies, vectors, rows = model.first.size, model.vector_body.size, model.kind.size
     modes, fields, n = model.shapes.shape[2] - 1, model.K.shape[1], size(model)
     d, rigid, components = model.d, model.rigid, model.d * model.sides
-    counting = rows if np.any((model.kind == ANGLE) | (model.kind == GEAR)) else 0
+    counting = rows if counts_turns(model) else 0
 
     def zeros(*shape: int) -> np.ndarray:
         return np.zeros(shape)
@@ -231,6 +231,11 @@ def work_arrays(model: Arrays) -> Work:
         vector_bars=zeros(vectors, d + d * modes, modes + 1),
         **{f"{name}_bars": zeros(*getattr(model, name).shape) for name in TABLES},
     )
+
+
+def counts_turns(model: Arrays) -> bool:
+    """Whether there are angles whose full turns are counted from step to step."""
+    return bool(np.isin(model.kind, (ANGLE, GEAR, MESH)).any())
 
 
 def size(model: Arrays) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from ...arrays import Array, Integers
-from .arrays import ANGLE, DOT, GEAR, constraints
+from .arrays import ANGLE, DOT, GEAR, MESH, constraints
 from .body_arrays import ModelArrays
 
 #: Cosines below which two directions count as neither parallel nor opposite.
@@ -57,14 +57,18 @@ def tilts(model: ModelArrays, y: Array) -> Array:
     """Largest sine of the angle by which the axis of each row tilts, shape (rows and springs,).
 
     Of the springs of a bushing about an axis it is that of their angle; of rows other than these,
-    angles about an axis and gears it is zero. Coordinates y are of shape (instants, n).
+    angles about an axis, couplings and gears it is zero. Coordinates y are of shape (instants, n).
     """
     out, springs = np.zeros(model.kind.size), constraints(model)
     instants = np.unique(np.linspace(0, len(y) - 1, _LOOKS).astype(int))
     for i, kind in enumerate(model.kind):
         sides = model.side[i][model.side[i] >= 0]
-        if kind not in (ANGLE, GEAR) and (kind != DOT or i < springs):
+        if kind not in (ANGLE, GEAR, MESH) and (kind != DOT or i < springs):
             continue
+        if kind == MESH:
+            if len(sides) < 6:
+                continue  # in the plane angles are coordinates
+            sides = sides[[0, 4, 5, 1, 4, 5]]  # without the centres of the wheels
         s = [_direction(model, int(e), y, instants) for e in sides]
         if kind == DOT:
             sines = [np.sum(s[0] * s[1], axis=1)]

@@ -141,6 +141,13 @@ def chart(eq: Equations, model: SpaceArrays, work: Work, instant: int, what: int
             p, q, r = bar[i], bar[i + 1], bar[i + 2]
             for k in range(3):
                 bar[i + k] = matrix[k, 0] * p + matrix[k, 1] * q + matrix[k, 2] * r
+    count(work, instant, what)
+    return 0
+
+
+@kernel
+def count(work: Work, instant: int, what: int) -> None:
+    """Keep the angles of rows at an instant, or count from those that were kept."""
     if what == equations.COMPOSE:
         for row in range(work.turns.shape[1]):
             for k in range(2):
@@ -150,6 +157,12 @@ def chart(eq: Equations, model: SpaceArrays, work: Work, instant: int, what: int
         for row in range(work.turns.shape[1]):
             for k in range(2):
                 work.base_angles[row, k] = work.turns[instant, row, k]
+
+
+@compiled(Equations, PlaneArrays, Work, int, int)
+def counting(eq: Equations, model: PlaneArrays, work: Work, instant: int, what: int) -> int:
+    """Take the place of chart in the plane, where coordinates are the same everywhere."""
+    count(work, instant, what)
     return 0
 
 
@@ -162,8 +175,8 @@ def _functions(kind: type[Arrays]) -> Iterator[Compiled]:
         yield Compiled(own, Equations, kind, Work, *numbers)
 
 
-#: Functions evaluate, pullback, measure, and in space chart and turn_stages, by dimension.
+#: Functions evaluate, pullback, measure and chart, and in space turn_stages, by dimension.
 FUNCTIONS: dict[int, tuple[Compiled, ...]] = {
-    2: tuple(_functions(PlaneArrays)),
+    2: (*_functions(PlaneArrays), counting),
     3: (*_functions(SpaceArrays), chart, turn_stages),
 }

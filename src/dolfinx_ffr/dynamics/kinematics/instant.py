@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ..compilation import Compiled, Table
 from ..equations import CONSTRAINTS, FORCES, OTHER_FORCES, ROWS, TANGENT, equations
-from .arrays import TABLES, constraints, size, work_arrays
+from .arrays import TABLES, constraints, counts_turns, size, work_arrays
 from .body_arrays import ModelArrays
 from .evaluation import FUNCTIONS
 from .metric import largest_length
@@ -41,8 +41,9 @@ class Kinematics:
         self._evaluate, self._pullback, measure, *charts = FUNCTIONS[model.d]
         addresses = [f.address for f in (self._evaluate, self._pullback, measure)]
         addresses += [self._model.address, self._work.address]
-        addresses += [f.address for f in charts] or [0, 0]
         turning = model.turning
+        addresses += [f.address for f in charts if turning or counts_turns(model)]
+        addresses += [0] * (7 - len(addresses))
         #: State at one instant, and what the equations of motion are there.
         self.equations = equations(size(model), constraints(model), tuple(addresses), turning)
         # The round-off of a position is that of the lengths that a joint adds up there: it does not

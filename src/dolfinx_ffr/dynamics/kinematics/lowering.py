@@ -199,11 +199,17 @@ class Lowering:
             "side": np.array(self._sides, dtype=np.int64).reshape(-1, self.sides),
             "normal": np.ascontiguousarray(normals[:, :d]),
             "ratio": np.array([row.ratio for row in every], dtype=np.float64),
-            "start_angles": np.array([(row.start_angle, 0.0) for row in every]).reshape(-1, 2),
+            "start_angles": self.start_angles,
             "law": np.array(law, dtype=np.float64).reshape(-1, 2),
             "load_vector": np.array(self._targets, dtype=np.int64),
             "load_axes": np.array(self._axes, dtype=np.int64).reshape(-1, d),
         }
+
+    @property
+    def start_angles(self) -> Array:
+        """Angles of rows and springs in the placements, shape (rows and springs, 2) [rad]."""
+        angles = [(entry.row.start_angle, 0.0) for entry in self._rows]
+        return np.array(angles, dtype=np.float64).reshape(-1, 2)
 
     def _place(self, vector: BodyVector, twin: BodyVector, user: str) -> int:
         """Number of a vector and its twin, each pair entered once."""

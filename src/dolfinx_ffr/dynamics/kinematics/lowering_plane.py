@@ -23,6 +23,7 @@ _IN_PLANE = {
     RowKind.DISTANCE: (_POINT,) * 2,
     RowKind.ANGLE: (_DIRECTION,) * 3,
     RowKind.GEAR: (_DIRECTION,) * 6,
+    RowKind.MESH: (_DIRECTION, _DIRECTION, _POINT, _POINT, _DIRECTION, _DIRECTION),
 }
 #: Angle that directions have by round-off beyond that of the start [rad].
 _ROUND_OFF = 1e-12
@@ -31,7 +32,7 @@ _ROUND_OFF = 1e-12
 class PlaneLowering(Lowering):
     """Vectors, rows, springs and loads of a mechanism in the plane."""
 
-    d, sides = 2, 3
+    d, sides = 2, 4
 
     def _tabulated(
         self, marker: Ground | Moving, instants: Array, where: str
@@ -77,14 +78,21 @@ class PlaneLowering(Lowering):
             offset = self._offset(vectors, row.start_angle, user)
             return _difference_of_spins(row, *(vector.marker for vector in vectors[:2])), offset
         if kind == RowKind.GEAR:
-            # Two angles against the ground in a ratio, which are zero in the placements.
+            # Two angles in a ratio, which are zero in the placements.
             offset, halves = 0.0, (vectors[:3], vectors[3:])
+            housing = vectors[1].marker
+            if not same(housing, vectors[4].marker):
+                _refuse_kind(user, row)
+            markers = [vectors[0].marker, vectors[3].marker]
+            if not isinstance(housing, Ground):
+                markers.append(housing)
             for own, factor in zip(halves, (1.0, -row.ratio), strict=True):
-                ground = own[1].marker
-                if not isinstance(ground, Ground):
-                    _refuse_kind(user, row)
-                offset += factor * (self._offset(own, 0.0, user) - ground.angle)
-            return _difference_of_spins(row, vectors[0].marker, vectors[3].marker), offset
+                offset += factor * self._offset(own, 0.0, user)
+                if isinstance(housing, Ground):
+                    offset -= factor * housing.angle
+            return _difference_of_spins(row, *markers), offset
+        if kind == RowKind.MESH:
+            return self._own_mesh(row)
         if kind == RowKind.PLANE and (
             vectors[2].components[2] or not same(vectors[1].marker, vectors[2].marker)
         ):
@@ -94,6 +102,23 @@ class PlaneLowering(Lowering):
         if kind == RowKind.POINT and row.normal not in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
             _refuse_kind(user, row)
         return row, 0.0
+
+    def _own_mesh(self, row: Row) -> tuple[Row, float]:
+        """Spins and centres of two wheels, and the value of the row less that of the kernels.
+
+        Angles count from the line of centres, whose own turn counts from the x axis.
+        """
+        centres = row.vectors[2:4]
+        x, y, _ = self.undeformed.position(centres[0].marker) - self.undeformed.position(
+            centres[1].marker
+        )
+        line, offset, spins = math.atan2(y, x), 0.0, []
+        for wheel, factor in zip(row.vectors[:2], row.normal[:2], strict=True):
+            spins.append(BodyVector(wheel.marker, VectorKind.SPIN))
+            angle = self.undeformed.twist(wheel.marker, Ground(), (0.0, 0.0, 1.0)) - line
+            from_line = math.atan2(wheel.components[1], wheel.components[0]) + angle
+            offset += factor * (math.remainder(from_line, 2.0 * math.pi) - angle)
+        return replace(row, vectors=(*spins, *centres), start_angle=line), offset
 
     def _offset(self, vectors: Sequence[BodyVector], start: float, user: str) -> float:
         """Angle of three vectors less that of their markers, with the start's full turns [rad]."""
@@ -110,15 +135,18 @@ class PlaneLowering(Lowering):
         return turns if abs(more) < _ROUND_OFF else turns + more
 
 
-def _difference_of_spins(row: Row, a: Marker, b: Marker) -> Row:
-    """A row that counts the angle of a marker less ratio times that of another."""
-    spins = tuple(BodyVector(marker, VectorKind.SPIN) for marker in (a, b))
+def _difference_of_spins(row: Row, *markers: Marker) -> Row:
+    """A row that counts the angle of a marker less ratio times that of another.
+
+    Both are against a third marker, where there is one.
+    """
+    spins = tuple(BodyVector(marker, VectorKind.SPIN) for marker in markers)
     return replace(row, kind=RowKind.POINT, vectors=spins, normal=(1.0, 0.0, 0.0))
 
 
 def _refuse_kind(user: str, row: Row) -> NoReturn:
     raise ValueError(
         f"{user}: a row {row.kind.name} of these vectors, or a spring against it, exists in space "
-        "only; in the plane there are POINT along x or y, PLANE and DISTANCE of points, and ANGLE "
-        "and GEAR of directions"
+        "only; in the plane there are POINT along x or y, PLANE and DISTANCE of points, ANGLE and "
+        "GEAR of directions, and MESH"
     )

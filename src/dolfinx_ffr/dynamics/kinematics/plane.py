@@ -21,7 +21,7 @@ from .softening import soft_steps
 class PlaneArrays(Arrays):
     """A mechanism in the plane, where bodies turn by angles."""
 
-    d, rigid, sides, carries = 2, 3, 3, moments_plane.CARRIED
+    d, rigid, sides, carries = 2, 3, 4, moments_plane.CARRIED
     #: Directions have the angle of their marker and no more.
     own = OF_DIRECTION
     swing = bodies_plane.swing

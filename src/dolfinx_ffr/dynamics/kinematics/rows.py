@@ -6,7 +6,9 @@ three derivatives (``row_gradient``, ``row_hessian``, ``row_third``). A spring w
 damping d is a row whose multiplier is k (g - c(t)) + d g'.
 
 The angle of ANGLE and GEAR is the imaginary part of log z, z = s_1 . (s_2 + i s_3). In the plane
-there are none: they are rows POINT of spins, see lowering.py.
+there are none: they are rows POINT of spins, see lowering.py. MESH has three logarithms, those of
+two directions of wheels and of the line between their centres; in the plane the angles of the
+wheels are spins, and the logarithm is that of the line.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from .arrays import (
     DISTANCE,
     DOT,
     GEAR,
+    MESH,
+    OF_SPIN,
     PLACE,
     PLANE,
     POINT,
@@ -37,6 +41,90 @@ TURN = 2.0 * math.pi
 
 
 @kernel
+def log_gradient(
+    model: Arrays,
+    x: Vector,
+    one: Vector,
+    two: Vector,
+    factor: complex,
+    places: tuple[int, int, int],
+    g: Vector,
+) -> complex:
+    """Z = x . (one + i two); the gradient of Re(factor log z) is added to g.
+
+    The places are those of the derivatives by x, one and two in g; constant directions, in the
+    plane, have none, -1.
+    """
+    at, at_one, at_two = places
+    z = complex(inner(model, x, one), inner(model, x, two))
+    k = factor / z
+    for j in range(model.d):
+        g[at + j] += k.real * one[j] - k.imag * two[j]
+        if at_one >= 0:
+            g[at_one + j] += k.real * x[j]
+            g[at_two + j] -= k.imag * x[j]
+    return z
+
+
+@kernel
+def log_hessian(
+    model: Arrays,
+    x: Vector,
+    one: Vector,
+    two: Vector,
+    factor: complex,
+    places: tuple[int, int, int],
+    u: tuple[Vector, Vector, Vector],
+    out: Vector,
+) -> None:
+    """Add the Hessian of Re(factor log z) times changes u of x, one and two, see log_gradient."""
+    at, at_one, at_two = places
+    ux, u1, u2 = u
+    z = complex(inner(model, x, one), inner(model, x, two))
+    zd = complex(
+        inner(model, ux, one) + inner(model, x, u1), inner(model, ux, two) + inner(model, x, u2)
+    )
+    k = factor / z
+    kd = -k * zd / z
+    for j in range(model.d):
+        out[at + j] += (kd * complex(one[j], two[j]) + k * complex(u1[j], u2[j])).real
+        if at_one >= 0:
+            by_z = kd * x[j] + k * ux[j]
+            out[at_one + j] += by_z.real
+            out[at_two + j] -= by_z.imag
+
+
+@kernel
+def log_third(
+    model: Arrays,
+    x: Vector,
+    one: Vector,
+    two: Vector,
+    factor: complex,
+    places: tuple[int, int, int],
+    u: tuple[Vector, Vector, Vector],
+    out: Vector,
+) -> None:
+    """Add the gradient of u . Hessian u at fixed u, Re(factor (z'' / z - z'^2 / z^2))."""
+    at, at_one, at_two = places
+    ux, u1, u2 = u
+    z = complex(inner(model, x, one), inner(model, x, two))
+    zd = complex(
+        inner(model, ux, one) + inner(model, x, u1), inner(model, ux, two) + inner(model, x, u2)
+    )
+    zdd = 2.0 * complex(inner(model, ux, u1), inner(model, ux, u2))
+    inverse = 1.0 / z
+    by_z = factor * (2.0 * zd * zd * inverse - zdd) * inverse * inverse
+    by_zd = -2.0 * factor * zd * inverse * inverse
+    for j in range(model.d):
+        out[at + j] += (by_z * complex(one[j], two[j]) + by_zd * complex(u1[j], u2[j])).real
+        if at_one >= 0:
+            by_directions = by_z * x[j] + by_zd * ux[j]
+            out[at_one + j] += by_directions.real
+            out[at_two + j] -= by_directions.imag
+
+
+@kernel
 def three_vectors(model: Arrays, work: Work, i: int, at: int) -> tuple[Vector, Vector, Vector]:
     """The vectors of a row from number `at` on."""
     s, side = work.s, model.side[i]
@@ -44,26 +132,19 @@ def three_vectors(model: Arrays, work: Work, i: int, at: int) -> tuple[Vector, V
 
 
 @kernel
-def angle_of(model: Arrays, work: Work, i: int, at: int) -> tuple[float, float, float]:
-    """Real and imaginary part of z of three vectors of a row from number `at` on, its angle."""
-    one, two, three = three_vectors(model, work, i, at)
-    x, y = dot(one, two), dot(one, three)
-    return x, y, math.atan2(y, x)
+def three_changes(u: Vector, at: int) -> tuple[Vector, Vector, Vector]:
+    """Changes of the vectors of a row in space from number `at` on."""
+    o = 3 * at
+    return u[o : o + 3], u[o + 3 : o + 6], u[o + 6 : o + 9]
 
 
 @kernel
 def angle_gradient(model: Arrays, work: Work, i: int, at: int, factor: float, g: Vector) -> float:
     """Angle of three vectors; factor times its gradient is added to g[3 at:]."""
-    x, y, angle = angle_of(model, work, i, at)
-    q = x * x + y * y
-    # 1 / z = (x - i y) / q
-    a, b = x / q, -y / q
     one, two, three = three_vectors(model, work, i, at)
-    for k in range(3):
-        g[3 * at + k] += factor * (a * three[k] + b * two[k])
-        g[3 * at + 3 + k] += factor * b * one[k]
-        g[3 * at + 6 + k] += factor * a * one[k]
-    return angle
+    places = (3 * at, 3 * at + 3, 3 * at + 6)
+    z = log_gradient(model, one, two, three, complex(0.0, -factor), places, g)
+    return math.atan2(z.imag, z.real)
 
 
 @kernel
@@ -71,49 +152,125 @@ def angle_hessian(
     model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
 ) -> None:
     """Add factor times the Hessian of an angle times u."""
-    x, y, _ = angle_of(model, work, i, at)
     one, two, three = three_vectors(model, work, i, at)
-    o = 3 * at
-    xd = dot(u[o : o + 3], two) + dot(one, u[o + 3 : o + 6])
-    yd = dot(u[o : o + 3], three) + dot(one, u[o + 6 : o + 9])
-    q = x * x + y * y
-    a, b = x / q, -y / q  # 1 / z
-    # z' / z^2
-    r, s = xd * a - yd * b, xd * b + yd * a
-    c, d = r * a - s * b, r * b + s * a
-    for k in range(3):
-        # Im of (u2 + i u3) / z - (s2 + i s3) z' / z^2, and so on
-        out[o + k] += factor * (a * u[o + 6 + k] + b * u[o + 3 + k] - c * three[k] - d * two[k])
-        out[o + 3 + k] += factor * (b * u[o + k] - d * one[k])
-        out[o + 6 + k] += factor * (a * u[o + k] - c * one[k])
+    places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
+    log_hessian(model, one, two, three, k, places, three_changes(u, at), out)
 
 
 @kernel
 def angle_third(
     model: Arrays, work: Work, i: int, at: int, factor: float, u: Vector, out: Vector
 ) -> None:
-    """Add factor times the gradient of u . Hessian u of an angle at fixed u.
-
-    It is that of Im(z'' / z - z'^2 / z^2).
-    """
-    x, y, _ = angle_of(model, work, i, at)
+    """Add factor times the gradient of u . Hessian u of an angle at fixed u."""
     one, two, three = three_vectors(model, work, i, at)
-    o = 3 * at
-    zd = complex(
-        dot(u[o : o + 3], two) + dot(one, u[o + 3 : o + 6]),
-        dot(u[o : o + 3], three) + dot(one, u[o + 6 : o + 9]),
-    )
-    zdd = 2.0 * complex(dot(u[o : o + 3], u[o + 3 : o + 6]), dot(u[o : o + 3], u[o + 6 : o + 9]))
-    inverse = 1.0 / complex(x, y)
-    by_z = (2.0 * zd * zd * inverse - zdd) * inverse * inverse
-    by_zd = -2.0 * zd * inverse * inverse
-    for k in range(3):
-        out[o + k] += (
-            factor
-            * (by_z * complex(two[k], three[k]) + by_zd * complex(u[o + 3 + k], u[o + 6 + k])).imag
-        )
-        out[o + 3 + k] += factor * (by_z * one[k] + by_zd * u[o + k]).imag
-        out[o + 6 + k] += factor * (by_z * one[k] + by_zd * u[o + k]).real
+    places, k = (3 * at, 3 * at + 3, 3 * at + 6), complex(0.0, -factor)
+    log_third(model, one, two, three, k, places, three_changes(u, at), out)
+
+
+@kernel
+def has_spins(model: Arrays, i: int) -> bool:
+    """Whether a row MESH takes the angles of its wheels from spins, and not from directions."""
+    return model.vector_kind[model.side[i, 0]] == OF_SPIN
+
+
+@kernel
+def mesh_axes(model: Arrays, work: Work, i: int) -> tuple[Vector, Vector, tuple[int, int, int]]:
+    """Directions against which angles of a row MESH count, and places of the line's derivatives.
+
+    In the plane they are x and y, and have no places.
+    """
+    d, line = model.d, 2 * model.d
+    if not has_spins(model, i):
+        one, two = work.s[model.side[i, 4]], work.s[model.side[i, 5]]
+        return one, two, (line, 4 * d, 5 * d)
+    one, two = work.vectors[3], work.vectors[4]
+    one[0], one[1], two[0], two[1] = 1.0, 0.0, 0.0, 1.0
+    return one, two, (line, -1, -1)
+
+
+@kernel
+def mesh_line(model: Arrays, work: Work, i: int) -> Vector:
+    """Vector from the second to the first centre of a row MESH."""
+    line, a, b = work.vectors[2], work.s[model.side[i, 2]], work.s[model.side[i, 3]]
+    for k in range(model.d):
+        line[k] = a[k] - b[k]
+    return line
+
+
+@kernel
+def mesh_changes(model: Arrays, work: Work, i: int, u: Vector) -> tuple[Vector, Vector, Vector]:
+    """Changes of the line and of the two directions of a row MESH by those of its vectors."""
+    d, line, none = model.d, work.vectors[5], work.vectors[6]
+    for k in range(d):
+        line[k], none[k] = u[2 * d + k] - u[3 * d + k], 0.0
+    if not has_spins(model, i):
+        return line, u[4 * d : 5 * d], u[5 * d :]
+    return line, none, none
+
+
+@kernel
+def mesh_gradient(
+    model: Arrays, work: Work, i: int, instant: int, factors: tuple[float, float, float], g: Vector
+) -> float:
+    """Value of a row MESH with other factors than its own; its gradient is added to g."""
+    first, second, radial = factors
+    d, line = model.d, mesh_line(model, work, i)
+    one, two, places = mesh_axes(model, work, i)
+    z = log_gradient(model, line, one, two, complex(radial, first + second), places, g)
+    for k in range(d):
+        g[3 * d + k] -= g[2 * d + k]
+    value, psi = radial * math.log(abs(z)), math.atan2(z.imag, z.real)
+    if has_spins(model, i):
+        psi = nearest(psi, work.base_angles[i, 0])
+        work.angles[i, 0] = psi
+        g[0] += first
+        g[d] += second
+        a, b = work.s[model.side[i, 0], 0], work.s[model.side[i, 1], 0]
+        return value + first * (a - psi) + second * (b - psi)
+    for wheel in range(2):
+        own, factor = model.side[i, wheel], first if wheel == 0 else second
+        at = (d * wheel, 4 * d, 5 * d)
+        z = log_gradient(model, work.s[own], one, two, complex(0.0, -factor), at, g)
+        angle = math.atan2(z.imag, z.real) - psi
+        directions = (own, model.side[i, 4], model.side[i, 5])
+        value += factor * counted(model, work, i, instant, wheel, directions, angle)
+    return value
+
+
+@kernel
+def mesh_hessian(
+    model: Arrays, work: Work, i: int, factors: tuple[float, float, float], u: Vector, out: Vector
+) -> None:
+    """Add the Hessian times u of a row MESH with other factors than its own."""
+    first, second, radial = factors
+    d, line = model.d, mesh_line(model, work, i)
+    one, two, places = mesh_axes(model, work, i)
+    changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
+    log_hessian(model, line, one, two, k, places, changes, out)
+    for j in range(d):
+        out[3 * d + j] -= out[2 * d + j]
+    if not has_spins(model, i):
+        for wheel in range(2):
+            x, k = work.s[model.side[i, wheel]], complex(0.0, -(first if wheel == 0 else second))
+            own = (u[d * wheel : d * wheel + d], changes[1], changes[2])
+            log_hessian(model, x, one, two, k, (d * wheel, 4 * d, 5 * d), own, out)
+
+
+@kernel
+def mesh_third(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> None:
+    """Add the gradient of u . Hessian u of a row MESH at fixed u."""
+    d, line = model.d, mesh_line(model, work, i)
+    first, second, radial = model.normal[i, 0], model.normal[i, 1], model.ratio[i]
+    one, two, places = mesh_axes(model, work, i)
+    changes, k = mesh_changes(model, work, i, u), complex(radial, first + second)
+    log_third(model, line, one, two, k, places, changes, out)
+    for j in range(d):
+        out[3 * d + j] -= out[2 * d + j]
+    if not has_spins(model, i):
+        for wheel in range(2):
+            x, k = work.s[model.side[i, wheel]], complex(0.0, -model.normal[i, wheel])
+            own = (u[d * wheel : d * wheel + d], changes[1], changes[2])
+            log_third(model, x, one, two, k, (d * wheel, 4 * d, 5 * d), own, out)
 
 
 @kernel
@@ -168,11 +325,23 @@ def turn_of(model: Arrays, work: Work, e: int, instant: int, axis: Vector) -> fl
 
 
 @kernel
-def counted(model: Arrays, work: Work, i: int, instant: int, which: int, angle: float) -> float:
-    """First or second angle of a row, full turns counted from the beginning of the step."""
-    one, two, axis = model.side[i, 3 * which], model.side[i, 3 * which + 1], work.vectors[0]
-    cross(work.s[two], work.s[model.side[i, 3 * which + 2]], axis)
-    turn = turn_of(model, work, one, instant, axis) - turn_of(model, work, two, instant, axis)
+def counted(
+    model: Arrays,
+    work: Work,
+    i: int,
+    instant: int,
+    which: int,
+    directions: tuple[int, int, int],
+    angle: float,
+) -> float:
+    """First or second angle of a row, full turns counted from the beginning of the step.
+
+    It is the angle of the first of three directions, numbers of vectors, about the axis that the
+    other two are perpendicular to.
+    """
+    (own, one, two), axis = directions, work.vectors[0]
+    cross(work.s[one], work.s[two], axis)
+    turn = turn_of(model, work, own, instant, axis) - turn_of(model, work, one, instant, axis)
     work.angles[i, which] = nearest(angle, work.base_angles[i, which] + turn)
     return work.angles[i, which]
 
@@ -184,11 +353,17 @@ def row_gradient(model: Arrays, work: Work, i: int, instant: int, g: Vector) -> 
     for j in range(d * model.sides):
         g[j] = 0.0
     if kind == ANGLE or kind == GEAR:
-        first = counted(model, work, i, instant, 0, angle_gradient(model, work, i, 0, 1.0, g))
+        side = model.side[i]
+        angle = angle_gradient(model, work, i, 0, 1.0, g)
+        first = counted(model, work, i, instant, 0, (side[0], side[1], side[2]), angle)
         if kind == ANGLE:
             return first
-        second = angle_gradient(model, work, i, 3, -ratio, g)
-        return first - ratio * counted(model, work, i, instant, 1, second)
+        angle = angle_gradient(model, work, i, 3, -ratio, g)
+        directions = (side[3], side[4], side[5])
+        return first - ratio * counted(model, work, i, instant, 1, directions, angle)
+    if kind == MESH:
+        factors = (model.normal[i, 0], model.normal[i, 1], ratio)
+        return mesh_gradient(model, work, i, instant, factors, g)
     if kind == DISTANCE:
         length = line_of_row(model, work, i, g)
         for k in range(d):
@@ -201,6 +376,12 @@ def row_gradient(model: Arrays, work: Work, i: int, instant: int, g: Vector) -> 
             n = model.normal[i, k]
             g[k], g[d + k] = n, -ratio * n
             value += n * (a[k] - ratio * b[k])
+        if model.side[i, 2] >= 0:
+            c = work.s[model.side[i, 2]]
+            for k in range(d):
+                n = model.normal[i, k] * (1.0 - ratio)
+                g[2 * d + k] = -n
+                value -= n * c[k]
     elif kind == DOT:
         for k in range(d):
             g[k], g[d + k] = b[k], a[k]
@@ -231,6 +412,9 @@ def row_hessian(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> No
         for k in range(d):
             out[k] = (p[k] - along * e[k]) / length
             out[d + k] = -out[k]
+    elif kind == MESH:
+        factors = (model.normal[i, 0], model.normal[i, 1], model.ratio[i])
+        mesh_hessian(model, work, i, factors, u, out)
     elif kind != POINT:
         angle_hessian(model, work, i, 0, 1.0, u, out)
         if kind == GEAR:
@@ -250,6 +434,8 @@ def row_third(model: Arrays, work: Work, i: int, u: Vector, out: Vector) -> None
         for k in range(d):
             out[k] = -(across * e[k] + 2.0 * along * (p[k] - along * e[k])) * inverse
             out[d + k] = -out[k]
+    elif kind == MESH:
+        mesh_third(model, work, i, u, out)
     elif kind == ANGLE or kind == GEAR:
         angle_third(model, work, i, 0, 1.0, u, out)
         if kind == GEAR:
@@ -468,6 +654,8 @@ def rows_pullback(model: Arrays, eq: Equations, work: Work, instant: int) -> Non
             point_pullback(model, work, i, on_second, work.sdd)
         elif model.kind[i] == GEAR:
             ratio_pullback(model, work, i, eq.lam[i], on_value, on_rate, on_second)
+        elif model.kind[i] == MESH:
+            mesh_pullback(model, eq, work, i, instant)
 
 
 @kernel
@@ -477,6 +665,11 @@ def point_pullback(model: Arrays, work: Work, i: int, factor: float, values: Mat
     for k in range(model.d):
         work.normal_bars[i, k] -= factor * (a[k] - ratio * b[k])
         work.ratio_bars[i] += factor * model.normal[i, k] * b[k]
+    if model.side[i, 2] >= 0:
+        c = values[model.side[i, 2]]
+        for k in range(model.d):
+            work.normal_bars[i, k] += factor * (1.0 - ratio) * c[k]
+            work.ratio_bars[i] -= factor * model.normal[i, k] * c[k]
 
 
 @kernel
@@ -506,3 +699,31 @@ def ratio_pullback(
     for j in range(9, 18):
         total += on_acceleration * g[j] * u[j]
     work.ratio_bars[i] += total
+
+
+@kernel
+def mesh_pullback(model: Arrays, eq: Equations, work: Work, i: int, instant: int) -> None:
+    """Subtract the derivative of the share of Q of a row MESH by its three factors."""
+    g, h, u = work.third, work.hz, work.u
+    for which in range(3):
+        first = 1.0 if which == 0 else 0.0
+        second = 1.0 if which == 1 else 0.0
+        radial = 1.0 if which == 2 else 0.0
+        for j in range(g.size):
+            g[j] = h[j] = 0.0
+        value = mesh_gradient(model, work, i, instant, (first, second, radial), g)
+        gather(model, i, work.sd, u)
+        mesh_hessian(model, work, i, (first, second, radial), u, h)
+        total = eq.on_values[i] * value
+        for j in range(g.size):
+            total += eq.on_rates[i] * g[j] * u[j] + eq.on_accelerations[i] * h[j] * u[j]
+        gather(model, i, work.shift, u)
+        for j in range(g.size):
+            total += eq.lam[i] * g[j] * u[j]
+        gather(model, i, work.sdd, u)
+        for j in range(g.size):
+            total += eq.on_accelerations[i] * g[j] * u[j]
+        if which < 2:
+            work.normal_bars[i, which] -= total
+        else:
+            work.ratio_bars[i] -= total
