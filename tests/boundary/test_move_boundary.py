@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -431,13 +432,56 @@ def test_what_cannot_be_moved() -> None:
     ):
         with pytest.raises((TypeError, ValueError), match=why):
             call()
-    negative = ffr.Problem(
-        problem.bodies, problem.mechanism, problem.integrator, -1.0 * ffr.Mass("rod")
+    nothing = ffr.Problem(
+        problem.bodies, problem.mechanism, problem.integrator, 0.0 * ffr.Mass("rod")
     )
-    with pytest.raises(ValueError, match="give an objective that is positive"):
-        move_boundary(negative, boundary, progress=False)
+    with pytest.raises(ValueError, match="boundary: psi of the start is 0, so there is nothing"):
+        move_boundary(nothing, boundary, progress=False)
     with pytest.warns(ffr.PartWarning, match="holes of the design near .* mm are left out"):
         Boundary.of(part, 9e-3)
+
+
+def test_the_largest_frequency_is_a_negative_objective() -> None:
+    problem, boundary = scene(alone=True)
+    highest = ffr.Problem(
+        problem.bodies, problem.mechanism, problem.integrator, -ffr.Frequency("rod")
+    )
+    result = move_boundary(highest, boundary, iterations=2, volume=0.85, progress=False)
+    assert result.reason == "iterations" and not result.violations
+    assert result.psi < 1.005 * result.history["psi"][0] < 0.0
+
+
+def test_only_what_a_shape_forbids_is_no_better_step() -> None:
+    """A trial that cannot be meshed or simulated is rejected; any other error is a bug, and seen.
+
+    Warnings of trials that are rejected are none of the result.
+    """
+    problem, boundary = scene(alone=True)
+    mesh, calls = InThePlane.mesh, [0]
+
+    def failing(error: Exception) -> Any:
+        def meshed(self: InThePlane, *given: Any) -> ffr.Domain:
+            calls[0] += 1
+            if calls[0] == 2:
+                warnings.warn("of a rejected trial", UserWarning, stacklevel=1)
+                raise error
+            warnings.warn("of a trial that is taken", UserWarning, stacklevel=1)
+            return mesh(self, *given)
+
+        return patch.object(InThePlane, "mesh", meshed)
+
+    options = {"iterations": 1, "volume": 0.85, "progress": False}
+    for error in (ValueError("curves cross"), shapely.GEOSException("no ring")):
+        calls[0] = 0
+        with failing(error), warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            result = move_boundary(problem, boundary, **options)
+        assert result.reason == "iterations" and len(result.history["psi"]) == 3
+        said = [str(warning.message) for warning in warned]
+        assert said.count("of a trial that is taken") == 1 and "of a rejected trial" not in said
+    calls[0] = 0
+    with failing(KeyError("a bug")), pytest.raises(KeyError, match="a bug"):
+        move_boundary(problem, boundary, **options)
 
 
 @pytest.mark.slow

@@ -132,7 +132,7 @@ JOINTS: list[tuple[str, set[int], tuple[int, int], Make]] = [
     ),
     (
         *("gear", BOTH, (1, 1)),
-        joint(lambda f: ffr.Gear(A, B, -1.7, "", 0.3, relative_to=FAR_A, axis=f.axis)),
+        joint(lambda f: ffr.Gear(A, B, -1.7, "", -0.3, relative_to=FAR_A, axis=f.axis)),
     ),
     (
         *("ring", BOTH, (1, 1)),

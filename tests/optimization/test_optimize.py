@@ -15,11 +15,13 @@ from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
+import shapely
 from optimization.quiet import check_alike, quiet
 from shared import processes
 from shared.problems import Copy, slider_crank
@@ -28,6 +30,7 @@ import dolfinx_ffr as ffr
 from dolfinx_ffr import io
 from dolfinx_ffr.optimization.loop import COLUMNS, GRADIENT_COLUMNS
 from dolfinx_ffr.optimization.moved_parts import with_checked_parts
+from dolfinx_ffr.optimization.signed_log import SignedLog
 
 
 def disc(c: np.ndarray) -> np.ndarray:
@@ -404,6 +407,96 @@ def test_loose_pieces_are_no_feasible_design(comm: MPI.Intracomm) -> None:
         result = with_checked_parts(crisp)
     assert not result.feasible and result.reason == "infeasible"
     assert 0.001 < result.violations["loose pieces of rod"] < 0.02
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", [ffr.LevelSet, ffr.DensityDesign])
+def test_a_torn_design_is_no_feasible_one(comm: MPI.Intracomm, kind: Any) -> None:
+    """All material between the solid ends is void, so that they are parts of nothing."""
+    problem = slider_crank(comm)
+    design = kind(problem.flexible["rod"].domain)
+    begun = quiet(problem, design, design.even(), volume=1.0, iterations=0)
+    assert begun.feasible  # it is gray, which is no part yet
+    sharp, variables = {"rod": design.at(1.0)}, {"rod": np.zeros(design.size)}
+    torn = replace(begun, designs=sharp, variables=variables)
+    with pytest.warns(ffr.DesignWarning, match="no part comes of the design of 'rod', so it is"):
+        result = with_checked_parts(torn)
+    assert not result.feasible and result.reason == "infeasible"
+    assert result.violations == {"part of rod": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError, .*: Singular matrix"),
+        (shapely.GEOSException("TopologyException"), "GEOSException, .*: TopologyException"),
+        (RuntimeError("the reduction fails"), "RuntimeError, .*: the reduction fails"),
+        (KeyError("a bug"), "KeyError, mock.py, line [0-9]+: 'a bug'"),
+        (ValueError("curves cross"), "curves cross"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_densities_are_not_lost_where_steps_of_the_boundary_fail(
+    error: Exception, said: str
+) -> None:
+    """By whatever they fail: the result before them is returned, and the cause named."""
+    problem, levelset, _ = scene(MPI.COMM_SELF)
+    with (
+        patch("dolfinx_ffr.optimization.moved_parts.moved", side_effect=error),
+        pytest.warns(
+            ffr.DesignWarning, match=f"the boundary stays as the mesh has drawn it.*{said}"
+        ),
+    ):
+        result = quiet(problem, levelset, volume=0.8, iterations=1, boundary=2)
+    assert result.moved is None and result.psi == result.evaluation.psi > 0.0
+
+
+@pytest.mark.parametrize("weight", [0.0, 1e-69])
+def test_nothing_to_lower_is_said_before_the_run(weight: float) -> None:
+    problem, levelset, _ = scene(MPI.COMM_SELF)
+    empty = ffr.Problem(
+        problem.bodies, problem.mechanism, problem.integrator, weight * ffr.IntegralCompliance()
+    )
+    for optimizer in (ffr.MMA(), STEPS):
+        with pytest.raises(ValueError, match=r"optimize: psi of the start is .* nothing to lower"):
+            quiet(empty, levelset, volume=0.8, iterations=3, optimizer=optimizer)
+    still = ffr.Motion.smooth_step(1.0, 0.1, start=10.0)  # begins after the end
+    crank = ffr.Moving.circle((0.0, 0.0), 0.1, still)
+    joints = [
+        ffr.Revolute(("rod", "left"), crank),
+        ffr.PointOnLine(("rod", "right"), ffr.Ground()),
+    ]
+    resting = ffr.Mechanism(problem.mechanism.placements, joints)
+    late = ffr.Problem(problem.bodies, resting, problem.integrator, ffr.IntegralCompliance())
+    with pytest.raises(ValueError, match="a table begins after the end"):
+        quiet(late, levelset, volume=0.8, iterations=3)
+
+
+@pytest.mark.parametrize("optimizer", [STEPS, ffr.MMA()], ids=["steps", "MMA"])
+def test_an_objective_may_be_negative(optimizer: Any) -> None:
+    """The largest first frequency of a rod whose ends are held rises from the even density's."""
+    problem, levelset, _ = scene(MPI.COMM_SELF)
+    of_bodies = problem.bodies, problem.mechanism, problem.integrator
+    highest = ffr.Problem(*of_bodies, -ffr.Frequency("rod"))
+    result = quiet(highest, levelset, volume=0.8, iterations=5, optimizer=optimizer)
+    psi = result.history["psi"]
+    assert psi[-1] < 1.05 * psi[0] < 0.0
+    if isinstance(optimizer, ffr.MMA):
+        assert result.history["merit"][-1] < result.history["merit"][0]
+
+
+def test_the_logarithm_of_any_sign() -> None:
+    """That of positive numbers, minus that of negative ones, and in between it rises."""
+    log = SignedLog.around(150.0)
+    for psi in (1.5, 150.0, 4e5):
+        assert log.value(psi) == pytest.approx(math.log(psi), abs=1e-6)
+        assert log.value(-2.0 * psi) - log.value(-psi) == pytest.approx(-math.log(2.0), abs=1e-6)
+        h = 1e-4 * psi
+        for sign in (1.0, -1.0):
+            ahead, behind = (log.value(sign * psi + side * h) for side in (1.0, -1.0))
+            assert log.slope(sign * psi) == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-6)
+    every = [log.value(psi) for psi in np.linspace(-1e-3, 1e-3, 101)]
+    assert np.all(np.diff(every) > 0.0)
 
 
 @pytest.mark.mpi

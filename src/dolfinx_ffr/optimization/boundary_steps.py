@@ -26,8 +26,10 @@ from .enough_modes import EVERY
 from .part_checks import part_violations
 from .result import BoundaryResult, drawn_of, ranks_of
 from .running import interruptible, warnings_above
+from .signed_log import SignedLog
 from .steps_checkpoint import Learnt, StepsCheckpoint
 from .topology import GONE, changed, shifted
+from .trial_failed import TrialFailed
 
 #: First step, in minimum members, and factor of the reach after one that is better
 _FIRST, _LONGER = 0.5, 1.2
@@ -80,7 +82,7 @@ def move_boundary(
         volume: Upper bound of the filled share of the body, of several one for each, or None.
         variables: Values of designs without a domain by name, shape (size,), and densities of
             bodies that stay as they are, (cells,).
-        iterations: Number of gradients, at most, but for those that then mend a bound.
+        iterations: Number of steps, at most, but for up to twelve that then mend a bound.
         size: Of the triangles [m]; by default 3.2 minimum members, or what gives 800 triangles.
         mode_tolerance: Relative error of psi by the normal modes that a body leaves out, above
             which it gets more; None leaves the modes as they are.
@@ -92,7 +94,7 @@ def move_boundary(
     Raises:
         TypeError: On every rank, if an argument is of a wrong kind.
         ValueError: On every rank, if a number is out of range, a designed body has no boundary, psi
-            is not positive, or boundaries that are given cannot be meshed.
+            is zero, or boundaries that are given cannot be meshed.
         SimulationError: On every rank, if those parts cannot be simulated.
 
     Warns:
@@ -180,8 +182,14 @@ def _descended(
             told, shown, secants = kept.told, kept.shown, kept.known
             bar.update(len(told) - 1)
         else:
-            trial = descent.tried(boundaries)
+            try:
+                trial = descent.tried(boundaries)
+            except TrialFailed as failed:  # there is nothing to go back to
+                raise failed.__cause__ or failed from None
             descent, trial, errors = descent.accurate(trial, tolerance, first)
+            logarithm = SignedLog.around(trial.evaluation.psi)
+            descent = replace(descent, logarithm=logarithm)
+            trial = replace(trial, logarithm=logarithm)
             best, known = trial, errors
             reach, weight, margin, secants = _FIRST, _OF_BOUNDS, 0.0, NONE
             told = [trial.told(0.0, 0, 0, 0)]
@@ -279,6 +287,8 @@ def _descended(
             checkpoint.tell(told)
         for name, film in shown.items():
             film.append(best.boundaries[name].material)
+    for warned in best.warned:
+        warnings.warn_explicit(warned.message, warned.category, warned.filename, warned.lineno)
     sizes = {
         n: (b.member, b.gap if isinstance(b, Boundary) else 0.0) for n, b in boundaries.items()
     }

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,7 +28,6 @@ from ..boundary import (
     curvature,
     secants,
 )
-from ..dynamics import SimulationError
 from ..mechanical_problem import MechanicalProblem
 from ..objective import Constraint, PeakStress, Response, is_stress, value_of
 from ..parallel import on_rank_0
@@ -35,7 +35,9 @@ from ..part import STRESSED, TURN
 from ..problem import Evaluation, Problem
 from .enough_modes import chosen_methods, with_enough_modes, with_methods, with_steps_for
 from .result import ranks_of
+from .signed_log import SignedLog, check_start
 from .steps_checkpoint import Kept, Learnt
+from .trial_failed import TrialFailed, shaping, simulating
 
 #: By the dimension of the bodies
 _KINDS: dict[int, Kind[Any]] = {2: InThePlane(), 3: InSpace()}
@@ -67,6 +69,8 @@ class Trial:
     radii: dict[str, Rows]
     excesses: dict[str, float]  #: Values of constraints by name, positive where they are violated
     spare: dict[str, float]  #: By how much more than to their bounds some of them are kept
+    logarithm: SignedLog  #: By which psi is compared
+    warned: tuple[warnings.WarningMessage, ...] = ()  #: What was said while it was computed
 
     @property
     def kept(self) -> dict[str, float]:
@@ -79,14 +83,14 @@ class Trial:
         return max(0.0, *self.kept.values()) if self.excesses else 0.0
 
     def merit(self, of_bounds: float) -> float:
-        """Logarithm of psi and the violations with their weights."""
+        """Logarithm of psi, of any sign, and the violations with their weights."""
         rows = [*self.sizes.values(), *self.radii.values()]
         narrow = max((float(np.max(part.values, initial=0.0)) for part in rows), default=0.0)
         return self.carries(of_bounds) + _OF_SIZES * narrow
 
     def carries(self, of_bounds: float) -> float:
         """The same without sizes, which steps mend where a strut has gone."""
-        return math.log(self.evaluation.psi) + of_bounds * self.excess
+        return self.logarithm.value(self.evaluation.psi) + of_bounds * self.excess
 
     def rank(self, of_bounds: float, worth: float = 0.0) -> tuple[bool, float]:
         """Which is the best: one that keeps bounds and sizes, and of those the least merit.
@@ -129,7 +133,7 @@ class Trial:
 class Slopes:
     """Derivatives by the offsets of the masters along their normals, in minimum members."""
 
-    psi: Array  #: Of log psi, (masters,)
+    psi: Array  #: Of log psi, of any sign, (masters,)
     values: Array  #: Of the constraints: members and gaps, radii, bounds, (m,)
     slopes: Array | csr_matrix  #: Their derivatives, (m, masters)
     bounds: int  #: Number of bounds
@@ -147,6 +151,8 @@ class Descent:
     turn: float = math.inf  #: Size of triangles in notches, in radii
     spare: dict[str, float] = field(default_factory=dict)  #: Of `Trial`
     tell: Callable[[str], object] = str  #: Shows that something is tried without a step
+    #: By which psi is compared; None before the first trial
+    logarithm: SignedLog | None = None
 
     @property
     def kind(self) -> Kind[Any]:
@@ -159,15 +165,28 @@ class Descent:
         return full | self.others
 
     def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
-        """Boundaries meshed and evaluated; collective."""
+        """Boundaries meshed and evaluated; collective.
+
+        Its warnings stay with the trial, which may not be the result. Raises a TrialFailed if they
+        cannot be meshed or simulated.
+        """
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            trial = self._tried(boundaries)
+        return replace(trial, warned=tuple(warned))
+
+    def _tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         bodies, comm = dict(self.problem.bodies), ranks_of(self.problem)
         boundaries = {name: self.kind.agreed(b, comm) for name, b in boundaries.items()}
-        for name, boundary in boundaries.items():
-            domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
-            domain.whole = boundary.body
-            bodies[name] = self.problem.flexible[name].with_domain(domain)
-        problem = self.problem.with_bodies(bodies)
-        return self.evaluated(boundaries, problem, problem.value(self.point(problem)))
+        with shaping():
+            for name, boundary in boundaries.items():
+                domain = self.kind.mesh(boundary, self.sizes[name], self.turn)
+                domain.whole = boundary.body
+                bodies[name] = self.problem.flexible[name].with_domain(domain)
+            problem = self.problem.with_bodies(bodies)
+        with simulating():
+            evaluation = problem.value(self.point(problem))
+        return self.evaluated(boundaries, problem, evaluation)
 
     def evaluated(
         self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
@@ -175,18 +194,18 @@ class Descent:
         """A trial of which all but the constraints is known; collective."""
         # stress limits are those of these parts
         problem, found = problem.calibrated(found)
-        if not found.psi > 0.0:
-            raise ValueError(
-                f"boundary: psi is {found.psi:.6g}, and steps are measured by its logarithm; give "
-                "an objective that is positive"
-            )
+        logarithm = self.logarithm
+        if logarithm is None:
+            check_start("boundary", found.psi)
+            logarithm = SignedLog.around(found.psi)
         excesses = {name: float(bound.violation) for name, bound in found.constraints.items()}
         for name, most in self.volume.items():
             share = problem.flexible[name].domain.area / boundaries[name].body.area
             excesses[f"volume of {name}"] = share / most - 1.0
         sizes = {name: self.kind.sizes(boundary) for name, boundary in boundaries.items()}
         radii = {name: self.kind.radii(boundary) for name, boundary in boundaries.items()}
-        return Trial(boundaries, problem, found, sizes, radii, excesses, self.spare)
+        geometric = sizes, radii, excesses
+        return Trial(boundaries, problem, found, *geometric, self.spare, logarithm)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
         """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
@@ -227,7 +246,7 @@ class Descent:
         every = [part for found in geometric for part in found.values()]
         values = [part.values for part in every]
         return Slopes(
-            along(evaluation.nodes) / evaluation.psi,
+            trial.logarithm.slope(evaluation.psi) * along(evaluation.nodes),
             np.concatenate([*values, excesses]),
             _stacked([*map(rows, geometric), *(row[None] for row in bounds)]),
             len(bounds),
@@ -283,20 +302,22 @@ class Descent:
     def restored(self, kept: Kept) -> tuple[Descent, Trial, Trial]:
         """The descent, its boundaries and the best ones in an earlier state; collective."""
         problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
-        descent = replace(self, problem=problem, spare=kept.spare)
+        logarithm = SignedLog.around(kept.told[0]["psi"])
+        descent = replace(self, problem=problem, spare=kept.spare, logarithm=logarithm)
         trial = descent.tried(kept.now)
         return descent, trial, descent.tried(kept.best) if kept.best else trial
 
     def moved(self, trial: Trial, step: Step) -> Trial | None:
         """The boundaries after a step, None if no mesh fits them or they cannot be simulated."""
         try:
-            moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
-            if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
-                for n, b in moved.items():
-                    length = float(np.max(np.abs(step.offsets[n]))) / b.member
-                    moved[n] = self.kind.mended(b, HELD, LONGEST, length)
+            with shaping():
+                moved = {n: b.moved(step.offsets[n]) for n, b in trial.boundaries.items()}
+                if self.turn == math.inf:  # a step along tangents misses sizes, and costs a value
+                    for n, b in moved.items():
+                        length = float(np.max(np.abs(step.offsets[n]))) / b.member
+                        moved[n] = self.kind.mended(b, HELD, LONGEST, length)
             return self.tried(moved)
-        except (ValueError, SimulationError):
+        except TrialFailed:
             return None
 
     def accurate(
@@ -311,11 +332,12 @@ class Descent:
         if problem is trial.problem:
             return self, trial, errors
         found_there = self.evaluated(trial.boundaries, problem, found)
-        return replace(self, problem=problem), found_there, errors
+        return replace(self, problem=problem), replace(found_there, warned=trial.warned), errors
 
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
         """Boundaries on meshes that resolve notches or walls; collective."""
-        fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
+        with shaping():
+            fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
         spare, turn = of_stress(self.problem, _SPARED), STRESSED if self.turn < math.inf else TURN
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
@@ -328,7 +350,7 @@ class Descent:
             return trial
         try:
             return self.tried(boundaries)
-        except (ValueError, SimulationError):
+        except TrialFailed:
             return trial
 
     def finer(self, trial: Trial) -> tuple[Trial, float]:
@@ -344,7 +366,7 @@ class Descent:
             trial.release()
             try:
                 found = self.resolved(trial.boundaries)
-            except (ValueError, MemoryError, SimulationError):
+            except (TrialFailed, MemoryError):
                 break
             change = abs(trial.evaluation.psi / found.evaluation.psi - 1.0)
             trial = found

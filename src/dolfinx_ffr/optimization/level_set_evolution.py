@@ -90,6 +90,11 @@ class LevelSetEvolution(Optimizer):
             return loop.result(designs, coefficients, evaluation, reason, steps.bounds)
 
 
+def _apart(psi: float) -> float:
+    """The psi beyond which a design is in pieces, where that of the reference is known."""
+    return psi + (APART - 1.0) * abs(psi)
+
+
 @dataclass
 class _State:
     """The state that the next iteration depends on."""
@@ -183,7 +188,7 @@ class _Steps:
         even = replace(state, phi=flat)
         without = self.value(even)
         assert without is not None
-        evaluation = self.value(state, APART * without.psi)
+        evaluation = self.value(state, _apart(without.psi))
         if evaluation is None:
             warn(
                 "optimize: the start design has fallen apart; the loop begins with an even density "
@@ -233,7 +238,7 @@ class _Steps:
         phi = {n: evolution.bounded(state.phi[n]) for n, evolution in self.stages[stage].items()}
         size = max(state.size, 0.3 * self.options.step)
         narrowed = replace(state, phi=phi, stage=stage, since=state.iteration, size=size)
-        found = self.value(narrowed, APART * evaluation.psi)
+        found = self.value(narrowed, _apart(evaluation.psi))
         return None if found is None else (narrowed, self.differentiate(found, narrowed))
 
     def ended(self, state: _State) -> str:
@@ -253,7 +258,7 @@ class _Steps:
         rows = self.loop.rows
         before, now = rows[-1 - WINDOW]["psi"], rows[-1]["psi"]
         # a halved step may well bring a descent that the longer one missed
-        return before - now < self.options.tolerance * before and rows[-1]["accepted"] > 0
+        return before - now < self.options.tolerance * abs(before) and rows[-1]["accepted"] > 0
 
     def record(
         self,

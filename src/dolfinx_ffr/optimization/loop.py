@@ -36,6 +36,7 @@ from .enough_modes import (
 )
 from .result import Result, gray_fraction, of_problem, ranks_of, warn
 from .running import interruptible, warnings_above
+from .signed_log import SignedLog, check_start
 from .steps_checkpoint import StepsCheckpoint
 
 Row = dict[str, float]
@@ -189,6 +190,7 @@ class DesignLoop:
         self._mode_tolerance, self._followed = mode_tolerance, followed
         self._first_modes = {name: body.modes for name, body in problem.flexible.items()}
         self._calibrates = False
+        self._logarithm: SignedLog | None = None
         self._mode_error = self._psi_of_steps = NAN
         self._columns: list[str] = []
         self._reports: dict[str, GradientReport] = {}
@@ -216,8 +218,18 @@ class DesignLoop:
     def value(self, x: Mapping[str, Array]) -> Evaluation:
         """Objective and constraints at ``x``; a SimulationError where it cannot move."""
         found = self.problem.value(of_problem(x))
-        validation.number("optimize: psi of the problem", found.psi)
+        psi = validation.number("optimize: psi of the problem", found.psi)
+        if self._logarithm is None:
+            start = self.rows[0]["psi"] if self.rows else psi
+            check_start("optimize", start)
+            self._logarithm = SignedLog.around(start)
         return found
+
+    @property
+    def logarithm(self) -> SignedLog:
+        """The logarithm by which psi of this run is minimised, known after the first value."""
+        assert self._logarithm is not None
+        return self._logarithm
 
     def accurate(self, evaluation: Evaluation, x: Arrays, iteration: int) -> Evaluation:
         """The ``evaluation`` at ``x``, which is kept, with the time steps and modes that it needs.

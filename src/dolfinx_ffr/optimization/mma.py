@@ -250,11 +250,10 @@ class _Run:
         return broken or rises, broken
 
     def merit(self, variables: Array, evaluation: Evaluation, progress: float) -> float:
-        """Log psi and the penalties; psi itself where it has no logarithm."""
+        """Log psi, of any sign, and the penalties."""
         parts = self.split(variables)
         penalty = sum(d.penalty(parts[n])[0] for n, d in self.designs(progress).items())
-        psi = evaluation.psi
-        return penalty + (math.log(psi) if psi > 0.0 else psi)
+        return penalty + self.loop.logarithm.value(evaluation.psi)
 
     def made(self, variables: Array, analysed: Evaluation, progress: float) -> Evaluation:
         """Evaluation at the nominal design rather than the eroded one, for its constraints."""
@@ -294,9 +293,8 @@ class _Run:
         slopes = np.vstack([volumes, self.pulled_back(point, others)])
         slope = np.concatenate([d.penalty(parts[n])[1] for n, d in designs.items()])
         if not self.loop.problem.combine.bounds:
-            psi = evaluation.psi
             own = self.pulled_back(point, [evaluation.gradient])[0]
-            slope = own / (psi if psi > 0.0 else 1.0) + slope
+            slope = self.loop.logarithm.slope(evaluation.psi) * own + slope
         return slope, slopes
 
     def peaks(self, point: _Point, evaluation: Evaluation) -> tuple[Array, Array]:

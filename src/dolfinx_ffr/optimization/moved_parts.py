@@ -3,19 +3,25 @@
 
 from __future__ import annotations
 
+import traceback
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from ..boundary import Boundary, Surface
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
 from ..fem import CurveError
+from ..io import CheckpointError
+from ..parallel import on_every_rank
 from ..part import LoosePieceWarning, Part, PartWarning
 from .boundary_steps import moved
 from .part_checks import part_violations
-from .result import Result, warn
+from .result import Result, ranks_of, warn
 from .steps_checkpoint import StepsCheckpoint
+from .trial_failed import TrialFailed, shaping
 
 #: How parts are made whose curves are smoothed by more, or only looked at
 _ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
@@ -24,6 +30,8 @@ _HAIRLINES = (
     "curves along its sides cross or almost touch, as members or gaps of the design are thinner "
     "than these can show; give a larger minimum_member, smaller elements or more iterations"
 )
+#: Beginning of the names of violations where no part comes of a design
+_PART_OF = "part of "
 #: Share of the material that may be in loose pieces, which the densities count and the part has not
 _LOOSE = 1e-3
 
@@ -39,6 +47,8 @@ def with_moved_boundaries(
 
     They are kept in a ``checkpoint``, from which a run that is resumed goes on.
 
+    Errors of files go on. Any other one, of the program too, leaves the result as it is.
+
     Warns:
         DesignWarning: If there are no such steps, with the reason.
     """
@@ -49,98 +59,117 @@ def with_moved_boundaries(
     full = {n: 1.0 - body.domain.void_cells for n, body in bodies if n not in designs}
     free = {n: part for n, part in result.designs.items() if n not in designs}
     others = {n: part.point(result.variables[n]) for n, part in free.items()} | full
+    options = others, steps, None, tolerance, progress, checkpoint
     try:
-        boundaries: dict[str, Boundary | Surface] = {}
-        for name, design in designs.items():
-            flat = design.domain.dimension == 2
-            with warnings.catch_warnings():
-                # the steps begin without loose pieces, and psi that is told is without them
-                warnings.simplefilter("ignore", LoosePieceWarning)
-                part = result.enclosed(name, **(_ROUGHLY if flat else {}))
-            mirrors = design.mirrors if isinstance(design, LevelSet) else ()
-            member, gap = _sizes(design)
-            if isinstance(part, Part):
-                boundaries[name] = Boundary.of(
-                    part, member, gap=gap, rim=design.hole_rim, mirrors=mirrors
-                )
-            else:
-                boundaries[name] = Surface.of(part, member, rim=design.hole_rim, mirrors=mirrors)
-        options = others, steps, None, tolerance, progress, checkpoint
-        found = moved(result.problem, boundaries, bound, *options)
-    except (ValueError, SimulationError) as error:
+        with on_every_rank(ranks_of(result.problem), "steps of the boundary"):
+            found = moved(result.problem, _drawn(result, designs), bound, *options)
+    except (CheckpointError, OSError):
+        raise
+    except Exception as error:  # the densities are a result, whatever has failed after them
         over = f" and violates {list(result.violations)}" if result.violations else ""
-        why = _HAIRLINES if isinstance(error, CurveError) else str(error)
-        warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {why}")
-        return _denied(with_checked_parts(result), progress)
+        cause = _HAIRLINES if isinstance(error, CurveError) else _described(error)
+        warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {cause}")
+        return _denied(with_checked_parts(result, unfinished=True), progress)
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
     return replace(result, moved=found, violations=found.violations, reason=reason)
 
 
+def _drawn(result: Result, designs: Mapping[str, Design]) -> dict[str, Boundary | Surface]:
+    """The boundaries of the parts that designs enclose; collective."""
+    boundaries: dict[str, Boundary | Surface] = {}
+    for name, design in designs.items():
+        flat = design.domain.dimension == 2
+        with warnings.catch_warnings():
+            # the steps begin without loose pieces, and psi that is told is without them
+            warnings.simplefilter("ignore", LoosePieceWarning)
+            part = result.enclosed(name, **(_ROUGHLY if flat else {}))
+        mirrors = design.mirrors if isinstance(design, LevelSet) else ()
+        member, gap = _sizes(design)
+        options: dict[str, Any] = {"rim": design.hole_rim, "mirrors": mirrors}
+        if isinstance(part, Part):
+            boundaries[name] = Boundary.of(part, member, gap=gap, **options)
+        else:
+            boundaries[name] = Surface.of(part, member, **options)
+    return boundaries
+
+
+def _described(error: Exception) -> str:
+    """What an error says; of one that is not meant for users also its kind and its place."""
+    if isinstance(error, ValueError | SimulationError | TrialFailed):
+        return str(error)
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return f"{type(error).__name__}, {where}: {error}"
+
+
 def _denied(result: Result, progress: bool) -> Result:
-    """The result, not feasible if no part comes of it, or one that exceeds constraints; collective.
+    """The result, with what its part violates where the problem has constraints; collective.
 
     Densities tell little of the stress of a part whose boundary could not be moved.
     """
-    if result.reason == "interrupted":
+    torn = any(name.startswith(_PART_OF) for name in result.violations)
+    if not result.problem.constraints or result.reason == "interrupted" or torn:
         return result
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PartWarning)  # said where the part is asked for
-            for name, design in result.designs.items():
-                if isinstance(design, Design):
-                    flat = design.domain.dimension == 2
-                    result.enclosed(name, **(_ROUGHLY if flat else {}))
-        if result.problem.constraints:
-            result.verify(most=2, progress=progress)
+        result.verify(most=2, progress=progress)
     except (ValueError, SimulationError) as error:
         warn(f"optimize: no part comes of this design: {error}", 5)
         result.violations["no part"] = 1.0
     return result if result.feasible else replace(result, reason="infeasible")
 
 
-def with_checked_parts(result: Result) -> Result:
-    """The result, and as violations what its part lacks; collective.
+def with_checked_parts(result: Result, *, unfinished: bool = False) -> Result:
+    """The result, and as violations that no part comes of a design, or what it lacks; collective.
 
-    Loose pieces are not in the part, and psi counts them: a level set that is crisp may have them
-    where elements are wider than the gaps beside them. Minimum sizes that were asked for are
-    measured, and struts that end free are looked for. Of bodies with holes in their drawing, what
-    lies outside of the body is a violation, and a rim of a hole that is thinner than asked for.
+    Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
+    looked at where that is asked for (``unfinished``). Loose pieces are not in the part, and psi
+    counts them: a level set that is crisp may have them where elements are wider than the gaps
+    beside them. Minimum sizes that were asked for are measured, and struts that end free are looked
+    for. Of bodies with holes in their drawing, what lies outside of the body is a violation, and a
+    rim of a hole that is thinner than asked for.
 
     Warns:
-        DesignWarning: Of each, or if no part comes of the design.
+        DesignWarning: Of each, or if no part comes of a design.
     """
     found: dict[str, float] = {}
     for name, design in result.designs.items():
-        if not isinstance(design, Design) or design.sharpness < SHARP:
+        if not isinstance(design, Design):
             continue
-        flat_level = isinstance(design, LevelSet) and design.domain.dimension == 2
-        if not flat_level and not design.domain.holes:
+        finished = design.sharpness >= min(SHARP, design.at(1.0).sharpness)
+        if not (finished or unfinished):
             continue
-        why = "nothing is held by its interfaces"
+        flat = design.domain.dimension == 2
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), shaping():
                 warnings.simplefilter("ignore", PartWarning)
-                part = result.enclosed(name, **(_ROUGHLY if design.domain.dimension == 2 else {}))
-        except ValueError as error:
-            share, why = 1.0, str(error)
-        else:
-            share = 0.0
-            if isinstance(part, Part):
-                share = sum(piece.area for piece in part.loose) / part.area
-                why = f"{len(part.loose)} loose pieces of it touch no interface"
-            asked = isinstance(design, LevelSet) and flat_level and design.sizes_asked
-            sizes = {name: _sizes(design)} if asked else {}
-            rims = {name: (design.hole_rim, _sizes(design)[0])}
-            for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
-                found[what] = each.share
-                warn(f"optimize: {name!r}: {each.said}")
-        if share > _LOOSE and flat_level:
+                part = result.enclosed(name, **_ROUGHLY) if flat else result.part(name)
+        except TrialFailed as failed:
+            found[_PART_OF + name] = 1.0
+            warn(
+                f"optimize: no part comes of the design of {name!r}, so it is not feasible: "
+                f"{failed}; take smaller elements, more volume or another start"
+            )
+            continue
+        if not finished:
+            continue
+        level_set = flat and isinstance(design, LevelSet)
+        asked = isinstance(design, LevelSet) and level_set and design.sizes_asked
+        sizes = {name: _sizes(design)} if asked else {}
+        rims = {name: (design.hole_rim, _sizes(design)[0])}
+        for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
+            found[what] = each.share
+            warn(f"optimize: {name!r}: {each.said}")
+        if not (level_set and isinstance(part, Part)):
+            continue
+        share = sum(piece.area for piece in part.loose) / part.area
+        if share > _LOOSE:
             found[f"loose pieces of {name}"] = share
             warn(
-                f"optimize: psi is not that of a part of {name!r}: {why}; take smaller elements, "
-                "steps of the boundary, or another start"
+                f"optimize: psi is not that of a part of {name!r}: {len(part.loose)} loose pieces "
+                "of it touch no interface; take smaller elements, steps of the boundary, or "
+                "another start"
             )
     if not found:
         return result

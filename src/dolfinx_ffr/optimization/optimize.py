@@ -94,8 +94,9 @@ def optimize(
             `move_boundary`: `Result.moved` has what they come to, and psi, violations and parts of
             the result are theirs. By default half as many as the iterations, and 25 at most, for
             bodies in the plane and exact gradients, and none in space; 0 leaves the boundaries to
-            the mesh. Where such steps follow, the iterations end as soon as the design is crisp;
-            without them, nearly as many again settle its sizes.
+            the mesh. Up to twelve more follow where finer meshes exceed a bound. Where such steps
+            follow, the iterations end as soon as the design is crisp; without them, nearly as many
+            again settle its sizes.
         options: None; the error says which name is meant, or that it belongs to the optimizer.
 
     Returns:
@@ -103,12 +104,14 @@ def optimize(
 
     Warns:
         DesignWarning: Names violated constraints (`Result.violations`), bodies more than a tenth of
-            which is gray, loose pieces, why a boundary was not moved, and, before the loop,
+            which is gray, loose pieces, designs of which no part comes, why a boundary was not
+            moved, and, before the loop,
             interfaces along which no cell stays solid, and parameters of the mechanism that no
             design is given for.
 
     Raises:
-        ValueError: On every rank, if the arguments do not fit each other.
+        ValueError: On every rank, if the arguments do not fit each other, or psi of the start is
+            zero.
         SimulationError: On every rank, if not even the motion of the start can be computed.
         CheckpointError: On every rank, if the checkpoint is damaged or of another problem.
         OSError: On every rank, if a file cannot be written, or another program writes into

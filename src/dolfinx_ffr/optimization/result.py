@@ -26,6 +26,7 @@ from ..part import Part, Solid, Verification, verify
 from ..postprocessing import worst_stress
 from ..problem import Evaluation, Problem
 from .running import alone_in
+from .trial_failed import TrialFailed
 
 #: Size of the tetrahedra whose cut is the surface of a solid with bores, in widths of their rims,
 #: and the most of them
@@ -124,7 +125,7 @@ class Result(Shown):
     history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
     #: Why the loop ended: "converged", "iterations" (none were left), "interrupted", "stalled" (the
     #: design would fall apart with a narrower Heaviside function), or "infeasible" (without a
-    #: design that fulfils all constraints)
+    #: design that fulfils all constraints, and of which a part comes)
     reason: str
     #: By body, as sharp as at the end: its `Design.density` of the variables is the density
     designs: dict[str, Variables] = field(repr=False)
@@ -132,9 +133,9 @@ class Result(Shown):
     problem: Problem = field(repr=False)
     #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume);
     #: those of the parts, where boundaries were moved, and else the share of material in "loose
-    #: pieces of rod", which psi counts and the part has not. Sizes of parts below the minimum are
-    #: among them ("rod: thinnest member near (20, 3) mm"), struts that end free, and what `verify`
-    #: and `finish` have found since
+    #: pieces of rod", which psi counts and the part has not, and 1 for the "part of rod" where none
+    #: comes of the design. Sizes of parts below the minimum are among them ("rod: thinnest member
+    #: near (20, 3) mm"), struts that end free, and what `verify` and `finish` have found since
     violations: dict[str, float] = field(default_factory=dict)
     #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
     #: was not asked for, NaN where it cannot be estimated
@@ -376,7 +377,7 @@ class Result(Shown):
                     body, title = told.problem.flexible[name], f"{name} {when} boundary steps"
                     worst = worst_stress(body, told.evaluation, name)
                     plot_stress(body.domain, worst, folder / file, title=title)
-        except (ValueError, SimulationError) as error:
+        except (TrialFailed, ValueError, SimulationError) as error:
             warn(f"finish: the stress is not drawn ({error})", 3)
 
     @property

@@ -20,6 +20,7 @@ from ..problem import Evaluation, Problem, lengths_of_placements
 from ..reduction import FlexibleBody
 from .enough_modes import with_enough_modes, with_steps_for
 from .result import Result, of_problem, warn
+from .trial_failed import TrialFailed, shaping, simulating
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,16 @@ class Sizing:
         given = x if isinstance(x, Mapping) else dict.fromkeys(self._designs, x)
         bodies, motions = {}, {}
         try:  # also what its gradient takes: a design that is kept has one
-            for name, design in self._designs.items():
-                domain = design.domain(self.comm, given[name])
-                bodies[name] = body = self._problem.flexible[name].with_domain(domain)
-                motions[name] = design.motion(domain, given[name], body.marker_nodes)
-            problem = self._problem.with_bodies(bodies)
-            found = problem.value(of_problem({**given, **_full(bodies)}))
-        except (ValueError, RuntimeError) as error:
+            with shaping():
+                for name, design in self._designs.items():
+                    domain = design.domain(self.comm, given[name])
+                    bodies[name] = body = self._problem.flexible[name].with_domain(domain)
+                    motions[name] = design.motion(domain, given[name], body.marker_nodes)
+                problem = self._problem.with_bodies(bodies)
+            with simulating():
+                found = problem.value(of_problem({**given, **_full(bodies)}))
+        except TrialFailed as failed:
+            error = failed.__cause__
             if self._begun and len(bodies) < len(self._designs):
                 warn(f"optimize: a step is taken back, as its body cannot be made: {error}")
             raise SimulationError(str(error), getattr(error, "trajectory", None)) from error  # type: ignore[arg-type]

@@ -12,10 +12,10 @@ from scipy.linalg import block_diag
 
 from ..arrays import Array
 from ..boundary import Boundary, Costs, slides
-from ..dynamics import SimulationError
 from ..problem import Evaluation
 from ..reduction import Struts
 from .descent import Descent, Slopes, Step, Trial
+from .trial_failed import TrialFailed, shaping
 
 #: Fall of log psi at least for which a strut is inserted, rise up to which one, or a hole, goes,
 #: and where no step is better otherwise
@@ -79,7 +79,7 @@ def _struts(
         return found
     for name in trial.boundaries:
         body, bars = trial.problem.flexible[name], evaluation.integrals_gradient or {}
-        bar = bars[name].scaled(1.0 / evaluation.psi)
+        bar = bars[name].scaled(trial.logarithm.slope(evaluation.psi))
         for bound, cost in zip(evaluation.constraints.values(), step.of_bounds, strict=False):
             if cost and bound.integrals_gradient:
                 bar += bound.integrals_gradient[name].scaled(float(cost))
@@ -97,7 +97,7 @@ def _tried(
         descent.tell(f"psi {trial.evaluation.psi:.5g}")
         try:
             yield descent.tried({**trial.boundaries, name: changed}), count, making
-        except (ValueError, SimulationError):
+        except TrialFailed:
             continue
 
 
@@ -163,10 +163,11 @@ def shifted(
 
     def slid(lengths: Array) -> Trial | None:
         each = zip(boundaries.items(), np.split(lengths, ends), strict=True)
-        there = {n: b.slid(b.member * np.tensordot(own, motions[n], 1)) for (n, b), own in each}
         try:
+            with shaping():
+                there = {n: b.slid(b.member * np.tensordot(s, motions[n], 1)) for (n, b), s in each}
             return descent.tried({**trial.boundaries, **there})
-        except (ValueError, SimulationError):
+        except TrialFailed:
             return None
 
     slope = along(slopes)
