@@ -287,27 +287,31 @@ def joint_errors(eq: Equations, stages: Stages, at: int, h: float) -> tuple[floa
     end of the step before, neither is right: their jump is of third order, like their errors, and
     as large as the largest of these.
     """
-    n, w, lam, C, mass = eq.r.size, stages.w, stages.lam, eq.C, stages.mass
+    n, w, lam, C = eq.r.size, stages.w, stages.lam, eq.C
     load_stage(eq, stages, at - 1)
     evaluate(eq, at - 1, 0.0, equations.CONSTRAINTS)
     round_off = 0.0
+    # the equations' vectors, which are free here
+    change, unit = eq.w, eq.reference
     for p in range(n):
+        root = np.sqrt(abs(stages.mass[p, p]))
         y, v = max(abs(eq.y[p]), eq.floor[p]), abs(eq.v[p])
-        round_off = max(round_off, np.sqrt(abs(mass[p, p])) * (y / h + v) / h)
+        round_off = max(round_off, root * (y / h + v) / h)
+        unit[p] = 1.0 / root
+        change[p] = -w[at - 1, p]
+        for j in range(3):
+            change[p] += AT_BEGIN[j] * w[at + j, p]
     round_off *= ROUND_OFF_OF_JUMPS
     velocity = multiplier = size = 0.0
     for c in range(eq.value.size):
         reach = jump = 0.0
         for p in range(n):
-            reach = max(reach, abs(C[c, p]) / np.sqrt(abs(mass[p, p])))
-            change = -w[at - 1, p]
-            for j in range(3):
-                change += AT_BEGIN[j] * w[at + j, p]
-            jump += C[c, p] * change
-        change = -lam[at - 1, c]
+            reach = max(reach, abs(C[c, p]) * unit[p])
+            jump += C[c, p] * change[p]
+        step = -lam[at - 1, c]
         for j in range(3):
-            change += AT_BEGIN[j] * lam[at + j, c]
+            step += AT_BEGIN[j] * lam[at + j, c]
         velocity = max(velocity, REAL * h * (abs(jump) / reach - round_off))
-        multiplier = max(multiplier, abs(change) * reach - round_off)
+        multiplier = max(multiplier, abs(step) * reach - round_off)
         size = max(size, abs(lam[at + 2, c]) * reach)
     return velocity, multiplier, size

@@ -48,8 +48,9 @@ class Kinematics:
         self.equations = equations(size(model), constraints(model), tuple(addresses), turning)
         # The round-off of a position is that of the lengths that a joint adds up there: it does not
         # vanish where a body stands at the origin.
-        for body in range(model.first.size):
-            self.equations.floor[model.coordinates(body).position] = largest_length(model)
+        length = largest_length(model)
+        for first in model.first:
+            self.equations.floor[first : first + model.d] = length
         for place in turning:
             # The round-off of a rotation is that of its matrix, whose entries are up to one.
             self.equations.floor[place : place + 3] = 1.0
