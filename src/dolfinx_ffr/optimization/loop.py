@@ -481,14 +481,15 @@ class DesignLoop:
         evaluation: Evaluation,
         reason: str,
         volume: Mapping[str, float] | None = None,
+        residual: float = NAN,
     ) -> Result:
         """The design that was kept last, with the history.
 
         The ``designs`` are as sharp as in the last stage; they, their ``variables`` and the upper
         bounds of the ``volume``, if there are any, are by body. The ``evaluation`` is that of the
-        design, the ``reason`` why the loop ended. A crisp level set is evaluated once more with the
-        law of cut elements. A `DesignWarning` names violated constraints, and bodies of which more
-        than a tenth is gray.
+        design, the ``reason`` why the loop ended, the ``residual`` that of the first-order
+        conditions. A crisp level set is evaluated once more with the law of cut elements. A
+        `DesignWarning` names violated constraints, and bodies of which more than a tenth is gray.
         """
         x = {name: design.point(variables[name]) for name, design in designs.items()}
         dense = {name: design for name, design in designs.items() if isinstance(design, Design)}
@@ -541,7 +542,7 @@ class DesignLoop:
                 )
         history = {name: np.array([row[name] for row in self.rows]) for name in self._columns}
         end = (reason, dict(designs), problem, violations, errors, bounds)
-        return Result(densities, dict(variables), told, history, *end)
+        return Result(densities, dict(variables), told, history, *end, residual=residual)
 
 
 class Optimizer(Protocol):

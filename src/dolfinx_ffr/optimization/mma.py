@@ -11,10 +11,17 @@ those of the eroded design, the values of all constraints those of the nominal o
 (`Design.nominal`), as are psi and densities of the result. Where the problem has constraints, that
 takes a second value an iteration.
 
-There is no line search. Near the end the constraints that are violated are tightened by as much, so
-that the designs come to lie on the feasible side; the best feasible crisp design is the result. A
-design that falls apart (psi rises by a quarter, or a constraint is violated by much more) is taken
-back, and the next step is half as long. Without densities a rise of psi alone is taken back, too.
+Near the end the constraints that are violated are tightened by as much, so that the designs come to
+lie on the feasible side. The best feasible design is the result; where densities become sharp, the
+best of those that are.
+
+While densities become sharp psi rises by that alone, and only a design that falls apart (psi rises
+by a quarter, or a constraint is violated by much more) is taken back, after which the next step is
+half as long. As soon as nothing becomes sharper, a step is taken back unless the merit falls: the
+sum of log psi, the penalty, and the violations at twice the price of their multipliers. Then the
+second derivatives by each variable are learnt from the gradients (`Secants`), so that what would
+swing is damped. The run has converged where the merit can fall by less than the tolerance, to first
+order, by a step of the largest length.
 
 For `WorstCase` log of each weighted psi is bounded by a variable, which is minimised in the place
 of log psi.
@@ -39,10 +46,10 @@ from ..design import Design, Variables, shrunk
 from ..dynamics import SimulationError
 from ..problem import Evaluation
 from .loop import FEASIBLE, Arrays, Bounds, DesignLoop, Designs, Optimizer
-from .moving_asymptotes import Asymptotes
+from .moving_asymptotes import Asymptotes, Secants
 from .result import Result
 
-#: Iterations over which convergence is judged
+#: Iterations over which a merit that changes by less than the tolerance stands still
 WINDOW = 8
 #: Progress from which on designs are crisp, and may be the result
 CRISP = 0.85
@@ -56,10 +63,12 @@ STUCK = 8
 RECOVER = 1.5
 #: Violation, relative, from which on psi may rise so that a constraint is met
 VIOLATED = 1e-3
-#: Violation up to which bounds are tightened where nothing becomes crisp
+#: Violation up to which bounds are tightened: a few steps lead back from further outside
 NEAR = 0.02
 #: Arrays of the asymptotes in a checkpoint, besides x
 STATE = ("before", "earlier", "reach")
+#: Those of its secants
+SECANTS = ("x", "gradients", "curvature")
 #: Numbers of a point in a checkpoint, and their kinds
 NUMBERS: dict[str, type] = {
     "iteration": int,
@@ -68,6 +77,7 @@ NUMBERS: dict[str, type] = {
     "held": bool,
     "merit": float,
     "best_merit": float,
+    "residual": float,
 }
 
 
@@ -77,8 +87,9 @@ class MMA(Optimizer):
 
     Args:
         move: Largest change of a variable in an iteration, in shares of its range.
-        tolerance: The run has converged when, with a crisp design, log psi and the penalty fall by
-            less than this over eight iterations. Zero makes use of all iterations.
+        tolerance: The run has converged when, with a design that becomes no sharper, log psi and
+            the penalty can fall by less than this by a step of length ``move``, to first order
+            and within the constraints. Zero makes use of all iterations.
         length: Iterations over which the design becomes crisp and its sizes settle; by default
             those of the run that begins, or, where steps of the boundary follow, so many that it is
             crisp at their end, which is at 0.55 of the length. A number makes the path of a design
@@ -109,7 +120,7 @@ class MMA(Optimizer):
             chosen = point.asymptotes.x if point.best is None else point.best
             made = run.designs(point.progress, nominal=True)
             told = run.evaluation(point, now, chosen)
-            return loop.result(made, run.split(chosen), told, reason, volume)
+            return loop.result(made, run.split(chosen), told, reason, volume, point.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +137,9 @@ class _Point:
     merit: float = math.inf  #: log psi and penalty of the design that is kept
     best: Array | None = None  #: The best feasible crisp design, shape (n,)
     best_merit: float = math.inf
+    #: How far the merit could still fall to first order when this was last computed
+    residual: float = math.nan
+    converged: bool = False  #: The design that is kept fulfils the first-order conditions
 
 
 class _Run:
@@ -168,34 +182,53 @@ class _Run:
         bounds = self.bounds(variables, self.made(variables, now, 0.0), 0.0)
         state = Asymptotes(self.lower, self.upper, variables, self.options.move)
         merit = self.merit(variables, now, 0.0)
-        point = _Point(state, np.zeros(len(bounds)), bounds, merit=merit)
+        point = self.with_best(_Point(state, np.zeros(len(bounds)), bounds, merit=merit))
         now = self.differentiate(now, point)
         self.record(point, now, x, accepted=True, step=0.0, multiplier=0.0)
         return point, now
 
     def iterate(self, point: _Point, now: Evaluation) -> tuple[_Point, Evaluation]:
         """The point after one step, and the evaluation of the design that is kept."""
-        state = point.asymptotes
+        iteration, progress = point.iteration + 1, point.progress
+        if not point.held:  # else sharpening may have broken a constraint
+            progress = min(iteration / self.loop.stage_iterations, 1.0)
+        sharpens = self.changes(point.progress, progress)
+
         slope, slopes = self.functions(point, now)
         peaks, peak_slopes = self.peaks(point, now)
         values = np.concatenate([peaks, point.bounds + point.margins])
         every = np.vstack([peak_slopes, slopes])
+        gradients = np.vstack([slope, every])
+        state = replace(point.asymptotes, secants=None)
+        if not sharpens:
+            before = point.asymptotes.secants or Secants.begin(state.x, gradients)
+            state = replace(state, secants=before.next(state.x, gradients))
         tried, multipliers = state.step(slope, values, every, bounded=len(peaks))
         # every rank has computed the same, and its own last bits may decide nothing
         tried = replace(tried, x=self.loop.comm.bcast(tried.x, root=0))
-        iteration, progress = point.iteration + 1, point.progress
-        if not point.held:  # else sharpening may have broken a constraint
-            progress = min(iteration / self.loop.stage_iterations, 1.0)
+
+        # of the constraints as they were given, not as they are tightened
+        bounds = np.concatenate([peaks, point.bounds])
+        arguments = (slope, bounds, every, multipliers, self.options.move, len(peaks))
+        residual = self.loop.comm.bcast(state.possible_gain(*arguments), root=0)
+        point = replace(point, residual=residual)
+        small = residual < self.options.tolerance and _largest(point.bounds) <= FEASIBLE
+        if small and not sharpens and self.may_be_result(point.progress):
+            return replace(point, converged=True), now
+
         # the largest change of a variable as a share of its range
         size = float(np.max(np.abs(tried.x - state.x) / (self.upper - self.lower)))
-        own = multipliers[len(peaks) :]
-        said = {"step": size, "multiplier": float(own[0]) if len(own) else 0.0}
+        prices = multipliers[len(peaks) :]
+        said = {"step": size, "multiplier": float(prices[0]) if len(prices) else 0.0}
         x = self.x(tried.x, progress)
         try:
             found = self.loop.value(x)
         except SimulationError:  # so soft that it cannot move
             found = None
-        apart, broken = self.judged(point, now, tried.x, found, progress)
+        if sharpens:
+            apart, broken = self.judged(point, now, tried.x, found, progress)
+        else:
+            apart, broken = not self.better(point, tried.x, found, prices), False
         if found is None or apart:
             kept = replace(point, iteration=iteration, rejected=point.rejected + 1, held=broken)
             kept = replace(kept, asymptotes=tried.retreat(state))
@@ -207,19 +240,50 @@ class _Run:
         after = replace(tried, move=min(RECOVER * tried.move, self.options.move))
         moved = replace(point, asymptotes=after, bounds=bounds, merit=merit, rejected=0, held=False)
         moved = replace(moved, iteration=iteration, progress=progress)
-        if progress >= CRISP:
+        if self.may_be_result(progress):
             # tightened by what is violated, relaxed slowly where nothing is
-            near = bounds > 0.0
-            if not self.dense:  # a start may be far outside, from which a few steps lead back
-                near &= bounds < NEAR
+            near = (bounds > 0.0) & (bounds < (NEAR if sharpens else VIOLATED))
             margins = np.where(near, point.margins + bounds, 0.9 * point.margins)
-            moved = replace(moved, margins=margins)
-            if _largest(bounds) <= FEASIBLE and moved.merit < point.best_merit:
-                moved = replace(moved, best=tried.x, best_merit=moved.merit)
+            moved = self.with_best(replace(moved, margins=margins))
         if iteration < self.loop.iterations:
             found = self.differentiate(found, moved)
         self.record(moved, found, x, accepted=True, **said)
         return moved, found
+
+    def changes(self, before: float, after: float) -> bool:
+        """Whether variables make other densities at a later progress than before."""
+        if before == after:
+            return False
+        return any(design.at(after) is not design for design in self._designs.values())
+
+    def may_be_result(self, progress: float) -> bool:
+        """Whether designs are as crisp as a result, or will never be crisper."""
+        return progress >= CRISP or not self.changes(0.0, 1.0)
+
+    def with_best(self, point: _Point) -> _Point:
+        """The point, with its design as the best one if it is feasible and better."""
+        if not self.may_be_result(point.progress) or _largest(point.bounds) > FEASIBLE:
+            return point
+        if not point.merit < point.best_merit:
+            return point
+        return replace(point, best=point.asymptotes.x, best_merit=point.merit)
+
+    def better(
+        self, point: _Point, tried: Array, found: Evaluation | None, multipliers: Array
+    ) -> bool:
+        """Whether variables ``tried`` have less merit and violation than the point, as sharp.
+
+        A violation costs twice what its multiplier says, and at least what it is.
+        """
+        if found is None or not math.isfinite(found.psi):
+            return False
+        prices = np.maximum(2.0 * multipliers, 1.0)
+        found = self.loop.problem.calibrated(found)[1]
+        made = self.made(tried, found, point.progress)
+        bounds = self.bounds(tried, made, point.progress) + point.margins
+        violation = np.maximum(bounds, 0.0) - np.maximum(point.bounds + point.margins, 0.0)
+        change = self.merit(tried, found, point.progress) - point.merit + prices @ violation
+        return bool(change < 0.0)
 
     def judged(
         self,
@@ -237,11 +301,9 @@ class _Run:
         # psi may rise where that brings a violated constraint nearer
         pays = worst > VIOLATED and then < worst
         broken = then > max(worst, 0.0) + BROKEN
-        # without densities nothing becomes sharp, so psi of feasible designs need never rise
-        apart = APART if self.dense or worst > FEASIBLE else 0.0
-        rises = found.psi > now.psi + apart * abs(now.psi) and not pays
+        rises = found.psi > now.psi + APART * abs(now.psi) and not pays
         # what becoming sharper alone brings is no fault of the step
-        if rises and not broken and self.dense:
+        if rises and not broken:
             try:
                 before = self.loop.value(self.x(point.asymptotes.x, progress)).psi
             except SimulationError:
@@ -345,17 +407,22 @@ class _Run:
             return "iterations"
         if self.loop.interrupted():
             return "interrupted"
-        if point.rejected >= STUCK:
-            return "stalled" if self.dense else "converged"
-        return "converged" if self.converged(point) else ""
+        if point.converged:
+            return "converged"
+        if point.rejected >= STUCK or self.stands_still(point):
+            return "stalled"
+        return ""
 
-    def converged(self, point: _Point) -> bool:
-        """Whether the merit of crisp feasible designs hardly falls any more."""
-        crisp = point.iteration - math.ceil(CRISP * self.loop.stage_iterations)
-        if point.best is None or crisp <= WINDOW + 1 or point.progress < 1.0:
+    def stands_still(self, point: _Point) -> bool:
+        """Whether the merit hardly changes any more, of designs that become no sharper."""
+        if point.best is None or self.changes(point.progress, 1.0):
             return False
-        rows = self.loop.rows[-1 - WINDOW :]
-        return rows[0]["merit"] - rows[-1]["merit"] < self.options.tolerance
+        rows = [row for row in self.loop.rows if row["accepted"]][-1 - WINDOW :]
+        merits = [row["merit"] for row in rows]
+        crisp = point.iteration - math.ceil(CRISP * self.loop.stage_iterations)
+        if len(rows) <= WINDOW or (self.changes(0.0, 1.0) and crisp <= WINDOW + 1):
+            return False
+        return max(merits) - min(merits) < self.options.tolerance
 
     def evaluation(self, point: _Point, now: Evaluation, chosen: Array) -> Evaluation:
         """The evaluation of the result."""
@@ -378,6 +445,8 @@ class _Run:
         kept = {name: getattr(state, name) for name in STATE} | {"best": point.best}
         kept = {name: np.zeros(0) if value is None else value for name, value in kept.items()}
         kept |= {name: getattr(point, name) for name in ("margins", *NUMBERS)}
+        if state.secants is not None:
+            kept |= {f"secant {name}": getattr(state.secants, name) for name in SECANTS}
         designs = self.designs(point.progress).values()
         self.loop.record(
             point.iteration,
@@ -395,7 +464,10 @@ class _Run:
         """The point of an earlier run, evaluated anew."""
         arrays = {n: np.asarray(data[n]) if len(data[n]) else None for n in (*STATE, "best")}
         best, x, progress = arrays.pop("best"), np.asarray(data["x"]), float(data["progress"])
-        state = Asymptotes(self.lower, self.upper, x, float(data["move"]), **arrays)
+        if f"secant {SECANTS[0]}" in data:
+            secants = [np.asarray(data[f"secant {name}"]) for name in SECANTS]
+            arrays["secants"] = Secants(*secants)  # type: ignore[assignment]
+        state = Asymptotes(self.lower, self.upper, x, float(data["move"]), **arrays)  # type: ignore[arg-type]
         now = self.loop.calibrated(self.loop.value(self.x(x, progress)))
         numbers = {name: kind(data[name]) for name, kind in NUMBERS.items()}
         bounds = self.bounds(x, self.made(x, now, progress), progress)

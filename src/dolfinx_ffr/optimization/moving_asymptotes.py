@@ -18,9 +18,16 @@ quadratic term so weak that it only makes the dual smooth.
 A constraint that cannot be met is relaxed at a price (the "elastic" variables of the paper), so
 that each step is defined, and leads towards the feasible side.
 
+Each approximation of the paper is monotone in each variable, and a function that is not (a density
+is a load and a strength at once) lets it swing. The difference of two gradients gives the second
+derivative by each variable along the last step; where it is larger than that of the approximation,
+both p and q grow until it is met (Bruyneel, Duysinx and Fleury).
+
 References:
     K. Svanberg, International Journal for Numerical Methods in Engineering 24 (1987),
     doi:10.1002/nme.1620240207.
+    M. Bruyneel, P. Duysinx, C. Fleury, Structural and Multidisciplinary Optimization 24 (2002),
+    doi:10.1007/s00158-002-0238-7.
 """
 
 from __future__ import annotations
@@ -45,6 +52,38 @@ PRICE = 1e3
 #: Of the quadratic term of the bound z: it changes the multipliers, whose sum is one, by as much as
 #: this times the change of z, which is that of a logarithm
 WEAK = 1e-2
+#: Share of the largest change of a variable from which on its change tells a second derivative
+CHANGED = 1e-3
+#: Share of a second derivative that stays where the next is smaller: what the other variables do to
+#: a slope may hide it for a step
+MEMORY = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Secants:
+    """Second derivatives of the functions by each variable, from the gradients of two points."""
+
+    x: Array  #: The later point, shape (n,)
+    gradients: Array  #: Of the objective and the constraints there, shape (1 + m, n)
+    curvature: Array  #: Second derivatives by each variable, shape (1 + m, n); 0 where unknown
+
+    @classmethod
+    def begin(cls, x: Array, gradients: Array) -> Secants:
+        """The first point, where nothing is known of second derivatives."""
+        return cls(x, gradients, np.zeros_like(gradients))
+
+    def next(self, x: Array, gradients: Array) -> Secants:
+        """The secants that end at another point."""
+        if gradients.shape != self.gradients.shape:
+            return Secants.begin(x, gradients)
+        change = x - self.x
+        largest = np.max(np.abs(change))
+        if largest == 0.0:  # a step was taken back
+            return self
+        changed = np.abs(change) > CHANGED * largest
+        quotients = (gradients - self.gradients) / np.where(changed, change, 1.0)
+        curvature = np.maximum(quotients, MEMORY * self.curvature)
+        return Secants(x, gradients, np.where(changed, curvature, self.curvature))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +97,7 @@ class Asymptotes:
     before: Array | None = None  #: Variables one step earlier, shape (n,)
     earlier: Array | None = None  #: Two steps earlier, shape (n,)
     reach: Array | None = None  #: Distance of both asymptotes from ``before``, shape (n,)
+    secants: Secants | None = None  #: Where the functions are the same from step to step
 
     def step(
         self, slope: Array, values: Array, slopes: Array, bounded: int = 0
@@ -76,6 +116,10 @@ class Asymptotes:
         gradients = np.vstack([slope[None, :], slopes.reshape(len(values), len(x))])
         typical = np.mean(np.abs(gradients), axis=1, keepdims=True)
         bent = 0.001 * np.abs(gradients) + CURVATURE * typical
+        if self.secants is not None:
+            # p + q = reach^2 (|slope| + 2 bent), and the second derivative is 2 (p + q) / reach^3
+            curvature = self.secants.curvature
+            bent = np.maximum(bent, 0.25 * curvature * reach - 0.5 * np.abs(gradients))
         p = reach**2 * (np.maximum(gradients, 0.0) + bent)
         q = reach**2 * (np.maximum(-gradients, 0.0) + bent)
         r = values - np.sum((p[1:] + q[1:]) / reach, axis=1)
@@ -88,8 +132,39 @@ class Asymptotes:
         """The state ``kept`` from which this one was reached, with half its reach."""
         assert self.reach is not None
         # at the next step, before and earlier alike, the reach stays as it is set here
-        kept = replace(kept, before=kept.x, earlier=kept.x, reach=0.5 * self.reach)
+        kept = replace(
+            kept,
+            before=kept.x,
+            earlier=kept.x,
+            reach=(0.5 if self.secants is None else 1.0) * self.reach,
+        )
         return replace(kept, move=0.5 * kept.move)
+
+    def possible_gain(
+        self,
+        slope: Array,
+        values: Array,
+        slopes: Array,
+        multipliers: Array,
+        move: float,
+        bounded: int = 0,
+    ) -> float:
+        """How far the objective can fall at most, to first order, by a change of ``move``.
+
+        The change is in shares of the range, and the constraints are linearised. The other
+        arguments are those of `step` and the ``multipliers`` that it has returned. By duality of
+        linear programs the number is an upper bound for any multipliers; it is zero where the
+        first-order conditions hold, and the multipliers are theirs.
+        """
+        lagrangian = slope + multipliers @ slopes
+        width = move * (self.upper - self.lower)
+        down = np.minimum(width, self.x - self.lower)
+        up = np.minimum(width, self.upper - self.x)
+        gain = np.where(lagrangian > 0.0, lagrangian * down, -lagrangian * up)
+        slack = np.array(values, dtype=float)
+        if bounded:
+            slack[:bounded] -= np.max(slack[:bounded])
+        return float(np.sum(gain) - multipliers @ np.minimum(slack, 0.0))
 
     def _reach(self) -> Array:
         """The distance of both asymptotes from the present variables."""
@@ -97,7 +172,9 @@ class Asymptotes:
         if self.before is None or self.reach is None or self.earlier is None:
             return FIRST * width
         swing = (self.x - self.before) * (self.before - self.earlier)
-        factor = np.where(swing > 0.0, WIDEN, np.where(swing < 0.0, TIGHTEN, 1.0))
+        factor = np.where(
+            swing > 0.0, WIDEN, np.where(swing < 0.0, TIGHTEN if self.secants is None else 1.0, 1.0)
+        )
         return np.asarray(np.clip(factor * self.reach, LEAST * width, MOST * width))
 
 

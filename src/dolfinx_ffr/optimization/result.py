@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -123,9 +124,10 @@ class Result(Shown):
     variables: dict[str, Array]  #: By body, the same on every rank, shape (size of the design,)
     evaluation: Evaluation = field(repr=False)  #: psi and trajectory of `densities`, by `problem`
     history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
-    #: Why the loop ended: "converged", "iterations" (none were left), "interrupted", "stalled" (the
-    #: design would fall apart with a narrower Heaviside function), or "infeasible" (without a
-    #: design that fulfils all constraints, and of which a part comes)
+    #: Why the loop ended: "converged" (the first-order conditions hold to the optimizer's
+    #: tolerance), "iterations" (none were left), "interrupted", "stalled" (no step lowers psi any
+    #: more, or only by falling apart, though the conditions do not hold), or "infeasible" (without
+    #: a design that fulfils all constraints, and of which a part comes)
     reason: str
     #: By body, as sharp as at the end: its `Design.density` of the variables is the density
     designs: dict[str, Variables] = field(repr=False)
@@ -144,6 +146,10 @@ class Result(Shown):
     bounds: dict[str, float] = field(default_factory=dict)
     #: Whether SIGTERM, as of a batch system, arrived during the run: `finish` then makes no parts
     terminated: bool = False
+    #: By how much, to first order, log psi and the penalty could still fall within the constraints
+    #: by one step of the largest length, when the last gradient of the loop was computed: zero
+    #: where the first-order conditions hold; NaN where the optimizer does not tell
+    residual: float = math.nan
     #: What moving the boundaries of the parts has come to, None where they were not moved
     moved: BoundaryResult | None = field(default=None, repr=False)
     _parts: dict[str, Part | Solid] = field(
@@ -189,6 +195,7 @@ class Result(Shown):
         return {
             "psi": self.psi,
             "reason": self.reason,
+            "residual": None if math.isnan(self.residual) else self.residual,
             "iterations": self.iterations,
             "feasible": self.feasible,
             "violations": self.violations,

@@ -13,10 +13,10 @@ from .numbers import NOTHING, Scale, fixed, percent, real
 _BEYOND = 5e-3
 #: Why a run ended, in words
 _REASONS = {
-    "converged": "the design no longer changes",
+    "converged": "the first-order conditions of the optimum hold",
     "iterations": "all iterations were used",
     "interrupted": "it was interrupted",
-    "stalled": "the design would fall apart with sharper edges",
+    "stalled": "no further step lowered psi, though the first-order conditions do not hold",
     "infeasible": "no design was found that fulfils all constraints",
 }
 
