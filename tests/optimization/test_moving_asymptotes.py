@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import linprog, minimize
 
-from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes, _Subproblem
+from dolfinx_ffr.optimization.moving_asymptotes import Asymptotes, Secants, _Subproblem
 
 #: Values f_0 ... f_m and their gradients, shape (1 + m, n)
 Functions = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -193,3 +193,32 @@ def test_a_dual_at_round_off_takes_no_more_evaluations(monkeypatch: pytest.Monke
         after, _ = state.step(slope, np.array([rng.uniform(-0.02, 0.02)]), slopes)
         assert np.all(np.isfinite(after.x))
     assert len(taken) < 20 * 60
+
+
+def test_secants_are_the_second_derivatives_of_separable_functions() -> None:
+    """By each variable that has changed; the others keep theirs, and one that falls does slowly."""
+    first, second = np.array([1.0, 2.0, 3.0]), np.array([1.5, 2.0, 2.5])
+    secants = Secants.begin(first, first[None] ** 2).next(second, second[None] ** 2)
+    assert secants.curvature == pytest.approx(np.array([[2.5, 0.0, 5.5]]))
+    third = np.array([2.0, 2.5, 2.0])
+    linear = secants.gradients + np.array([[0.0, 1.0, 0.0]])
+    assert secants.next(third, linear).curvature == pytest.approx(np.array([[1.25, 2.0, 2.75]]))
+    assert secants.next(second, linear) is secants  # a step was taken back
+
+
+def test_what_can_still_be_gained_is_nothing_at_the_optimum() -> None:
+    """And at the start at least what a linear program gains, for any multipliers."""
+
+    def gain(x: np.ndarray, multipliers: np.ndarray) -> float:
+        values, slopes = cantilever(x)
+        state = Asymptotes(np.ones(5), np.full(5, 10.0), x)
+        return state.possible_gain(slopes[0], values[1:], slopes[1:], multipliers, 0.1)
+
+    optimum, multipliers = run(cantilever, [5.0] * 5, 1.0, 10.0, 60, move=1.0)
+    assert abs(gain(optimum, multipliers)) < 1e-6
+    x = np.full(5, 5.5)
+    values, slopes = cantilever(x)
+    box = [(-0.9, 0.9)] * 5
+    program = linprog(slopes[0], slopes[1:], -values[1:], bounds=box)
+    for factor in (0.5, 1.0, 2.0):
+        assert gain(x, factor * multipliers) >= -program.fun - 1e-12
