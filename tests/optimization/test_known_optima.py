@@ -38,7 +38,9 @@ class Sheet(ffr.DensityDesign):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:optimize. no cell of 'bar' along")
-@pytest.mark.filterwarnings("ignore:.*normal modes of body 'bar' shake nothing but")  # thin sheets
+# a sheet as thin as this is neither a part nor a solid for the warnings that look for these
+@pytest.mark.filterwarnings("ignore:optimize. no part comes of the design of 'bar'")
+@pytest.mark.filterwarnings("ignore:.*normal modes of body 'bar' shake nothing but")
 @pytest.mark.parametrize("ratio", [0.05, 0.25, 1.0])
 def test_a_bar_that_hangs_with_a_mass_at_its_end(ratio: float) -> None:
     """The bar of least compliance under its own weight and that of an end mass.
@@ -74,5 +76,6 @@ def test_a_bar_that_hangs_with_a_mass_at_its_end(ratio: float) -> None:
     optimum = (mass * gravity) ** 2 / stiffness * ratio * (1.0 + ratio)
     assert result.psi == pytest.approx(optimum, rel=2e-3)  # modes left out: 1e-3 at 24 of them
     feasible = result.history["psi"][result.history["volume"] <= MEAN * (1.0 + 1e-8)]
-    assert result.feasible and result.psi <= np.min(feasible) * (1.0 + 1e-9)
+    assert result.evaluation.volume["bar"] <= MEAN * (1.0 + 1e-8)
+    assert result.psi <= np.min(feasible) * (1.0 + 1e-9)
     assert result.residual < 2e-3

@@ -289,6 +289,8 @@ class VolumeIntegrals(Shown):
         g, n = (np.zeros((0, 0)) if view is None else as_array(view) for view in (G, N))
         body = VolumeIntegrals(mass, as_array(S), g, n, stiffness, points, loads, second)
         body.validate(name)
+        if body.P is None:
+            check_flat_gram_matrix(name, body.mass, body.S, body.G, body.N)
         return body
 
     def save(
@@ -438,8 +440,6 @@ class VolumeIntegrals(Shown):
             )
         if self.P is not None:
             check_gram_matrix(name, self.mass, self.S, self.P)
-        else:
-            check_flat_gram_matrix(name, self.mass, self.S, self.G, self.N)
         smallest = smallest_scaled_eigenvalue(self.K)
         if smallest < -1e-9:
             raise ValueError(

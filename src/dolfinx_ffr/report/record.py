@@ -7,7 +7,7 @@ errors are shares (0.01 is one percent), and None stands for what is not known.
 | key | |
 |---|---|
 | ``title`` | heading |
-| ``psi``, ``reason``, ``iterations``, ``feasible``, ``violations``, ``volume``, ``gray``, ``modes``, ``mode_error`` | those of `Result.summary` |
+| ``psi``, ``reason``, ``residual``, ``iterations``, ``feasible``, ``violations``, ``volume``, ``gray``, ``modes``, ``mode_error`` | those of `Result.summary` |
 | ``objective`` | ``name`` and ``unit`` of psi |
 | ``load_cases`` | of several, by name: ``psi``, ``objective`` (``name`` and ``unit``), ``weight``, ``integrator``, ``order``, ``duration`` [s], ``steps``, ``loads`` |
 | ``references`` | psi of other designs by name, to compare with; the first is what psi is relative to |
@@ -56,8 +56,8 @@ from ..problem import Evaluation, Problem
 
 #: Keys that the report knows
 KEYS = (
-    "title psi reason iterations feasible violations volume gray modes mode_error objective "
-    "load_cases references constraints frequencies stress scene parts verification warnings "
+    "title psi reason residual iterations feasible violations volume gray modes mode_error "
+    "objective load_cases references constraints frequencies stress scene parts verification warnings "
     "versions command date ranks seconds"
 ).split()
 #: Quantities of a body that are recorded of the densities and of the part
