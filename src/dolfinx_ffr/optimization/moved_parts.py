@@ -16,10 +16,10 @@ from ..dynamics import SimulationError
 from ..fem import CurveError
 from ..io import CheckpointError
 from ..parallel import on_every_rank
-from ..part import LoosePieceWarning, Part, PartWarning
+from ..part import LoosePieceWarning, Part, PartWarning, Solid
 from .boundary_steps import moved
 from .part_checks import part_violations
-from .result import Result, ranks_of, warn
+from .result import Result, deny, ranks_of, warn
 from .steps_checkpoint import StepsCheckpoint
 from .trial_failed import TrialFailed, shaping
 
@@ -30,8 +30,6 @@ _HAIRLINES = (
     "curves along its sides cross or almost touch, as members or gaps of the design are thinner "
     "than these can show; give a larger minimum_member, smaller elements or more iterations"
 )
-#: Beginning of the names of violations where no part comes of a design
-_PART_OF = "part of "
 #: Share of the material that may be in loose pieces, which the densities count and the part has not
 _LOOSE = 1e-3
 
@@ -69,7 +67,7 @@ def with_moved_boundaries(
         over = f" and violates {list(result.violations)}" if result.violations else ""
         cause = _HAIRLINES if isinstance(error, CurveError) else _described(error)
         warn(f"optimize: the boundary stays as the mesh has drawn it{over}: {cause}")
-        return _denied(with_checked_parts(result, unfinished=True), progress)
+        return with_checked_parts(result, unmoved=True, progress=progress)
     # the part may keep bounds that the densities have missed
     kept = result.reason == "infeasible" and not found.violations
     reason = "iterations" if kept else result.reason
@@ -104,77 +102,72 @@ def _described(error: Exception) -> str:
     return f"{type(error).__name__}, {where}: {error}"
 
 
-def _denied(result: Result, progress: bool) -> Result:
-    """The result, with what its part violates where the problem has constraints; collective.
-
-    Densities tell little of the stress of a part whose boundary could not be moved.
-    """
-    torn = any(name.startswith(_PART_OF) for name in result.violations)
-    if not result.problem.constraints or result.reason == "interrupted" or torn:
-        return result
-    try:
-        result.verify(most=2, progress=progress)
-    except (ValueError, SimulationError) as error:
-        warn(f"optimize: no part comes of this design: {error}", 5)
-        result.violations["no part"] = 1.0
-    return result if result.feasible else replace(result, reason="infeasible")
-
-
-def with_checked_parts(result: Result, *, unfinished: bool = False) -> Result:
+def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool = False) -> Result:
     """The result, and as violations that no part comes of a design, or what it lacks; collective.
 
     Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
-    looked at where that is asked for (``unfinished``). Loose pieces are not in the part, and psi
-    counts them: a level set that is crisp may have them where elements are wider than the gaps
-    beside them. Minimum sizes that were asked for are measured, and struts that end free are looked
-    for. Of bodies with holes in their drawing, what lies outside of the body is a violation, and a
-    rim of a hole that is thinner than asked for.
+    looked at where their boundaries could not be moved (``unmoved``). There the parts are verified
+    if the problem has constraints, as densities tell little of the stress of parts. Loose pieces
+    are not in the part, and psi counts them: a level set that is crisp may have them where elements
+    are wider than the gaps beside them. Minimum sizes that were asked for are measured, and struts
+    that end free are looked for. Of bodies with holes in their drawing, what lies outside of the
+    body is a violation, and a rim of a hole that is thinner than asked for.
 
     Warns:
         DesignWarning: Of each, or if no part comes of a design.
     """
-    found: dict[str, float] = {}
-    for name, design in result.designs.items():
-        if not isinstance(design, Design):
+    sharp = {
+        name: design.sharpness >= min(SHARP, design.at(1.0).sharpness)
+        for name, design in result.designs.items()
+        if isinstance(design, Design)
+    }
+    torn = False
+    for name, finished in sharp.items():
+        if not (finished or unmoved):
             continue
-        finished = design.sharpness >= min(SHARP, design.at(1.0).sharpness)
-        if not (finished or unfinished):
-            continue
-        flat = design.domain.dimension == 2
+        flat = result.problem.flexible[name].domain.dimension == 2
         try:
             with warnings.catch_warnings(), shaping():
                 warnings.simplefilter("ignore", PartWarning)
                 part = result.enclosed(name, **_ROUGHLY) if flat else result.part(name)
         except TrialFailed as failed:
-            found[_PART_OF + name] = 1.0
-            warn(
-                f"optimize: no part comes of the design of {name!r}, so it is not feasible: "
-                f"{failed}; take smaller elements, more volume or another start"
-            )
+            deny(result, [name], failed, 5)
+            torn = True
             continue
-        if not finished:
-            continue
-        level_set = flat and isinstance(design, LevelSet)
-        asked = isinstance(design, LevelSet) and level_set and design.sizes_asked
-        sizes = {name: _sizes(design)} if asked else {}
-        rims = {name: (design.hole_rim, _sizes(design)[0])}
-        for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
-            found[what] = each.share
-            warn(f"optimize: {name!r}: {each.said}")
-        if not (level_set and isinstance(part, Part)):
-            continue
-        share = sum(piece.area for piece in part.loose) / part.area
-        if share > _LOOSE:
-            found[f"loose pieces of {name}"] = share
-            warn(
-                f"optimize: psi is not that of a part of {name!r}: {len(part.loose)} loose pieces "
-                "of it touch no interface; take smaller elements, steps of the boundary, or "
-                "another start"
-            )
-    if not found:
+        if finished:
+            _look_at(result, name, part)
+    if unmoved and result.problem.constraints and not torn:
+        try:
+            result.verify(most=2, progress=progress)
+        except (ValueError, SimulationError) as error:
+            deny(result, sharp, error, 5)
+    if result.feasible or result.reason == "interrupted":
         return result
-    reason = "infeasible" if result.reason != "interrupted" else result.reason
-    return replace(result, violations={**result.violations, **found}, reason=reason)
+    return replace(result, reason="infeasible")
+
+
+def _look_at(result: Result, name: str, part: Part | Solid) -> None:
+    """Add to the violations of a result what a part of a finished design lacks; collective."""
+    design = result.designs[name]
+    assert isinstance(design, Design)
+    level_set = isinstance(part, Part) and isinstance(design, LevelSet)
+    asked = isinstance(design, LevelSet) and level_set and design.sizes_asked
+    sizes = {name: _sizes(design)} if asked else {}
+    rims = {name: (design.hole_rim, _sizes(design)[0])}
+    for what, each in part_violations(result.problem, {name: part}, sizes, rims).items():
+        result.violations[what] = each.share
+        warn(f"optimize: {name!r}: {each.said}", 5)
+    if not (level_set and isinstance(part, Part)):
+        return
+    share = sum(piece.area for piece in part.loose) / part.area
+    if share > _LOOSE:
+        result.violations[f"loose pieces of {name}"] = share
+        warn(
+            f"optimize: psi is not that of a part of {name!r}: {len(part.loose)} loose pieces "
+            "of it touch no interface; take smaller elements, steps of the boundary, or "
+            "another start",
+            5,
+        )
 
 
 def _sizes(design: Design) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -346,8 +346,7 @@ class Result(Shown):
             try:
                 found = self.verify(**options)
             except (ValueError, SimulationError) as error:
-                warn(f"no part comes of this design: {error}", 2)
-                self.violations["no part"] = 1.0
+                deny(self, self._designs_of_parts, error, 2)
             moved = dict[str, Path]()
             for name, at in folders.items():
                 part, title = self._parts.get(name), name
@@ -406,6 +405,16 @@ class Result(Shown):
     def iterations(self) -> int:
         """Number of steps tried."""
         return int(self.history["iteration"][-1])
+
+
+def deny(result: Result, names: Collection[str], error: Exception, stacklevel: int) -> None:
+    """Warn that no part comes of the designs of some bodies, which is a violation of each."""
+    result.violations.update({f"part of {name}": 1.0 for name in names})
+    warn(
+        f"no part comes of the design of {', '.join(map(repr, names))}, so it is not feasible: "
+        f"{error}; take smaller elements, more volume or another start",
+        stacklevel + 1,
+    )
 
 
 def ranks_of(problem: Problem) -> MPI.Comm:
