@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -280,6 +281,25 @@ def test_chosen_steps_are_not_told_to_be_chosen() -> None:
     with pytest.warns(ffr.TimeStepWarning, match=r"were chosen for an error of 1\.0e-02") as said:
         ffr.simulate(mechanism, bodies, chosen)
     assert "TimeInterval" not in str(said[0].message)
+
+
+def test_resonance_between_the_designs_of_the_choice_is_told() -> None:
+    """Steps chosen below and above a resonance lose their accuracy in it, by what is told."""
+    body = beam(0.6, 0.02, 0.01, elements=12, modes=2, frame="tangent")
+    first = math.sqrt(np.min(np.linalg.eigvals(np.linalg.solve(body.G[1:, 1:], body.K)).real))
+    shaken = ffr.Force(("rod", "right"), 0.0, lambda t: np.sin(0.99 * first * np.asarray(t)))
+    mechanism, bodies = held(body, 0.6, forces=[shaken])
+    end_time = 40.0 * 2.0 * math.pi / first
+    chosen = ffr.GeneralizedAlpha(end_time, 3000, chosen_for=1e-2)
+    problem = ffr.MechanicalProblem(mechanism, chosen, ffr.IntegralCompliance())
+    with pytest.warns(ffr.TimeStepWarning, match=r"estimated .*Problem\.with_steps_for") as said:
+        psi = problem.value(bodies).psi
+    exact = replace(problem, integrator=ffr.RadauIIA(end_time, steps=2000)).value(bodies).psi
+    (told,) = re.findall(r"by an estimated ([0-9.e-]+);", str(said[0].message))
+    assert float(told) == pytest.approx(abs(psi / exact - 1.0), rel=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        replace(problem, integrator=replace(chosen, steps=12_000)).value(bodies)
 
 
 def test_weight_from_equilibrium_is_silent() -> None:

@@ -13,6 +13,7 @@ from ..mechanism import Gear, PlacementWarning
 from .initial import placement_corrections, reversed_joint, widest_gap
 from .kinematics import Kinematics, elastic_mass, length_of, mass_norm, norm_floors, tilts
 from .load_steps import FEWER_SAMPLES, load_steps
+from .resonance import resonance_error
 from .trajectory import Trajectory
 from .vibrations import lost_vibrations
 
@@ -103,6 +104,7 @@ def _exceeded(trajectory: Trajectory, complete: bool, steps_given: bool) -> Warn
     yield from _deformations(trajectory, softening)
     yield from _flanks(trajectory)
     yield from _lost_vibrations(trajectory)
+    yield from _resonance(trajectory)
     yield from _reversed_axes(trajectory)
     method = trajectory.integrator
     if steps_given and not method.adaptive and method.chosen_for is None:
@@ -242,6 +244,23 @@ def _lost_vibrations(trajectory: Trajectory) -> Warnings:
         "(Motion.smooth_step), begin in StaticEquilibrium(), or give the bodies the damping that "
         "they have (RayleighDamping)",
     )
+
+
+def _resonance(trajectory: Trajectory) -> Warnings:
+    """Resonance that steps which were chosen for other designs do not follow as nearly."""
+    tolerance = trajectory.integrator.chosen_for
+    if tolerance is None:
+        return
+    worst = resonance_error(trajectory, tolerance)
+    if worst.error > tolerance:
+        yield (
+            TimeStepWarning,
+            f"body {worst.body!r} vibrates with {worst.frequency:.4g} Hz, near a frequency of its "
+            f"own, and {trajectory.integrator.in_words}, chosen for an error of {tolerance:.1e} of "
+            f"other designs, change its mean strain energy by an estimated {worst.error:.1e}; "
+            "choose anew at this one by Problem.with_steps_for, or give TimeInterval a tolerance "
+            f"of {0.5 * tolerance * tolerance / worst.error:.1e}",
+        )
 
 
 def _loads(trajectory: Trajectory) -> Warnings:

@@ -104,7 +104,8 @@ class TimeInterval(Integrator):
 
     :class:`Problem` chooses with every design element filled by one half, and by the full bodies,
     and keeps the steps for all designs; :func:`optimize` looks at them again where psi has changed
-    by much, and at the end. How large the error is at a design, ``model_report`` tells.
+    by much, and at the end. A `TimeStepWarning` tells of a design between them whose resonance the
+    steps do not follow as nearly; how large the error is at a design, ``model_report`` tells.
 
     Example:
         >>> problem = Problem({"rod": rod}, mechanism, TimeInterval(2.0), IntegralCompliance())
