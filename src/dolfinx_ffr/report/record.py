@@ -57,8 +57,8 @@ from ..problem import Evaluation, Problem
 #: Keys that the report knows
 KEYS = (
     "title psi reason residual iterations feasible violations volume gray modes mode_error "
-    "objective load_cases references constraints frequencies stress scene parts verification warnings "
-    "versions command date ranks seconds"
+    "objective load_cases references constraints frequencies stress scene parts verification "
+    "warnings versions command date ranks seconds"
 ).split()
 #: Quantities of a body that are recorded of the densities and of the part
 _OF_BODY = ("mass", "volume", "stress")
