@@ -16,9 +16,10 @@ from shared.problems import slider_crank
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import free_ends
-from dolfinx_ffr.fem import CurveError
+from dolfinx_ffr.fem import CurveError, ShapeError
 from dolfinx_ffr.optimization import moved_parts
 from dolfinx_ffr.optimization.part_checks import part_violations
+from dolfinx_ffr.optimization.trial_failed import TrialFailed, shaping
 
 LENGTH, BORE = 0.15, 0.009
 
@@ -146,3 +147,17 @@ def test_struts_that_end_free() -> None:
     sizes = {"plate": (0.004, 0.004)}
     (name,) = part_violations(problem, {"plate": spur}, sizes, sizes)
     assert name.startswith("plate: strut that ends free near (3")
+
+
+@pytest.mark.parametrize(
+    "error", [ShapeError("no mesh"), CurveError("curves cross"), shapely.GEOSException("torn")]
+)
+def test_shapes_that_are_refused_fail_a_trial(error: Exception) -> None:
+    with pytest.raises(TrialFailed, match=str(error)), shaping():
+        raise error
+
+
+def test_a_bug_in_the_geometry_is_no_failed_trial() -> None:
+    """What is no error of a shape goes on, rather than end in shorter and shorter steps."""
+    with pytest.raises(ValueError, match="could not be broadcast"), shaping():
+        np.zeros(2) + np.zeros(3)

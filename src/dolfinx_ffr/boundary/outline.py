@@ -27,7 +27,18 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..design import Isometry, Mirror, images
-from ..fem import Curve, CurveError, Domain, Drawing, Face, FlatHole, connected, polygon, ring
+from ..fem import (
+    Curve,
+    CurveError,
+    Domain,
+    Drawing,
+    Face,
+    FlatHole,
+    ShapeError,
+    connected,
+    polygon,
+    ring,
+)
 from ..part import Part, PartWarning
 from .curve import FreeCurve, kept
 from .sides import Loops, Run, Side, sides_of
@@ -464,7 +475,7 @@ class Boundary:
             union = union.buffer(-_OPENED * self.member).buffer(_OPENED * self.member)
             far = self.hole(pair[0]).distance(self.hole(pair[1])) > _JOINED * self.member
             if far or not isinstance(union, shapely.Polygon) or union.is_empty or union.interiors:
-                raise ValueError("boundary: the holes are too far apart to be made one")
+                raise ShapeError("boundary: the holes are too far apart to be made one")
             ring = shapely.geometry.polygon.orient(union, -1.0).exterior
             runs.append(Run(np.asarray(ring.coords)[:-1], None))
             gone += among
@@ -511,7 +522,7 @@ class Boundary:
                         ring = shapely.geometry.polygon.orient(piece, -1.0).exterior
                         runs.append(Run(np.asarray(ring.coords)[:-1], None))
         if not runs:
-            raise ValueError("boundary: no hole is left where there would be a strut")
+            raise ShapeError("boundary: no hole is left where there would be a strut")
         return self._with_holes(gone, runs)
 
     @property
@@ -539,7 +550,7 @@ class Boundary:
                 gone[[0, -1]] &= curve.closed
                 runs[key] = Run(points[~gone], curve.nodes)
                 if len(runs[key].points) < _FEWEST:
-                    raise ValueError("boundary: nothing is left of a curve without its spur")
+                    raise ShapeError("boundary: nothing is left of a curve without its spur")
         return self._anew(runs)
 
     @property
@@ -573,7 +584,7 @@ class Boundary:
             n for n, (_, loops) in enumerate(self.faces) if any(_is_hole(x, left) for x in loops)
         ]
         if runs and len(inside) != 1:
-            raise ValueError("boundary: the holes are not of one face")
+            raise ShapeError("boundary: the holes are not of one face")
         beyond = 1 + max(self.free)
         curves, masters = fitted(runs, self.spacing, self.isometries)
         alike = 1 + max(int(np.max(numbers)) for numbers in self.masters.values())

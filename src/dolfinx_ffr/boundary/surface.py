@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from .. import validation
 from ..arrays import Array, Integers, Mask
 from ..design import HoleRims, Mirror, images
-from ..fem import Domain, Tetrahedra
+from ..fem import Domain, ShapeError, Tetrahedra
 from ..limits import PAIR, check_count
 from ..parallel import agreed_memory, on_every_rank, on_rank_0
 from ..part import PartWarning, Solid
@@ -440,7 +440,7 @@ class Surface:
         """The same, to be cut out of the next finer lattice; ValueError if that is too fine."""
         size = self.part.sizes(None, 2)[1]
         if 6.0 * self.part.volume > _DEAREST * size**3:
-            raise ValueError("surface: the next finer lattice is too fine")
+            raise ShapeError("surface: the next finer lattice is too fine")
         return self._with(self.coefficients, size)
 
     def shifted(self, offsets: Array) -> Surface:
@@ -580,7 +580,7 @@ def _fitted(field: Field, low: Array, spacing: Array, shape: Sequence[int]) -> A
     nodes = low + spacing * np.indices(shape).reshape(3, -1).T
     points = contour(field, low, nodes[-1], 0.5 * spacing)
     if not len(points):
-        raise ValueError("surface: the field has no zero surface that could move")
+        raise ShapeError("surface: the field has no zero surface that could move")
     # off the contour of linear pieces the first-order distance is exact on the field's zero surface
     step = 1e-4 * spacing
     slope = [(field(points + s) - field(points - s)) / (2.0 * s.sum()) for s in np.diag(step)]

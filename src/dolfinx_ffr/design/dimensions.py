@@ -25,6 +25,7 @@ from ..fem import (
     Array,
     Domain,
     Drawing,
+    ShapeError,
     closed_outline,
     gathered_nodes,
     gmsh_model,
@@ -352,7 +353,7 @@ class DimensionDesign(Variables):
         except Exception as error:  # gmsh raises nothing more precise, and users' functions do
             where = ", ".join(f"{n} = {v:.6g}" for n, v in self.named(variables).items())
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-            raise ValueError(f"dimensions: no body with {where}: {kind}{error}") from error
+            raise ShapeError(f"dimensions: no body with {where}: {kind}{error}") from error
 
     def _given(self, variables: Array) -> dict[str, Any]:
         """What the user's function returns for an outline."""

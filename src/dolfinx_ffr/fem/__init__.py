@@ -10,7 +10,7 @@ with working_with_numpy("petsc4py"):
     from petsc4py import PETSc
 
 from ..arrays import Array as Array
-from .curves import Arc, Curve, CurveError, Line, Spline, enclosed
+from .curves import Arc, Curve, CurveError, Line, ShapeError, Spline, enclosed
 from .curves import polygon as polygon
 from .domain import Domain as Domain
 from .drawn_outline import DrawnHole, FlatHole, RoundHole

@@ -26,7 +26,11 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _ROUND_OFF = 1e-9
 
 
-class CurveError(ValueError):
+class ShapeError(ValueError):
+    """A shape that has no mesh, or encloses no part, whoever asks for it."""
+
+
+class CurveError(ShapeError):
     """Curves cross, or are so near each other that no mesh fits them."""
 
 

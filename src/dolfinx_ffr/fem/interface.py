@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from .. import validation
 from ..arrays import Array, Mask
 from ..parallel import on_every_rank
+from .curves import ShapeError
 from .mesh_checks import facet_nodes, facet_points
 
 #: Largest deviation of normals from each other that counts as none
@@ -205,7 +206,7 @@ def find_interfaces(
                 f"{axis} from {low:.6g} to {high:.6g} m"
                 for axis, low, high in zip("xyz", *box, strict=False)
             )
-            raise ValueError(
+            raise ShapeError(
                 f"interface {name!r} has no facets: its predicate or tag picks no boundary facet "
                 f"of the body, which spans {' and '.join(spans)}"
             )
@@ -213,14 +214,14 @@ def find_interfaces(
         for other, taken in found.items():
             shared = np.intersect1d(dofs, taken.dofs)
             if comm.allreduce(bool(len(shared)), MPI.LOR):
-                raise ValueError(
+                raise ShapeError(
                     f"interfaces {other!r} and {name!r} overlap: they share nodes, and a node "
                     "cannot follow two rigid motions; leave at least one free facet between them "
                     "or join them into one"
                 )
         extent = float(np.linalg.norm(np.ptp(np.vstack(comm.allgather(coordinates[dofs])), axis=0)))
         if not extent > 0.0:
-            raise ValueError(
+            raise ShapeError(
                 f"interface {name!r} is a single point: it cannot hold the body against rotation"
             )
         center, axis = _surface(domain, facets)

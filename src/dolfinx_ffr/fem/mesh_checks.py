@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from ..arrays import Array, Integers, Mask
 from . import _compat
+from .curves import ShapeError
 
 #: Sides of a facet by its number of corners; quadrilaterals are numbered as tensor products
 _SIDES = {2: [(0, 1)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
@@ -40,7 +41,7 @@ def check_cells(domain: mesh.Mesh) -> None:
         nodes = _compat.cell_geometry(domain)[cells[folded]]
         where = [_point(p[:, :dim].mean(axis=0)) for p in domain.geometry.x[nodes[:3]]]
         where = [p for part in domain.comm.allgather(where) for p in part][:3]
-        raise ValueError(
+        raise ShapeError(
             f"mesh: {bad} cells are inverted or without {'volume' if dim == 3 else 'area'}, the "
             f"first near {', '.join(where)} m; "
             "repair the mesh (in gmsh: another algorithm, or straighter high-order cells)"
@@ -61,7 +62,7 @@ def check_hanging_nodes(domain: mesh.Mesh) -> None:
     off = offset - np.einsum("ij,ij->i", offset, along)[:, None] * along
     hits = np.flatnonzero(np.linalg.norm(off, axis=1) < 1e-9 * length[which])
     if len(hits):
-        raise ValueError(
+        raise ShapeError(
             f"mesh: hanging node at {_point(found[hits[0]])} m, in the middle of another cell's "
             "edge; refine so that neighbouring cells share whole edges"
         )
@@ -81,7 +82,7 @@ def check_held(
         )
         if void is not None:
             remedy = "leave the cells that join them to the others out of the void region"
-        raise ValueError(
+        raise ShapeError(
             f"mesh: {floating} of {count} separate pieces of the body touch no interface and "
             f"would float; {remedy}"
         )

@@ -16,8 +16,8 @@ import shapely.ops
 from scipy.optimize import minimize_scalar
 
 from ..arrays import Array, Mask
-from .curves import Arc, Curve, Line, Spline, polygon
-from .faces import directed_loops, nested
+from .curves import Arc, Curve, Line, Spline
+from .faces import directed_loops, nested, ring
 from .interface import nearest_circle
 from .plane_mesh import Drawing, Face, walked
 
@@ -94,7 +94,7 @@ def _shape(
     curves: Sequence[Curve], loops: Sequence[Sequence[tuple[int, bool]]], fine: float
 ) -> shapely.Polygon:
     """The polygon of a face, the outer one of whose loops is the first."""
-    rings = [polygon(walked(curves, loop), fine) for loop in loops]
+    rings = [ring(walked(curves, loop), fine) for loop in loops]
     return shapely.Polygon(rings[0], rings[1:])
 
 
@@ -104,12 +104,12 @@ def _inside(
     """The boundary of a zone in the body, where it does not run along the outline."""
     deep = body.buffer(-left)
     for part in shapely.get_parts(zone):
-        for ring in (part.exterior, *part.interiors):
-            if deep.contains(ring):
-                yield shapely.LineString(ring)
+        for edge in (part.exterior, *part.interiors):
+            if deep.contains(edge):
+                yield shapely.LineString(edge)
                 continue
-            crossing = _lines(ring.intersection(body))
-            for line in _lines(ring.intersection(deep)):
+            crossing = _lines(edge.intersection(body))
+            for line in _lines(edge.intersection(deep)):
                 if line.length > left:
                     yield _to_the_outline(line, crossing, _CROSSES * left)
 

@@ -21,6 +21,7 @@ import numpy as np
 from ..arrays import Array, Integers, Mask
 from ..parallel import announce, on_every_rank
 from . import _compat
+from .curves import ShapeError
 from .domain import Domain
 from .mesh_checks import vertex_nodes
 
@@ -184,7 +185,7 @@ class Tetrahedra:
         """Refuse more tetrahedra than can be cut."""
         count = domain.n_cells_global * Tetrahedra.each(domain, finer)
         if count > _MOST:
-            raise ValueError(
+            raise ShapeError(
                 f"solid: {count:,} tetrahedra are more than the {_MOST:,} that can be cut; ask for "
                 "a larger size or fewer meshes"
             )

@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from shapely import GEOSException
+
 from ..boundary import Boundary, Surface
 from ..design import LEAST, SHARP, Design, LevelSet
 from ..dynamics import SimulationError
@@ -21,7 +23,7 @@ from .boundary_steps import moved
 from .part_checks import part_violations
 from .result import Result, deny, ranks_of, warn
 from .steps_checkpoint import StepsCheckpoint
-from .trial_failed import TrialFailed, shaping
+from .trial_failed import TrialFailed
 
 #: How parts are made whose curves are smoothed by more, or only looked at
 _ROUGHLY: dict[str, Any] = {"tolerance": 1e-2, "resolution": 4}
@@ -127,11 +129,11 @@ def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool 
             continue
         flat = result.problem.flexible[name].domain.dimension == 2
         try:
-            with warnings.catch_warnings(), shaping():
+            with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PartWarning)
                 part = result.enclosed(name, **_ROUGHLY) if flat else result.part(name)
-        except TrialFailed as failed:
-            deny(result, [name], failed, 5)
+        except (ValueError, GEOSException) as error:
+            deny(result, [name], error, 5)
             torn = True
             continue
         if finished:

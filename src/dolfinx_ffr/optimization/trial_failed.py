@@ -10,6 +10,7 @@ import numpy as np
 from shapely import GEOSException
 
 from ..dynamics import SimulationError
+from ..fem import ShapeError
 
 #: Errors of a reduction or a simulation that follow from the shape of a body
 _OF_THE_SHAPE = (RuntimeError, SimulationError, np.linalg.LinAlgError)
@@ -21,10 +22,13 @@ class TrialFailed(Exception):
 
 @contextmanager
 def shaping() -> Iterator[None]:
-    """Context in which boundaries are changed and meshed: a shape that is refused is a failure."""
+    """Context in which boundaries are changed and meshed: a shape that is refused is a failure.
+
+    Any other error, as a bare ValueError, is a bug and goes on.
+    """
     try:
         yield
-    except (ValueError, GEOSException) as error:
+    except (ShapeError, GEOSException) as error:
         raise TrialFailed(str(error)) from error
 
 

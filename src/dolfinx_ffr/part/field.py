@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import validation
 from ..arrays import Array, Integers
+from ..fem import ShapeError
 
 #: Of positions (n, d) [m], gives (n,) numbers
 Field = Callable[[Array], Array]
@@ -45,7 +46,7 @@ def evaluated(field: Field, points: Array) -> Array:
 def refuse_zero(what: str, values: Array, cells: Integers) -> None:
     """Refuse values (points,) that are zero all over designed cells (cells, corners)."""
     if zero := int(np.count_nonzero(np.all(values[cells] == 0.0, axis=1))):
-        raise ValueError(
+        raise ShapeError(
             f"{what}: the field is zero all over {zero} of {len(cells)} cells of the lattice, and "
             "says neither material nor void there; give a field that is positive in material and "
             "negative in void, as density - 0.5"

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline, splprep
 
 from ..arrays import Array
-from ..fem import Curve, Line, Spline
+from ..fem import Curve, Line, ShapeError, Spline
 from .field import Field, cross, evaluated, turns
 
 #: A corner turns by more [rad]; zeros of a field on a lattice turn by less where it is smooth
@@ -139,7 +139,7 @@ def fitted(points: Array, tolerance: float, *, closed: bool = False) -> Curve:
             return Line(start, end)
     if not np.any(np.ptp(points, axis=0)):
         x, y = 1e3 * start
-        raise ValueError(
+        raise ShapeError(
             f"part: the zero line has a piece without length near ({x:.6g}, {y:.6g}) mm; give "
             "another resolution"
         )

@@ -41,6 +41,7 @@ from ..fem import (
     gmsh_model,
     mesh_faces,
     polygon,
+    ring,
 )
 from ..parallel import on_rank_0
 from .boundary import Side, boundary
@@ -418,7 +419,7 @@ def _polygonal(sides: Sequence[Side], names: Sequence[str]) -> list[str]:
 
 
 def _polygons(around: Outlines, accuracy: float) -> shapely.MultiPolygon:
-    rings = [[polygon(loop, accuracy) for loop in loops] for loops in around]
+    rings = [[ring(loop, accuracy) for loop in loops] for loops in around]
     return shapely.MultiPolygon([shapely.Polygon(first, rest) for first, *rest in rings])
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..fem import Drawing, Face, connected, directed_loops, enclosed, nested
+from ..fem import Drawing, Face, ShapeError, connected, directed_loops, enclosed, nested
 from .boundary import Side
 from .cut import DESIGN, SOLID
 
@@ -109,7 +109,7 @@ def attached(
     names = list(lengths)
     stay = [piece for piece in found if piece.interfaces]
     if not stay:
-        raise ValueError(
+        raise ShapeError(
             f"part: no piece of the material touches an interface ({', '.join(map(repr, names))}); "
             "is the field positive in the material?"
         )
@@ -139,7 +139,7 @@ def attached(
         groups.setdefault(int(label[i]), []).append(repr(names[i]))
     if len(groups) > 1:
         shown = " with ".join(" and ".join(group) for group in groups.values())
-        raise ValueError(
+        raise ShapeError(
             f"part: no material connects the interfaces {shown}; the design is torn, gray, or "
             "too thin for the distance at which the field is given (more iterations, thicker "
             "members)"

@@ -27,6 +27,7 @@ from ..fem import (
     Domain,
     ElasticMaterial,
     GatheredMesh,
+    ShapeError,
     Tetrahedra,
     connected,
     fit_cylinder,
@@ -289,14 +290,14 @@ class Solid(Enclosed):
 def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     """The pieces that touch an interface, and their surface."""
     if not len(cut.cells):
-        raise ValueError("solid: there is no material; the field is negative everywhere")
+        raise ShapeError("solid: there is no material; the field is negative everywhere")
     _, _, pairs = outer_faces(cut.cells)
     piece = connected(pairs, len(cut.cells))
     size = volumes(cut.points, cut.cells)
     touches = np.zeros(piece.max() + 1, dtype=bool)
     touches[piece[np.any(cut.facets >= 0, axis=1)]] = True
     if not np.any(touches):
-        raise ValueError("solid: no material touches an interface; keep the cells there solid")
+        raise ShapeError("solid: no material touches an interface; keep the cells there solid")
     stays = touches[piece]
     used, cells = np.unique(cut.cells[stays], return_inverse=True)
     cells = cells.reshape(-1, 4)

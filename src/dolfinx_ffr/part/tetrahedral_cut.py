@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..arrays import Array, Integers
-from ..fem import DESIGNED, SOLID, VOID, Tetrahedra, connected
+from ..fem import DESIGNED, SOLID, VOID, ShapeError, Tetrahedra, connected
 from .field import Field, evaluated, refuse_zero, zeros_between
 
 #: Corners closer than this to the surface are moved onto it, in units of the edge on which it is
@@ -91,7 +91,7 @@ def outer_faces(cells: Integers) -> tuple[Integers, Integers, Integers]:
     opposite of it, (faces,); pairs of cells, (pairs, 2).
     """
     if cells.max(initial=0) >= 2**21:
-        raise ValueError(
+        raise ShapeError(
             f"solid: {cells.max() + 1:,} corners are more than the {2**21:,} that can be told "
             "apart; ask for a larger size or fewer meshes"
         )

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from .. import validation
-from ..fem import Array, Domain
+from ..fem import Array, Domain, ShapeError
 
 
 class Frame(Protocol):
@@ -71,7 +71,7 @@ class ChordFrame(Frame):
         length = float(np.linalg.norm(chord))
         size = float(np.max(np.ptp(domain.bounding_box, axis=0)))
         if self.start == self.end or length <= 1e-9 * size:
-            raise ValueError(
+            raise ShapeError(
                 f"chord frame: the interfaces {self.start!r} and {self.end!r} have the same "
                 "center, which leaves the angle of the frame undetermined; use TangentFrame or two "
                 "interfaces apart"

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from .. import validation
 from ..body import BodyMarker
-from ..fem import Array, Block, Domain, Elasticity, _compat, summed
+from ..fem import Array, Block, Domain, Elasticity, ShapeError, _compat, summed
 
 #: How far outside the reference cell a point may lie, to be found in spite of round-off
 SLACK = 1e-8
@@ -52,7 +52,7 @@ class PointMarker:
         count = domain.comm.allreduce(len(found))
         if count == 0:
             low, high = domain.bounding_box
-            raise ValueError(
+            raise ShapeError(
                 f"marker {name!r} at {tuple(point)} m lies outside the body, which spans "
                 f"{tuple(np.round(low, 6))} to {tuple(np.round(high, 6))} m"
             )
