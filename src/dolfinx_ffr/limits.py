@@ -31,6 +31,10 @@ PAIR = 80
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
+class LimitError(ValueError):
+    """More of something was asked for than this machine takes in reasonable time."""
+
+
 def available_memory(processes: int = 1) -> int:
     """One process's share of the memory of the machine, or less by a limit [bytes]."""
     shared = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
@@ -91,7 +95,7 @@ def check_count(
             f"some {count * each / 1e9:,.3g} GB, more than the {room * each / 1e9:,.3g} GB {whose}"
         )
     shown = f"{count:,.0f}" if count < 1e15 else f"{count:.3g}"
-    raise ValueError(
+    raise LimitError(
         f"{what}: some {shown} {things} are {why}; {remedy}, or allow more by the environment "
         f"variable {INSIST}"
     )

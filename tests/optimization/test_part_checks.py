@@ -17,6 +17,7 @@ from shared.problems import slider_crank
 import dolfinx_ffr as ffr
 from dolfinx_ffr.boundary import free_ends
 from dolfinx_ffr.fem import CurveError, ShapeError
+from dolfinx_ffr.limits import LimitError
 from dolfinx_ffr.optimization import moved_parts
 from dolfinx_ffr.optimization.part_checks import part_violations
 from dolfinx_ffr.optimization.trial_failed import TrialFailed, shaping
@@ -150,7 +151,13 @@ def test_struts_that_end_free() -> None:
 
 
 @pytest.mark.parametrize(
-    "error", [ShapeError("no mesh"), CurveError("curves cross"), shapely.GEOSException("torn")]
+    "error",
+    [
+        ShapeError("no mesh"),
+        CurveError("curves cross"),
+        LimitError("too many triangles"),
+        shapely.GEOSException("torn"),
+    ],
 )
 def test_shapes_that_are_refused_fail_a_trial(error: Exception) -> None:
     with pytest.raises(TrialFailed, match=str(error)), shaping():

@@ -11,6 +11,7 @@ from shapely import GEOSException
 
 from ..dynamics import SimulationError
 from ..fem import ShapeError
+from ..limits import LimitError
 
 #: Errors of a reduction or a simulation that follow from the shape of a body
 _OF_THE_SHAPE = (RuntimeError, SimulationError, np.linalg.LinAlgError)
@@ -28,7 +29,7 @@ def shaping() -> Iterator[None]:
     """
     try:
         yield
-    except (ShapeError, GEOSException) as error:
+    except (ShapeError, LimitError, GEOSException) as error:
         raise TrialFailed(str(error)) from error
 
 
