@@ -53,9 +53,7 @@ def cut(trajectory: Trajectory, last: int) -> Trajectory:
     return replace(trajectory, **parts, iterations=trajectory.iterations[:last].copy())
 
 
-def diagnosis(
-    trajectory: Trajectory, k: int, where: str, iterations: int, status: int, remedy: str
-) -> str:
+def diagnosis(trajectory: Trajectory, k: int, where: str, iterations: int, status: int) -> str:
     """Message for a failed step, from the residual of its last iterate in row k."""
     model, n = trajectory.model, trajectory.model.size
     y, v, w, lam = trajectory.y[k], trajectory.v[k], trajectory.w[k], trajectory.multipliers[k]
@@ -82,7 +80,14 @@ def diagnosis(
         row = int(np.argmax(gap))
         unit = "rad" if model.angular[row] else "m"
         text += f" and {gap[row]:.3g} {unit} in joint {model.joint_of_row(row)!r}"
-    return text + f"; {remedy}look at the motion so far in the exception's trajectory"
+    if not trajectory.integrator.adaptive:
+        text += (
+            "; take smaller steps, or RadauIIA(end_time, tolerance=1e-6), which takes short ones "
+            "where the motion needs them, or"
+        )
+    else:
+        text += ";"
+    return text + " look at the motion so far in the exception's trajectory"
 
 
 def _is_singular(trajectory: Trajectory, k: int) -> bool:

@@ -164,9 +164,8 @@ class GeneralizedAlpha(Integrator):
             last = int(steps.last[0])
             k = last + 1
             where = f"step {k} of {count}, {self.step:.3g} s each"
-            remedy = "take smaller steps, or "
             iterations = int(trajectory.iterations[last])
-            text = diagnosis(trajectory, k, where, iterations, status, remedy)
+            text = diagnosis(trajectory, k, where, iterations, status)
             raise SimulationError(text, cut(trajectory, last))
         return trajectory
 

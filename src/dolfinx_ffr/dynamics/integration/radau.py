@@ -227,7 +227,7 @@ class RadauIIA(Integrator):
             for first, last in pairwise([0, *at_jumps, ends.size - 1]):
                 status, good, rows = march_state.advance(ends[first : last + 1], math.inf)
                 if status != CONVERGED:
-                    raise _failure(march_state, rows, good, status, "take smaller steps, or ")
+                    raise _failure(march_state, rows, good, status)
             rows = _Rows.joined(march_state.parts)
             return _trajectory(self, model.at(rows.t), rows, norms)
         h = self.first_step
@@ -493,7 +493,7 @@ def _adaptive(
             h *= 0.25
         batch, before = 1, 1.0
         if h < _SHORTEST * duration:
-            raise _failure(march_state, rows, good, status, "")
+            raise _failure(march_state, rows, good, status)
     return _Rows.joined(march_state.parts)
 
 
@@ -523,9 +523,7 @@ def _relative(errors: Array, norms: Array) -> float:
     return float(max(*relative[:3], relative[3] ** (1.0 / OF_FORCES)))
 
 
-def _failure(
-    march_state: _March, rows: _Rows, good: int, status: int, remedy: str
-) -> SimulationError:
+def _failure(march_state: _March, rows: _Rows, good: int, status: int) -> SimulationError:
     """The exception for a failed step."""
     model, so_far = march_state.model, _Rows.joined(march_state.parts)
     trajectory = _trajectory(march_state.integrator, model.at(so_far.t), so_far, march_state.norms)
@@ -541,4 +539,4 @@ def _failure(
     tried = _trajectory(march_state.integrator, model.at(rows.t), rows, march_state.norms)
     where = f"step {trajectory.step_ends.size} of {length:.3g} s"
     iterations = int(rows.iterations[good])
-    return SimulationError(diagnosis(tried, row, where, iterations, status, remedy), trajectory)
+    return SimulationError(diagnosis(tried, row, where, iterations, status), trajectory)
