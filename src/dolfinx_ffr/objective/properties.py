@@ -168,7 +168,9 @@ class Frequency(_WithoutTrajectory):
     interface while the other may slide along the chord. (The basis of the reduction has others,
     with all interfaces fixed: `Evaluation.fixed_interface_frequencies`.) With ``free`` nothing is
     fixed: M is the mass matrix of the body with its frame, rigid-body modes are left out, and the
-    frame does not matter. The rest of the mechanism plays no part.
+    frame does not matter. The rest of the mechanism plays no part. Sought for its largest value, it
+    takes material away from interfaces, whose mass only lowers it, up to a torn design; one of the
+    held body needs them.
 
     A single frequency has a kink where it meets its neighbour. The inverse mean of a cluster has
     none as long as it stays apart from others; for two to four it is close to the lowest.

@@ -412,7 +412,8 @@ def deny(result: Result, names: Collection[str], error: Exception, stacklevel: i
     result.violations.update({f"part of {name}": 1.0 for name in names})
     warn(
         f"no part comes of the design of {', '.join(map(repr, names))}, so it is not feasible: "
-        f"{error}; take smaller elements, more volume or another start",
+        f"{error}; take smaller elements, more volume, another start, or an objective that loads "
+        "the interfaces, which the frequency of a free body does not",
         stacklevel + 1,
     )
 
