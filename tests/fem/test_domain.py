@@ -27,6 +27,14 @@ def strip(comm: MPI.Intracomm, nx: int = 8, ny: int = 2) -> mesh.Mesh:
     return mesh.create_rectangle(comm, corners, [nx, ny], mesh.CellType.quadrilateral)
 
 
+def test_one_layer_between_the_solid_ends_is_designed(comm: MPI.Intracomm) -> None:
+    """Though all its nodes are nodes of the ends."""
+    box = Domain.box(comm, 0.1, 0.04, 0.04, elements=(5, 2, 2))
+    rectangle = Domain.rectangle(comm, 0.1, 0.04, elements=(5, 2))
+    for domain, cells in ((box, 4), (rectangle, 2)):
+        assert domain.comm.allreduce(int(np.count_nonzero(domain.design_cells))) == cells
+
+
 @pytest.mark.parametrize(("order", "ends"), [(1, {}), (2, {"solid_length": 0.05})])
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_geometry_of_a_rod(comm: MPI.Intracomm, cell: str, order: int, ends: dict) -> None:  # type: ignore[type-arg]

@@ -69,7 +69,7 @@ def rod_mesh(
         inner = solid_length
     kept = located_cells(domain, f"{what}: solid", solid)
     if layers:
-        kept |= located_cells(
-            domain, name, lambda x: (x[0] < inner + eps) | (x[0] > length - inner - eps)
-        )
+        # one end after the other: a single layer between both has all its nodes in one of them
+        kept |= located_cells(domain, name, lambda x: x[0] < inner + eps)
+        kept |= located_cells(domain, name, lambda x: x[0] > length - inner - eps)
     return domain, {"left": lambda x: x[0] < eps, "right": lambda x: x[0] > length - eps}, kept
