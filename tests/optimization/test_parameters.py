@@ -79,7 +79,7 @@ def crank_problem(comm: MPI.Comm, integrator: Any = None) -> ffr.Problem:
     bodies = {"rod": slider_crank(comm, (20, 4), modes=2).flexible["rod"]}
     bounds = [
         ffr.Constraint(DrivePower("motor"), upper=9.0),
-        ffr.Constraint(ffr.JointForce("motor", peak=True, power=8.0), upper=300.0, name="force"),
+        ffr.Constraint(ffr.JointForce("motor", power=8.0), upper=300.0, name="force"),
     ]
     integrator = integrator or ffr.GeneralizedAlpha(0.5, 60)
     return ffr.Problem(bodies, CRANK.mechanism(crank), integrator, ffr.IntegralCompliance(), bounds)
