@@ -20,6 +20,7 @@ Slices: Any = names_of_program(TOP / "CONTRIBUTING.md", "Slices")["Slices"]
 
 
 @pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:no part comes of the design")  # as gray as its six variables
 def test_design_of_contributing(comm: MPI.Intracomm) -> None:
     """Its way back is the transpose; moving asymptotes lower psi with it below the volume."""
     problem = slider_crank(comm, (20, 4), modes=2, steps=100)

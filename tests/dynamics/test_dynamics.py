@@ -343,7 +343,8 @@ def test_a_mechanism_that_locks_is_named_and_the_motion_so_far_is_kept(
     message = r"at t = 0\.[34].*trajectory"
     if isinstance(integrator, ffr.GeneralizedAlpha):
         message = (
-            r"at t = 0\.4\d* s \(step \d+ of 100\) .* in body '(carrier|rod)' and .* in joint '"
+            r"at t = 0\.4\d* s \(step \d+ of 100, 0\.01 s each\) .* in body '(carrier|rod)' and .* "
+            r"in joint '"
         )
     with pytest.raises(ffr.SimulationError, match=message) as caught:
         ffr.simulate(*out_of_reach(), integrator)

@@ -248,7 +248,7 @@ def test_files_sums_and_fewer_modes_keep_the_geometric_stiffness(tmp_path: Path)
     arrays = dict(np.load(tmp_path / "body.npz"))
     arrays["marker_stiffening"] = arrays["marker_stiffening"][:1]
     np.savez(tmp_path / "short.npz", **arrays)
-    with pytest.raises(ValueError, match="marker_stiffening has shape"):
+    with pytest.raises(ValueError, match="marker_stiffening must have shape"):
         ffr.VolumeIntegrals.load(tmp_path / "short.npz")
 
 

@@ -181,8 +181,12 @@ def test_gathered_displacements_follow_the_field(comm: MPI.Comm, cell: str, orde
 def test_curved_cells_are_drawn_with_middle_nodes(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     path, radius = shared_tmp_path / "disc.svg", 0.5
     if comm.rank == 0:
-        page = '<svg xmlns="http://www.w3.org/2000/svg"><circle id="rim" r="500"/></svg>'
-        path.write_text(page)
+        halves = (
+            'id="rim" d="M500 0A500 500 0 0 1-500 0"',
+            'id="rest" d="M-500 0A500 500 0 0 1 500 0"',
+        )
+        paths = "".join(f"<path {half}/>" for half in halves)
+        path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{paths}</svg>')
     comm.Barrier()
     rims = {"rim": "rim"}
     domain = ffr.Domain.from_outline(comm, path, interfaces=rims, size=0.2, unit="mm", order=2)

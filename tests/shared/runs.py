@@ -27,6 +27,7 @@ def record() -> dict[str, Any]:
         "title": "Rod <no. 7> & slider",
         "psi": 3.0e-5,
         "reason": "iterations",
+        "residual": 0.02,
         "iterations": 3,
         "feasible": False,
         "violations": {"volume of rod": 0.02},

@@ -225,11 +225,12 @@ class LevelSet(Design):
         least_member = given.get("minimum_member", smallest)
         follows = given.get("minimum_member", self._least)
         sizes = least_member, given.get("minimum_gap", follows)
-        if min(sizes) < SIZES * max(sizes):
+        if min(sizes) < SIZES * max(*sizes, self._least):
             raise ValueError(
                 f"level set: minimum_member and minimum_gap, {sizes[0]:.4g} m and {sizes[1]:.4g} m,"
-                " may differ by a factor of four at most; raise the smaller one, or take smaller "
-                "elements, from which a size follows that is not given"
+                f" may differ from each other, and from the {self._least:.4g} m that the elements "
+                "resolve, by a factor of four at most; raise the smaller one, or take smaller "
+                "elements"
             )
         return sizes
 

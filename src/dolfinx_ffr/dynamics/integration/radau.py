@@ -232,10 +232,11 @@ class RadauIIA(Integrator):
             return _trajectory(self, model.at(rows.t), rows, norms)
         h = self.first_step
         if self.tolerance < _PILOT:
-            pilot = _adaptive(model, start, norms, self, _PILOT, h)
+            pilot, _ = _adaptive(model, start, norms, self, _PILOT, h)
             h = h or float(pilot.t[3] - pilot.t[0]) * (self.tolerance / _PILOT) ** (1.0 / 6.0)
-        rows = _adaptive(model, start, norms, self, self.tolerance, h)
-        return _trajectory(self, model.at(rows.t), rows, norms)
+        rows, judged = _adaptive(model, start, norms, self, self.tolerance, h)
+        trajectory = _trajectory(self, model.at(rows.t), rows, norms)
+        return trajectory if judged else replace(trajectory, force_error=math.nan)
 
     def pullback(self, trajectory: Trajectory, bar: TrajectoryBar) -> TrajectoryPullback:
         model = trajectory.model
@@ -455,14 +456,39 @@ def _adaptive(
     integrator: RadauIIA,
     tolerance: float,
     first: float | None,
+) -> tuple[_Rows, bool]:
+    """Trajectory with steps that keep a tolerance, and whether forces in joints limit them, too.
+
+    The norms grow on the way. Where links come into line forces grow without bound, so that steps
+    which follow them come to no end, while longer ones pass: then the motion alone limits steps.
+    """
+    found = load_steps(model.tables, integrator.end_time, FEWER_SAMPLES)
+    begin = norms.copy()
+    try:
+        return _marched(model, start, norms, integrator, tolerance, first, found), found.resolved
+    except SimulationError:
+        if not found.resolved:
+            raise
+    norms[:] = begin
+    found = replace(found, resolved=False)
+    return _marched(model, start, norms, integrator, tolerance, first, found), False
+
+
+def _marched(
+    model: FlatModel,
+    start: _Rows,
+    norms: Array,
+    integrator: RadauIIA,
+    tolerance: float,
+    first: float | None,
+    found: LoadSteps,
 ) -> _Rows:
-    """Trajectory with steps that keep a tolerance; the norms grow on the way."""
+    """The steps of `_adaptive`, which are judged by forces in joints where loads are resolved."""
     duration = integrator.end_time
     longest = min(integrator.largest_step or duration, duration)
     limit = tolerance**_EXPONENT
     h, batch, before = min(first or 1e-3 * duration, longest), 1, 1.0
     # Steps end where loads or prescribed motions change so fast that a step might not see it.
-    found = load_steps(model.tables, duration, FEWER_SAMPLES)
     march_state = _March(integrator, model, start, norms, found)
     corners = [*np.union1d(_jumps_inside(model, integrator), found.special), duration]
     while march_state.t < duration:
