@@ -75,7 +75,8 @@ def test_units_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_units_are_those_of_the_documentation() -> None:
     """All that docstrings state of arguments of classes and their constructors is known."""
-    entry = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}.*)*)", re.M)
+    # Python 3.13 takes the indentation of a class away from its docstring
+    entry = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}(?!\w+: ).*)*)", re.M)
     compared = 0
     for kind in (getattr(ffr, name) for name in ffr.__all__):
         if not inspect.isclass(kind) or issubclass(kind, Exception | Warning):

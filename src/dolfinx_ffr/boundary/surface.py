@@ -117,6 +117,7 @@ class Surface:
         mirrors: Sequence[Mirror],
         size: float,
         rim: float,
+        rims: HoleRims | None = None,
     ) -> None:
         #: The solid that it was made of
         self.origin, self._sides = origin, sides
@@ -130,7 +131,8 @@ class Surface:
         self.size = size  #: Of the tetrahedra [m]
         self.body: Domain = origin.body
         self.rim = rim  #: Width of the rim around each bore of the body's drawing [m]
-        self._rims = HoleRims(self.body, max(rim, _RIM * member) if rim else 0.0)
+        # collective, so that surfaces which rank 0 makes alone take those of the first
+        self._rims = rims or HoleRims(self.body, max(rim, _RIM * member) if rim else 0.0)
         lines = [_refined(count) for count in coefficients.shape]
         self._counts = [line.shape[1] for line in lines]
         #: From motions to coefficients
@@ -455,7 +457,7 @@ class Surface:
 
     def _with(self, coefficients: Array, size: float | None = None) -> Surface:
         own = self.origin, self._sides, self.member, coefficients, self._low, self._spacing
-        return Surface(*own, self.mirrors, size or self.size, self.rim)
+        return Surface(*own, self.mirrors, size or self.size, self.rim, self._rims)
 
     def state(self) -> dict[str, Array]:
         """What has changed since `of`, as arrays by name."""
