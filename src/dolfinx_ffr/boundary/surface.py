@@ -100,6 +100,7 @@ class Surface:
         mirrors: Planes about which the surface is its own mirror image.
         size: Of the tetrahedra [m].
         rim: Width of the rim around each bore of the body's drawing [m].
+        rims: The rims themselves, where another surface of the body has them; made by default.
     """
 
     normals: Array
