@@ -58,6 +58,7 @@ autodoc_type_aliases = {name: name for name in ("ArrayLike", "Densities")}
 maximum_signature_line_length = 90
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # signatures have the types
 napoleon_use_rtype = False
 
 
@@ -155,8 +156,6 @@ def keep_formulas(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]
 ) -> None:
     """Set formulas as they are typed: indented paragraphs, and bars outside of backticks."""
-    if what == "class" and "Attributes:" in lines:  # Sphinx reads the comments of fields itself
-        del lines[lines.index("Attributes:") :]
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]  # an empty comment, or the text before a colon is taken for a type
     typed: list[str] = []

@@ -1,20 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""What Python shows of a class and of a result: comments of fields in `help`, numbers as a table.
-
-A field of a dataclass is explained by a comment ``#:`` on or above its line, of which Python knows
-nothing. Here they become a section `Attributes` of the class's docstring, from the source of its
-module, in some forty milliseconds for the whole package, a fiftieth of its import.
-"""
+"""How Python and notebooks show a result: by its numbers, as a table."""
 
 from __future__ import annotations
 
 import dataclasses
 import html
-import linecache
-import re
 import reprlib
-import sys
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -66,44 +57,3 @@ def _in_brief(value: Any) -> str:
     if isinstance(value, Mapping):
         return f"for {', '.join(map(str, value))}" if value else "for nothing"
     return reprlib.repr(value) if isinstance(value, list | tuple | set) else repr(value)
-
-
-def field_comments(thing: type) -> dict[str, str]:
-    """The comments ``#:`` of the fields of a class and its bases, by name of the field."""
-    comments: dict[str, str] = {}
-    for base in reversed(thing.__mro__):
-        if "__dataclass_fields__" not in vars(base):
-            continue
-        above: list[str] = []
-        for line in _body(base):
-            code, mark, comment = line.partition("#:")
-            if found := re.match(r"    (\w+):", code):
-                text = [comment.strip()] if mark else above
-                if text:
-                    comments[found[1]] = " ".join(text)
-            above = [*above, comment.strip()] if mark and not code.strip() else []
-    return comments
-
-
-def _body(thing: type) -> list[str]:
-    """The lines of a class that stands in a module, after its first one."""
-    module = sys.modules[thing.__module__]
-    lines = linecache.getlines(getattr(module, "__file__", None) or "", vars(module))
-    start = re.compile(rf"class {thing.__name__}\b")
-    first = next((k for k, line in enumerate(lines) if start.match(line)), len(lines)) + 1
-    inside = (k for k in range(first, len(lines)) if re.match(r"[\w@#]", lines[k]))
-    return lines[first : next(inside, len(lines))]
-
-
-def explain_fields(names: dict[str, Any]) -> None:
-    """Let `help` show the comments of fields of all dataclasses that a module offers."""
-    for thing in [*names.values()]:
-        if not isinstance(thing, type) or "__dataclass_fields__" not in vars(thing):
-            continue
-        given, comments = vars(thing).get("__doc__"), field_comments(thing)
-        fields = [field.name for field in dataclasses.fields(thing) if field.name in comments]
-        if not fields or not isinstance(given, str) or "\n    Attributes:\n" in given:
-            continue
-        entries = [textwrap.fill(f"{name}: {comments[name]}", 92) for name in fields]
-        section = [textwrap.indent(entry, " " * 8).replace("\n", "\n    ") for entry in entries]
-        thing.__doc__ = "\n".join([given.rstrip(), "", "    Attributes:", *section, "    "])

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 from . import validation
 from .arrays import Array
 from .body import VolumeIntegrals
-from .documentation import explain_fields
 from .dynamics import (
     REFERENCE,
     Bars,
@@ -68,23 +67,29 @@ FINEST = 1e-8
 
 @dataclass(frozen=True)
 class ConstraintValue:
-    """A constraint at one design: it holds where ``violation`` is not positive."""
+    """A constraint at one design: it holds where ``violation`` is not positive.
 
-    value: float  #: The objective that is bounded, in its own unit
-    #: g, the distance of the value from the bound relative to the bound; at most zero where the
-    #: bound holds.
+    Attributes:
+        value: The objective that is bounded, in its own unit.
+        violation: g, the distance of the value from the bound relative to the bound; at most zero
+            where the bound holds.
+        derivatives: Derivatives of g as a function of the bodies, the trajectory eliminated; None
+            where only values were asked for. The large one by the stress is left out where
+            ``gradient`` is known.
+        gradient: Derivative of g with respect to the densities of this rank's cells, shape
+            (cells,), by name of the body; None where only values were asked for, or where no body
+            has a density.
+        nodes: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`.
+        centers: Likewise with respect to the centers of interfaces, as `Evaluation.centers`.
+        parameters: Derivative of g with respect to the parameters of the mechanism, by name.
+    """
+
+    value: float
     violation: float
-    #: Derivatives of g as a function of the bodies, the trajectory eliminated; None where only
-    #: values were asked for. The large one by the stress is left out where ``gradient`` is known.
     derivatives: Derivatives | None = field(default=None, repr=False)
-    #: Derivative of g with respect to the densities of this rank's cells, shape (cells,), by name
-    #: of the body; None where only values were asked for, or where no body has a density.
     gradient: dict[str, Array] | None = field(default=None, repr=False)
-    #: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`
     nodes: dict[str, Array] | None = field(default=None, repr=False)
-    #: Likewise with respect to the centers of interfaces, as `Evaluation.centers`
     centers: dict[str, Array] | None = field(default=None, repr=False)
-    #: Derivative of g with respect to the parameters of the mechanism, by name
     parameters: dict[str, float] = field(default_factory=dict, repr=False)
 
     @property
@@ -95,14 +100,21 @@ class ConstraintValue:
 
 @dataclass(frozen=True)
 class MechanicalEvaluation:
-    """Objective and constraints of a mechanism, and their derivatives."""
+    """Objective and constraints of a mechanism, and their derivatives.
 
-    psi: float  #: Value of the objective, in its unit
-    constraints: dict[str, ConstraintValue]  #: Constraints by name
-    response: Response = field(repr=False)  #: Trajectory and bodies
-    seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
-    #: Derivatives of psi as a function of the bodies, the trajectory eliminated; None where only
-    #: values were asked for.
+    Attributes:
+        psi: Value of the objective, in its unit.
+        constraints: Constraints by name.
+        response: Trajectory and bodies.
+        seconds: Time spent by name of the part [s].
+        derivatives: Derivatives of psi as a function of the bodies, the trajectory eliminated; None
+            where only values were asked for.
+    """
+
+    psi: float
+    constraints: dict[str, ConstraintValue]
+    response: Response = field(repr=False)
+    seconds: dict[str, float] = field(default_factory=dict)
     derivatives: Derivatives | None = field(default=None, repr=False)
 
     @property
@@ -136,14 +148,19 @@ class MechanicalProblem:
 
     Raises:
         ValueError: If two constraints have the same name.
+
+    Attributes:
+        mechanism: Joints, motions, point masses, gravity.
+        integrator: Time interval and steps; of a :class:`TimeInterval` they are chosen for the
+            bodies at each call, or once by :meth:`settled`.
+        objective: What is minimised.
+        constraints: Bounds on further objectives.
     """
 
-    mechanism: Mechanism  #: Joints, motions, point masses, gravity
-    #: Time interval and steps; of a :class:`TimeInterval` they are chosen for the bodies at each
-    #: call, or once by :meth:`settled`.
+    mechanism: Mechanism
     integrator: Integrator
-    objective: Objective  #: What is minimised
-    constraints: Sequence[Constraint] = ()  #: Bounds on further objectives
+    objective: Objective
+    constraints: Sequence[Constraint] = ()
 
     def __post_init__(self) -> None:
         validation.instance("problem: the mechanism", self.mechanism, Mechanism, "a Mechanism")
@@ -440,6 +457,3 @@ def moves(direct: Derivatives, response: Response) -> bool:
         return False
     # NaN counts, so that it is reported
     return any(np.any(part) for part in (bar.y, bar.v, bar.w, bar.multipliers))
-
-
-explain_fields(globals())

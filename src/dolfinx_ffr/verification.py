@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
-from .documentation import explain_fields
 
 #: Steps of :func:`taylor_test` where none are given: four halvings.
 DEFAULT_STEPS: tuple[float, ...] = tuple(1e-2 / 2.0**k for k in range(5))
@@ -35,16 +34,27 @@ DEFAULT_STEPS: tuple[float, ...] = tuple(1e-2 / 2.0**k for k in range(5))
 
 @dataclass(frozen=True)
 class TaylorResult:
-    """Outcome of a Taylor test."""
+    """Outcome of a Taylor test.
 
-    steps: Array  #: Steps s, shape (n,)
-    remainders: Array  #: |f(x + s d) - f(x) - s g.d| at each step, shape (n,)
-    differences: Array  #: |f(x + s d) - f(x)| at each step, shape (n,)
-    orders: Array  #: Observed order of the remainder between consecutive steps, shape (n - 1,)
-    order: float  #: Order of the remainder by a least-squares fit through all steps above round-off
-    usable: int  #: Number of steps whose remainder stands clear of round-off
-    value: float  #: Value at x
-    slope: float  #: Directional derivative g.d
+    Attributes:
+        steps: Steps s, shape (n,).
+        remainders: |f(x + s d) - f(x) - s g.d| at each step, shape (n,).
+        differences: |f(x + s d) - f(x)| at each step, shape (n,).
+        orders: Observed order of the remainder between consecutive steps, shape (n - 1,).
+        order: Order of the remainder by a least-squares fit through all steps above round-off.
+        usable: Number of steps whose remainder stands clear of round-off.
+        value: Value at x.
+        slope: Directional derivative g.d.
+    """
+
+    steps: Array
+    remainders: Array
+    differences: Array
+    orders: Array
+    order: float
+    usable: int
+    value: float
+    slope: float
 
     def __str__(self) -> str:
         lines = ["      step     difference      remainder   order"]
@@ -150,6 +160,3 @@ def convergence_order(h: ArrayLike, errors: ArrayLike) -> float:
     if not (np.all(x > 0.0) and np.all(y > 0.0)):
         raise ValueError("sizes and errors must be positive")
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
-
-
-explain_fields(globals())

@@ -17,6 +17,7 @@ from shared import TOP
 
 import dolfinx_ffr as ffr
 from dolfinx_ffr import validation
+from dolfinx_ffr.documentation import Shown
 from dolfinx_ffr.mechanism import Joint
 from dolfinx_ffr.scene_file import SceneError, read_scene
 from dolfinx_ffr.scene_file.calls import Call, Maker
@@ -62,8 +63,13 @@ def test_wrong_units(text: str, units: tuple[str, ...], said: str) -> None:
 
 
 def test_units_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of fields by their comments, of functions by a table: ``python -OO`` has no docstrings."""
-    for target in (ffr.LevelSet, vars(ffr.Domain)["box"], vars(ffr.Motion)["smooth_step"]):
+    """By a table: ``python -OO`` has no docstrings."""
+    for target in (
+        ffr.LevelSet,
+        ffr.PlaneStress,
+        vars(ffr.Domain)["box"],
+        vars(ffr.Motion)["smooth_step"],
+    ):
         monkeypatch.setattr(getattr(target, "__func__", target), "__doc__", None)
     assert stated_units(ffr.PlaneStress)["young"] == ("Pa",)
     assert stated_units(ffr.SpringDamper)["stiffness"] == ("N/m", "N m/rad")
@@ -79,7 +85,7 @@ def test_units_are_those_of_the_documentation() -> None:
     entry = re.compile(r"^ {4,}(\w+): +(.+(?:\n {8,}(?!\w+: ).*)*)", re.M)
     compared = 0
     for kind in (getattr(ffr, name) for name in ffr.__all__):
-        if not inspect.isclass(kind) or issubclass(kind, Exception | Warning):
+        if not inspect.isclass(kind) or issubclass(kind, Exception | Warning | Shown):
             continue
         for target in kinds_of([kind]).values():
             units = stated_units(target)

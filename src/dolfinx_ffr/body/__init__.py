@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from ..interchange import axial as axial
 from ..interchange import cross_matrix as cross_matrix
 from ..interchange import theta as theta
@@ -13,5 +12,3 @@ from .parametric import ParametricBody as ParametricBody
 from .parametric import save_derivatives as save_derivatives
 from .volume_integrals import QUARTER_TURN
 from .volume_integrals import VolumeIntegrals as VolumeIntegrals
-
-explain_fields(globals())

@@ -32,23 +32,26 @@ class BodyMarker(Shown):
 
     The same class holds derivatives: then ``position``, ``displacement`` and ``rotation`` are the
     derivatives of a number with respect to the place and the entries of the shape functions there.
+
+    Attributes:
+        position: Undeformed position in the body's frame, shape (2,), in space (3,) [m].
+        displacement: Shape functions of the elastic displacement at the point (Phi_P), shape (2,
+            modes), in space (3, modes).
+        rotation: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,), in
+            space about the body's axes, shape (3, modes) [rad/m].
+        stiffening: Geometric stiffness T_P of the body by a unit force at the point along each of
+            the body's axes, each symmetric, shape (2 or 3, modes, modes) [1/m]; None if that is not
+            modelled. With it the displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py
+            q): a bent beam's end comes nearer. The work of a force F is then F . (Phi_P - T_P q)
+            dq: it stiffens the body.
+        axes: Axes of the point in space as columns in the body's frame, shape (3, 3), in which axes
+            of joints and directions of forces are given; None are those of the body.
     """
 
-    #: Undeformed position in the body's frame, shape (2,), in space (3,) [m].
     position: Array
-    #: Shape functions of the elastic displacement at the point (Phi_P), shape (2, modes), in space
-    #: (3, modes).
     displacement: Array
-    #: Shape functions of the elastic rotation at the point (Psi_P), shape (modes,), in space about
-    #: the body's axes, shape (3, modes) [rad/m].
     rotation: Array
-    #: Geometric stiffness T_P of the body by a unit force at the point along each of the body's
-    #: axes, each symmetric, shape (2 or 3, modes, modes) [1/m]; None if that is not modelled. With
-    #: it the displacement of the point is Phi_P q - 1/2 (q . T_Px q, q . T_Py q): a bent beam's end
-    #: comes nearer. The work of a force F is then F . (Phi_P - T_P q) dq: it stiffens the body.
     stiffening: Array | None = None
-    #: Axes of the point in space as columns in the body's frame, shape (3, 3), in which axes of
-    #: joints and directions of forces are given; None are those of the body.
     axes: Array | None = None
 
     def __post_init__(self) -> None:

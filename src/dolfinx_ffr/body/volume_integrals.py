@@ -84,32 +84,36 @@ class VolumeIntegrals(Shown):
     derivatives are those by P. From another finite-element code with the mass matrix m of one
     component, the nodes W_0 = X and column j of a basis there W_j: mass = 1^T m 1,
     S_a = W_a^T m 1, P_ab = W_a^T m W_b; docs/how_to/arrays.md has a program.
+
+    Attributes:
+        mass: Mass [kg].
+        S: Int rho w_a, shape (modes + 1, 2), in space (modes + 1, 3) [kg m].
+        G: Int rho w_a . w_b, symmetric, shape (modes + 1, modes + 1) [kg m^2].
+        N: Int rho (J w_a) . w_b, antisymmetric, shape (modes + 1, modes + 1) [kg m^2]; in space int
+            rho w_a x w_b, shape (modes + 1, modes + 1, 3).
+        K: Reduced stiffness int sigma(w_i) : eps(w_j), symmetric, shape (modes, modes) [N/m].
+        markers: Named points of the body.
+        stiffening: Geometric stiffness by unit loads of the body's own inertia, each symmetric;
+            none by default. "omega2" by the centrifugal load of the angular velocity about the
+            origin of the frame, shape (modes, modes) [kg]; "alpha" by the load of the angular
+            acceleration, likewise [kg]; "acceleration" by the load of the frame's acceleration less
+            gravity along the body's axes x and y, shape (2, modes, modes) [kg/m]. The elastic
+            forces gain omega^2 K_w q + alpha K_al q + a_x K_x q + a_y K_y q. In space "rotation" by
+            the loads -rho w_0^l e_k, shape (3, 3, modes, modes), whose factors are those of [alpha]
+            + [omega]^2, and "acceleration", shape (3, modes, modes). Forces and point masses at
+            markers with geometric stiffness add to them. Inertia, energy and momentum count them
+            likewise, see dynamics/kinematics/carried.py.
+        P: In space int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2]; None in the
+            plane.
     """
 
-    #: Mass [kg].
     mass: float
-    #: Int rho w_a, shape (modes + 1, 2), in space (modes + 1, 3) [kg m].
     S: Array
-    #: Int rho w_a . w_b, symmetric, shape (modes + 1, modes + 1) [kg m^2].
     G: Array
-    #: Int rho (J w_a) . w_b, antisymmetric, shape (modes + 1, modes + 1) [kg m^2]; in space
-    #: int rho w_a x w_b, shape (modes + 1, modes + 1, 3).
     N: Array
-    #: Reduced stiffness int sigma(w_i) : eps(w_j), symmetric, shape (modes, modes) [N/m].
     K: Array
-    #: Named points of the body.
     markers: dict[str, BodyMarker] = field(default_factory=dict)
-    #: Geometric stiffness by unit loads of the body's own inertia, each symmetric; none by default.
-    #: "omega2" by the centrifugal load of the angular velocity about the origin of the frame, shape
-    #: (modes, modes) [kg]; "alpha" by the load of the angular acceleration, likewise [kg];
-    #: "acceleration" by the load of the frame's acceleration less gravity along the body's axes x
-    #: and y, shape (2, modes, modes) [kg/m]. The elastic forces gain omega^2 K_w q + alpha K_al q +
-    #: a_x K_x q + a_y K_y q. In space "rotation" by the loads -rho w_0^l e_k, shape
-    #: (3, 3, modes, modes), whose factors are those of [alpha] + [omega]^2, and "acceleration",
-    #: shape (3, modes, modes). Forces and point masses at markers with geometric stiffness add to
-    #: them. Inertia, energy and momentum count them likewise, see dynamics/kinematics/carried.py.
     stiffening: dict[str, Array] = field(default_factory=dict)
-    #: In space int rho w_a w_b^T, shape (modes + 1, modes + 1, 3, 3) [kg m^2]; None in the plane.
     P: Array | None = None
 
     def __post_init__(self) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .kinds import Costs as Costs
 from .kinds import InSpace as InSpace
 from .kinds import InThePlane as InThePlane
@@ -16,5 +15,3 @@ from .step import best_step as best_step
 from .step import curvature as curvature
 from .step import secants as secants
 from .surface import Surface as Surface
-
-explain_fields(globals())

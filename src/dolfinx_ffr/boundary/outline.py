@@ -87,21 +87,36 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
-    """The boundary of one part; every rank holds all of it."""
+    """The boundary of one part; every rank holds all of it.
 
-    origin: Part  #: Whose curves that stay are used
-    free: dict[int, FreeCurve]  #: The curves that move, by number
-    faces: Loops  #: Group and loops of each face, material on the left
-    #: Of each control of each curve the number of its master: those of one number move alike
+    Attributes:
+        origin: Whose curves that stay are used.
+        free: The curves that move, by number.
+        faces: Group and loops of each face, material on the left.
+        masters: Of each control of each curve the number of its master: those of one number move
+            alike.
+        isometries: That leave the boundary, the identity first.
+        room: The body.
+        member: Minimum member [m].
+        gap: Minimum gap [m].
+        rim: Width of the rim around each hole of the body's drawing [m].
+        radius: Smallest radius of curvature [m].
+        spacing: Distance of the controls of holes [m]; twice that in outlines.
+        needed: Of rims what the part began with, which stays material.
+    """
+
+    origin: Part
+    free: dict[int, FreeCurve]
+    faces: Loops
     masters: dict[int, Integers]
-    isometries: tuple[Isometry, ...]  #: That leave the boundary, the identity first
-    room: shapely.Geometry  #: The body
-    member: float  #: Minimum member [m]
-    gap: float  #: Minimum gap [m]
-    rim: float  #: Width of the rim around each hole of the body's drawing [m]
-    radius: float  #: Smallest radius of curvature [m]
-    spacing: float  #: Distance of the controls of holes [m]; twice that in outlines
-    needed: shapely.Geometry  #: Of rims what the part began with, which stays material
+    isometries: tuple[Isometry, ...]
+    room: shapely.Geometry
+    member: float
+    gap: float
+    rim: float
+    radius: float
+    spacing: float
+    needed: shapely.Geometry
 
     @staticmethod
     def of(

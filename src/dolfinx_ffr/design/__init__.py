@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .density_filter import DensityFilter as DensityFilter
 from .density_filter import HeavisideProjection as HeavisideProjection
 from .dimensions import DimensionDesign as DimensionDesign
@@ -31,5 +30,3 @@ from .rbf import ThinPlate as ThinPlate
 from .rbf import Wendland as Wendland
 from .rbf import check_kernel
 from .rims import HoleRims
-
-explain_fields(globals())

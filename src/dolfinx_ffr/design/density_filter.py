@@ -123,10 +123,15 @@ def _balance(kernel: scipy.sparse.csr_matrix, share: Array) -> Array:
 
 @dataclass(frozen=True)
 class HeavisideProjection:
-    """Smoothed step from void to solid, of [0, 1] onto itself."""
+    """Smoothed step from void to solid, of [0, 1] onto itself.
 
-    beta: float  #: Steepness; below one nearly the identity, above sixteen nearly a step
-    eta: float = 0.5  #: Threshold, in (0, 1)
+    Attributes:
+        beta: Steepness; below one nearly the identity, above sixteen nearly a step.
+        eta: Threshold, in (0, 1).
+    """
+
+    beta: float
+    eta: float = 0.5
 
     def __post_init__(self) -> None:
         validation.number("projection: beta", self.beta, above=0.0)

@@ -36,10 +36,14 @@ class Mirror:
 
     Raises:
         ValueError: If the normal has no length, or a number is not finite.
+
+    Attributes:
+        point: On the line or plane, shape (dimension,) [m].
+        normal: Perpendicular to it, of any length, shape (dimension,).
     """
 
-    point: tuple[float, ...]  #: On the line or plane, shape (dimension,) [m]
-    normal: tuple[float, ...]  #: Perpendicular to it, of any length, shape (dimension,)
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
 
     def __post_init__(self) -> None:
         d = 3 if np.shape(self.point) == (3,) else 2

@@ -64,9 +64,12 @@ class Wendland(Kernel):
     """Wendland's compactly supported C2 function (1 - s)^4 (4 s + 1), s = r / radius.
 
     Positive definite in the plane and in space.
+
+    Attributes:
+        radius: Support [m]; two to four knot spacings are usual.
     """
 
-    radius: float  #: Support [m]; two to four knot spacings are usual
+    radius: float
 
     def __post_init__(self) -> None:
         validation.number("Wendland kernel: radius", self.radius, above=0.0, unit="m")
@@ -98,6 +101,9 @@ class Multiquadric(_Global):
     Its matrix is dense, and ill-conditioned once the length exceeds a few knot spacings. The theory
     of its errors asks for a constant beside it; its matrix is nonsingular without (Micchelli 1986).
     About one knot spacing is a good length.
+
+    Attributes:
+        length: Shape parameter [m], measured by the spacing of the knots.
     """
 
     minimal_degree = 0
@@ -113,6 +119,9 @@ class ExponentialSpline(_Global):
     Positive definite in every dimension. It has a kink at its knot, where it is not differentiable:
     fields of it follow rough data without overshoot, and smooth data at a low order. A few knot
     spacings and more are a good length.
+
+    Attributes:
+        length: Shape parameter [m], measured by the spacing of the knots.
     """
 
     def __call__(self, r: Array) -> Array:
@@ -125,6 +134,9 @@ class Gaussian(_Global):
 
     Positive definite in every dimension and infinitely smooth; its matrix is ill-conditioned once
     the length exceeds one or two knot spacings.
+
+    Attributes:
+        length: Shape parameter [m], measured by the spacing of the knots.
     """
 
     def __call__(self, r: Array) -> Array:

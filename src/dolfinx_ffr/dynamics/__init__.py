@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .adjoint import Bars as Bars
 from .adjoint import adjoint
 from .failures import SimulationError as SimulationError
@@ -50,5 +49,3 @@ from .validity import SofteningWarning as SofteningWarning
 from .validity import TiltedAxisWarning as TiltedAxisWarning
 from .validity import TimeStepWarning as TimeStepWarning
 from .validity import warn_of_limits
-
-explain_fields(globals())

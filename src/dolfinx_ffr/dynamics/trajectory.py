@@ -121,37 +121,50 @@ class Trajectory(Shown):
     :meth:`rigid`, :meth:`elastic` and :meth:`pose`. In space they are (R, phi, q_1, ..., q_r) with
     the rotation vector phi, see :meth:`rotation`; in its place velocities and accelerations have
     the angular velocity and acceleration in the body's axes. All arrays are the same on every rank.
+
+    Attributes:
+        t: Times, shape (steps + 1,) [s].
+        y: Coordinates, shape (steps + 1, size) [m, rad].
+        v: Velocities, shape (steps + 1, size) [m/s, rad/s].
+        w: Accelerations, derivatives of v, shape (steps + 1, size) [m/s^2, rad/s^2].
+        a: Accelerations of the integration method itself, shape (steps + 1, size) [m/s^2, rad/s^2].
+        multipliers: Multipliers of the constraints, shape (steps + 1, rows) [N, N m]; minus the
+            forces on the first markers, joint by joint, see :meth:`joint_force`.
+        stabilization: Multipliers that keep the positions on the constraints, shape (steps + 1,
+            rows); they tend to zero with the step.
+        iterations: Newton iterations of each step, shape (steps,).
+        beginning: Near-start state, from which the method's first acceleration follows:
+            coordinates, velocities, accelerations and multipliers shortly after the start, shape
+            (4, size).
+        model: The compiled mechanism.
+        integrator: The method that made it.
+        weights: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal
+            rule.
+        error: Estimate of the relative error, NaN where there is none: with a tolerance of
+            `simulate`, the error of the positions, see there. Else, with Radau IIA, the largest
+            error that a single step adds; a motion that magnifies errors ends further off.
+        force_error: Estimate of the largest error of forces and moments in joints at single
+            instants, relative to the largest of these, NaN where there is none. Integrals over time
+            of forces are closer.
+        turns: Unwrapped angles of drives, couplings and torsional springs in space, and of gears,
+            two of each row and spring, shape (steps + 1, rows and springs, 2) [rad]; empty without
+            them.
     """
 
-    t: Array  #: Times, shape (steps + 1,) [s].
-    y: Array  #: Coordinates, shape (steps + 1, size) [m, rad].
-    v: Array  #: Velocities, shape (steps + 1, size) [m/s, rad/s].
-    w: Array  #: Accelerations, derivatives of v, shape (steps + 1, size) [m/s^2, rad/s^2].
-    #: Accelerations of the integration method itself, shape (steps + 1, size) [m/s^2, rad/s^2].
+    t: Array
+    y: Array
+    v: Array
+    w: Array
     a: Array
-    #: Multipliers of the constraints, shape (steps + 1, rows) [N, N m]; minus the forces on the
-    #: first markers, joint by joint, see :meth:`joint_force`.
     multipliers: Array
-    #: Multipliers that keep the positions on the constraints, shape (steps + 1, rows); they tend
-    #: to zero with the step.
     stabilization: Array
-    iterations: Integers  #: Newton iterations of each step, shape (steps,).
-    #: Near-start state, from which the method's first acceleration follows: coordinates,
-    #: velocities, accelerations and multipliers shortly after the start, shape (4, size).
+    iterations: Integers
     beginning: Array
-    model: FlatModel  #: The compiled mechanism.
-    integrator: Integrator  #: The method that made it.
-    #: Weights of integrals over time, shape of t [s]; None stands for the trapezoidal rule.
+    model: FlatModel
+    integrator: Integrator
     weights: Array | None = None
-    #: Estimate of the relative error, NaN where there is none: with a tolerance of `simulate`, the
-    #: error of the positions, see there. Else, with Radau IIA, the largest error that a single step
-    #: adds; a motion that magnifies errors ends further off.
     error: float = math.nan
-    #: Estimate of the largest error of forces and moments in joints at single instants, relative to
-    #: the largest of these, NaN where there is none. Integrals over time of forces are closer.
     force_error: float = math.nan
-    #: Unwrapped angles of drives, couplings and torsional springs in space, and of gears, two of
-    #: each row and spring, shape (steps + 1, rows and springs, 2) [rad]; empty without them.
     turns: Array = field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     def _shown(self) -> list[tuple[str, str, str]]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from ..surroundings import working_with_numpy
 
 with working_with_numpy("petsc4py"):
@@ -57,5 +56,3 @@ from .plane_mesh import (
 )
 from .stress_recovery import StressRecovery
 from .tetrahedra import DESIGNED, SOLID, VOID, GatheredMesh, Tetrahedra, surface_of
-
-explain_fields(globals())

@@ -34,9 +34,13 @@ Predicate = Callable[[Array], Mask]
 
 @dataclass(frozen=True)
 class Bore:
-    """The closed curve of an outline around a point, as an interface of a body in the plane."""
+    """The closed curve of an outline around a point, as an interface of a body in the plane.
 
-    at: tuple[float, float]  #: A point in the bore [m]
+    Attributes:
+        at: A point in the bore [m].
+    """
+
+    at: tuple[float, float]
 
     def __post_init__(self) -> None:
         validation.real_array("bore: at", self.at, (2,), expected="two coordinates")
@@ -44,10 +48,15 @@ class Bore:
 
 @dataclass(frozen=True)
 class Box:
-    """The boundary between two corners, as an interface."""
+    """The boundary between two corners, as an interface.
 
-    lower: tuple[float, ...]  #: Smallest coordinates, two or three by the dimension [m]
-    upper: tuple[float, ...]  #: Largest coordinates [m]
+    Attributes:
+        lower: Smallest coordinates, two or three by the dimension [m].
+        upper: Largest coordinates [m].
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
 
     def __post_init__(self) -> None:
         low = validation.real_array("box: lower", self.lower, (None,))
@@ -145,16 +154,23 @@ def _numbers_of(
 
 @dataclass(frozen=True)
 class Interface:
-    """Boundary facets that move as one rigid body."""
+    """Boundary facets that move as one rigid body.
 
-    name: str  #: How joints and frames refer to it
-    facets: NDArray[np.int32]  #: Local facets on this rank, ghosts included
-    dofs: NDArray[np.int32]  #: Local (blocked) dofs on this rank, ghosts included
-    #: (dimension,) reference point of the rigid motion [m], the same on every rank
+    Attributes:
+        name: How joints and frames refer to it.
+        facets: Local facets on this rank, ghosts included.
+        dofs: Local (blocked) dofs on this rank, ghosts included.
+        center: (dimension,) reference point of the rigid motion [m], the same on every rank.
+        extent: Diagonal of the box around its nodes [m], the same on every rank.
+        axis: (3,) unit vector along the axis of a cylinder, or normal to a plane and out of the
+            body; the same on every rank. None for other surfaces and in the plane.
+    """
+
+    name: str
+    facets: NDArray[np.int32]
+    dofs: NDArray[np.int32]
     center: Array
-    extent: float  #: Diagonal of the box around its nodes [m], the same on every rank
-    #: (3,) unit vector along the axis of a cylinder, or normal to a plane and out of the body; the
-    #: same on every rank. None for other surfaces and in the plane
+    extent: float
     axis: Array | None = None
 
     def center_rates(self, domain: mesh.Mesh, rates: Array) -> Array:

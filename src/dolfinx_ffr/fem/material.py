@@ -130,15 +130,28 @@ class _LinearElastic:
 
 @dataclass(frozen=True)
 class Isotropic(_LinearElastic):
-    """Isotropic linear elasticity of a body in space."""
+    """Isotropic linear elasticity of a body in space.
+
+    Attributes:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+    """
 
 
 @dataclass(frozen=True)
 class PlaneStrain(_LinearElastic):
-    """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts)."""
+    """Isotropic linear elasticity with no strain perpendicular to the plane (thick parts).
+
+    Attributes:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+        thickness: Extent perpendicular to the plane [m].
+    """
 
     dimension: ClassVar[int] = 2
-    thickness: float = 1.0  # type: ignore[misc]  #: Extent perpendicular to the plane [m]
+    thickness: float = 1.0  # type: ignore[misc]
 
     @property
     def out_of_plane(self) -> float:  # type: ignore[override]
@@ -148,10 +161,17 @@ class PlaneStrain(_LinearElastic):
 
 @dataclass(frozen=True)
 class PlaneStress(_LinearElastic):
-    """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts)."""
+    """Isotropic linear elasticity with no stress perpendicular to the plane (thin parts).
+
+    Attributes:
+        young: Young's modulus E [Pa].
+        poisson: Poisson's ratio nu, between -1 and 0.5 [-].
+        density: Mass density of the solid [kg/m^3].
+        thickness: Extent perpendicular to the plane [m].
+    """
 
     dimension: ClassVar[int] = 2
-    thickness: float = 1.0  # type: ignore[misc]  #: Extent perpendicular to the plane [m]
+    thickness: float = 1.0  # type: ignore[misc]
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -188,9 +208,12 @@ class SuppressedVoidMass:
 
     m(x) = x above the threshold t, and 6 x^6/t^5 - 5 x^7/t^6 below it: continuous with its first
     derivative. For t = 0.1 this is the law of Du and Olhoff, doi:10.1007/s00158-007-0101-y.
+
+    Attributes:
+        threshold: Density t below which the mass fades, in (0, 1).
     """
 
-    threshold: float = 0.1  #: Density t below which the mass fades, in (0, 1)
+    threshold: float = 0.1
 
     def __post_init__(self) -> None:
         validation.number("mass law: threshold", self.threshold, above=0.0, below=1.0)
@@ -255,12 +278,17 @@ class _WithFloor:
 
 @dataclass(frozen=True)
 class SIMP(_WithFloor):
-    """Solid isotropic material with penalisation: E(x)/E = floor + (1 - floor) x^p."""
+    """Solid isotropic material with penalisation: E(x)/E = floor + (1 - floor) x^p.
 
-    #: p >= 1; 3 is usual (Bendsoe and Sigmund, doi:10.1007/s004190050248)
+    Attributes:
+        exponent: p >= 1; 3 is usual (Bendsoe and Sigmund, doi:10.1007/s004190050248).
+        floor: Stiffness of void relative to the solid, in (0, 1).
+        mass: Law of the mass.
+    """
+
     exponent: float = 3.0
-    floor: float = 1e-6  #: Stiffness of void relative to the solid, in (0, 1)
-    mass: MassLaw = field(default_factory=SuppressedVoidMass)  #: Law of the mass
+    floor: float = 1e-6
+    mass: MassLaw = field(default_factory=SuppressedVoidMass)
     _own = "exponent", 1.0
 
     def _stiffness(self, domain: mesh.Mesh, x: Expr) -> Expr:
@@ -277,11 +305,16 @@ class RAMP(_WithFloor):
 
     Its slope at x = 0 is finite, so that void elements have no low frequencies of their own even
     with `LinearMass` (Stolpe and Svanberg, doi:10.1007/s001580100129).
+
+    Attributes:
+        penalty: q >= 0.
+        floor: Stiffness of void relative to the solid, in (0, 1).
+        mass: Law of the mass.
     """
 
-    penalty: float = 8.0  #: q >= 0
-    floor: float = 1e-6  #: Stiffness of void relative to the solid, in (0, 1)
-    mass: MassLaw = field(default_factory=LinearMass)  #: Law of the mass
+    penalty: float = 8.0
+    floor: float = 1e-6
+    mass: MassLaw = field(default_factory=LinearMass)
     _own = "penalty", 0.0
 
     def _stiffness(self, domain: mesh.Mesh, x: Expr) -> Expr:

@@ -9,7 +9,6 @@ module, and a line in `FORMATS`. Matrices of a finite-element program become a b
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .abaqus import read_abaqus as read_abaqus
 from .abaqus import read_calculix as read_calculix
 from .assembled import AssembledMatrices as AssembledMatrices
@@ -26,5 +25,3 @@ from .sid import DERIVED as DERIVED
 from .sid import derived_terms
 from .sid import read_terms as read_terms
 from .sid import sid_terms as sid_terms
-
-explain_fields(globals())

@@ -35,15 +35,21 @@ class AssembledMatrices:
     Raises:
         ValueError: If sizes do not fit, a matrix is not symmetric, the mass couples axes or is not
             positive, rigid motions strain the body, it is in pieces, or a node set is not there.
+
+    Attributes:
+        stiffness: (3 nodes, 3 nodes), node by node [N/m].
+        mass: (3 nodes, 3 nodes) [kg].
+        nodes: Positions (nodes, 3) [m].
+        node_sets: Nodes by name of the set, as rows of ``nodes``.
+        faces: Triangles (k, 3) of nodes at the corners of elements, which cover the surface; by
+            them the centers of node sets are found as on a mesh. Without them a center is the mean
+            of the nodes.
     """
 
-    stiffness: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes), node by node [N/m]
-    mass: scipy.sparse.csr_matrix  #: (3 nodes, 3 nodes) [kg]
-    nodes: Array  #: Positions (nodes, 3) [m]
-    #: Nodes by name of the set, as rows of ``nodes``
+    stiffness: scipy.sparse.csr_matrix
+    mass: scipy.sparse.csr_matrix
+    nodes: Array
     node_sets: Mapping[str, Integers]
-    #: Triangles (k, 3) of nodes at the corners of elements, which cover the surface; by them the
-    #: centers of node sets are found as on a mesh. Without them a center is the mean of the nodes
     faces: Integers = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
 
     def __post_init__(self) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .connection import Line as Line
 from .connection import Pin as Pin
 from .connection import Slider as Slider
@@ -73,5 +72,3 @@ from .undeformed import on_plane as on_plane
 from .undeformed import parallel as parallel
 from .undeformed import relative_angle as relative_angle
 from .undeformed import turning as turning
-
-explain_fields(globals())

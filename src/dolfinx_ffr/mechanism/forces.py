@@ -65,15 +65,23 @@ class _Between(AppliedForce):
 
 @dataclass(frozen=True)
 class Force(_On):
-    """A force on a body at a marker, given over time."""
+    """A force on a body at a marker, given over time.
 
-    #: Force along x [N]: a number, a function of time, or a Motion whose value it is.
+    Attributes:
+        marker: Name of the body and name of the marker.
+        x: Force along x [N]: a number, a function of time, or a Motion whose value it is.
+        y: Force along y [N], likewise.
+        follower: Whether x and y are the marker's own axes, which turn with it, and not the global
+            ones.
+        name: Name for results and messages.
+        z: Force along z in space [N], likewise.
+    """
+
     x: Signal = 0.0
-    y: Signal = 0.0  #: Force along y [N], likewise.
-    #: Whether x and y are the marker's own axes, which turn with it, and not the global ones.
+    y: Signal = 0.0
     follower: bool = False
-    name: str = ""  #: Name for results and messages.
-    z: Signal = 0.0  #: Force along z in space [N], likewise.
+    name: str = ""
+    z: Signal = 0.0
 
     def element(self, undeformed: Undeformed) -> Element:
         axes = _axes(self.marker) if self.follower else ()
@@ -88,13 +96,18 @@ class Force(_On):
 
 @dataclass(frozen=True)
 class Torque(_On):
-    """A moment on a body at a marker, given over time."""
+    """A moment on a body at a marker, given over time.
 
-    #: Moment [N m]: a number, a function of time, or a Motion whose value it is; in space three of
-    #: these, about x, y and z.
+    Attributes:
+        marker: Name of the body and name of the marker.
+        moment: Moment [N m]: a number, a function of time, or a Motion whose value it is; in space
+            three of these, about x, y and z.
+        name: Name for results and messages.
+        follower: In space, whether x, y and z are the marker's own axes, which turn with it.
+    """
+
     moment: Signal | tuple[Signal, Signal, Signal] = 0.0
-    name: str = ""  #: Name for results and messages.
-    #: In space, whether x, y and z are the marker's own axes, which turn with it.
+    name: str = ""
     follower: bool = False
 
     def element(self, undeformed: Undeformed) -> Element:
@@ -130,11 +143,19 @@ class SpringDamper(_Between):
     ``length=0`` they have no direction of their own and act as -stiffness d - damping d' on the
     first marker, d = r_a - r_b: an elastic bearing, whose markers ought to stay close, since such
     a damper also resists the turning of d. The markers of any other spring must not coincide.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        stiffness: Stiffness [N/m], of a torsional spring [N m/rad].
+        damping: Damping [N s/m], of a torsional damper [N m s/rad].
+        length: Length without force [m], also over time, as of an actuator; None: as in the
+            placements.
+        name: Name for results and messages.
     """
 
-    #: Length without force [m], also over time, as of an actuator; None: as in the placements.
     length: Signal | None = None
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     drawn = (Spring,)
 
@@ -165,12 +186,19 @@ class TorsionalSpringDamper(_Between):
     The moment on the first marker is -stiffness (phi - angle) - damping phi', phi being the angle
     of the first marker minus the angle of the second; in space about an axis, see
     :class:`PrescribedAngle`. It is unwrapped.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        stiffness: Stiffness [N/m], of a torsional spring [N m/rad].
+        damping: Damping [N s/m], of a torsional damper [N m s/rad].
+        angle: Relative angle without moment [rad], also over time; None: as in the placements.
+        name: Name for results and messages.
+        axis: Axis in space, in the axes of the second marker and of any length.
     """
 
-    #: Relative angle without moment [rad], also over time; None: as in the placements.
     angle: Signal | None = None
-    name: str = ""  #: Name for results and messages.
-    #: Axis in space, in the axes of the second marker and of any length.
+    name: str = ""
     axis: Triple = (0.0, 0.0, 1.0)
 
     def element(self, undeformed: Undeformed) -> Element:
@@ -195,15 +223,24 @@ class Bushing(AppliedForce):
     about e_k, forces and moments are -stiffness_k d_k - damping_k d_k' and likewise for c_k. There
     is no moment at the rotation of the placements. In the plane a :class:`SpringDamper` with
     ``length=0`` and a :class:`TorsionalSpringDamper` make a bushing.
+
+    Attributes:
+        a: First marker.
+        b: Second marker, in whose axes the bushing lies.
+        stiffness: Stiffness along the axes [N/m].
+        damping: Damping along the axes [N s/m].
+        torsional_stiffness: Stiffness about the axes [N m/rad].
+        torsional_damping: Damping about the axes [N m s/rad].
+        name: Name for results and messages.
     """
 
-    a: Marker  #: First marker.
-    b: Marker  #: Second marker, in whose axes the bushing lies.
-    stiffness: Triple  #: Stiffness along the axes [N/m].
-    damping: Triple = (0.0, 0.0, 0.0)  #: Damping along the axes [N s/m].
-    torsional_stiffness: Triple = (0.0, 0.0, 0.0)  #: Stiffness about the axes [N m/rad].
-    torsional_damping: Triple = (0.0, 0.0, 0.0)  #: Damping about the axes [N m s/rad].
-    name: str = ""  #: Name for results and messages.
+    a: Marker
+    b: Marker
+    stiffness: Triple
+    damping: Triple = (0.0, 0.0, 0.0)
+    torsional_stiffness: Triple = (0.0, 0.0, 0.0)
+    torsional_damping: Triple = (0.0, 0.0, 0.0)
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
     drawn = (Spring,)

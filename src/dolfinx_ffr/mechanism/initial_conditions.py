@@ -32,18 +32,23 @@ class Placement:
 
     The correction is the smallest one in position and angle (velocities alike). In space the
     position has three components, and a rotation takes the place of the angle.
+
+    Attributes:
+        position: Position of the origin of the body's frame, of three components in space [m].
+        angle: Angle of the body's frame in the plane [rad].
+        velocity: Velocity of the origin of the body's frame, likewise [m/s].
+        angular_velocity: Angular velocity, in space of three components along the global axes
+            [rad/s].
+        rotation: Rotation of the body's frame in space: a vector along its axis as long as the
+            angle [rad], a matrix whose columns are the axes of the frame, or a rotation of SciPy;
+            None is none. For torsional springs about its axis a vector is an unwrapped angle; a
+            matrix has no full turns.
     """
 
-    #: Position of the origin of the body's frame, of three components in space [m].
     position: Pair | Triple = (0.0, 0.0)
-    angle: float = 0.0  #: Angle of the body's frame in the plane [rad].
-    #: Velocity of the origin of the body's frame, likewise [m/s].
+    angle: float = 0.0
     velocity: Pair | Triple = (0.0, 0.0)
-    #: Angular velocity, in space of three components along the global axes [rad/s].
     angular_velocity: float | Triple = 0.0
-    #: Rotation of the body's frame in space: a vector along its axis as long as the angle [rad], a
-    #: matrix whose columns are the axes of the frame, or a rotation of SciPy; None is none. For
-    #: torsional springs about its axis a vector is an unwrapped angle; a matrix has no full turns.
     rotation: RotationLike | None = None
 
     def validate(self, what: str) -> None:
@@ -125,11 +130,15 @@ class Assembled(Start):
 
     Raises:
         ValueError: If an elastic coordinate is not a finite number.
+
+    Attributes:
+        elastic: Elastic coordinates at the start, shape (modes,), by name of the body; zero where
+            not given.
+        elastic_velocity: Their rates of change per second, shape (modes,), by name of the body;
+            zero where not given.
     """
 
-    #: Elastic coordinates at the start, shape (modes,), by name of the body; zero where not given.
     elastic: Mapping[str, ArrayLike] = field(default_factory=dict)
-    #: Their velocities, shape (modes,) [1/s times the unit of the coordinates], likewise.
     elastic_velocity: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

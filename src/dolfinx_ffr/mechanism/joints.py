@@ -84,10 +84,15 @@ class Revolute(_Between):
     """Two markers coincide: r_a - r_b = 0, two rows; in space also an axis, five rows.
 
     In space the axis has the same direction on the first body as in the placements.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        name: Name for results and messages.
+        axis: Axis in space, in the axes of the second marker and of any length.
     """
 
-    name: str = ""  #: Name for results and messages.
-    #: Axis in space, in the axes of the second marker and of any length.
+    name: str = ""
     axis: Triple = (0.0, 0.0, 1.0)
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
@@ -100,11 +105,17 @@ class Weld(_Between):
     """Two markers coincide and keep their relative angle: three rows, in space six.
 
     In space they keep their relative rotation in the placements.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        angle: Angle of the first marker minus angle of the second [rad]; None: as in the
+            placements.
+        name: Name for results and messages.
     """
 
-    #: Angle of the first marker minus angle of the second [rad]; None: as in the placements.
     angle: float | None = None
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     rigid: ClassVar[bool] = True
     drawn = (Square,)
@@ -119,13 +130,18 @@ class PointOnLine(Joint):
     """A point stays on a line through another marker, a slider joint: one row, in space two.
 
     The line is fixed to the axes of its marker and turns with them.
+
+    Attributes:
+        point: Marker of the point.
+        line: Marker through which the line passes.
+        direction: Direction of the line in the axes of its marker, of any length; x, also in space.
+        name: Name for results and messages.
     """
 
-    point: Marker  #: Marker of the point.
-    line: Marker  #: Marker through which the line passes.
-    #: Direction of the line in the axes of its marker, of any length; x, also in space.
+    point: Marker
+    line: Marker
     direction: Pair | Triple = (1.0, 0.0)
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
         return on_line(self.point, self.line, self.direction, undeformed)
@@ -142,13 +158,20 @@ class Translational(_Between):
     The first marker stays on a line through the second, which is fixed to the axes of the second
     and turns with them, and its angle against the second does not change. In space the markers keep
     their relative rotation in the placements.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        direction: Direction of the line in the axes of the second marker, of any length; x, also in
+            space.
+        angle: Angle of the first marker minus angle of the second [rad]; None: as in the
+            placements.
+        name: Name for results and messages.
     """
 
-    #: Direction of the line in the axes of the second marker, of any length; x, also in space.
     direction: Pair | Triple = (1.0, 0.0)
-    #: Angle of the first marker minus angle of the second [rad]; None: as in the placements.
     angle: float | None = None
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     def rows(self, undeformed: Undeformed) -> list[Row]:
         line = undeformed.line(self.direction)
@@ -173,19 +196,26 @@ class Gear(_Between):
     The force is the same for both directions of load: on teeth with a pressure angle it pushes the
     wheels apart for one sign only. Take the angle of the sign that is needed where the load keeps
     its direction, and zero where it does not, for the mean of both flanks.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        ratio: Speed of the first wheel over speed of the second, on a carrier against it; negative
+            if they mesh from outside, between 0 and 1 if the first is the ring, above 1 if the
+            second is.
+        name: Name for results and messages.
+        pressure_angle: Angle of the force from the tangent of the pitch circles [rad]. Positive:
+            teeth push apart where they turn the first wheel about the axis, and negative: where
+            they turn it back.
+        relative_to: Marker in whose axes the axis is given in space, as one of the carrier.
+        axis: Axis in space to which those of the wheels are parallel, in the axes of that marker
+            and of any length.
     """
 
-    #: Speed of the first wheel over speed of the second, on a carrier against it; negative if they
-    #: mesh from outside, between 0 and 1 if the first is the ring, above 1 if the second is.
     ratio: float
-    name: str = ""  #: Name for results and messages.
-    #: Angle of the force from the tangent of the pitch circles [rad]. Positive: teeth push apart
-    #: where they turn the first wheel about the axis, and negative: where they turn it back.
+    name: str = ""
     pressure_angle: float = 0.0
-    #: Marker in whose axes the axis is given in space, as one of the carrier.
     relative_to: Marker = field(default_factory=Ground)
-    #: Axis in space to which those of the wheels are parallel, in the axes of that marker and of
-    #: any length.
     axis: Triple = (0.0, 0.0, 1.0)
 
     drawn = ()
@@ -244,17 +274,22 @@ class AngleCoupling(_Between):
     rest; a :class:`Gear` has the force between two wheels. The constant follows from the
     placements. In space the angles are about axes that are fixed to the marker that they count
     against.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        ratio: Speed of the first marker over speed of the second, negative if they turn oppositely.
+        name: Name for results and messages.
+        axis: Axis in space about which the first marker turns, in the axes of the marker against
+            which angles count (the global axes by default) and of any length.
+        second_axis: Axis of the second one, likewise; None is the axis of the first.
+        relative_to: Marker against which both angles count, as one of a housing that turns.
     """
 
-    #: Speed of the first marker over speed of the second, negative if they turn oppositely.
     ratio: float
-    name: str = ""  #: Name for results and messages.
-    #: Axis in space about which the first marker turns, in the axes of the marker against which
-    #: angles count (the global axes by default) and of any length.
+    name: str = ""
     axis: Triple = (0.0, 0.0, 1.0)
-    #: Axis of the second one, likewise; None is the axis of the first.
     second_axis: Triple | None = None
-    #: Marker against which both angles count, as one of a housing that turns.
     relative_to: Marker = field(default_factory=Ground)
 
     drawn = ()
@@ -277,11 +312,16 @@ class Distance(_Between):
     """The distance of two markers is constant or follows a motion, |r_a - r_b| = length: one row.
 
     A rod without mass between two pins, or a hydraulic cylinder of given stroke.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        length: The distance [m], which must be positive; None: as in the placements.
+        name: Name for results and messages.
     """
 
-    #: The distance [m], which must be positive; None: as in the placements.
     length: float | Motion | None = None
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     drawn = (Pin, Line)
 
@@ -310,13 +350,19 @@ class PrescribedAngle(Joint):
 
     In space it is the angle about an axis, which a :class:`Revolute` or :class:`Cylindrical` fixes:
     zero where the axes of the two markers agree but for a rotation of the axis.
+
+    Attributes:
+        marker: Marker whose angle is prescribed.
+        motion: Motion of the angle [rad].
+        relative_to: Marker against which the angle counts.
+        name: Name for results and messages.
+        axis: Axis in space, in the axes of the other marker and of any length.
     """
 
-    marker: Marker  #: Marker whose angle is prescribed.
-    motion: Motion  #: Motion of the angle [rad].
-    relative_to: Marker = field(default_factory=Ground)  #: Marker against which the angle counts.
-    name: str = ""  #: Name for results and messages.
-    #: Axis in space, in the axes of the other marker and of any length.
+    marker: Marker
+    motion: Motion
+    relative_to: Marker = field(default_factory=Ground)
+    name: str = ""
     axis: Triple = (0.0, 0.0, 1.0)
 
     drawn = ()
@@ -328,12 +374,19 @@ class PrescribedAngle(Joint):
 
 @dataclass(frozen=True)
 class PrescribedPosition(Joint):
-    """The position of a marker along a global axis follows a motion: one row."""
+    """The position of a marker along a global axis follows a motion: one row.
 
-    marker: Marker  #: Marker whose position is prescribed.
-    axis: Literal["x", "y", "z"]  #: Global axis, "x" or "y", in space also "z".
-    motion: Motion  #: Motion of the position [m].
-    name: str = ""  #: Name for results and messages.
+    Attributes:
+        marker: Marker whose position is prescribed.
+        axis: Global axis, "x" or "y", in space also "z".
+        motion: Motion of the position [m].
+        name: Name for results and messages.
+    """
+
+    marker: Marker
+    axis: Literal["x", "y", "z"]
+    motion: Motion
+    name: str = ""
 
     @property
     def markers(self) -> tuple[Marker, Marker]:
@@ -356,14 +409,20 @@ class LinearDrive(Joint):
     The line passes through another marker, the origin of the position, and turns with its axes. The
     drive alone leaves the marker free to move across the line, which a :class:`Translational` or a
     :class:`PointOnLine` in the same direction prevents.
+
+    Attributes:
+        point: Marker that is driven.
+        line: Marker at the origin of the position.
+        motion: Motion of the position [m], negative against the direction.
+        direction: Direction of the line in the axes of its marker, of any length; x, also in space.
+        name: Name for results and messages.
     """
 
-    point: Marker  #: Marker that is driven.
-    line: Marker  #: Marker at the origin of the position.
-    motion: Motion  #: Motion of the position [m], negative against the direction.
-    #: Direction of the line in the axes of its marker, of any length; x, also in space.
+    point: Marker
+    line: Marker
+    motion: Motion
     direction: Pair | Triple = (1.0, 0.0)
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     drawn = (Line,)
 
@@ -375,9 +434,15 @@ class LinearDrive(Joint):
 
 @dataclass(frozen=True)
 class Spherical(_Between):
-    """Two markers coincide: r_a - r_b = 0, three rows."""
+    """Two markers coincide: r_a - r_b = 0, three rows.
 
-    name: str = ""  #: Name for results and messages.
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        name: Name for results and messages.
+    """
+
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
     in_the_plane: ClassVar[str] = "a Revolute"
@@ -392,13 +457,18 @@ class Universal(_Between):
 
     Four rows. Each axis belongs to a fork: fixed to one of the bodies, while the other body turns
     about it.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        axis: Axis of the first marker's fork, in its axes and of any length.
+        second_axis: Axis of the second marker's fork, in its axes and of any length.
+        name: Name for results and messages.
     """
 
-    #: Axis of the first marker's fork, in its axes and of any length.
     axis: Triple = (0.0, 1.0, 0.0)
-    #: Axis of the second marker's fork, in its axes and of any length.
     second_axis: Triple = (0.0, 0.0, 1.0)
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
 
@@ -423,10 +493,16 @@ class Cylindrical(_Between):
     """A marker slides along an axis through another and turns about it: four rows.
 
     The axis has the same direction on the first body as in the placements.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        axis: Axis, in the axes of the second marker and of any length.
+        name: Name for results and messages.
     """
 
-    axis: Triple = (0.0, 0.0, 1.0)  #: Axis, in the axes of the second marker and of any length.
-    name: str = ""  #: Name for results and messages.
+    axis: Triple = (0.0, 0.0, 1.0)
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
     drawn = (Slider,)
@@ -441,11 +517,16 @@ class Planar(_Between):
     """A marker moves in a plane through another and turns about its normal: three rows.
 
     The normal has the same direction on the first body as in the placements.
+
+    Attributes:
+        a: First marker.
+        b: Second marker.
+        normal: Normal of the plane, in the axes of the second marker and of any length.
+        name: Name for results and messages.
     """
 
-    #: Normal of the plane, in the axes of the second marker and of any length.
     normal: Triple = (0.0, 0.0, 1.0)
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
 
@@ -459,13 +540,18 @@ class PointOnPlane(Joint):
     """A point stays on a plane through another marker: one row.
 
     The plane is fixed to the axes of its marker and turns with them.
+
+    Attributes:
+        point: Marker of the point.
+        plane: Marker through which the plane passes.
+        normal: Normal of the plane, in the axes of its marker and of any length.
+        name: Name for results and messages.
     """
 
-    point: Marker  #: Marker of the point.
-    plane: Marker  #: Marker through which the plane passes.
-    #: Normal of the plane, in the axes of its marker and of any length.
+    point: Marker
+    plane: Marker
     normal: Triple = (0.0, 0.0, 1.0)
-    name: str = ""  #: Name for results and messages.
+    name: str = ""
 
     dimension: ClassVar[int | None] = 3
     in_the_plane: ClassVar[str] = "a PointOnLine"

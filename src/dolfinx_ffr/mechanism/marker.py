@@ -50,13 +50,18 @@ class Ground:
         TypeError: If position, angle or rotation hold something else than numbers.
         ValueError: If the position has not two components, in space three, or a number is NaN or
             infinite.
+
+    Attributes:
+        position: Two components in the plane, three in space [m].
+        angle: Angle of the marker's axes in the plane [rad].
+        name: Name for messages.
+        rotation: Rotation of the marker's axes in space: a vector along its axis as long as the
+            angle [rad], a matrix whose columns are the axes, or a rotation of SciPy; None is none.
     """
 
-    position: Pair | Triple = (0.0, 0.0)  #: Two components in the plane, three in space [m].
-    angle: float = 0.0  #: Angle of the marker's axes in the plane [rad].
-    name: str = "ground"  #: Name for messages.
-    #: Rotation of the marker's axes in space: a vector along its axis as long as the angle [rad], a
-    #: matrix whose columns are the axes, or a rotation of SciPy; None is none.
+    position: Pair | Triple = (0.0, 0.0)
+    angle: float = 0.0
+    name: str = "ground"
     rotation: RotationLike | None = None
 
     def __post_init__(self) -> None:
@@ -110,19 +115,24 @@ class Moving:
 
     Raises:
         TypeError: If a coordinate is no Motion.
+
+    Attributes:
+        x: Motion of the position along x [m].
+        y: Motion of the position along y [m].
+        angle: Motion of the angle of the marker's axes [rad].
+        name: Name for messages.
+        z: Motion of the position along z [m]: the marker is one in space. None in the plane.
+        axis: In space the axis, in the marker's own axes and of any length, about which they turn
+            by the angle.
+        rotation: In space the rotation of the marker's axes at the angle zero, see :class:`Ground`.
     """
 
-    x: Motion  #: Motion of the position along x [m].
-    y: Motion  #: Motion of the position along y [m].
-    #: Motion of the angle of the marker's axes [rad].
+    x: Motion
+    y: Motion
     angle: Motion = field(default_factory=lambda: Motion.constant(0.0))
-    name: str = "moving marker"  #: Name for messages.
-    #: Motion of the position along z [m]: the marker is one in space. None in the plane.
+    name: str = "moving marker"
     z: Motion | None = None
-    #: In space the axis, in the marker's own axes and of any length, about which they turn by the
-    #: angle.
     axis: Triple = (0.0, 0.0, 1.0)
-    #: In space the rotation of the marker's axes at the angle zero, see :class:`Ground`.
     rotation: RotationLike | None = None
 
     def __post_init__(self) -> None:

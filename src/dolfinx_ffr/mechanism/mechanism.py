@@ -36,18 +36,28 @@ from .motion import Signal, check_signal
 
 @dataclass(frozen=True)
 class PointMass:
-    """A point mass fixed to a marker of a body."""
+    """A point mass fixed to a marker of a body.
 
-    marker: BodyPoint  #: Name of the body and name of the marker.
-    mass: float  #: Mass [kg].
+    Attributes:
+        marker: Name of the body and name of the marker.
+        mass: Mass [kg].
+    """
+
+    marker: BodyPoint
+    mass: float
 
 
 @dataclass(frozen=True)
 class RayleighDamping:
-    """Damping of the elastic coordinates, alpha times their mass plus beta times the stiffness."""
+    """Damping of the elastic coordinates, alpha times their mass plus beta times the stiffness.
 
-    alpha: float = 0.0  #: Mass-proportional coefficient [1/s].
-    beta: float = 0.0  #: Stiffness-proportional coefficient [s].
+    Attributes:
+        alpha: Mass-proportional coefficient [1/s].
+        beta: Stiffness-proportional coefficient [s].
+    """
+
+    alpha: float = 0.0
+    beta: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,24 +66,30 @@ class Mechanism:
 
     Raises:
         ValueError: If a number is out of range, a joint lacks a body, or a name stands twice.
+
+    Attributes:
+        placements: Start of every body, by name of the body.
+        joints: Joints, in the order of their rows in the multipliers.
+        point_masses: Point masses.
+        gravity: Acceleration of free fall [m/s^2], for instance (0, -9.81), of three components in
+            space; numbers or functions of time.
+        damping: Damping, by name of the body.
+        forces: Forces, springs and dampers.
+        ground_acceleration: Acceleration of the ground [m/s^2], likewise. All positions are then
+            relative to the moving ground, on which the bodies feel the opposite acceleration.
+        start: How the motion begins: assembled from the placements, or from the static equilibrium.
+        jumps: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it
+            [s], beside the :attr:`Motion.jumps`; :class:`RadauIIA` ends steps there.
     """
 
-    placements: Mapping[str, Placement]  #: Start of every body, by name of the body.
-    joints: Sequence[Joint] = ()  #: Joints, in the order of their rows in the multipliers.
-    point_masses: Sequence[PointMass] = ()  #: Point masses.
-    #: Acceleration of free fall [m/s^2], for instance (0, -9.81), of three components in space;
-    #: numbers or functions of time.
+    placements: Mapping[str, Placement]
+    joints: Sequence[Joint] = ()
+    point_masses: Sequence[PointMass] = ()
     gravity: tuple[Signal, ...] = (0.0, 0.0)
-    #: Damping, by name of the body.
     damping: Mapping[str, RayleighDamping] = field(default_factory=dict)
-    forces: Sequence[AppliedForce] = ()  #: Forces, springs and dampers.
-    #: Acceleration of the ground [m/s^2], likewise. All positions are then relative to the moving
-    #: ground, on which the bodies feel the opposite acceleration.
+    forces: Sequence[AppliedForce] = ()
     ground_acceleration: tuple[Signal, ...] = (0.0, 0.0)
-    #: How the motion begins: assembled from the placements, or from the static equilibrium.
     start: Start = field(default_factory=Assembled)
-    #: Times at which a force, gravity or a prescribed motion jumps, or a derivative of it [s],
-    #: beside the :attr:`Motion.jumps`; :class:`RadauIIA` ends steps there.
     jumps: Sequence[float] = ()
 
     # Of a `ParametricMechanism`: one with other numbers, at which nothing is alike by chance, and

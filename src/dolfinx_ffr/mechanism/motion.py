@@ -53,13 +53,19 @@ class Motion:
     Raises:
         TypeError: If value, velocity or acceleration is no function.
         ValueError: If a time of a jump is NaN or infinite.
+
+    Attributes:
+        value: c(t) [m or rad].
+        velocity: First derivative of c [m/s or rad/s].
+        acceleration: Second derivative of c [m/s^2 or rad/s^2].
+        name: Name for messages and plots.
+        jumps: Times at which c or a derivative of it jumps [s]; :class:`RadauIIA` ends steps there.
     """
 
-    value: TimeFunction  #: c(t) [m or rad].
-    velocity: TimeFunction  #: First derivative of c [m/s or rad/s].
-    acceleration: TimeFunction  #: Second derivative of c [m/s^2 or rad/s^2].
-    name: str = ""  #: Name for messages and plots.
-    #: Times at which c or a derivative of it jumps [s]; :class:`RadauIIA` ends steps there.
+    value: TimeFunction
+    velocity: TimeFunction
+    acceleration: TimeFunction
+    name: str = ""
     jumps: tuple[float, ...] = ()
 
     __array_ufunc__ = None  # numbers of NumPy leave sums and products to the motion

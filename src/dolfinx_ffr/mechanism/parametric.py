@@ -29,14 +29,21 @@ class TopologyError(ValueError):
 
 
 class Parameter(NamedTuple):
-    """A number between two bounds."""
+    """A number between two bounds.
 
-    value: float  #: At the start, in the unit of the parameter
-    lower: float  #: Smallest value
-    upper: float  #: Largest value
-    unit: str = ""  #: For history, summary and report
-    #: "linear", or "log" for a positive number whose ratios count: an optimiser's steps are shares
-    #: of the range, or of its logarithm
+    Attributes:
+        value: At the start, in the unit of the parameter.
+        lower: Smallest value.
+        upper: Largest value.
+        unit: For history, summary and report.
+        scale: "linear", or "log" for a positive number whose ratios count: an optimiser's steps are
+            shares of the range, or of its logarithm.
+    """
+
+    value: float
+    lower: float
+    upper: float
+    unit: str = ""
     scale: str = "linear"
 
 
@@ -221,12 +228,17 @@ def _taken(build: Callable[..., Any], names: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class ParametricMechanism(Mechanism):
-    """A mechanism at given values of its parameters; see `Parameters.mechanism`."""
+    """A mechanism at given values of its parameters; see `Parameters.mechanism`.
 
-    #: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on them.
+    Attributes:
+        own_bodies: Integrals of bodies that depend on the parameters, by name.
+        build: From the parameters, as keywords, to a mechanism, or to it and bodies that depend on
+            them.
+        parameters: With their values.
+    """
+
     build: Callable[..., Any] = field(default=Mechanism, repr=False)
-    parameters: Parameters = field(kw_only=True)  #: With their values
-    #: Integrals of bodies that depend on the parameters, by name
+    parameters: Parameters = field(kw_only=True)
     own_bodies: Mapping[str, Any] = field(default_factory=dict)  # type: ignore[misc]
 
     def at(self, values: ArrayLike | Mapping[str, float]) -> ParametricMechanism:

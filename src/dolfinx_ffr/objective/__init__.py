@@ -7,7 +7,6 @@ of several motions become one number by a :class:`Combination`.
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .base import Constraint as Constraint
 from .base import DensityField as DensityField
 from .base import Derivatives as Derivatives
@@ -37,5 +36,3 @@ from .properties import Volume as Volume
 from .stress import PeakStress as PeakStress
 from .stress import is_stress, von_mises_root
 from .stress_coordinates import stress_coordinates
-
-explain_fields(globals())

@@ -25,17 +25,23 @@ def _alone(local: Array) -> list[Array]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DensityField(Shown):
-    """The densities of a body's cells; each rank holds its own cells."""
+    """The densities of a body's cells; each rank holds its own cells.
 
-    values: Array  #: Densities, shape (cells,), in [0, 1]
-    areas: Array  #: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3]
-    centroids: Array  #: Centroids of the cells in the undeformed body, shape (cells, dimension) [m]
-    #: Sum of an array over the cells of all ranks, the same on every rank; collective.
+    Attributes:
+        values: Densities, shape (cells,), in [0, 1].
+        areas: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3].
+        centroids: Centroids of the cells in the undeformed body, shape (cells, dimension) [m].
+        sum: Sum of an array over the cells of all ranks, the same on every rank; collective.
+        gathered: The arrays of all ranks in a list, the same on every rank; collective.
+        whole: The body as it was designed, where this is a mesh of the part that came of it: shares
+            of volume are of its area.
+    """
+
+    values: Array
+    areas: Array
+    centroids: Array
     sum: Callable[[Array], float]
-    #: The arrays of all ranks in a list, the same on every rank; collective.
     gathered: Callable[[Array], list[Array]] = _alone
-    #: The body as it was designed, where this is a mesh of the part that came of it: shares of
-    #: volume are of its area.
     whole: DensityField | None = None
 
 
@@ -77,16 +83,22 @@ class StressField(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response(Shown):
-    """The arguments of objectives: a trajectory and the bodies that it belongs to."""
+    """The arguments of objectives: a trajectory and the bodies that it belongs to.
 
-    simulated: Trajectory | None  #: None if neither objective nor constraints need it
-    bodies: Bodies  #: Volume integrals of all bodies, by name
-    #: Densities of the bodies that have one, by name; none for bodies given by their integrals.
+    Attributes:
+        simulated: None if neither objective nor constraints need it.
+        bodies: Volume integrals of all bodies, by name.
+        densities: Densities of the bodies that have one, by name; none for bodies given by their
+            integrals.
+        stresses: Stress of the bodies that have a mesh, by name.
+        known: What objectives keep of their values for their derivatives, under keys of their own;
+            nothing at first, also of a copy with other parts.
+    """
+
+    simulated: Trajectory | None
+    bodies: Bodies
     densities: Mapping[str, DensityField] = field(default_factory=dict)
-    #: Stress of the bodies that have a mesh, by name.
     stresses: Mapping[str, StressField] = field(default_factory=dict)
-    #: What objectives keep of their values for their derivatives, under keys of their own; nothing
-    #: at first, also of a copy with other parts.
     known: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -115,39 +127,48 @@ class Response(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Inventory:
-    """The names that objectives may use, for :meth:`Objective.validate`."""
+    """The names that objectives may use, for :meth:`Objective.validate`.
 
-    #: Names of the markers by name of the body, of all bodies.
+    Attributes:
+        markers: Names of the markers by name of the body, of all bodies.
+        modes: Number of elastic coordinates by name of the body, of all bodies; 0 of rigid ones.
+        joints: Names of the joints.
+        densities: Densities of the bodies that have one, by name; of full bodies before a design
+            exists.
+    """
+
     markers: Mapping[str, Collection[str]]
-    #: Number of elastic coordinates by name of the body, of all bodies; 0 of rigid ones.
     modes: Mapping[str, int]
-    joints: Collection[str]  #: Names of the joints
-    #: Densities of the bodies that have one, by name; of full bodies before a design exists.
+    joints: Collection[str]
     densities: Mapping[str, DensityField] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Derivatives(Shown):
-    """Partial derivatives of a number with respect to the parts of a response."""
+    """Partial derivatives of a number with respect to the parts of a response.
 
-    #: With respect to the trajectory, at fixed bodies; None where it does not matter.
+    Attributes:
+        trajectory: With respect to the trajectory, at fixed bodies; None where it does not matter.
+        integrals: With respect to the integrals, at fixed trajectory and densities, by name of the
+            body; a body that is missing does not matter.
+        densities: With respect to the densities of this rank's cells, shape (cells,), at fixed
+            trajectory, integrals and stress for unit coordinates, likewise.
+        stresses: With respect to the stress of this rank's cells for unit coordinates, shape
+            (cells, points, 3 or 6, coordinates), at fixed trajectory and densities, likewise.
+        areas: With respect to the areas of this rank's cells, in space volumes, shape (cells,),
+            likewise; they matter for derivatives with respect to the nodes of a mesh alone.
+        weights: With respect to the areas that the points of the stress stand for, shape (cells,
+            points).
+        parameters: With respect to the parameters of the mechanism, by name. An objective leaves
+            them out: they are formed by a problem, for all that depends on its parameters.
+    """
+
     trajectory: TrajectoryBar | None = None
-    #: With respect to the integrals, at fixed trajectory and densities, by name of the body; a body
-    #: that is missing does not matter.
     integrals: Mapping[str, VolumeIntegrals] = field(default_factory=dict)
-    #: With respect to the densities of this rank's cells, shape (cells,), at fixed trajectory,
-    #: integrals and stress for unit coordinates, likewise.
     densities: Mapping[str, Array] = field(default_factory=dict)
-    #: With respect to the stress of this rank's cells for unit coordinates, shape (cells, points,
-    #: 3 or 6, coordinates), at fixed trajectory and densities, likewise.
     stresses: Mapping[str, Array] = field(default_factory=dict)
-    #: With respect to the areas of this rank's cells, in space volumes, shape (cells,), likewise;
-    #: they matter for derivatives with respect to the nodes of a mesh alone.
     areas: Mapping[str, Array] = field(default_factory=dict)
-    #: With respect to the areas that the points of the stress stand for, shape (cells, points).
     weights: Mapping[str, Array] = field(default_factory=dict)
-    #: With respect to the parameters of the mechanism, by name. An objective leaves them out: they
-    #: are formed by a problem, for all that depends on its parameters.
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def checked(self, what: str, response: Response) -> Derivatives:
@@ -399,12 +420,18 @@ class Constraint:
 
     Raises:
         ValueError: If there is not exactly one bound, or if it is zero, NaN or infinite.
+
+    Attributes:
+        objective: What is bounded.
+        upper: Largest value allowed, in the unit of the objective.
+        lower: Smallest value allowed, in the unit of the objective.
+        name: Name for results and messages; by default the name of the objective's class.
     """
 
-    objective: Objective  #: What is bounded
-    upper: float | None = None  #: Largest value allowed, in the unit of the objective
-    lower: float | None = None  #: Smallest value allowed, in the unit of the objective
-    name: str = ""  #: Name for results and messages; by default the name of the objective's class
+    objective: Objective
+    upper: float | None = None
+    lower: float | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
         check_objective("constraint: the objective", self.objective)

@@ -94,6 +94,10 @@ class IntegralCompliance(_Compliance):
 
     Raises:
         ValueError: If a weight is negative or not a finite number.
+
+    Attributes:
+        bodies: Names of the bodies that count; None takes all.
+        weights: Weights by name of the body; 1 where none is given.
     """
 
     unit: ClassVar[str] = "J s"
@@ -117,12 +121,17 @@ class PeakCompliance(_Compliance):
 
     Raises:
         ValueError: If the power is below 1, or a weight is negative or not a finite number.
+
+    Attributes:
+        bodies: Names of the bodies that count; None takes all.
+        weights: Weights by name of the body; 1 where none is given.
+        power: The power p.
     """
 
     unit: ClassVar[str] = "J"
     _what: ClassVar[str] = "peak compliance"
 
-    power: float = 8.0  #: The power p
+    power: float = 8.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -67,13 +67,19 @@ class JointForce(OfJoints, MeanOverTime):
         ValueError: If the power is not above 1 or the window is not an interval; when the value is
             asked for, if there is no such joint, it carries no moment, or one of several is not
             between a body and the frame.
+
+    Attributes:
+        joint: Name of the joint, or names of several, whose parts add up.
+        power: The power p, above 1.
+        moment: Count the moment of a joint that carries forces as well [N m].
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
+        peak: Whether psi is the largest force instead of the mean.
     """
 
-    power: float = 2.0  #: The power p, above 1
-    moment: bool = False  #: Count the moment of a joint that carries forces as well [N m]
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    power: float = 2.0
+    moment: bool = False
     window: tuple[float, float] | None = None
-    peak: bool = False  #: Whether psi is the largest force instead of the mean
+    peak: bool = False
 
     _what = "force"
 
@@ -150,15 +156,20 @@ class DrivePower(_OfDrives, MeanOverTime):
     Raises:
         ValueError: If the power is not above 1 or the window is not an interval; when the value is
             asked for, if there is no such joint or it drives nothing.
+
+    Attributes:
+        joint: Name of the joint, or names of several, whose parts add up.
+        power: The power p, above 1.
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
+        peak: Whether psi is the largest power instead of the mean.
     """
 
     unit: ClassVar[str] = "W"
     _what: ClassVar[str] = "drive power"
 
-    power: float = 2.0  #: The power p, above 1
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    power: float = 2.0
     window: tuple[float, float] | None = None
-    peak: bool = False  #: Whether psi is the largest power instead of the mean
+    peak: bool = False
 
     def __post_init__(self) -> None:
         self._check_joints()
@@ -189,15 +200,20 @@ class DriveWork(_OfDrives):
         ValueError: If the share is not in [-1, 1], the rounding is not positive or the window is
             not an interval; when the value is asked for, if there is no such joint or it drives
             nothing.
+
+    Attributes:
+        joint: Name of the joint, or names of several, whose parts add up.
+        recovered: Share r of the braking power that is won back, from -1 to 1.
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
+        rounding: The part e / rms(P), positive.
     """
 
     unit: ClassVar[str] = "J"
     _what: ClassVar[str] = "drive work"
 
-    recovered: float = 0.0  #: Share r of the braking power that is won back, from -1 to 1
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
+    recovered: float = 0.0
     window: tuple[float, float] | None = None
-    rounding: float = 0.01  #: The part e / rms(P), positive
+    rounding: float = 0.01
 
     def __post_init__(self) -> None:
         self._check_joints()

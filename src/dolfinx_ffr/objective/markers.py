@@ -172,19 +172,24 @@ class PathTracking(_MarkerObjective):
         ValueError: If the window is not an interval; when the value is asked for, if the path or
             the weight has the wrong shape or holds NaN, if the weight is negative anywhere, or a
             name does not exist.
+
+    Attributes:
+        body: Name of the body.
+        marker: Name of the marker.
+        path: Pair (x, y), in space (x, y, z), of motions, functions of an array of times, numbers,
+            or arrays of shape (steps + 1,) if not all are; or an array of the positions at the
+            instants of the trajectory, shape (steps + 1, 2), in space (steps + 1, 3) [m].
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
+        weight: Weight over time: function of an array of times, or array of shape (steps + 1,);
+            None is 1.
     """
 
     unit: ClassVar[str] = "m^2 s"
     _what: ClassVar[str] = "path tracking"
     _vector: ClassVar[str] = "position"
 
-    #: Pair (x, y), in space (x, y, z), of motions, functions of an array of times, numbers, or
-    #: arrays of shape (steps + 1,) if not all are; or an array of the positions at the instants of
-    #: the trajectory, shape (steps + 1, 2), in space (steps + 1, 3) [m].
     path: tuple[Coordinate, ...] | Array
-    #: Begin and end of the time that counts [s]; None takes the whole motion.
     window: tuple[float, float] | None = None
-    #: Weight over time: function of an array of times, or array of shape (steps + 1,); None is 1.
     weight: Callable[[Array], ArrayLike] | Array | None = None
 
     def __post_init__(self) -> None:
@@ -266,6 +271,11 @@ class MarkerVelocity(_SquareOverTime):
     Raises:
         ValueError: If the window is not an interval; when the value is asked for, if a name does
             not exist.
+
+    Attributes:
+        body: Name of the body.
+        marker: Name of the marker.
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
     """
 
     unit: ClassVar[str] = "m^2/s"
@@ -286,6 +296,11 @@ class MarkerAcceleration(_SquareOverTime):
     Raises:
         ValueError: If the window is not an interval; when the value is asked for, if a name does
             not exist.
+
+    Attributes:
+        body: Name of the body.
+        marker: Name of the marker.
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
     """
 
     unit: ClassVar[str] = "m^2/s^3"
@@ -306,14 +321,20 @@ class ResidualVibration(_SquareOverTime):
     Raises:
         ValueError: If the window is not an interval, or the time is negative; when the value is
             asked for, if a name does not exist, or the place has other components.
+
+    Attributes:
+        body: Name of the body.
+        marker: Name of the marker.
+        window: Begin and end of the time that counts [s]; None takes the whole motion.
+        tau: Time by which velocities are multiplied [s].
+        place: Where the marker is to stop, (x, y), in space (x, y, z) [m]; None takes the mean.
     """
 
     unit: ClassVar[str] = "m^2"
     _what: ClassVar[str] = "residual vibration"
     _vector: ClassVar[str] = "position"
 
-    tau: float = 0.0  #: Time by which velocities are multiplied [s]
-    #: Where the marker is to stop, (x, y), in space (x, y, z) [m]; None takes the mean.
+    tau: float = 0.0
     place: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:

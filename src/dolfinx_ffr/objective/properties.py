@@ -37,11 +37,14 @@ class Mass(_WithoutTrajectory):
 
     Raises:
         ValueError: When the value is asked for, if the body does not exist.
+
+    Attributes:
+        body: Name of the body.
     """
 
     unit: ClassVar[str] = "kg"
 
-    body: str  #: Name of the body
+    body: str
 
     def __post_init__(self) -> None:
         validation.name("mass: body", self.body)
@@ -78,12 +81,15 @@ class Volume(_WithoutTrajectory):
         TypeError: If the region is neither a function nor a mask.
         ValueError: If the body has no density, or the region does not fit its cells or holds none
             of them, when the problem is made.
+
+    Attributes:
+        body: Name of the body.
+        region: Cells that count: a predicate on coordinates of shape (3, cells), those of the
+            centroids in the undeformed body [m], or a mask over the cells of this rank, shape
+            (cells,). Regions cut at a line so share no cell and leave none out. None takes all.
     """
 
-    body: str  #: Name of the body
-    #: Cells that count: a predicate on coordinates of shape (3, cells), those of the centroids in
-    #: the undeformed body [m], or a mask over the cells of this rank, shape (cells,). Regions cut
-    #: at a line so share no cell and leave none out. None takes all.
+    body: str
     region: Callable[[Array], ArrayLike] | Mask | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -182,14 +188,20 @@ class Frequency(_WithoutTrajectory):
 
     Warns:
         UserWarning: If the derivative is asked for where the cluster touches its neighbour.
+
+    Attributes:
+        body: Name of the body.
+        number: Number of the first frequency that counts, from 1.
+        cluster: How many frequencies count.
+        free: Leave the body's frame free instead of held.
     """
 
     unit: ClassVar[str] = "Hz"
 
-    body: str  #: Name of the body
-    number: int = 1  #: Number of the first frequency that counts, from 1
-    cluster: int = 1  #: How many frequencies count
-    free: bool = False  #: Leave the body's frame free instead of held
+    body: str
+    number: int = 1
+    cluster: int = 1
+    free: bool = False
 
     def __post_init__(self) -> None:
         validation.name("frequency: body", self.body)

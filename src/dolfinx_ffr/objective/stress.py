@@ -65,21 +65,26 @@ class PeakStress(Objective):
 
     Raises:
         ValueError: If a number is out of range; when the problem is made, if the body has no mesh.
+
+    Attributes:
+        body: Name of the body.
+        power: The power p, at least 2.
+        relaxation: Exponent s of the density; zero relaxes nothing, else more than 1 / p.
+        correction: Whether modes that were left out follow the inertia forces statically.
+        scale: Factor of the mean.
+        clear: Distance from interfaces within which no stress counts [m]: interfaces are rigid, and
+            where an edge begins at one the stress grows without limit as meshes are refined.
+        counted: Of one mesh the points that count, (cells, points) of this rank; None for all.
     """
 
     unit: ClassVar[str] = "Pa"
 
-    body: str  #: Name of the body
-    power: float = 8.0  #: The power p, at least 2
-    #: Exponent s of the density; zero relaxes nothing, else more than 1 / p.
+    body: str
+    power: float = 8.0
     relaxation: float = 0.5
-    #: Whether modes that were left out follow the inertia forces statically.
     correction: bool = True
-    scale: float = 1.0  #: Factor of the mean
-    #: Distance from interfaces within which no stress counts [m]: interfaces are rigid, and where
-    #: an edge begins at one the stress grows without limit as meshes are refined
+    scale: float = 1.0
     clear: float = 0.0
-    #: Of one mesh the points that count, (cells, points) of this rank; None for all
     counted: Mask | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .boundary_steps import move_boundary as move_boundary
 from .level_set_evolution import LevelSetEvolution as LevelSetEvolution
 from .loop import DesignLoop as DesignLoop
@@ -20,5 +19,3 @@ from .result import BoundaryResult as BoundaryResult
 from .result import DesignWarning as DesignWarning
 from .result import Result as Result
 from .result import gray_fraction as gray_fraction
-
-explain_fields(globals())

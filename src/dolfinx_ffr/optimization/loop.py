@@ -94,27 +94,44 @@ Distance = Callable[[str], Array | None]
 
 @dataclass(frozen=True)
 class GradientErrors:
-    """How a gradient differs from the exact one over some elements."""
+    """How a gradient differs from the exact one over some elements.
 
-    l2: float  #: Euclidean norm of the difference, relative to that of the exact gradient
-    cosine: float  #: Cosine of the angle between both
-    worst: float  #: Largest difference of an element, relative to the largest exact value
+    Attributes:
+        l2: Euclidean norm of the difference, relative to that of the exact gradient.
+        cosine: Cosine of the angle between both.
+        worst: Largest difference of an element, relative to the largest exact value.
+    """
+
+    l2: float
+    cosine: float
+    worst: float
 
 
 @dataclass(frozen=True, eq=False)
 class GradientReport:
-    """How the gradient of one body was computed, and how accurate it is."""
+    """How the gradient of one body was computed, and how accurate it is.
 
-    elements: int  #: Elements with exact values, on all ranks
-    share: float  #: Their share of the designed elements
-    selected: Mask = field(repr=False)  #: Which of this rank's cells they are
-    #: Estimated relative error (Euclidean norm) over the designed elements; 0 for exact gradients
+    Attributes:
+        elements: Elements with exact values, on all ranks.
+        share: Their share of the designed elements.
+        selected: Which of this rank's cells they are.
+        estimate: Estimated relative error (Euclidean norm) over the designed elements; 0 for exact
+            gradients.
+        errors: True errors over the designed elements, where asked for.
+        band_errors: True errors over the designed elements near the active boundary, where asked
+            for.
+        length: Of the kernel [m].
+        condition: Condition number of the interpolation.
+    """
+
+    elements: int
+    share: float
+    selected: Mask = field(repr=False)
     estimate: float = 0.0
-    errors: GradientErrors | None = None  #: True errors over the designed elements, where asked for
-    #: True errors over the designed elements near the active boundary, where asked for
+    errors: GradientErrors | None = None
     band_errors: GradientErrors | None = None
-    length: float = math.nan  #: Of the kernel [m]
-    condition: float = math.nan  #: Condition number of the interpolation
+    length: float = math.nan
+    condition: float = math.nan
 
 
 class GradientMethod(Protocol):

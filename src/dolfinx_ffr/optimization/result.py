@@ -62,26 +62,35 @@ def drawn_of(boundary: Boundary | Surface) -> Part | Solid:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryResult:
-    """What moving boundaries has come to."""
+    """What moving boundaries has come to.
 
-    boundaries: dict[str, Boundary | Surface]  #: The best ones, by body
-    problem: Problem  #: On the meshes that fit them
-    evaluation: Evaluation  #: There
-    #: By name, one number for each step taken: ``psi``, ``volume`` as a share of the bodies,
-    #: ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a bound, ``step``
-    #: [m], ``cells``, ``modes``, the ``rejected`` trials, the struts and windows that were
-    #: ``inserted`` before it and the struts and holes ``removed``; at last those of the best on
-    #: meshes that resolve notches and walls
+    Attributes:
+        boundaries: The best ones, by body.
+        problem: On the meshes that fit them.
+        evaluation: There.
+        history: By name, one number for each step taken: ``psi``, ``volume`` as a share of the
+            bodies, ``narrowest`` member or gap [m], ``tightest`` radius [m], ``excess`` over a
+            bound, ``step`` [m], ``cells``, ``modes``, the ``rejected`` trials, the struts and
+            windows that were ``inserted`` before it and the struts and holes ``removed``; at last
+            those of the best on meshes that resolve notches and walls.
+        reason: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by
+            SIGTERM.
+        mode_errors: Estimated relative error of psi by the normal modes that each body leaves out.
+        materials: What the boundaries enclose at each step of the history, as polygons [m], by
+            body.
+        violations: As those of `Result`, of the parts.
+        begun: Evaluates the boundaries that it began with, on such meshes; has problem and
+            evaluation.
+    """
+
+    boundaries: dict[str, Boundary | Surface]
+    problem: Problem
+    evaluation: Evaluation
     history: dict[str, Array]
-    #: Why it ended: "iterations", "no better step", "interrupted", or "terminated" by SIGTERM
     reason: str
-    #: Estimated relative error of psi by the normal modes that each body leaves out
     mode_errors: dict[str, float]
-    #: What the boundaries enclose at each step of the history, as polygons [m], by body
     materials: dict[str, list[BaseGeometry]]
-    #: As those of `Result`, of the parts
     violations: dict[str, float]
-    #: Evaluates the boundaries that it began with, on such meshes; has problem and evaluation
     begun: Callable[[], Any] = field(repr=False)
 
     @property
@@ -118,39 +127,51 @@ class BoundaryResult:
 
 @dataclass(frozen=True, repr=False)
 class Result(Shown):
-    """A design and its history."""
+    """A design and its history.
 
-    densities: dict[str, Array]  #: Of this rank's cells by body, shape (cells,)
-    variables: dict[str, Array]  #: By body, the same on every rank, shape (size of the design,)
-    evaluation: Evaluation = field(repr=False)  #: psi and trajectory of `densities`, by `problem`
-    history: dict[str, Array] = field(repr=False)  #: Columns over the iterations
-    #: Why the loop ended: "converged" (the first-order conditions hold to the optimizer's
-    #: tolerance), "iterations" (none were left), "interrupted", "stalled" (no step lowers psi any
-    #: more, or only by falling apart, though the conditions do not hold), or "infeasible" (without
-    #: a design that fulfils all constraints, and of which a part comes)
+    Attributes:
+        densities: Of this rank's cells by body, shape (cells,).
+        variables: By body, the same on every rank, shape (size of the design,).
+        evaluation: psi and trajectory of `densities`, by `problem`.
+        history: Columns over the iterations.
+        reason: Why the loop ended: "converged" (the first-order conditions hold to the optimizer's
+            tolerance), "iterations" (none were left), "interrupted", "stalled" (no step lowers psi
+            any more, or only by falling apart, though the conditions do not hold), or "infeasible"
+            (without a design that fulfils all constraints, and of which a part comes).
+        designs: By body, as sharp as at the end: its `Design.density` of the variables is the
+            density.
+        problem: The problem that evaluates the design: for a crisp level set with the law of cut
+            elements.
+        violations: Violations relative to the bounds, by name of the constraint ("volume of rod"
+            for a volume); those of the parts, where boundaries were moved, and else the share of
+            material in "loose pieces of rod", which psi counts and the part has not, and 1 for the
+            "part of rod" where none comes of the design. Sizes of parts below the minimum are among
+            them ("rod: thinnest member near (20, 3) mm"), struts that end free, and what `verify`
+            and `finish` have found since.
+        mode_errors: Estimated relative error of psi by the normal modes that each body leaves out;
+            empty where it was not asked for, NaN where it cannot be estimated.
+        bounds: Upper bounds of the filled shares by body, as `optimize` was given them.
+        terminated: Whether SIGTERM, as of a batch system, arrived during the run: `finish` then
+            makes no parts.
+        residual: By how much, to first order, log psi and the penalty could still fall within the
+            constraints by one step of the largest length, when the last gradient of the loop was
+            computed: zero where the first-order conditions hold; NaN where the optimizer does not
+            tell.
+        moved: What moving the boundaries of the parts has come to, None where they were not moved.
+    """
+
+    densities: dict[str, Array]
+    variables: dict[str, Array]
+    evaluation: Evaluation = field(repr=False)
+    history: dict[str, Array] = field(repr=False)
     reason: str
-    #: By body, as sharp as at the end: its `Design.density` of the variables is the density
     designs: dict[str, Variables] = field(repr=False)
-    #: The problem that evaluates the design: for a crisp level set with the law of cut elements
     problem: Problem = field(repr=False)
-    #: Violations relative to the bounds, by name of the constraint ("volume of rod" for a volume);
-    #: those of the parts, where boundaries were moved, and else the share of material in "loose
-    #: pieces of rod", which psi counts and the part has not, and 1 for the "part of rod" where none
-    #: comes of the design. Sizes of parts below the minimum are among them ("rod: thinnest member
-    #: near (20, 3) mm"), struts that end free, and what `verify` and `finish` have found since
     violations: dict[str, float] = field(default_factory=dict)
-    #: Estimated relative error of psi by the normal modes that each body leaves out; empty where it
-    #: was not asked for, NaN where it cannot be estimated
     mode_errors: dict[str, float] = field(default_factory=dict)
-    #: Upper bounds of the filled shares by body, as `optimize` was given them
     bounds: dict[str, float] = field(default_factory=dict)
-    #: Whether SIGTERM, as of a batch system, arrived during the run: `finish` then makes no parts
     terminated: bool = False
-    #: By how much, to first order, log psi and the penalty could still fall within the constraints
-    #: by one step of the largest length, when the last gradient of the loop was computed: zero
-    #: where the first-order conditions hold; NaN where the optimizer does not tell
     residual: float = math.nan
-    #: What moving the boundaries of the parts has come to, None where they were not moved
     moved: BoundaryResult | None = field(default=None, repr=False)
     _parts: dict[str, Part | Solid] = field(
         default_factory=dict, init=False, repr=False, compare=False

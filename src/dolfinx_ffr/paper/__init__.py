@@ -7,7 +7,6 @@ It is here to be measured beside the exact adjoint, which is faster and exact, a
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .approximate import ApproximateGradient as ApproximateGradient
 from .approximate import GradientElements as GradientElements
 from .approximate import gradient_errors as gradient_errors
@@ -21,5 +20,3 @@ from .mode_derivatives import mode_derivatives as mode_derivatives
 from .rbf_interpolation import IllConditionedWarning as IllConditionedWarning
 from .rbf_interpolation import ScatteredInterpolation as ScatteredInterpolation
 from .rbf_interpolation import best_length as best_length
-
-explain_fields(globals())

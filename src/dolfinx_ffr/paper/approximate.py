@@ -76,14 +76,18 @@ class GradientElements:
     Raises:
         ValueError: If nothing is given, a band as well as a share, a length that is not positive,
             or a share outside ]0, 1].
+
+    Attributes:
+        grid: Spacing of the grid [m]; its points lie in the middle of equal rectangles over the
+            bounding box, and those in the body or within about one element of it take the nearest
+            cell.
+        band: Half-width of the band around the active boundary, between cell centroids and boundary
+            [m].
+        share: Selected share of the body's designed cells, in ]0, 1].
     """
 
-    #: Spacing of the grid [m]; its points lie in the middle of equal rectangles over the bounding
-    #: box, and those in the body or within about one element of it take the nearest cell
     grid: float | None = None
-    #: Half-width of the band around the active boundary, between cell centroids and boundary [m]
     band: float | None = None
-    #: Selected share of the body's designed cells, in ]0, 1]
     share: float | None = None
 
     def __post_init__(self) -> None:
@@ -196,28 +200,34 @@ class ApproximateGradient:
     """Exact derivatives at selected elements, radial basis functions between them.
 
     Use it to see what the approximation costs and gains; `ExactAdjoint` is exact and faster.
+
+    Attributes:
+        elements: Which elements get exact values.
+        kernel: Radial basis function; or its class, whose length is then chosen by leaving out
+            (about twenty lengths are tried, which takes long with more than a thousand elements).
+        degree: Degree of the polynomial, -1 for none; None takes the least that the kernel needs.
+        tolerance: Estimated error above which further elements are selected, up to
+            ``largest_share``; None: no.
+        largest_share: Share of the designed elements that refinement does not exceed.
+        compare_every: Iterations after which the true error is measured with the exact adjoint; 0:
+            never.
+        band: Half-width of the band around the active boundary for which errors are reported as
+            well [m]; None takes two mean elements.
+        solver: Of the normal modes' derivatives, "bordered" or "deflated".
+        batch: Elements whose linear systems are solved at once.
+        progress: Show a progress bar for every gradient; the ranks may differ in that.
     """
 
     exact: ClassVar[bool] = False
-    #: Which elements get exact values
     elements: GradientElements = field(default_factory=lambda: GradientElements(share=0.35))
-    #: Radial basis function; or its class, whose length is then chosen by leaving out (about twenty
-    #: lengths are tried, which takes long with more than a thousand elements)
     kernel: Kernel | Callable[[float], Kernel] = ExponentialSpline
-    #: Degree of the polynomial, -1 for none; None takes the least that the kernel needs
     degree: int | None = None
-    #: Estimated error above which further elements are selected, up to ``largest_share``; None: no
     tolerance: float | None = None
-    #: Share of the designed elements that refinement does not exceed
     largest_share: float = 1.0
-    #: Iterations after which the true error is measured with the exact adjoint; 0: never
     compare_every: int = 0
-    #: Half-width of the band around the active boundary for which errors are reported as well [m];
-    #: None takes two mean elements
     band: float | None = None
-    solver: Solver = "bordered"  #: Of the normal modes' derivatives, "bordered" or "deflated"
-    batch: int = 128  #: Elements whose linear systems are solved at once
-    #: Show a progress bar for every gradient; the ranks may differ in that
+    solver: Solver = "bordered"
+    batch: int = 128
     progress: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -46,16 +46,25 @@ from .mode_derivatives import Solver, cell_numbers, check_reduced, mode_derivati
 
 @dataclass(frozen=True, eq=False)
 class IntegralDerivatives:
-    """Derivatives of a body's volume integrals with respect to the densities of some elements."""
+    """Derivatives of a body's volume integrals with respect to the densities of some elements.
 
-    cells: Integers  #: (cells,) elements of this rank
-    mass: Array  #: (cells,) [kg]
-    S: Array  #: (cells, r + 1, 2) [kg m]
-    G: Array  #: (cells, r + 1, r + 1) [kg m^2]
-    N: Array  #: (cells, r + 1, r + 1) [kg m^2]
-    K: Array  #: (cells, r, r) [N/m]
-    #: By name of the marker, displacement (cells, 2, r) and rotation shape functions (cells, r);
-    #: markers at interfaces do not depend on densities and are left out
+    Attributes:
+        cells: (cells,) elements of this rank.
+        mass: (cells,) [kg].
+        S: (cells, r + 1, 2) [kg m].
+        G: (cells, r + 1, r + 1) [kg m^2].
+        N: (cells, r + 1, r + 1) [kg m^2].
+        K: (cells, r, r) [N/m].
+        markers: By name of the marker, displacement (cells, 2, r) and rotation shape functions
+            (cells, r); markers at interfaces do not depend on densities and are left out.
+    """
+
+    cells: Integers
+    mass: Array
+    S: Array
+    G: Array
+    N: Array
+    K: Array
     markers: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
     def motion_part(self, bar: VolumeIntegrals) -> Array:
@@ -76,14 +85,23 @@ class IntegralDerivatives:
 
 @dataclass(frozen=True, eq=False)
 class ElementGradient:
-    """Exact derivatives of psi with respect to the densities of some elements of one body."""
+    """Exact derivatives of psi with respect to the densities of some elements of one body.
 
-    cells: Integers  #: (cells,) elements of this rank
-    objective: Array  #: (cells,) share of T_OF
-    kinematics: Array  #: (cells,) share of T_KR
-    motion: Array  #: (cells,) share of T_EM
-    count: int  #: Elements on all ranks
-    seconds: float  #: Time spent [s]
+    Attributes:
+        cells: (cells,) elements of this rank.
+        objective: (cells,) share of T_OF.
+        kinematics: (cells,) share of T_KR.
+        motion: (cells,) share of T_EM.
+        count: Elements on all ranks.
+        seconds: Time spent [s].
+    """
+
+    cells: Integers
+    objective: Array
+    kinematics: Array
+    motion: Array
+    count: int
+    seconds: float
 
     @property
     def values(self) -> Array:

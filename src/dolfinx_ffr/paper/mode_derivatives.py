@@ -55,12 +55,18 @@ SOLVERS: tuple[str, ...] = get_args(Solver)
 
 @dataclass(frozen=True)
 class ModeDerivative:
-    """Derivatives of one shape function with respect to the densities of a batch of elements."""
+    """Derivatives of one shape function with respect to the densities of a batch of elements.
 
-    shape: int  #: Number of the shape function, constraint modes first
-    #: (k, 2) for the batch's elements on this rank: number among the cells asked for, and column
+    Attributes:
+        shape: Number of the shape function, constraint modes first.
+        cells: (k, 2) for the batch's elements on this rank: number among the cells asked for, and
+            column.
+        fields: (dofs of this rank, columns) one column an element of the batch.
+    """
+
+    shape: int
     cells: Integers
-    fields: Block  #: (dofs of this rank, columns) one column an element of the batch
+    fields: Block
 
 
 def mode_derivatives(

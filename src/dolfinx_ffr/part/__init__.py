@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .asked_sizes import PartViolation as PartViolation
 from .asked_sizes import size_violations as size_violations
 from .asked_sizes import solid_regions as solid_regions
@@ -23,5 +22,3 @@ from .verify import PartWarning as PartWarning
 from .verify import Verification as Verification
 from .verify import verify as verify
 from .widths import Width as Width
-
-explain_fields(globals())

@@ -78,11 +78,17 @@ _FEW_SIDES = 10
 
 @dataclass(frozen=True, eq=False)
 class LoosePiece:
-    """A piece of a design that nothing holds, and that is left out of the part."""
+    """A piece of a design that nothing holds, and that is left out of the part.
 
-    area: float  #: [m^2]
-    center: Array  #: (2,) of its area [m]
-    outline: list[list[Curve]]  #: Its outer loop, counterclockwise, then its holes, clockwise
+    Attributes:
+        area: [m^2].
+        center: (2,) of its area [m].
+        outline: Its outer loop, counterclockwise, then its holes, clockwise.
+    """
+
+    area: float
+    center: Array
+    outline: list[list[Curve]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

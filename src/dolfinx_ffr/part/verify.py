@@ -238,16 +238,24 @@ class Enclosed(Shown, ABC):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
-    """The figures of a design as reported, and of its parts on finer and finer meshes."""
+    """The figures of a design as reported, and of its parts on finer and finer meshes.
 
-    reported: Figures  #: Of the design
-    fitted: list[Figures]  #: Of the parts, each time on finer meshes
-    tolerance: float  #: Largest change of psi from one mesh to the next that counts as none
-    modes: dict[str, int]  #: Number of normal modes of each part
-    parts: Mapping[str, Enclosed]  #: By name of the body
-    #: Bounds of constraints and volumes in words, by name
+    Attributes:
+        reported: Of the design.
+        fitted: Of the parts, each time on finer meshes.
+        tolerance: Largest change of psi from one mesh to the next that counts as none.
+        modes: Number of normal modes of each part.
+        parts: By name of the body.
+        limits: Bounds of constraints and volumes in words, by name.
+        bodies: By name, each part on its finest mesh, and its reduction there.
+    """
+
+    reported: Figures
+    fitted: list[Figures]
+    tolerance: float
+    modes: dict[str, int]
+    parts: Mapping[str, Enclosed]
     limits: Mapping[str, str] = field(default_factory=dict)
-    #: By name, each part on its finest mesh, and its reduction there
     bodies: Mapping[str, tuple[FlexibleBody, ReducedBody]] = field(default_factory=dict, repr=False)
 
     def export(

@@ -39,10 +39,15 @@ _FULL = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Width:
-    """The width of a member or a gap, and where it is."""
+    """The width of a member or a gap, and where it is.
 
-    value: float  #: [m]
-    #: (2, 2), in space (2, 3) ends of a diameter of the disc or ball, the first on the boundary [m]
+    Attributes:
+        value: [m].
+        ends: (2, 2), in space (2, 3) ends of a diameter of the disc or ball, the first on the
+            boundary [m].
+    """
+
+    value: float
     ends: Array
 
 

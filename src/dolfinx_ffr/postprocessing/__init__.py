@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .mode_truncation import LocalModes as LocalModes
 from .mode_truncation import LocalModesWarning as LocalModesWarning
 from .mode_truncation import ModeSelection as ModeSelection
@@ -18,5 +17,3 @@ from .stress import StressEnvelope as StressEnvelope
 from .stress import StressModes as StressModes
 from .stress import von_mises as von_mises
 from .stress import worst_stress as worst_stress
-
-explain_fields(globals())

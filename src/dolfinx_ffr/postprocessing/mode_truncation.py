@@ -130,12 +130,18 @@ def propose_modes(
 
 @dataclass(frozen=True)
 class ModeSelection:
-    """Numbers of normal modes, and estimates of the error by the truncated ones."""
+    """Numbers of normal modes, and estimates of the error by the truncated ones.
 
-    modes: dict[str, int]  #: Chosen numbers of normal modes, by name of the body
-    #: By name of the body, estimated relative error of psi with 0, 1, 2, ... and all its modes
+    Attributes:
+        modes: Chosen numbers of normal modes, by name of the body.
+        errors: By name of the body, estimated relative error of psi with 0, 1, 2, ... and all its
+            modes.
+        error: Estimated relative error of psi with the chosen numbers of all bodies.
+    """
+
+    modes: dict[str, int]
     errors: dict[str, Array] = field(repr=False)
-    error: float = 0.0  #: Estimated relative error of psi with the chosen numbers of all bodies
+    error: float = 0.0
 
 
 def select_modes(
@@ -287,12 +293,19 @@ class LocalModesWarning(UserWarning):
 
 @dataclass(frozen=True)
 class LocalModes:
-    """Normal modes of one body that are local, in ascending order."""
+    """Normal modes of one body that are local, in ascending order.
 
-    numbers: Integers  #: (k,) of the modes, counted from 1
-    frequencies: Array  #: (k,) [Hz]
-    places: Array  #: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m]
-    share: float  #: Of the body's strain energy over all load cases that they hold, in [0, 1]
+    Attributes:
+        numbers: (k,) of the modes, counted from 1.
+        frequencies: (k,) [Hz].
+        places: (k, dimension) centres of their kinetic energy in the mesh's coordinates [m].
+        share: Of the body's strain energy over all load cases that they hold, in [0, 1].
+    """
+
+    numbers: Integers
+    frequencies: Array
+    places: Array
+    share: float
 
 
 def local_modes(problem: Problem, evaluation: Evaluation) -> dict[str, LocalModes]:

@@ -34,33 +34,54 @@ LONG_INTERFACE = 0.25
 
 @dataclass(frozen=True)
 class BodyReport:
-    """One body of a scene."""
+    """One body of a scene.
 
-    kind: str  #: "flexible" with a density, "given" by its integrals, or "rigid"
-    constraint_modes: int  #: Number of shape functions that move an interface
-    normal_modes: int  #: Number of fixed-interface normal modes
-    highest_frequency: float  #: Of the normal modes kept [Hz]; NaN if there are none
-    next_frequency: float  #: The first one left out [Hz]; NaN if not known
-    stiffening: tuple[str, ...]  #: Loads whose geometric stiffness is modelled
-    softening: float  #: Largest relative softening by the body's own rotation; 1 is the limit
-    elements: int  #: Number of elements with a density
-    #: Interfaces that span more than a quarter of the body, which they make rigid there, each with
-    #: its extent over the body's
+    Attributes:
+        kind: "flexible" with a density, "given" by its integrals, or "rigid".
+        constraint_modes: Number of shape functions that move an interface.
+        normal_modes: Number of fixed-interface normal modes.
+        highest_frequency: Of the normal modes kept [Hz]; NaN if there are none.
+        next_frequency: The first one left out [Hz]; NaN if not known.
+        stiffening: Loads whose geometric stiffness is modelled.
+        softening: Largest relative softening by the body's own rotation; 1 is the limit.
+        elements: Number of elements with a density.
+        long_interfaces: Interfaces that span more than a quarter of the body, which they make rigid
+            there, each with its extent over the body's.
+        order: Of the displacements in its elements; 0 where it has none.
+    """
+
+    kind: str
+    constraint_modes: int
+    normal_modes: int
+    highest_frequency: float
+    next_frequency: float
+    stiffening: tuple[str, ...]
+    softening: float
+    elements: int
     long_interfaces: Mapping[str, float] = field(default_factory=dict)
-    order: int = 0  #: Of the displacements in its elements; 0 where it has none
+    order: int = 0
 
 
 @dataclass(frozen=True)
 class ModelReport:
-    """The contents of a model, the terms that it leaves out, and estimates of its errors."""
+    """The contents of a model, the terms that it leaves out, and estimates of its errors.
 
-    bodies: dict[str, BodyReport]  #: By name
-    coordinates: int  #: Number of coordinates of all bodies
-    rows: int  #: Number of scalar constraints of the joints, of several load cases the largest
-    left_out: list[str]  #: Terms that nothing in the scene asks for, in any load case, in words
-    psi: float  #: The objective
-    modes_error: float  #: Estimated relative error of psi by the modes left out
-    #: Estimated relative error of psi, and of what is bounded, by the time step
+    Attributes:
+        bodies: By name.
+        coordinates: Number of coordinates of all bodies.
+        rows: Number of scalar constraints of the joints, of several load cases the largest.
+        left_out: Terms that nothing in the scene asks for, in any load case, in words.
+        psi: The objective.
+        modes_error: Estimated relative error of psi by the modes left out.
+        step_error: Estimated relative error of psi, and of what is bounded, by the time step.
+    """
+
+    bodies: dict[str, BodyReport]
+    coordinates: int
+    rows: int
+    left_out: list[str]
+    psi: float
+    modes_error: float
     step_error: float
 
     def __str__(self) -> str:

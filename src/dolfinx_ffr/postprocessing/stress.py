@@ -58,18 +58,26 @@ class StressModes(Shown):
 
     The coordinates z are the elastic ones and, with static correction, those of inertia; see
     `coordinates`.
+
+    Attributes:
+        points: (cells, points, dimension) where the stress is given, undeformed, mesh coordinates
+            [m].
+        values: (cells, points, 3, coordinates) s_x, s_y, t_xy in the body's frame, in space (cells,
+            points, 6, coordinates) s_x, s_y, s_z, t_xy, t_yz, t_xz [Pa].
+        out_of_plane: s_z / (s_x + s_y) [-].
+        solid: (cells,) cells that are not void; the others have no stress.
+        n_elastic: Number of elastic coordinates.
+        n_constraint: Number of constraint modes among them.
+        domain: The body's mesh.
     """
 
-    #: (cells, points, dimension) where the stress is given, undeformed, mesh coordinates [m]
     points: Array
-    #: (cells, points, 3, coordinates) s_x, s_y, t_xy in the body's frame, in space (cells, points,
-    #: 6, coordinates) s_x, s_y, s_z, t_xy, t_yz, t_xz [Pa]
     values: Array
-    out_of_plane: float  #: s_z / (s_x + s_y) [-]
-    solid: Mask  #: (cells,) cells that are not void; the others have no stress
-    n_elastic: int  #: Number of elastic coordinates
-    n_constraint: int  #: Number of constraint modes among them
-    domain: Domain  #: The body's mesh
+    out_of_plane: float
+    solid: Mask
+    n_elastic: int
+    n_constraint: int
+    domain: Domain
 
     @staticmethod
     def of(
@@ -146,17 +154,29 @@ class StressModes(Shown):
 
 @dataclass(frozen=True, repr=False)
 class StressEnvelope(Shown):
-    """The largest von Mises stress of each cell over a motion, and where and when it is largest."""
+    """The largest von Mises stress of each cell over a motion, and where and when it is largest.
 
-    stress: Array  #: (cells,) of the cells owned by this rank; 0 in void [Pa]
-    step: Integers  #: (cells,) time step at which it occurs
-    time: Array  #: (cells,) time at which it occurs [s]
-    solid: Mask  #: (cells,) cells that are not void
-    largest: float  #: Of all cells, the same on every rank [Pa]
-    largest_time: float  #: When it occurs [s]
-    largest_step: int  #: Time step at which it occurs
-    largest_position: Array  #: (dimension,) where it occurs, undeformed, mesh coordinates [m]
-    load_case: str = ""  #: In which load case, where it was found by `worst_stress`
+    Attributes:
+        stress: (cells,) of the cells owned by this rank; 0 in void [Pa].
+        step: (cells,) time step at which it occurs.
+        time: (cells,) time at which it occurs [s].
+        solid: (cells,) cells that are not void.
+        largest: Of all cells, the same on every rank [Pa].
+        largest_time: When it occurs [s].
+        largest_step: Time step at which it occurs.
+        largest_position: (dimension,) where it occurs, undeformed, mesh coordinates [m].
+        load_case: In which load case, where it was found by `worst_stress`.
+    """
+
+    stress: Array
+    step: Integers
+    time: Array
+    solid: Mask
+    largest: float
+    largest_time: float
+    largest_step: int
+    largest_position: Array
+    load_case: str = ""
 
 
 def von_mises(body: FlexibleBody, reduced: ReducedBody, q: ArrayLike) -> Array:

@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .bodies import DesignedBodies, lengths_of_placements
 from .evaluation import Evaluation as Evaluation
 from .evaluation import LoadCaseEvaluation as LoadCaseEvaluation
 from .problem import Problem as Problem
-
-explain_fields(globals())

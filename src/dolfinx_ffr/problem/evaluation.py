@@ -21,65 +21,84 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LoadCaseEvaluation:
-    """The evaluation of one load case of a problem."""
+    """The evaluation of one load case of a problem.
 
-    psi: float  #: Value of its objective, the same on every rank
-    #: Replicated on every rank; None if neither objective nor constraints depend on it
+    Attributes:
+        psi: Value of its objective, the same on every rank.
+        trajectory: Replicated on every rank; None if neither objective nor constraints depend on
+            it.
+        constraints: By their own names.
+        gradient: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where it
+            was not asked for, or where the gradient of all load cases together suffices.
+        nodes: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`.
+        centers: Likewise with respect to the centers of interfaces, as `Evaluation.centers`.
+        integrals_gradient: Derivative of psi with respect to the integrals of every body, the same
+            on every rank; None where only the value was asked for, or where the load case has no
+            weight.
+        parameters: Likewise with respect to the parameters of the mechanism, as
+            `Evaluation.parameters`.
+        known: What its objectives keep of their values, see `Response.known`.
+    """
+
+    psi: float
     trajectory: Trajectory | None = field(default=None, repr=False)
-    constraints: dict[str, ConstraintValue] = field(default_factory=dict)  #: By their own names
-    #: dpsi/dx by body, for each cell owned by this rank, shape (cells,); None where it was not
-    #: asked for, or where the gradient of all load cases together suffices
+    constraints: dict[str, ConstraintValue] = field(default_factory=dict)
     gradient: dict[str, Array] | None = field(default=None, repr=False)
-    #: Likewise with respect to the nodes of each body's mesh, as `Evaluation.nodes`
     nodes: dict[str, Array] | None = field(default=None, repr=False)
-    #: Likewise with respect to the centers of interfaces, as `Evaluation.centers`
     centers: dict[str, Array] | None = field(default=None, repr=False)
-    #: Derivative of psi with respect to the integrals of every body, the same on every rank; None
-    #: where only the value was asked for, or where the load case has no weight
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    #: Likewise with respect to the parameters of the mechanism, as `Evaluation.parameters`
     parameters: dict[str, float] = field(default_factory=dict, repr=False)
-    #: What its objectives keep of their values, see `Response.known`
     known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, repr=False)
 class Evaluation(Shown):
-    """A value of the objective, its gradient, and what else was computed at one design."""
+    """A value of the objective, its gradient, and what else was computed at one design.
 
-    #: Value of the objective (integral compliance: [J s]), of several load cases the one number
-    #: that they become together; the same on every rank
+    Attributes:
+        psi: Value of the objective (integral compliance: [J s]), of several load cases the one
+            number that they become together; the same on every rank.
+        gradient: dpsi/dx by body, for each cell owned by this rank, shape (cells,), and by `label`
+            dpsi/dp, shape (parameters,); None where only the value was asked for.
+        bodies: Shape functions and integrals.
+        volume: Share of each body's area that is filled, in [0, 1].
+        fixed_interface_frequencies: Natural frequencies of each body's normal modes, with all
+            interfaces fixed [Hz]; the objective `Frequency` is another one, of the body on its
+            supports or free.
+        outer_gap: Relative gap between the last mode kept and the next one.
+        solver_iterations: Conjugate gradient iterations of all pullbacks.
+        seconds: Time spent by name of the part, on this rank [s].
+        constraints: Constraints by name, with their gradients where the gradient was asked for; of
+            several load cases "load case: name".
+        integrals_gradient: Derivative of psi with respect to the integrals of every body, also of
+            given ones, the same on every rank; None where only the value was asked for.
+        nodes: dpsi/dX by body, for each node of the mesh on this rank in the order of
+            ``mesh.geometry.x``, ghosts included, shape (nodes, dimension); None where it was not
+            asked for.
+        centers: Likewise by body for the center of each interface, at fixed nodes, in the order of
+            ``domain.interfaces``, shape (interfaces, dimension), the same on every rank.
+        parameters: Derivative of psi with respect to each parameter of the mechanism, by name, the
+            same on every rank; empty where there are none, or only the value was asked for.
+        at: The parameters of the mechanism, with their values.
+        label: Name under which their values were given beside densities; the gradient has it, too.
+        load_cases: By name of the load case.
+    """
+
     psi: float
-    #: dpsi/dx by body, for each cell owned by this rank, shape (cells,), and by `label` dpsi/dp,
-    #: shape (parameters,); None where only the value was asked for
     gradient: dict[str, Array] | None
-    bodies: dict[str, ReducedBody] = field(repr=False)  #: Shape functions and integrals
-    volume: dict[str, float]  #: Share of each body's area that is filled, in [0, 1]
-    #: Natural frequencies of each body's normal modes, with all interfaces fixed [Hz];
-    #: the objective `Frequency` is another one, of the body on its supports or free
+    bodies: dict[str, ReducedBody] = field(repr=False)
+    volume: dict[str, float]
     fixed_interface_frequencies: dict[str, Array]
-    outer_gap: dict[str, float]  #: Relative gap between the last mode kept and the next one
-    solver_iterations: dict[str, int]  #: Conjugate gradient iterations of all pullbacks
-    seconds: dict[str, float]  #: Time spent by name of the part, on this rank [s]
-    #: Constraints by name, with their gradients where the gradient was asked for; of several
-    #: load cases "load case: name"
+    outer_gap: dict[str, float]
+    solver_iterations: dict[str, int]
+    seconds: dict[str, float]
     constraints: dict[str, ConstraintValue] = field(default_factory=dict)
-    #: Derivative of psi with respect to the integrals of every body, also of given ones, the same
-    #: on every rank; None where only the value was asked for
     integrals_gradient: dict[str, VolumeIntegrals] | None = field(default=None, repr=False)
-    #: dpsi/dX by body, for each node of the mesh on this rank in the order of ``mesh.geometry.x``,
-    #: ghosts included, shape (nodes, dimension); None where it was not asked for
     nodes: dict[str, Array] | None = field(default=None, repr=False)
-    #: Likewise by body for the center of each interface, at fixed nodes, in the order of
-    #: ``domain.interfaces``, shape (interfaces, dimension), the same on every rank
     centers: dict[str, Array] | None = field(default=None, repr=False)
-    #: Derivative of psi with respect to each parameter of the mechanism, by name, the same on every
-    #: rank; empty where there are none, or only the value was asked for
     parameters: dict[str, float] = field(default_factory=dict)
-    at: Parameters | None = None  #: The parameters of the mechanism, with their values
-    #: Name under which their values were given beside densities; the gradient has it, too
+    at: Parameters | None = None
     label: str = ""
-    #: By name of the load case
     load_cases: dict[str, LoadCaseEvaluation] = field(default_factory=dict, repr=False)
 
     def _shown(self) -> list[tuple[str, str, str]]:

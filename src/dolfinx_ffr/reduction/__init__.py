@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from ..documentation import explain_fields
 from .assembled_body import reduce_matrices as reduce_matrices
 from .craig_bampton import CraigBampton as CraigBampton
 from .craig_bampton import ReducedBasis as ReducedBasis
@@ -21,5 +20,3 @@ from .normal_modes import CLUSTER as CLUSTER
 from .residual_modes import with_residual_modes as with_residual_modes
 from .stress import BodyStress as BodyStress
 from .struts import Struts as Struts
-
-explain_fields(globals())

@@ -58,15 +58,21 @@ class ReducedBody(Shown):
     """A flexible body at one density, reduced to its shape functions.
 
     It holds arrays only; `FlexibleBody.factored` has matrices and factor of its density.
+
+    Attributes:
+        integrals: What the mechanism sees, bit-identical on every rank.
+        basis: Shape functions of this rank's dofs, frequencies.
+        density: (cells,) of this rank, not to be written to.
+        seconds: Time spent by name of the part [s].
+        mark: `FlexibleBody.mark` of the body that was reduced.
+        law: Its interpolation between void and solid, in words.
     """
 
-    integrals: VolumeIntegrals  #: What the mechanism sees, bit-identical on every rank
-    basis: ReducedBasis  #: Shape functions of this rank's dofs, frequencies
-    density: Array  #: (cells,) of this rank, not to be written to
-    seconds: dict[str, float] = field(default_factory=dict)  #: Time spent by name of the part [s]
-    #: `FlexibleBody.mark` of the body that was reduced
+    integrals: VolumeIntegrals
+    basis: ReducedBasis
+    density: Array
+    seconds: dict[str, float] = field(default_factory=dict)
     mark: str = field(default="", repr=False, compare=False)
-    #: Its interpolation between void and solid, in words
     law: str = field(default="", repr=False, compare=False)
 
     def leading(self, shapes: int) -> ReducedBody:

@@ -38,9 +38,13 @@ def _center(domain: Domain, name: str, frame: str) -> Array:
 
 @dataclass(frozen=True)
 class TangentFrame(Frame):
-    """Frame fixed to one interface, whose rigid motions are dropped."""
+    """Frame fixed to one interface, whose rigid motions are dropped.
 
-    interface: str  #: Name of the interface
+    Attributes:
+        interface: Name of the interface.
+    """
+
+    interface: str
 
     def origin(self, domain: Domain) -> Array:
         return _center(domain, self.interface, "tangent frame")
@@ -57,10 +61,14 @@ class ChordFrame(Frame):
 
     It drops the displacements of the first interface and the second one's displacements
     perpendicular to the chord; in space also the first one's rotation about the chord.
+
+    Attributes:
+        start: Interface in the origin.
+        end: Interface on the axis.
     """
 
-    start: str  #: Interface in the origin
-    end: str  #: Interface on the axis
+    start: str
+    end: str
 
     def origin(self, domain: Domain) -> Array:
         return _center(domain, self.start, "chord frame")

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import validation
-from ..documentation import field_comments
 from ..fem import ElasticMaterial
 from ..mechanism import Ground, Motion, Moving
 from ..objective import Constraint
@@ -54,28 +53,62 @@ _QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
 _WHOLE = re.compile(r"[-+]?\d+")
 #: A number with a decimal comma
 _COMMA = re.compile(r"([-+]?\d+),(\d+)(.*)")
-#: A unit in brackets, or several, "[m or rad]"; intervals and shapes are none
-_STATED = re.compile(r"\[((?:1/)?[A-Za-z-][^\],]*)\]")
 _METRES = (
-    "center centers field gap height hole_rim inside knots length markers member minimum_gap "
-    "minimum_member position radius rim size solid_length solid_rim spacing surface width"
+    "at center centers clear extent field gap height hole_rim inside knots length markers member "
+    "minimum_gap minimum_member place position radius region rim size solid_length solid_rim "
+    "spacing surface thickness width"
 )
-_METRES_OR_RADIANS = "cosines distance mean sines value values"
-#: Units of arguments of functions by their names; comments state those of fields, and all other
-#: arguments have no unit
+_SECONDS = (
+    "beta duration end_time first_step jumps largest_step period smoothing start tau times window"
+)
+#: Units of arguments by their names; all other arguments have no unit
 _UNITS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(_METRES.split(), ("m",)),
-    **dict.fromkeys(_METRES_OR_RADIANS.split(), ("m", "rad")),
-    **dict.fromkeys(("duration", "end_time", "period", "smoothing", "start", "times"), ("s",)),
-    "angle": ("rad",),
-    "coefficients": ("m", "rad", "m/s", "rad/s", "m/s^2", "rad/s^2"),
-    "mass": ("kg",),
-    "S": ("kg m",),
+    **dict.fromkeys(("cosines", "distance", "mean", "sines", "value", "values"), ("m", "rad")),
+    **dict.fromkeys(_SECONDS.split(), ("s",)),
+    **dict.fromkeys(("angle", "pressure_angle", "rotation"), ("rad",)),
     **dict.fromkeys(("inertia", "P", "G", "N"), ("kg m^2",)),
+    **dict.fromkeys(("gravity", "ground_acceleration"), ("m/s^2",)),
+    **dict.fromkeys(("x", "y", "z"), ("N",)),
     "K": ("N/m",),
+    "S": ("kg m",),
+    "acceleration": ("m/s^2", "rad/s^2"),
+    "alpha": ("1/s",),
+    "angular_velocity": ("rad/s",),
+    "coefficients": ("m", "rad", "m/s", "rad/s", "m/s^2", "rad/s^2"),
+    "damping": ("N s/m", "N m s/rad"),
+    "density": ("kg/m^3",),
+    "mass": ("kg",),
+    "moment": ("N m",),
+    "motion": ("m",),
+    "stiffness": ("N/m", "N m/rad"),
+    "torsional_damping": ("N m s/rad",),
+    "torsional_stiffness": ("N m/rad",),
+    "velocity": ("m/s", "rad/s"),
+    "young": ("Pa",),
 }
-#: Arguments that mean something else by a name of these
-_WITHOUT_UNIT = {("DimensionDesign", "start"), ("Motion.from_table", "value")}
+#: Units of arguments that mean something else by a name of these
+_OTHER_UNITS = {
+    ("Assembled", "elastic_velocity"): (),
+    ("Bushing", "damping"): ("N s/m",),
+    ("Bushing", "stiffness"): ("N/m",),
+    ("ChordFrame", "start"): ("-",),
+    ("DimensionDesign", "start"): ("-",),
+    ("MMA", "length"): ("-",),
+    ("Mechanism", "damping"): ("-",),
+    ("Mechanism", "start"): ("-",),
+    ("Mirror", "point"): ("m",),
+    ("Motion.from_table", "value"): ("-",),
+    ("Moving", "x"): ("m",),
+    ("Moving", "y"): ("m",),
+    ("Moving", "z"): ("m",),
+    ("PathTracking", "path"): ("m",),
+    ("Placement", "velocity"): ("m/s",),
+    ("PrescribedAngle", "motion"): ("rad",),
+    ("RadauIIA", "steps"): ("s",),
+    ("fem.Box", "lower"): ("m",),
+    ("fem.Box", "upper"): ("m",),
+}
 _LISTS = (collections.abc.Sequence, collections.abc.Iterable, list)
 _BODY_POINT = tuple[str, str]
 
@@ -453,16 +486,11 @@ def near(word: str, known: Iterable[str]) -> str:
 
 def stated_units(target: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
     """The units of the arguments of a class or function, by their names; "-" stands for none."""
-    if inspect.isclass(target) and is_dataclass(target):
-        comments = field_comments(target)
-        stated = {name: _STATED.findall(text) for name, text in comments.items()}
-        units = {
-            name: tuple(" or ".join(said).split(" or ")) for name, said in stated.items() if said
-        }
-    else:
-        label = public_name(target).removeprefix("ffr.")
-        units = {name: unit for name, unit in _UNITS.items() if (label, name) not in _WITHOUT_UNIT}
-    return {name: units.get(name, ("-",)) for name in arguments_of(target)}
+    label = public_name(target).removeprefix("ffr.")
+    return {
+        name: _OTHER_UNITS.get((label, name), _UNITS.get(name, ("-",)))
+        for name in arguments_of(target)
+    }
 
 
 def in_si(text: str, units: tuple[str, ...]) -> float:

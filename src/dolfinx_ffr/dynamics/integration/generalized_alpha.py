@@ -46,6 +46,16 @@ class GeneralizedAlpha(Integrator):
 
     Raises:
         ValueError: If a number is out of range.
+
+    Attributes:
+        end_time: Duration of the simulation, which starts at zero [s].
+        chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,
+            else None.
+        steps: Number of time steps.
+        spectral_radius: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that
+            no step resolves decay by a fifth a step, and errors of psi and of its gradient are
+            within a tenth of those at 1, the least; at 0 they are up to six times as large
+            (benchmarks/integration.py).
     """
 
     order: ClassVar[int] = 2
@@ -56,10 +66,7 @@ class GeneralizedAlpha(Integrator):
         backward,
     )
 
-    steps: int  #: Number of time steps.
-    #: Spectral radius at infinite frequency, from 0 to 1. At 0.8 vibrations that no step resolves
-    #: decay by a fifth a step, and errors of psi and of its gradient are within a tenth of those
-    #: at 1, the least; at 0 they are up to six times as large (benchmarks/integration.py).
+    steps: int
     spectral_radius: float = 0.8
 
     def __post_init__(self) -> None:

@@ -96,6 +96,24 @@ class RadauIIA(Integrator):
 
     Raises:
         ValueError: If a number is out of range.
+
+    Attributes:
+        end_time: Duration of the simulation, which starts at zero [s].
+        chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,
+            else None.
+        tolerance: Relative error of the motion that no step exceeds. Vibrations count as much as
+            slow deformation: an objective that hardly depends on them is far more accurate. A
+            motion that magnifies errors, through a singular position for instance, is less
+            accurate. At 1e-6 psi has four to five correct digits where a body vibrates and seven or
+            more where it does not (benchmarks/integration.py); three more digits take three to
+            eight times the steps. Forces in joints limit the steps, too, also of a machine whose
+            motion is prescribed: at single instants they are accurate to the square root of the
+            tolerance (`Trajectory.force_error`), and their integrals over time far better.
+        first_step: First step to try [s]; None leaves it to the method.
+        largest_step: Largest step [s]; None sets no limit.
+        steps: Fixed steps instead of the tolerance: the number of steps, which are equal from one
+            jump to the next, or the times at which steps end beside the jumps, from 0 to
+            ``end_time`` [s], such as the ``step_ends`` of a trajectory.
     """
 
     order: ClassVar[int] = 5
@@ -107,20 +125,9 @@ class RadauIIA(Integrator):
         backward,
     )
 
-    #: Relative error of the motion that no step exceeds. Vibrations count as much as slow
-    #: deformation: an objective that hardly depends on them is far more accurate. A motion that
-    #: magnifies errors, through a singular position for instance, is less accurate. At 1e-6 psi
-    #: has four to five correct digits where a body vibrates and seven or more where it does not
-    #: (benchmarks/integration.py); three more digits take three to eight times the steps. Forces
-    #: in joints limit the steps, too, also of a machine whose motion is prescribed: at single
-    #: instants they are accurate to the square root of the tolerance (`Trajectory.force_error`),
-    #: and their integrals over time far better.
     tolerance: float = 1e-6
-    first_step: float | None = None  #: First step to try [s]; None leaves it to the method.
-    largest_step: float | None = None  #: Largest step [s]; None sets no limit.
-    #: Fixed steps instead of the tolerance: the number of steps, which are equal from one jump to
-    #: the next, or the times at which steps end beside the jumps, from 0 to ``end_time`` [s], such
-    #: as the ``step_ends`` of a trajectory.
+    first_step: float | None = None
+    largest_step: float | None = None
     steps: int | Sequence[float] | Array | None = field(default=None)
 
     def __post_init__(self) -> None:

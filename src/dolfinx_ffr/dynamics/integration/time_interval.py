@@ -114,13 +114,19 @@ class TimeInterval(Integrator):
 
     Raises:
         ValueError: If a number is out of range.
+
+    Attributes:
+        end_time: Duration of the simulation, which starts at zero [s].
+        chosen_for: Relative error of an objective for which a `TimeInterval` chose these steps,
+            else None.
+        tolerance: Largest relative error of all objectives by the steps.
     """
 
     order: ClassVar[int] = 2
     compiled: ClassVar[tuple[Compiled, ...]] = (*RadauIIA.compiled, *GeneralizedAlpha.compiled)
 
-    end_time: float  #: Duration of the simulation, which starts at zero [s].
-    tolerance: float = 1e-4  #: Largest relative error of all objectives by the steps.
+    end_time: float
+    tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
         validation.number("end_time", self.end_time, above=0.0, unit="s")
