@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 from shared.problems import Copy, slider_crank
 
 import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
+from dolfinx_ffr import parallel, plotting
 from dolfinx_ffr.parallel import check_alike, on_every_rank, on_rank_0, same
 
 
@@ -53,6 +54,22 @@ def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Intracomm) -> None:
         with pytest.raises(type(leaving)), on_every_rank(comm, "test"):
             if comm.rank == last:
                 raise leaving
+
+
+@pytest.mark.mpi
+def test_a_rank_that_waits_says_for_what(
+    comm: MPI.Intracomm, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parallel, "_PATIENCE", 0.05)
+    with on_every_rank(comm, "test"):
+        pass
+    assert "has waited" not in capsys.readouterr().err
+    if comm.rank == comm.size - 1:
+        time.sleep(0.5)
+    with on_every_rank(comm, "Domain.rectangle"):
+        pass
+    waits = comm.rank < comm.size - 1
+    assert ("has waited for 0.05 s in Domain.rectangle" in capsys.readouterr().err) == waits
 
 
 @pytest.mark.mpi

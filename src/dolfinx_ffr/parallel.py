@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import pickle
 import re
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
@@ -33,6 +35,8 @@ ROUND_OFF = 1e-9
 _NUMBER = re.compile(r"(\d+\.?\d*(?:e[-+]?\d+)?)")
 #: Characters of a long text that a message shows about the first difference
 _SHOWN = 60
+#: A rank that has waited so long for the others says what it waits for [s]
+_PATIENCE = 60.0
 
 
 class _UnmatchedCall(RuntimeError):
@@ -57,7 +61,7 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
     """The values of all ranks on every rank, if all make the same collective call."""
     if comm.size == 1:
         return [value]
-    said = _common_communicator(comm).allgather((call, value))
+    said = _exchanged(_common_communicator(comm), (call, value), call)
     calls = [other for other, _ in said]
     if calls != [call] * comm.size:
         here = [rank for rank, other in enumerate(calls) if other == call]
@@ -66,6 +70,30 @@ def gathered(comm: MPI.Comm, call: str, value: Any) -> list[Any]:
             "all ranks: call it outside of conditions that differ between ranks"
         )
     return [other for _, other in said]
+
+
+def _exchanged(comm: MPI.Comm, value: Any, call: str) -> list[Any]:
+    """The values of all ranks; who waits long for the others says once in which call.
+
+    A rank whose program has ended, or that never makes the call, cannot be told from a slow one.
+    """
+    alarm = threading.Timer(_PATIENCE, _say_who_waits, [comm.rank, comm.size, call])
+    alarm.daemon = True
+    alarm.start()
+    try:
+        return comm.allgather(value)
+    finally:
+        alarm.cancel()
+
+
+def _say_who_waits(rank: int, size: int, call: str) -> None:
+    print(
+        f"dolfinx_ffr: rank {rank} of {size} has waited for {_PATIENCE:g} s in {call}, which takes "
+        "all ranks. If another rank has ended, or never makes this call, stop the program: it "
+        "will wait for ever",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 @contextmanager
@@ -87,9 +115,9 @@ def on_every_rank(comm: MPI.Comm, what: str) -> Iterator[None]:
         mine = caught
     # a rank that is still inside is told so by its next call that takes all ranks
     kind = "" if mine is None else _kind(mine)
-    said = comm.allgather((None, kind))
+    said = _exchanged(comm, (None, kind), what)
     while any(call is not None for call, _ in said):
-        said = comm.allgather((None, kind))
+        said = _exchanged(comm, (None, kind), what)
     kinds = [other for _, other in said]
     failed = [rank for rank, kind in enumerate(kinds) if kind]
     if not failed:
