@@ -3,6 +3,11 @@
 
 The names below are loaded when they are first used, so that the mechanical half works where no
 DOLFINx is installed.
+
+Under MPI every function and method that takes a mesh, or an object that holds one, is collective:
+all ranks of its communicator call it, in the same order. An error on one rank is raised on all of
+them. Arrays with an entry for each cell or node are those of the rank, and all other results are
+the same on every rank, unless a docstring says otherwise.
 """
 
 from __future__ import annotations

@@ -43,12 +43,7 @@ class Archive:
 
     @staticmethod
     def of(content: bytes, *, packed: bool = True) -> Archive:
-        """The archive with the bytes of a file; its arrays may be compressed if ``packed``.
-
-        Raises:
-            ValueError: If it is damaged, holds objects of Python, or promises more than there is
-                memory, or than its own size where it may not be compressed.
-        """
+        """The archive with the bytes of a file; its arrays may be compressed if ``packed``."""
         with _damaged():
             with zipfile.ZipFile(io.BytesIO(content)) as members:
                 names = members.namelist()
@@ -61,11 +56,7 @@ class Archive:
         return Archive(content, heads)
 
     def read(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name, which have been compared with their checksums.
-
-        Raises:
-            ValueError: If the archive is damaged.
-        """
+        """All arrays by name, which have been compared with their checksums."""
         with _damaged(), np.load(io.BytesIO(self.content), allow_pickle=False) as arrays:
             # how many there are stands at the end of the archive, which nothing else compares
             if int.from_bytes(self.content[-12:-10], "little") != len(arrays.files):

@@ -45,9 +45,6 @@ def included_file(name: str, folder: Path) -> Path:
     """The path of a file that a file in a ``folder`` includes by ``name``.
 
     What a stranger's file names is read only if it came with it: in its folder, or below.
-
-    Raises:
-        ValueError: If the name leads elsewhere: from the root, by "..", or by a symbolic link.
     """
     named = Path(name)
     path = folder / named
@@ -64,9 +61,6 @@ def text_of(path: Path) -> str:
     """The text of a file that a person or another program has written.
 
     It is in UTF-8, or in UTF-16 with a byte order mark; what is neither is taken for Latin-1.
-
-    Raises:
-        ValueError: If the file holds bytes that no text has.
     """
     data = path.read_bytes()
     utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))

@@ -3,7 +3,7 @@
 
 Files that a later run reads are written beside their place and then moved there in one stroke, so
 that a run that is killed leaves the old file or the new one, never half of one. On several ranks
-rank 0 writes, and an error there is raised on every rank.
+rank 0 writes.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def write_summary(comm: MPI.Comm, path: str | Path, summary: Mapping[str, Any]) 
         summary: Numbers and texts of rank 0 by name; NaN and infinity are written as null.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind, or rank 0 holds something else
-            than numbers and texts.
-        ValueError: On every rank, if the summary holds itself.
-        OSError: On every rank, if the file cannot be written.
+        TypeError: If an argument is of a wrong kind, or rank 0 holds something else than numbers
+            and texts.
+        ValueError: If the summary holds itself.
+        OSError: If the file cannot be written.
     """
     validation.instance("write_summary: comm", comm, MPI.Comm, "an MPI communicator")
     file = validation.path("write_summary: path", path)
@@ -168,7 +168,7 @@ def write_density(domain: Domain, x: Array, path: str | Path) -> None:
     """Write mesh and density ``x`` (cells,) of a ``domain`` to a ``path``, see `write_fields`.
 
     Raises:
-        OSError: On every rank, with the name of the file that cannot be written.
+        OSError: With the name of the file that cannot be written.
     """
     validation.instance("write_density: domain", domain, Domain, "a Domain")
     write_fields(domain, {"density": domain.check_density(x)}, path)
@@ -184,9 +184,8 @@ def write_fields(domain: Domain, fields: Mapping[str, ArrayLike], path: str | Pa
             go into an ``.h5`` file beside it.
 
     Raises:
-        ValueError: On every rank, if a field does not have one value a cell, or the path has
-            another ending.
-        OSError: On every rank, with the name of the file that cannot be written.
+        ValueError: If a field does not have one value a cell, or the path has another ending.
+        OSError: With the name of the file that cannot be written.
     """
     validation.instance("write_fields: domain", domain, Domain, "a Domain")
     place = _xdmf_path(path)

@@ -24,7 +24,7 @@ _ON = 1e-5
 
 
 class NodeMotion(ABC, Generic[B]):
-    """How the nodes of a mesh follow the controls of the boundary that it fits; collective."""
+    """How the nodes of a mesh follow the controls of the boundary that it fits."""
 
     def __init__(self, boundary: B, domain: Domain) -> None:
         self._domain = domain

@@ -73,19 +73,19 @@ class Kind(ABC, Generic[B]):
 
     @abstractmethod
     def mesh(self, boundary: B, size: float, turn: float) -> Domain:
-        """A mesh of a size [m], and in notches of ``turn`` radii, that fits; collective."""
+        """A mesh of a size [m], and in notches of ``turn`` radii, that fits."""
 
     @abstractmethod
     def motion(self, boundary: B, domain: Domain) -> NodeMotion[Any]:
-        """How the nodes of that mesh follow; collective."""
+        """How the nodes of that mesh follow."""
 
     def agreed(self, boundary: B, comm: MPI.Comm) -> B:
-        """The boundary of rank 0, from which others may differ by round-off; collective."""
+        """The boundary of rank 0, from which others may differ by round-off."""
         return boundary
 
     @abstractmethod
     def sizes(self, boundary: B) -> Rows:
-        """Members and gaps; collective."""
+        """Members and gaps."""
 
     def radii(self, boundary: B) -> Rows:
         """Radii of curvature."""
@@ -116,11 +116,11 @@ class Kind(ABC, Generic[B]):
         return boundary
 
     def settled(self, boundary: B) -> B:
-        """The same with what is drawn mended, to tell the result by; collective."""
+        """The same with what is drawn mended, to tell the result by."""
         return boundary
 
     def carried(self, boundary: B, struts: Struts) -> Costs:
-        """What struts carry, by pairs of curves, as shares of psi; collective."""
+        """What struts carry, by pairs of curves, as shares of psi."""
         return {}
 
     def simpler(self, boundary: B, costs: Costs, carried: Costs) -> Iterator[tuple[B, int, float]]:
@@ -131,7 +131,7 @@ class Kind(ABC, Generic[B]):
         return iter(())
 
     def braced(self, boundary: B, struts: Struts) -> Iterator[tuple[B, int, float]]:
-        """The boundary with a strut, or windows, more, as `simpler`; collective.
+        """The boundary with a strut, or windows, more, as `simpler`.
 
         One for each that is to be tried, as it may lower psi.
         """

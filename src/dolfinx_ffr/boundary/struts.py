@@ -21,7 +21,7 @@ _TRIED, _BETWEEN = 2, 0.5
 
 
 def missing(boundary: Boundary, struts: Struts) -> list[Array]:
-    """Ends (2, 2) [m] of struts that promise most, the best first; collective."""
+    """Ends (2, 2) [m] of struts that promise most, the best first."""
     points, ends = _candidates(boundary)
     if not len(ends):
         return []

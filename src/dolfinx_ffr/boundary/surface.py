@@ -152,7 +152,7 @@ class Surface:
         mirrors: Sequence[Mirror] = (),
         size: float | None = None,
     ) -> Surface:
-        """The boundary of a ``solid``; collective.
+        """The boundary of a ``solid``.
 
         Args:
             solid: Of any field.
@@ -165,9 +165,9 @@ class Surface:
                 0.8 members.
 
         Raises:
-            TypeError: On every rank, if an argument is of a wrong kind.
-            ValueError: On every rank, if a number is out of range, the member is thicker than the
-                body, the grid is too fine, or no surface lies within the body.
+            TypeError: If an argument is of a wrong kind.
+            ValueError: If a number is out of range, the member is thicker than the body, the grid
+                is too fine, or no surface lies within the body.
 
         Warns:
             PartWarning: If the tetrahedra are too coarse for the member.
@@ -254,14 +254,14 @@ class Surface:
 
     @cached_property
     def part(self) -> Solid:
-        """What it encloses; collective."""
+        """What it encloses."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PartWarning)  # said of the last one
             return Solid(self.body, self.field, material=self.origin.material, size=self.size)
 
     @cached_property
     def drawn(self) -> Solid:
-        """The same solid, its surface cut out of smaller tetrahedra than its mesh; collective."""
+        """The same solid, its surface cut out of smaller tetrahedra than its mesh."""
         most = min(_MANY, int(agreed_memory(self.body.comm) / _EACH))
         size = min(self.size, Tetrahedra.finest(self.body, _DRAWN * self.member, most))
         material = self.origin.material
@@ -270,7 +270,7 @@ class Surface:
             return Solid(self.body, self.field, material=material, size=self.size, surface=size)
 
     def moved(self, offsets: Array) -> Surface:
-        """With changes ``offsets`` of the coefficients of motion (variables,) [m]; collective.
+        """With changes ``offsets`` of the coefficients of motion (variables,) [m].
 
         Short waves become smaller, as meshes cannot show them. The field becomes a distance again
         where it no longer is one: each fit moves the surface a little, by more than a short step
@@ -289,7 +289,7 @@ class Surface:
         return self._made(found)
 
     def pierced(self, places: Array, changes: Array) -> Iterator[tuple[Surface, int]]:
-        """The same with windows that may lower psi, and how many; collective.
+        """The same with windows that may lower psi, and how many.
 
         All that promise it, and fewer and fewer of them. ``changes`` (cells,) are those of log psi
         if the material of the cells at ``places`` (cells, 3) went.
@@ -303,7 +303,7 @@ class Surface:
             count //= 2
 
     def _made(self, make: Callable[[], Surface]) -> Surface:
-        """What is made on rank 0, with thick walls, and sent to all ranks; collective."""
+        """What is made on rank 0, with thick walls, and sent to all ranks."""
 
         def found() -> tuple[Array, Walls]:
             thick = make()._thick()
@@ -363,7 +363,7 @@ class Surface:
         return found
 
     def settled(self) -> Surface:
-        """The same without windows that end in points, and members as thick as asked; collective.
+        """The same without windows that end in points, and members as thick as asked.
 
         Between the points of the grid, and where a wall becomes a wedge, what is drawn is thinner
         than the walls of the field. The balls that are added grow, as the grid takes some of them.
@@ -383,7 +383,7 @@ class Surface:
         return thickest[1]
 
     def _blunted(self) -> Surface:
-        """The same with windows that end as round as asked; collective."""
+        """The same with windows that end as round as asked."""
         fields: list[Field] = []
 
         def found() -> bool:
@@ -409,7 +409,7 @@ class Surface:
 
     @cached_property
     def walls(self) -> Walls:
-        """Those up to 1.5 times the minimum; collective."""
+        """Those up to 1.5 times the minimum."""
         return on_rank_0(self.body.comm, self._walls)
 
     def _walls(self, near: Array | None = None) -> Walls:

@@ -92,7 +92,7 @@ class Sides:
 
     @staticmethod
     def of(body: Domain, spacing: float) -> Sides | None:
-        """Those of a ``body``, None on other ranks than 0; collective."""
+        """Those of a ``body``, None on other ranks than 0."""
         found = Tetrahedra.of(body)
         return None if body.comm.rank else Sides(found, spacing)
 

@@ -58,8 +58,8 @@ class DensityFilter:
         radius: R [m]; two to three elements are usual, zero filters nothing.
 
     Raises:
-        ValueError: On every rank, if the radius is negative, NaN or infinite, or so long that the
-            weights take more than the memory.
+        ValueError: If the radius is negative, NaN or infinite, or so long that the weights take
+            more than the memory.
 
     Warns:
         UserWarning: If a radius above zero is not longer than the distance of neighbouring

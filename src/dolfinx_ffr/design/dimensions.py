@@ -298,11 +298,11 @@ class DimensionDesign(Variables):
     # ------------------------------------------------------------------ geometry and meshes
 
     def domain(self, comm: MPI.Comm, variables: ArrayLike | None = None) -> Domain:
-        """The body at ``variables`` (size,), by default the start, over ``comm``; collective.
+        """The body at ``variables`` (size,), by default the start, over ``comm``.
 
         Raises:
-            ValueError: On every rank, if there is no valid geometry, its curves or faces are
-                others than at the start, or it cannot be meshed.
+            ValueError: If there is no valid geometry, its curves or faces are others than at the
+                start, or it cannot be meshed.
         """
         x = self._start if variables is None else np.asarray(variables, dtype=np.float64)
         with self._explained(x):
@@ -322,10 +322,10 @@ class DimensionDesign(Variables):
     def motion(
         self, domain: Domain, variables: Array, still: NDArray[np.int32] | None = None
     ) -> DimensionMotion:
-        """How the nodes of the ``domain`` of these ``variables`` move with them; collective.
+        """How the nodes of the ``domain`` of these ``variables`` move with them.
 
-        The nodes ``still`` of this rank stay where they are; a ValueError on every rank if they are
-        on a boundary that moves.
+        The nodes ``still`` of this rank stay where they are; a ValueError if they are on a boundary
+        that moves.
         """
         comm = domain.comm
         x, cells, (numbers, own) = gathered_nodes(domain)

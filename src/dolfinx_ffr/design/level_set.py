@@ -116,9 +116,8 @@ class LevelSet(Design):
         quadrature: Points in each direction of an element, by default four, in space three.
 
     Raises:
-        ValueError: On every rank, if a size is not positive, one is less than a quarter of the
-            other, a mirror is none of the body, or the knots are fewer than three across
-            the body or do not cover it.
+        ValueError: If a size is not positive, one is less than a quarter of the other, a mirror is
+            none of the body, or the knots are fewer than three across the body or do not cover it.
     """
 
     each: ClassVar[str] = "knot"

@@ -61,8 +61,7 @@ class Evolution:
             that size can vanish within that many steps.
 
     Raises:
-        ValueError: On every rank, if the bound is out of range or below the share of the regions
-            that stay solid.
+        ValueError: If the bound is out of range or below the share of the regions that stay solid.
     """
 
     def __init__(self, levelset: LevelSet, volume: float, *, band: float = 3.0) -> None:

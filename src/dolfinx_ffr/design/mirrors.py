@@ -99,7 +99,7 @@ def images(mirrors: Sequence[Mirror], dimension: int = 2) -> list[Isometry]:
 
 
 class Symmetry:
-    """Whether a body is its own image in mirrors; collective.
+    """Whether a body is its own image in mirrors.
 
     Outlines tell it in the plane, whatever the mesh between them, and the cells in space.
     """

@@ -36,7 +36,7 @@ _REACH = 1.5
 
 
 def density_field(domain: Domain, x: ArrayLike) -> Callable[[ArrayLike], Array]:
-    """A smooth field that is zero where the densities of cells cross one half; collective.
+    """A smooth field that is zero where the densities of cells cross one half.
 
         phi(X) = sum_e w_e(X) x_e / sum_e w_e(X) - 1/2,    w_e(X) = g(|X - X_e| / r_e),
 
@@ -45,8 +45,8 @@ def density_field(domain: Domain, x: ArrayLike) -> Callable[[ArrayLike], Array]:
     of cells stay members.
 
     From densities ``x`` (cells,) in [0, 1] of the cells of a ``domain`` owned by this rank to a
-    function of positions (n, dimension) [m], on every rank, that gives (n,) numbers. ValueError on
-    every rank if the density is not usable.
+    function of positions (n, dimension) [m], on every rank, that gives (n,) numbers. ValueError if
+    the density is not usable.
     """
     parts = domain.check_density(x), domain.centroids, domain.cell_volumes
     values, centers, volumes = map(domain.everywhere, parts)
@@ -116,7 +116,7 @@ class Variables(ABC):
         """``start`` as variables of shape (size,), within the bounds.
 
         Raises:
-            ValueError: On every rank, if it has another size or is not finite.
+            ValueError: If it has another size or is not finite.
         """
         variables = finite_vector(start, self.size, "design", f"variables, one a {self.each}")
         return np.clip(variables, self.lower, self.upper)
@@ -154,7 +154,7 @@ class Design(Variables):
         """
 
     def level(self, variables: Array) -> Callable[[ArrayLike], Array]:
-        """The field whose zero line bounds the material at ``variables``; collective.
+        """The field whose zero line bounds the material at ``variables``.
 
         A function of positions (n, dimension) [m] on any rank alone, positive in the material; by
         default a smooth mean of the densities less one half (`density_field`).
@@ -276,7 +276,7 @@ def volume_multiplier(
 
 
 def check_volume(domain: Domain, volume: float) -> None:
-    """Refuse on every rank a bound of the filled share that leaves nothing to design."""
+    """Refuse a bound of the filled share that leaves nothing to design."""
     validation.number("design: volume", volume, above=0.0, most=1.0)
     solid = domain.sum(domain.cell_volumes * domain.passive_density) / domain.area
     if volume <= solid * (1.0 + 1e-9):

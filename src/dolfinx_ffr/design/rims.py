@@ -14,7 +14,7 @@ from ..fem import Domain, DrawnHole, RoundHole
 
 
 class HoleRims:
-    """The rims around all holes of a body's drawing; collective.
+    """The rims around all holes of a body's drawing.
 
     Args:
         domain: The body.

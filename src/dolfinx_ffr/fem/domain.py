@@ -79,10 +79,10 @@ class Domain:
             that of an element, or 0 for none. `from_outline` meshes its edge as a curve.
 
     Raises:
-        ValueError: On every rank, if an interface is missing, empty, a single point, shares nodes
-            with another or lies on void, if a facet or cell does not exist, if a cell is to stay
-            both solid and void or none is left to design, if a piece of the mesh or of its cells
-            that are not void touches no interface, or if cells are inverted or hanging.
+        ValueError: If an interface is missing, empty, a single point, shares nodes with another or
+            lies on void, if a facet or cell does not exist, if a cell is to stay both solid and
+            void or none is left to design, if a piece of the mesh or of its cells that are not void
+            touches no interface, or if cells are inverted or hanging.
     """
 
     def __init__(
@@ -261,9 +261,9 @@ class Domain:
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: On every rank, if the file lacks a named group (the message lists the groups
-                that are there), has no mesh or one that is damaged, has cells in several physical
-                groups, or is flat and leaves the plane.
+            ValueError: If the file lacks a named group (the message lists the groups that are
+                there), has no mesh or one that is damaged, has cells in several physical groups, or
+                is flat and leaves the plane.
         """
         validation.instance("from_gmsh: comm", comm, MPI.Comm, "an MPI communicator")
         read = read_gmsh(comm, validation.path("from_gmsh: path", path))
@@ -342,10 +342,10 @@ class Domain:
                 and as the offset curve of any other interface, so its cells are the rim.
 
         Raises:
-            FileNotFoundError: On every rank, if there is no such file.
-            ValueError: On every rank, if curves are open, cross or touch, a layer or id is not
-                there, the file does not say its unit, the triangles are larger than the outline
-                or more than can be made in minutes, or the mesh does not suit `Domain`.
+            FileNotFoundError: If there is no such file.
+            ValueError: If curves are open, cross or touch, a layer or id is not there, the file
+                does not say its unit, the triangles are larger than the outline or more than can be
+                made in minutes, or the mesh does not suit `Domain`.
 
         Warns:
             UserWarning: If the triangles are larger than the outline is across.
@@ -443,7 +443,7 @@ class Domain:
 
     @cached_property
     def outline(self) -> shapely.Geometry:
-        """What a body in the plane covers, the void region left out, as polygons [m]; collective.
+        """What a body in the plane covers, the void region left out, as polygons [m].
 
         It is the limit that no part of the body crosses, the same on every rank.
         """
@@ -451,7 +451,7 @@ class Domain:
 
     @cached_property
     def holes(self) -> Sequence[DrawnHole]:
-        """The holes of the body's drawing, with a name or without, on every rank; collective.
+        """The holes of the body's drawing, with a name or without, on every rank.
 
         In the plane they are closed inner lines of the outline, in space round bores.
         """
@@ -482,8 +482,7 @@ class Domain:
     def cell_edges(self) -> Array:
         """Mean edges of hexahedra along their own axes, shape (3,) [m], the same on every rank.
 
-        All of them are `cell_size` where the axes of one cell are not those of the next; collective
-        at the first time.
+        All of them are `cell_size` where the axes of one cell are not those of the next.
         """
         axes = [[(i, i | 1 << k) for i in range(8) if not i >> k & 1] for k in range(3)]
         nodes = _compat.cell_geometry(self.mesh)[: self.n_cells, :8]
@@ -571,7 +570,7 @@ class Domain:
         return self.solid_cells.astype(np.float64)
 
     def check_density(self, x: ArrayLike, name: str = "density") -> Array:
-        """``x`` as an array, or raise the same clear error, which calls it ``name``, on every rank.
+        """``x`` as an array, or raise an error that calls it ``name``.
 
         There is one density for each cell owned by this rank, shape (cells,), in [0, 1]; a value
         that leaves it by round-off is taken as 0 or 1.
@@ -629,11 +628,11 @@ class Domain:
 
     @property
     def designed_interfaces(self) -> list[str]:
-        """Interfaces along which no cell stays solid: a design may empty them; collective."""
+        """Interfaces along which no cell stays solid: a design may empty them."""
         return self._not_along(self._with_ghosts(self.solid_cells))
 
     def on_hole(self, name: str) -> bool:
-        """Whether the interface ``name`` lies on a hole of the body's drawing; collective."""
+        """Whether the interface ``name`` lies on a hole of the body's drawing."""
         points = facet_points(self.mesh, self.interfaces[name].facets)
         near = _ON_HOLE * float(np.max(np.ptp(self.bounding_box, axis=0)))
         return any(np.max(hole.distance(points)) < near for hole in self.holes)

@@ -83,7 +83,7 @@ DrawnHole = FlatHole | RoundHole
 
 
 def flat_outline(domain: mesh.Mesh) -> shapely.Geometry:
-    """The polygons that the mesh of a body in the plane covers, on every rank; collective [m].
+    """The polygons that the mesh of a body in the plane covers, on every rank [m].
 
     Sides of the mesh that follow a curve are divided, with the new corners on it.
     """
@@ -103,7 +103,7 @@ def flat_holes(outline: shapely.Geometry) -> list[FlatHole]:
 
 
 def bores(domain: mesh.Mesh) -> list[RoundHole]:
-    """The round holes of a body in space, on every rank; collective."""
+    """The round holes of a body in space, on every rank."""
     corners, outward = _boundary_corners(domain)
     smooth = _smooth_patches(corners, outward)
     patches = [np.flatnonzero(smooth == number) for number in range(smooth.max(initial=-1) + 1)]

@@ -337,7 +337,7 @@ class Elasticity:
         return found[1], found[0]
 
     def at_cells(self, block: Block) -> CellFields:
-        """The fields of a ``block`` on the nodes of each cell owned by this rank; collective."""
+        """The fields of a ``block`` on the nodes of each cell owned by this rank."""
         nodes = _compat.dofmap_array(self.domain.space)[: self.domain.n_cells]
         return self._by_nodes(block)[nodes]
 
@@ -351,7 +351,7 @@ class Elasticity:
         function.x.array[self._cell_dofs[part]] = values
 
     def with_ghosts(self, block: Block) -> Block:
-        """The fields of a ``block`` at the nodes of this rank and its ghosts; collective."""
+        """The fields of a ``block`` at the nodes of this rank and its ghosts."""
         if self.comm.size == 1:
             return np.ascontiguousarray(block)
         own = self._fields[0]
@@ -362,7 +362,7 @@ class Elasticity:
         return result
 
     def from_cells(self, cells: Integers, columns: Iterable[Array]) -> Block:
-        """A block summed from fields on cells, the transpose of `at_cells`; collective.
+        """A block summed from fields on cells, the transpose of `at_cells`.
 
         The ``columns`` are values on the dofs of ``cells`` (k,) of this rank, of the size
         (k * nodes * dimension) each.
@@ -448,7 +448,7 @@ class Elasticity:
 
 
 def summed(comm: MPI.Comm, local: Array) -> Array:
-    """The sum over the ranks of a contiguous array, bit-identical on every rank; collective."""
+    """The sum over the ranks of a contiguous array, bit-identical on every rank."""
     if comm.size == 1:
         return local
     total = np.empty_like(local)

@@ -35,7 +35,7 @@ _looked_at: dict[Path, int] = {}
 
 
 def claim_form_cache(comm: MPI.Intracomm) -> Path:
-    """Make DOLFINx keep compiled forms in a directory that this session alone uses; collective.
+    """Make DOLFINx keep compiled forms in a directory that this session alone uses.
 
     Calling it again takes over what other sessions have compiled since.
     """

@@ -176,8 +176,7 @@ class Interface:
     def center_rates(self, domain: mesh.Mesh, rates: Array) -> Array:
         """How its center, as it is found by default, moves with the nodes, (dimension, k).
 
-        Collective. The nodes of the mesh ``domain`` on this rank move by ``rates`` (nodes,
-        dimension, k).
+        The nodes of the mesh ``domain`` on this rank move by ``rates`` (nodes, dimension, k).
         """
         comm, x, d = domain.comm, domain.geometry.x, rates.shape[1]
         own = np.abs(rates[facet_nodes(domain, self.facets).ravel()])
@@ -200,7 +199,7 @@ def find_interfaces(
     centers: Mapping[str, Sequence[float]],
     box: Array,
 ) -> dict[str, Interface]:
-    """The interfaces of a body by name, from predicates or facets; collective."""
+    """The interfaces of a body by name, from predicates or facets."""
     if not interfaces:
         raise ValueError(
             "domain: no interfaces given; a body needs at least one rigid interface to be held by"
@@ -250,7 +249,7 @@ def find_interfaces(
 
 
 def refuse_whole_edge(domain: mesh.Mesh, interfaces: Mapping[str, Interface]) -> None:
-    """Refuse an interface that holds all facets on the boundary of a mesh; collective.
+    """Refuse an interface that holds all facets on the boundary of a mesh.
 
     A file or a drawing of which all curves have one name says so without meaning it.
     """

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Meshes that are refused before any long work: folded cells, hanging nodes, floating pieces.
-
-All checks are collective and raise the same error on every rank.
-"""
+"""Meshes that are refused before any long work: folded cells, hanging nodes, floating pieces."""
 
 from __future__ import annotations
 
@@ -91,7 +88,7 @@ def check_held(
 def floating_cells(
     domain: mesh.Mesh, cells: Mask, facets: Sequence[NDArray[np.int32]]
 ) -> tuple[Mask, int, int]:
-    """Those of ``cells`` without an interface; numbers of such pieces and of all; collective."""
+    """Those of ``cells`` without an interface; numbers of such pieces and of all."""
     whole = _compat.entity_vertices(domain, domain.topology.dim)
     table = whole[: len(cells)][cells]
     vertex_map = domain.topology.index_map(0)

@@ -46,11 +46,6 @@ def private_copy(path: Path) -> Iterator[Path]:
     """Copy a mesh into a folder of this user alone, as long as the context lasts.
 
     The copy is what has been checked, whatever happens to the file meanwhile.
-
-    Raises:
-        ValueError: If the file is no mesh of gmsh by its first line, or promises more than it can
-            hold.
-        OSError: If the file cannot be read, or not be copied.
     """
     with tempfile.TemporaryDirectory(prefix="dolfinx_ffr-mesh-") as folder:
         copy = Path(folder) / "mesh.msh"

@@ -81,7 +81,7 @@ class MeshNodes:
         return np.array(function.x.array.reshape(-1, self.dimension)[self._numbers])
 
     def inner(self, a: Array, b: Array) -> float:
-        """The sum over all nodes of a . b, each (nodes of this rank, dimension); collective."""
+        """The sum over all nodes of a . b, each (nodes of this rank, dimension)."""
         count = int(self.space.dofmap.index_map.size_local)
         own = self._numbers < count
         comm: MPI.Comm = self.mesh.comm

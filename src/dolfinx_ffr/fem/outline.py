@@ -60,7 +60,7 @@ def mesh_outline(
     order: int,
     rim: float = 0.0,
 ) -> tuple[TaggedMesh, dict[str, NDArray[np.int32]]]:
-    """A mesh of triangles within a closed outline, see `Domain.from_outline`; collective.
+    """A mesh of triangles within a closed outline, see `Domain.from_outline`.
 
     The facets of interfaces that a layer or a bore tells are given back by their names. Cells
     within the width ``rim`` [m] of interfaces, whatever tells them, are the physical surface

@@ -89,7 +89,7 @@ class StressRecovery:
         return found
 
     def in_blocks(self, fields: Block) -> Iterator[tuple[slice, Array]]:
-        """The same for some cells of this rank at a time, with their places; collective at first.
+        """The same for some cells of this rank at a time, with their places.
 
         All of them at once may take gigabytes.
         """

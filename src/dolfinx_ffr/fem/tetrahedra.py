@@ -72,7 +72,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class GatheredMesh:
-    """Points and straight-sided cells, as the mesh was made, on rank 0; methods are collective."""
+    """Points and straight-sided cells, as the mesh was made, on rank 0."""
 
     points: Array  #: (points, 3) undeformed [m]
     cells: Integers  #: (cells, 4 or 8) points of each cell, in the order of VTK
@@ -142,7 +142,7 @@ class Tetrahedra:
 
     @staticmethod
     def of(domain: Domain, finer: int = 0) -> Tetrahedra:
-        """A body in space, its cells cut into tetrahedra; collective.
+        """A body in space, its cells cut into tetrahedra.
 
         With ``finer`` = 0, 1, 2, ... a cube becomes 12, 24, 96, 192, 324, ..., a tetrahedron 1, 8,
         64, ... of them. A hexahedron that is longer than wide is first divided along its length,
@@ -205,7 +205,7 @@ class Tetrahedra:
         centers: Mapping[str, Sequence[float]],
         order: int,
     ) -> Domain:
-        """A body of what is not void; facets refer to places in ``names``; collective."""
+        """A body of what is not void; facets refer to places in ``names``."""
         with on_every_rank(comm, "a body of tetrahedra"):
             there = self.regions != VOID
             used, cells = np.unique(self.cells[there], return_inverse=True)

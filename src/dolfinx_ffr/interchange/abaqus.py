@@ -32,12 +32,7 @@ _DEEPEST = 20
 
 
 class InputFile:
-    """Nodes, solid elements and node sets of an input file at a ``path``.
-
-    Raises:
-        ValueError: If a line of these is not understood.
-        OSError: If the file, or one that it includes, cannot be read.
-    """
+    """Nodes, solid elements and node sets of an input file at a ``path``."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -97,12 +97,7 @@ class Row:
         return self.kind in (RowKind.ANGLE, RowKind.GEAR, RowKind.MESH)
 
     def tabulate(self, instants: Array, label: str) -> Array:
-        """Right-hand side and its two derivatives at times (instants,), shape (instants, 3).
-
-        Raises:
-            ValueError: If a value is NaN or infinite, or a distance is not positive; the message
-                names the joint by its label.
-        """
+        """Right-hand side and its two derivatives at times (instants,), shape (instants, 3)."""
         table = np.zeros((instants.size, 3))
         if self.motion is not None:
             table += tabulated(self.motion, instants, f"joint {label!r}").T
@@ -126,12 +121,7 @@ class SpringRow:
     rest: Signal = 0.0  #: Value of g without force [m or rad].
 
     def tabulate(self, instants: Array, label: str) -> Array:
-        """Value without force, shape (instants, 3), with zeros for its derivatives.
-
-        Raises:
-            ValueError: If an entry is NaN or infinite, or a length negative; the message names the
-                force by its label.
-        """
+        """Value without force, shape (instants, 3), with zeros for its derivatives."""
         table = np.zeros((instants.size, 3))
         what = f"force {label!r}: {'angle' if self.row.angular else 'length'}"
         if not is_zero(self.rest):
@@ -154,11 +144,7 @@ class Load:
     axes: tuple[BodyVector, ...] = ()  #: Directions of the components; empty for the global axes.
 
     def tabulate(self, instants: Array, label: str) -> Array:
-        """Components over time, shape (instants, 3).
-
-        Raises:
-            ValueError: If an entry is NaN or infinite; the message names the force by its label.
-        """
+        """Components over time, shape (instants, 3)."""
         what = "moment about " if self.target.kind == VectorKind.SPIN else ""
         table = np.zeros((instants.size, 3))
         for k, signal in enumerate(self.components):

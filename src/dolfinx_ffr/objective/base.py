@@ -31,8 +31,8 @@ class DensityField(Shown):
         values: Densities, shape (cells,), in [0, 1].
         areas: Areas of the cells, in space volumes, shape (cells,) [m^2], [m^3].
         centroids: Centroids of the cells in the undeformed body, shape (cells, dimension) [m].
-        sum: Sum of an array over the cells of all ranks, the same on every rank; collective.
-        gathered: The arrays of all ranks in a list, the same on every rank; collective.
+        sum: Sum of an array over the cells of all ranks, the same on every rank.
+        gathered: The arrays of all ranks in a list, the same on every rank.
         whole: The body as it was designed, where this is a mesh of the part that came of it: shares
             of volume are of its area.
     """
@@ -65,20 +65,20 @@ class StressField(Protocol):
 
     @property
     def interface_distance(self) -> Array:
-        """From each point to the nearest node of an interface, (cells, points) [m]; collective."""
+        """From each point to the nearest node of an interface, (cells, points) [m]."""
 
     def modes(self, correction: bool) -> Array:
-        """Stress s_x, s_y, t_xy, in space all six, for unit coordinates; collective.
+        """Stress s_x, s_y, t_xy, in space all six, for unit coordinates.
 
         With ``correction`` the coordinates of the static correction follow the elastic ones. Shape
         (cells, points, 3 or 6, coordinates) [Pa].
         """
 
     def sum(self, local: Array) -> Array:
-        """The sum of the ``local`` arrays of all ranks, bit-identical on every rank; collective."""
+        """The sum of the ``local`` arrays of all ranks, bit-identical on every rank."""
 
     def gathered(self, value: Any) -> list[Any]:
-        """The values of all ranks, this one's being ``value``, alike on every rank; collective."""
+        """The values of all ranks, this one's being ``value``, alike on every rank."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -115,7 +115,7 @@ class PeakStress(Objective):
         return self.scale * self._mean(response).value
 
     def largest(self, response: Response) -> float:
-        """The largest von Mises stress of all points and instants, times x^s [Pa]; collective.
+        """The largest von Mises stress of all points and instants, times x^s [Pa].
 
         It is that of ``worst_stress(..., relaxation=s, void=0.0)``, at a ``response``, for example
         `Problem.response(evaluation)`; it raises what :meth:`evaluate` raises.

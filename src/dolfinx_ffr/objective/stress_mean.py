@@ -72,7 +72,7 @@ class Stresses:
     times: Array  #: (instants,) share of each instant in the time; the start may have none
 
     def mean(self, power: float, gathered: Callable[[Any], list[Any]]) -> Mean:
-        """The mean over the points of all ranks, which are ``gathered``; collective."""
+        """The mean over the points of all ranks, which are ``gathered``."""
         half, counts, work = 0.5 * power, self.times > 0.0, _Work(len(self.modes))
         history, basis = self._compressed()
         spans = self._spans(half, history, basis, work)

@@ -62,7 +62,7 @@ def move_boundary(
     mode_tolerance: float | None = 2e-3,
     progress: bool = True,
 ) -> BoundaryResult:
-    """Lower the objective by moving the boundaries of parts; collective.
+    """Lower the objective by moving the boundaries of parts.
 
     Each step makes new meshes that fit the boundaries, and takes the exact derivative with respect
     to each of their nodes. Constraints of the problem, the volume, and the minimum size of members,
@@ -92,10 +92,10 @@ def move_boundary(
         The best boundaries, on every rank.
 
     Raises:
-        TypeError: On every rank, if an argument is of a wrong kind.
-        ValueError: On every rank, if a number is out of range, a designed body has no boundary, psi
-            is zero, or boundaries that are given cannot be meshed.
-        SimulationError: On every rank, if those parts cannot be simulated.
+        TypeError: If an argument is of a wrong kind.
+        ValueError: If a number is out of range, a designed body has no boundary, psi is zero, or
+            boundaries that are given cannot be meshed.
+        SimulationError: If those parts cannot be simulated.
 
     Warns:
         PartWarning: If a bound or a minimum size is missed by more than 1 %.
@@ -159,7 +159,7 @@ def _descended(
     progress: bool,
     checkpoint: StepsCheckpoint | None,
 ) -> BoundaryResult:
-    """The best of all steps; collective."""
+    """The best of all steps."""
     comm = ranks_of(descent.problem)
     first = {name: body.modes for name, body in descent.problem.flexible.items()}
     silent = not progress or comm.rank > 0

@@ -106,7 +106,7 @@ class Trial:
         return max((part.missed for part in rows), default=0.0)
 
     def release(self) -> None:
-        """Free the matrices of its bodies, which would stay beside those of others; collective."""
+        """Free the matrices of its bodies, which would stay beside those of others."""
         for name in self.boundaries:
             self.problem.flexible[name].release()
 
@@ -165,7 +165,7 @@ class Descent:
         return full | self.others
 
     def tried(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
-        """Boundaries meshed and evaluated; collective.
+        """Boundaries meshed and evaluated.
 
         Its warnings stay with the trial, which may not be the result. Raises a TrialFailed if they
         cannot be meshed or simulated.
@@ -191,7 +191,7 @@ class Descent:
     def evaluated(
         self, boundaries: dict[str, Boundary | Surface], problem: Problem, found: Evaluation
     ) -> Trial:
-        """A trial of which all but the constraints is known; collective."""
+        """A trial of which all but the constraints is known."""
         # stress limits are those of these parts
         problem, found = problem.calibrated(found)
         logarithm = self.logarithm
@@ -208,7 +208,7 @@ class Descent:
         return Trial(boundaries, problem, found, *geometric, self.spare, logarithm)
 
     def slopes(self, trial: Trial, margin: float = 0.0) -> Slopes:
-        """Derivatives of psi and of constraints, tightened by a margin, at a trial; collective."""
+        """Derivatives of psi and of constraints, tightened by a margin, at a trial."""
         bodies, boundaries = trial.problem.flexible, trial.boundaries
         problem, found = trial.problem.adapted(trial.evaluation, _parted)
         evaluation = problem.differentiate(found, nodes=True, densities=False)
@@ -300,7 +300,7 @@ class Descent:
         return Kept(learnt, self.spare, trial.boundaries, also, modes, methods, *others)
 
     def restored(self, kept: Kept) -> tuple[Descent, Trial, Trial]:
-        """The descent, its boundaries and the best ones in an earlier state; collective."""
+        """The descent, its boundaries and the best ones in an earlier state."""
         problem = with_methods(self.problem.with_modes(kept.modes), kept.methods)
         logarithm = SignedLog.around(kept.told[0]["psi"])
         descent = replace(self, problem=problem, spare=kept.spare, logarithm=logarithm)
@@ -323,7 +323,7 @@ class Descent:
     def accurate(
         self, trial: Trial, tolerance: float | None, first: Mapping[str, int]
     ) -> tuple[Descent, Trial, dict[str, float]]:
-        """With as many normal modes, and as short time steps, as the parts need; collective."""
+        """With as many normal modes, and as short time steps, as the parts need."""
         x, problem, found = self.point(trial.problem), trial.problem, trial.evaluation
         errors: dict[str, float] = {}
         if tolerance is not None:
@@ -335,7 +335,7 @@ class Descent:
         return replace(self, problem=problem), replace(found_there, warned=trial.warned), errors
 
     def resolved(self, boundaries: dict[str, Boundary | Surface]) -> Trial:
-        """Boundaries on meshes that resolve notches or walls; collective."""
+        """Boundaries on meshes that resolve notches or walls."""
         with shaping():
             fine = {n: self.kind.finer(b) for n, b in boundaries.items()}
         sizes = {n: size * (0.5 if self.turn < math.inf else 1.0) for n, size in self.sizes.items()}
@@ -343,7 +343,7 @@ class Descent:
         return replace(self, turn=turn, sizes=sizes, spare=spare).tried(fine)
 
     def settled(self, trial: Trial) -> Trial:
-        """With what is drawn of its boundaries mended, if that can be simulated; collective."""
+        """With what is drawn of its boundaries mended, if that can be simulated."""
         own = trial.boundaries
         boundaries = {name: self.kind.settled(boundary) for name, boundary in own.items()}
         if all(boundaries[name] is own[name] for name in own):
@@ -356,7 +356,7 @@ class Descent:
     def finer(self, trial: Trial) -> tuple[Trial, float]:
         """The same on such meshes, if these can be made, and how much psi changed at last.
 
-        They are made finer and finer until psi stands still; collective.
+        They are made finer and finer until psi stands still.
         """
         change, settled = math.inf, self.settled(trial)
         if settled is not trial:

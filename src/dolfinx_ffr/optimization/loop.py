@@ -340,7 +340,7 @@ class DesignLoop:
     def resumed(self, evaluation: Evaluation) -> None:
         """Go on with the history of an earlier run, whose last design has this ``evaluation``.
 
-        A CheckpointError on every rank if psi was another one there.
+        A CheckpointError if psi was another one there.
         """
         before = self.rows[-1]["psi"]
         found = self._columns
@@ -569,6 +569,6 @@ class Optimizer(Protocol):
         """The last design that was kept, with the services of a ``loop``.
 
         The ``designs``, their ``start`` variables and the upper bounds of ``volume`` are by name.
-        On every rank a ValueError if these do not fit each other, and a SimulationError if not even
+        A ValueError if these do not fit each other, and a SimulationError if not even
         the motion of the start can be computed.
         """

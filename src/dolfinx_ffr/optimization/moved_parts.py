@@ -43,14 +43,11 @@ def with_moved_boundaries(
     progress: bool,
     checkpoint: StepsCheckpoint,
 ) -> Result:
-    """The result of a run, and that of ``steps`` of the boundaries of its parts; collective.
+    """The result of a run, and that of ``steps`` of the boundaries of its parts.
 
     They are kept in a ``checkpoint``, from which a run that is resumed goes on.
 
     Errors of files go on. Any other one, of the program too, leaves the result as it is.
-
-    Warns:
-        DesignWarning: If there are no such steps, with the reason.
     """
     designs = {n: part for n, part in result.designs.items() if isinstance(part, Design)}
     bound = {name: result.bounds.get(name, 1.0) for name in designs}
@@ -77,7 +74,7 @@ def with_moved_boundaries(
 
 
 def _drawn(result: Result, designs: Mapping[str, Design]) -> dict[str, Boundary | Surface]:
-    """The boundaries of the parts that designs enclose; collective."""
+    """The boundaries of the parts that designs enclose."""
     boundaries: dict[str, Boundary | Surface] = {}
     for name, design in designs.items():
         flat = design.domain.dimension == 2
@@ -105,7 +102,7 @@ def _described(error: Exception) -> str:
 
 
 def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool = False) -> Result:
-    """The result, and as violations that no part comes of a design, or what it lacks; collective.
+    """The result, and as violations that no part comes of a design, or what it lacks.
 
     Designs that have not become as sharp as they may are gray, which is said elsewhere; they are
     looked at where their boundaries could not be moved (``unmoved``). There the parts are verified
@@ -114,9 +111,6 @@ def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool 
     are wider than the gaps beside them. Minimum sizes that were asked for are measured, and struts
     that end free are looked for. Of bodies with holes in their drawing, what lies outside of the
     body is a violation, and a rim of a hole that is thinner than asked for.
-
-    Warns:
-        DesignWarning: Of each, or if no part comes of a design.
     """
     sharp = {
         name: design.sharpness >= min(SHARP, design.at(1.0).sharpness)
@@ -149,7 +143,7 @@ def with_checked_parts(result: Result, *, unmoved: bool = False, progress: bool 
 
 
 def _look_at(result: Result, name: str, part: Part | Solid) -> None:
-    """Add to the violations of a result what a part of a finished design lacks; collective."""
+    """Add to the violations of a result what a part of a finished design lacks."""
     design = result.designs[name]
     assert isinstance(design, Design)
     level_set = isinstance(part, Part) and isinstance(design, LevelSet)

@@ -110,12 +110,10 @@ def optimize(
             design is given for.
 
     Raises:
-        ValueError: On every rank, if the arguments do not fit each other, or psi of the start is
-            zero.
-        SimulationError: On every rank, if not even the motion of the start can be computed.
-        CheckpointError: On every rank, if the checkpoint is damaged or of another problem.
-        OSError: On every rank, if a file cannot be written, or another program writes into
-            ``output``.
+        ValueError: If the arguments do not fit each other, or psi of the start is zero.
+        SimulationError: If not even the motion of the start can be computed.
+        CheckpointError: If the checkpoint is damaged or of another problem.
+        OSError: If a file cannot be written, or another program writes into ``output``.
     """
     comm = _ranks(problem)
     # what is a user's own may fail on one rank: designs, objectives, gradients, callbacks
@@ -188,7 +186,7 @@ class _Checked:
 
 
 def check_run(problem: Problem, design: Any, **settings: Any) -> None:
-    """Refuse what `optimize` would refuse before it computes anything; collective.
+    """Refuse what `optimize` would refuse before it computes anything.
 
     Arguments and errors are those of `optimize`.
     """
@@ -224,7 +222,7 @@ def _checked(
     boundary: int | None,
     options: Mapping[str, Any],
 ) -> _Checked:
-    """The arguments of `optimize`, or an error where they do not fit each other; collective."""
+    """The arguments of `optimize`, or an error where they do not fit each other."""
     said: dict[str, Any] = {"iterations": iterations, "volume": volume, "resume": resume}
     said |= {"output": output is not None, "optimizer": optimizer, "gradient": gradient}
     said |= {"options": options, "mode_tolerance": mode_tolerance, "boundary": boundary}

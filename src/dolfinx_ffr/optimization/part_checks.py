@@ -18,7 +18,7 @@ def part_violations(
     sizes: Mapping[str, tuple[float, float]],
     rims: Mapping[str, tuple[float, float]],
 ) -> dict[str, PartViolation]:
-    """What parts violate, by name of the violation; collective.
+    """What parts violate, by name of the violation.
 
     ``sizes`` are minimum member and minimum gap of the parts that were asked for some; ``rims`` the
     width of the rims of drawn holes of all parts, and their minimum member [m].

@@ -44,10 +44,10 @@ def warn(text: str, stacklevel: int = 4) -> None:
 
 
 def gray_fraction(domain: Domain, x: Array) -> float:
-    """The share of a body's area whose density is between 0.1 and 0.9; collective.
+    """The share of a body's area whose density is between 0.1 and 0.9.
 
     The densities ``x`` are those of this rank's cells of the ``domain``, shape (cells,). A
-    ValueError on every rank if they have the wrong size, are NaN or leave [0, 1].
+    ValueError if they have the wrong size, are NaN or leave [0, 1].
     """
     validation.instance("gray fraction: domain", domain, Domain, "a Domain")
     density = domain.check_density(x)
@@ -271,13 +271,13 @@ class Result(Shown):
         return only(self.variables)
 
     def part(self, name: str | None = None) -> Part | Solid:
-        """The part that a designed body encloses, of the body's material; collective.
+        """The part that a designed body encloses, of the body's material.
 
         A `Part` of a body in the plane, a `Solid` of one in space; `Enclosed` describes both. It is
         made once and kept, as it takes seconds; where its boundary was `moved`, it is that of this
         boundary. The ``name`` is that of the body, by default the only one. Errors and warnings are
-        those of `Part` and `Solid`; a ValueError on every rank if no body of this name was
-        designed, or several are and none is named.
+        those of `Part` and `Solid`; a ValueError if no body of this name was designed, or several
+        are and none is named.
         """
         designs = self._designs_of_parts
         if name is None:
@@ -290,7 +290,7 @@ class Result(Shown):
         return self._parts[name]
 
     def enclosed(self, name: str, **options: Any) -> Part | Solid:
-        """What the design of the body ``name`` encloses on its elements; collective.
+        """What the design of the body ``name`` encloses on its elements.
 
         The ``options`` are those of `Part`; it is made anew each time.
         """
@@ -311,7 +311,7 @@ class Result(Shown):
         return found
 
     def verify(self, **options: Any) -> Verification:
-        """Evaluate the problem with all designed bodies as parts that fit; collective.
+        """Evaluate the problem with all designed bodies as parts that fit.
 
         The ``options`` are those of `verify`; its ``volume`` is that of the run by default. Errors
         and warnings are those of `part` and `verify`. Bounds that the parts exceed are `violations`
@@ -325,7 +325,7 @@ class Result(Shown):
         return found
 
     def finish(self, folder: str | Path, **options: Any) -> Verification | None:
-        """Write the parts of all designed bodies for CAD, draw them, and evaluate them; collective.
+        """Write the parts of all designed bodies for CAD, draw them, and evaluate them.
 
         Args:
             folder: For ``part.svg``, ``.dxf``, ``.step``, ``.stl`` and ``.png``, in space
@@ -339,9 +339,9 @@ class Result(Shown):
             `terminated`, when nothing is computed or written.
 
         Raises:
-            TypeError: On every rank, before anything is computed, if the folder is no path.
-            OSError: On every rank, if a file cannot be written; before anything is computed, if the
-                folder is a file or another program writes there.
+            TypeError: Before anything is computed, if the folder is no path.
+            OSError: If a file cannot be written; before anything is computed, if the folder is a
+                file or another program writes there.
 
         Warns:
             DesignWarning: Where there is no verification, with the reason.
@@ -390,7 +390,7 @@ class Result(Shown):
         return found
 
     def _draw_stress(self, folders: Mapping[str, Path]) -> None:
-        """Draw the stress of parts before and after the steps of their boundaries; collective."""
+        """Draw the stress of parts before and after the steps of their boundaries."""
         if self.moved is None or not folders:
             return
         from ..plotting import plot_stress

@@ -76,8 +76,8 @@ def alone_in(comm: MPI.Comm, folder: Path | None, what: str) -> Iterator[None]:
     """Context in which no other program that asks for it writes into a folder, which is made.
 
     A lock of the operating system on the file ``.lock`` in it, held by rank 0, says so; it ends
-    with the process. Where the file system has no locks, nothing is said. Raises an OSError on
-    every rank if another program writes there, or the folder cannot be made.
+    with the process. Where the file system has no locks, nothing is said. Raises an OSError if
+    another program writes there, or the folder cannot be made.
     """
     if folder is None:
         yield

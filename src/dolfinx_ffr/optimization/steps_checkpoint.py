@@ -100,7 +100,7 @@ class Kept:
 
 
 class StepsCheckpoint:
-    """The checkpoint at a ``path``, from which a run goes on if it is to ``resume``; collective."""
+    """The checkpoint at a ``path``, from which a run goes on if it is to ``resume``."""
 
     def __init__(self, comm: MPI.Comm, path: Path | None, resume: bool) -> None:
         self._comm, self._path, self._resume = comm, path, resume
@@ -109,7 +109,7 @@ class StepsCheckpoint:
     def load(self, start: Boundaries) -> Kept | None:
         """The state of an earlier run from the same ``start``, if there is one to be resumed.
 
-        A CheckpointError on every rank if the checkpoint is damaged, or began with another start.
+        A CheckpointError if the checkpoint is damaged, or began with another start.
         """
         path = self._path
         if path is None or not on_rank_0(self._comm, path.is_file):

@@ -38,7 +38,7 @@ def changed(
     stuck: bool,
     first: bool,
 ) -> tuple[Trial, int, int]:
-    """With struts and windows that were missing, without what does not pay; collective.
+    """With struts and windows that were missing, without what does not pay.
 
     And how many of both.
 
@@ -72,7 +72,7 @@ def _struts(
     """What struts of bodies carry, and others would, of log psi and bounds, and what holes change.
 
     Not where the largest stress counts, as that depends on more than the volume integrals, and not
-    of bodies whose stiffness hardly counts. Collective.
+    of bodies whose stiffness hardly counts.
     """
     found: dict[str, Struts] = {}
     if descent.turn < math.inf:
@@ -104,7 +104,7 @@ def _tried(
 def _braced(
     descent: Descent, trial: Trial, struts: dict[str, Struts], weight: float
 ) -> tuple[Trial, int] | None:
-    """With a strut across a hole, or windows, that lower psi, and how many; collective.
+    """With a strut across a hole, or windows, that lower psi, and how many.
 
     None if there are none.
     """
@@ -126,7 +126,7 @@ def _simpler(
     rise: float,
     first: bool,
 ) -> tuple[Trial, int]:
-    """Without struts and holes that do not pay, and how many of them went; collective."""
+    """Without struts and holes that do not pay, and how many of them went."""
     removed = 0
     for name, boundary in trial.boundaries.items():
         others = descent.kind.simpler(boundary, costs[name], carried.get(name, {}))
@@ -143,7 +143,7 @@ def _simpler(
 def shifted(
     descent: Descent, trial: Trial, slopes: Slopes, of_bounds: Array, weight: float
 ) -> tuple[Trial, Slopes]:
-    """With crossings of struts slid to where psi is lower, and the slopes there; collective.
+    """With crossings of struts slid to where psi is lower, and the slopes there.
 
     A first slide tells the curvature along each, and a second one goes by that.
     """

@@ -104,14 +104,14 @@ class GradientElements:
             )
 
     def select(self, domain: Domain, distance: ArrayLike | None = None) -> Mask:
-        """Which cells of a ``domain`` on this rank are selected, shape (cells,); collective.
+        """Which cells of a ``domain`` on this rank are selected, shape (cells,).
 
         The signed or absolute ``distance`` of their centroids from the active boundary, shape
         (cells,) [m], is such as `LevelSet.distance`; None, or infinite in all cells: there is none.
 
         Raises:
-            ValueError: On every rank, if the distances do not fit the cells or are NaN, no cell is
-                selected, or the grid alone exceeds the share.
+            ValueError: If the distances do not fit the cells or are NaN, no cell is selected, or
+                the grid alone exceeds the share.
         """
         away = self._check(domain, distance)
         # arrays of the cells of all ranks
@@ -354,7 +354,7 @@ def gradient_errors(domain: Domain, gradient: Array, exact: Array, cells: Mask) 
     no element counts or the exact gradient is zero.
 
     Raises:
-        ValueError: On every rank, if an array has another shape, or holds NaN or infinity.
+        ValueError: If an array has another shape, or holds NaN or infinity.
     """
     validation.instance("gradient errors: domain", domain, Domain, "a Domain")
     shape = (domain.n_cells,)

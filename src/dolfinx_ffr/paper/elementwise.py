@@ -124,9 +124,9 @@ def integral_derivatives(
     those of `mode_derivatives`; ``progress`` shows a progress bar on rank 0.
 
     Raises:
-        ValueError: On every rank, if an element does not exist, the solver is not known, or the
-            body has geometric stiffness or is one in space.
-        RuntimeError: On every rank, if a solver fails.
+        ValueError: If an element does not exist, the solver is not known, or the body has geometric
+            stiffness or is one in space.
+        RuntimeError: If a solver fails.
     """
     check_reduced("integral derivatives", body, reduced)
     if body.domain.dimension == 3 or body.stiffening is not None:
@@ -198,9 +198,9 @@ def elementwise_gradient(
     takes all. ``solver`` and ``batch`` are those of `mode_derivatives`, ``progress`` shows a bar.
 
     Raises:
-        ValueError: On every rank, if a body or an element does not exist, the solver is not known,
-            or the objective depends on the stress of a body.
-        RuntimeError: On every rank, if a solver fails.
+        ValueError: If a body or an element does not exist, the solver is not known, or the
+            objective depends on the stress of a body.
+        RuntimeError: If a solver fails.
     """
     validation.instance("element by element: problem", problem, Problem, "a Problem")
     needed = "what `Problem.value` returned"

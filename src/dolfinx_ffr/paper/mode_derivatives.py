@@ -92,9 +92,9 @@ def mode_derivatives(
         batch: Elements whose systems are solved at once, each in a few displacement fields.
 
     Raises:
-        ValueError: On every rank, for an unknown solver or a batch below one.
-        RuntimeError: On every rank, if a factor cannot be made, an iteration does not converge, or
-            truncated modes have the frequency of a retained one.
+        ValueError: For an unknown solver or a batch below one.
+        RuntimeError: If a factor cannot be made, an iteration does not converge, or truncated modes
+            have the frequency of a retained one.
     """
     check_reduced("mode derivatives", body, reduced)
     body.reduction.check_gap(body.factored(reduced), reduced.basis)

@@ -126,11 +126,7 @@ class ScatteredInterpolation:
             )
 
     def __call__(self, values: ArrayLike, queries: ArrayLike) -> Array:
-        """The interpolant of ``values`` (n,) or (n, m) at ``queries`` (q, 2) [m], (q,) or (q, m).
-
-        Raises:
-            ValueError: If there is not one finite value a point, or a query is not finite.
-        """
+        """Interpolate ``values`` (n,) or (n, m) at ``queries`` (q, 2) [m]; (q,) or (q, m)."""
         v = self._check_values(values)
         x = validation.real_array("scattered interpolation: queries", queries, (None, 2))
         fields = v.reshape(len(v), -1)

@@ -38,7 +38,7 @@ class PartViolation:
 
 
 def size_violations(part: Enclosed, member: float, gap: float | None = None) -> list[PartViolation]:
-    """Members and gaps of a part that are more than 1 % below the minimum [m]; collective.
+    """Members and gaps of a part that are more than 1 % below the minimum [m].
 
     Of a solid members that are 3 % below it, as its surface is known by samples.
     """

@@ -54,7 +54,7 @@ class Lattice:
 
     @staticmethod
     def of(domain: Domain, largest: float) -> Lattice | None:
-        """The lattice of a body on rank 0, None elsewhere; collective.
+        """The lattice of a body on rank 0, None elsewhere.
 
         ``largest`` is the length of the longest side of a triangle in straight cells [m].
         """

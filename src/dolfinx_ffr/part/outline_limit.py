@@ -29,7 +29,7 @@ _DEPTHS, _ON_AXIS, _ON_WALL = 40, 21, 400
 
 
 def outline_violations(part: Part | Solid, rim: float, least: float) -> list[PartViolation]:
-    """Where a part crosses the outline of its body, or lacks the rim of a drawn hole; collective.
+    """Where a part crosses the outline of its body, or lacks the rim of a drawn hole.
 
     Args:
         part: What is to be made of a body.

@@ -119,9 +119,8 @@ class Part(Enclosed):
         tolerance: Largest distance of a curve from points of the zero line, in spacings.
 
     Raises:
-        ValueError: On every rank, if a number is out of range, the field is not finite or zero over
-            more than lines, no material touches an interface, or interfaces are not connected by
-            material.
+        ValueError: If a number is out of range, the field is not finite or zero over more than
+            lines, no material touches an interface, or interfaces are not connected by material.
 
     Warns:
         PartWarning: If loose pieces are left out, an interface has lost material, or only
@@ -285,13 +284,13 @@ class Part(Enclosed):
     def domain(
         self, size: float, order: int = 2, *, across: float = _ACROSS, turn: float = TURN
     ) -> Domain:
-        """A mesh of triangles that fits the part, see `Enclosed.domain`; collective.
+        """A mesh of triangles that fits the part, see `Enclosed.domain`.
 
         The ``size`` is that of the triangles [m]; ``across`` is their largest size in a member, in
         units of its width: thin members get smaller ones, by default about two across; ``turn`` is
         that in a notch, in radii, infinite for none: with 0.25, the default, its stress may be 5 %
         too high, with 0.1 1 %. From an ``order`` of 2 on cells at curves are curved. A ValueError
-        on every rank if gmsh cannot mesh the part, or a number is out of range.
+        if gmsh cannot mesh the part, or a number is out of range.
         """
         validation.number("part: size", size, above=0.0, unit="m")
         validation.number("part: across", across, above=0.0)

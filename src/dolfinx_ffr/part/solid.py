@@ -88,8 +88,8 @@ class Solid(Enclosed):
         surface: Of those whose cut is its surface, if they are to be smaller [m].
 
     Raises:
-        ValueError: On every rank, if the body is in the plane, the field is not finite or zero over
-            more than faces, no material touches an interface, or a size is out of range.
+        ValueError: If the body is in the plane, the field is not finite or zero over more than
+            faces, no material touches an interface, or a size is out of range.
 
     Warns:
         PartWarning: If loose pieces are left out, an interface has no material, cavities are
@@ -138,7 +138,7 @@ class Solid(Enclosed):
         return self._found.cavities
 
     def opened(self, diameter: float) -> Solid:
-        """The solid with a straight channel from each of its cavities to the outside; collective.
+        """The solid with a straight channel from each of its cavities to the outside.
 
         It goes where the wall is thinnest, but not to a region that stays solid.
 
@@ -146,7 +146,7 @@ class Solid(Enclosed):
             diameter: Of the channels [m].
 
         Raises:
-            ValueError: On every rank, if the diameter is not positive, or a cavity stays closed.
+            ValueError: If the diameter is not positive, or a cavity stays closed.
         """
         validation.number("solid: diameter", diameter, above=0.0, unit="m")
         if not self.cavities:
@@ -201,7 +201,7 @@ class Solid(Enclosed):
         return self._largest_balls(around=True).thinnest()
 
     def thinner(self, thickness: float) -> Array:
-        """Centres of balls in members thinner than a thickness [m], (n, 3) [m]; collective."""
+        """Centres of balls in members thinner than a thickness [m], (n, 3) [m]."""
         return self._balls.thinner(thickness)
 
     @cached_property
@@ -246,12 +246,12 @@ class Solid(Enclosed):
         return [Tetrahedra.size(self.body, first + i) for i in range(count)]
 
     def domain(self, size: float, order: int = 2) -> Domain:
-        """A mesh of tetrahedra that fits the solid, see `Enclosed.domain`; collective.
+        """A mesh of tetrahedra that fits the solid, see `Enclosed.domain`.
 
         The ``size`` is the edge of a cube that six tetrahedra fill [m]: the cells of the body are
-        divided as often as it asks for. ``order`` is that of the displacements. A ValueError on
-        every rank if a number is out of range, or the mesh has no material at the interfaces or
-        more than eight million tetrahedra.
+        divided as often as it asks for. ``order`` is that of the displacements. A ValueError if a
+        number is out of range, or the mesh has no material at the interfaces or more than eight
+        million tetrahedra.
         """
         validation.number("solid: size", size, above=0.0, unit="m")
         degree = validation.integer("solid: order", order, least=1)
@@ -269,7 +269,7 @@ class Solid(Enclosed):
         return finer
 
     def _cut(self, finer: int) -> tuple[Tetrahedra, _Found]:
-        """The tetrahedra of the solid, on rank 0, and its surface, on all ranks; collective."""
+        """The tetrahedra of the solid, on rank 0, and its surface, on all ranks."""
         if finer in self._kept:
             return self._kept[finer], self._found
         body, mesh = Tetrahedra.of(self.body, finer), GatheredMesh.of(self.body)

@@ -92,7 +92,7 @@ class Enclosed(Shown, ABC):
 
     @classmethod
     def of(cls, design: Design, variables: ArrayLike, **options: Any) -> Self:
-        """What a ``design`` encloses at its ``variables``; ``options`` as of the class; collective.
+        """What a ``design`` encloses at its ``variables``; ``options`` as of the class.
 
         The boundary is the zero line or surface of a level set, of densities that where a smooth
         mean of them is one half (`density_field`).
@@ -179,7 +179,7 @@ class Enclosed(Shown, ABC):
         return self.material
 
     def write(self, path: str | Path, **options: Any) -> list[Path]:
-        """Write it for CAD, printers and machines; collective, rank 0 writes.
+        """Write it for CAD, printers and machines; rank 0 writes.
 
         Args:
             path: A file: of a part .svg, .dxf, .step or .stl, of a solid .stl, .ply, .vtp or .obj.
@@ -191,9 +191,8 @@ class Enclosed(Shown, ABC):
             The files, on every rank.
 
         Raises:
-            ValueError: On every rank, if kind of file or unit are not known, or a part has no
-                thickness.
-            OSError: On every rank, if a file cannot be written; older ones stay.
+            ValueError: If kind of file or unit are not known, or a part has no thickness.
+            OSError: If a file cannot be written; older ones stay.
         """
         validation.keywords(f"{self.kind}.write", options, self._write)
         return self._write(path, **options)
@@ -213,7 +212,7 @@ class Enclosed(Shown, ABC):
     def domain(self, size: float, order: int = 2) -> Domain:
         """A mesh with cells of a ``size`` [m] that fits it, for displacements of an ``order``.
 
-        It has the interfaces of the body, with the same centres, and its solid regions; collective.
+        It has the interfaces of the body, with the same centres, and its solid regions.
         """
 
     def resolved(self, size: float, order: int) -> Domain:
@@ -266,7 +265,7 @@ class Verification:
         format: str | None = None,
         damping: RayleighDamping | None = None,
     ) -> None:
-        """Write the reduction of a part on its finest mesh, which others move; collective.
+        """Write the reduction of a part on its finest mesh, which others move.
 
         It is what the objective was verified with. A part in the plane becomes a body in space
         (`FlexibleBody.in_space`), but for this package's own files.
@@ -278,9 +277,8 @@ class Verification:
             damping: Of the elastic coordinates, where the format holds it.
 
         Raises:
-            ValueError: On every rank, if the name is needed or not known, or the format cannot hold
-                the body.
-            OSError: On every rank, if the file cannot be written.
+            ValueError: If the name is needed or not known, or the format cannot hold the body.
+            OSError: If the file cannot be written.
         """
         if name is None and len(self.bodies) == 1:
             name = next(iter(self.bodies))
@@ -448,7 +446,7 @@ def verify(
     volume: float | Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> Verification:
-    """Evaluate a problem with parts in the place of designed bodies; collective.
+    """Evaluate a problem with parts in the place of designed bodies.
 
     Each part is meshed by triangles, small ones in notches where a largest stress counts, each
     solid by tetrahedra that fit its boundary, all of full density, and the whole motion is computed
@@ -478,9 +476,9 @@ def verify(
         progress: Show a progress bar on rank 0.
 
     Raises:
-        ValueError: On every rank, if a name is not that of a flexible body, a part has lost an
-            interface that the problem uses, or cannot be meshed.
-        SimulationError: On every rank, if the motion of the parts cannot be computed.
+        ValueError: If a name is not that of a flexible body, a part has lost an interface that the
+            problem uses, or cannot be meshed.
+        SimulationError: If the motion of the parts cannot be computed.
 
     Warns:
         PartWarning: If psi does not stand still, is more than 2 % above the reported one, a finer

@@ -3,7 +3,7 @@
 
 No screen is needed. All functions are collective: every rank calls them, rank 0 draws what it has
 gathered and writes the file (.png, .pdf or .svg; films are .gif or .mp4), and all return its path.
-Another kind of file is a ValueError on every rank, an argument of a wrong kind a TypeError.
+Another kind of file is a ValueError, an argument of a wrong kind a TypeError.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def plot_history(
         comm: Ranks that call this together.
 
     Raises:
-        ValueError: On every rank, if the history has none of these columns or no line.
+        ValueError: If the history has none of these columns or no line.
     """
     path = style.writable(path, title)
     for what, bound in (("psi_solid", psi_solid), ("volume_bound", volume_bound)):
@@ -233,7 +233,7 @@ def plot_crank_motion(
     default that of the trajectory; ``path``, ``title`` and ``comm`` are as for `plot_curves`.
 
     Raises:
-        ValueError: On every rank, if there is no such marker, or no positive end time.
+        ValueError: If there is no such marker, or no positive end time.
     """
     path = style.writable(path, title)
     needed = "a Motion or a Trajectory"
@@ -271,7 +271,7 @@ def plot_curves(
         comm: Ranks that call this together.
 
     Raises:
-        ValueError: On every rank, if there is no panel, or an abscissa does not fit its values.
+        ValueError: If there is no panel, or an abscissa does not fit its values.
     """
     path = style.writable(path, title)
     validation.name("plot_curves: xlabel", xlabel)

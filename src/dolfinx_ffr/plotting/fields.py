@@ -49,7 +49,7 @@ def plot_design(
     gets a ``title``.
 
     Raises:
-        ValueError: On every rank, if a density is not usable.
+        ValueError: If a density is not usable.
     """
     path = style.writable(path, title)
     validation.instance("plot_design: domain", domain, Domain, "a Domain")
@@ -92,7 +92,7 @@ def plot_gradient_elements(
     ``title``.
 
     Raises:
-        ValueError: On every rank, if a design does not fit the domain.
+        ValueError: If a design does not fit the domain.
     """
     path = style.writable(path, title)
     validation.instance("plot_gradient_elements: domain", domain, Domain, "a Domain")
@@ -144,8 +144,7 @@ def plot_stress(
         title: Heading.
 
     Raises:
-        ValueError: On every rank, if an array does not have one finite value a cell, or no cell is
-            solid.
+        ValueError: If an array does not have one finite value a cell, or no cell is solid.
     """
     path = style.writable(path, title)
     validation.instance("plot_stress: domain", domain, Domain, "a Domain")

@@ -70,7 +70,7 @@ def plot_scene(
         title: Heading.
 
     Raises:
-        ValueError: On every rank, if the colour is not known, or the time outside the simulation.
+        ValueError: If the colour is not known, or the time outside the simulation.
     """
     path = style.writable(path, title)
     _check("plot_scene", problem, evaluation, deformation_scale)
@@ -151,7 +151,7 @@ def animate_motion(
         title: Heading.
 
     Raises:
-        ValueError: On every rank, if a number is out of range, or ffmpeg is not there for .mp4.
+        ValueError: If a number is out of range, or ffmpeg is not there for .mp4.
     """
     path = check_film(path, title)
     _check("animate_motion", problem, evaluation, deformation_scale)
@@ -176,7 +176,7 @@ def animate_motion(
 
 
 def check_film(path: str | Path, title: str) -> Path:
-    """The path of a film that can be written; a ValueError on every rank for another one."""
+    """The path of a film that can be written; a ValueError for another one."""
     path = style.writable(path, title, (".gif", ".mp4"))
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise ValueError(
@@ -345,8 +345,8 @@ def animate_boundary(
         title: Heading.
 
     Raises:
-        ValueError: On every rank, if there are not as many numbers as steps, or a number is out of
-            range, or ffmpeg is not there for .mp4.
+        ValueError: If there are not as many numbers as steps, or a number is out of range, or
+            ffmpeg is not there for .mp4.
     """
     path = check_film(path, title)
     validation.instance("animate_boundary: body", body, Domain, "a Domain")

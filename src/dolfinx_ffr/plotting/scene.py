@@ -31,7 +31,7 @@ class DrawnMesh:
 
     Each cell is cut into straight-sided pieces, n^2 where geometry or displacements have order n.
     The cells stand in the order in which the mesh was made, so that the picture does not depend on
-    the number of ranks. All methods are collective.
+    the number of ranks.
     """
 
     points: Array  #: (points, 2) undeformed [m]; cells do not share points
@@ -213,7 +213,7 @@ class Scene:
 
     @staticmethod
     def gather(problem: Problem, evaluation: Evaluation, steps: Integers, *, energy: bool) -> Scene:
-        """Gather the bodies at some time steps, with strain energies if asked for; collective."""
+        """Gather the bodies at some time steps, with strain energies if asked for."""
         trajectory = evaluation.trajectory
         mechanism = trajectory.model.mechanism
         bodies = {}
@@ -308,7 +308,7 @@ class Scene:
 
 
 def gathered_mesh(domain: Domain) -> DrawnMesh | GatheredMesh:
-    """The mesh of a body in the plane or in space, gathered on rank 0; collective."""
+    """The mesh of a body in the plane or in space, gathered on rank 0."""
     return GatheredMesh.of(domain) if domain.dimension == 3 else DrawnMesh.of(domain)
 
 

@@ -94,7 +94,7 @@ def propose_modes(
     Raises:
         ValueError: If nothing was simulated.
         SimulationError: If the motion with another number of modes cannot be computed.
-        RuntimeError: On every rank, if modes cannot be counted.
+        RuntimeError: If modes cannot be counted.
     """
     tolerance = validation.number("propose_modes: tolerance", tolerance, above=0.0)
     trajectories_of(problem, evaluation, "propose_modes")

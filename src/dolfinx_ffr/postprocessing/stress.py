@@ -141,7 +141,7 @@ class StressModes(Shown):
         return np.linalg.norm(self.stress(z)[..., :components] @ root.T, axis=-1)
 
     def worst(self, z: Array, times: Array) -> StressEnvelope:
-        """The largest von Mises stress of each cell over time; collective.
+        """The largest von Mises stress of each cell over time.
 
         ``z`` are the `coordinates`, shape (steps, coordinates), at ``times``, shape (steps,) [s].
         """
@@ -200,13 +200,13 @@ def worst_stress(
     void: float = VOID,
     clear: float = 0.0,
 ) -> StressEnvelope:
-    """The largest von Mises stress of each cell over a motion, and when it occurs; collective.
+    """The largest von Mises stress of each cell over a motion, and when it occurs.
 
     The ``body`` has a ``name`` in the mechanism; the ``evaluation`` is what `Problem.value` or
     `Problem.gradient` returned, at any time. Of several load cases the one with the largest stress
     is told; for the others give `Evaluation.alone`. ``correction``, ``relaxation``, ``void`` and
-    ``clear`` are those of `StressModes.of`. A ValueError on every rank if there is no such body, or
-    a number is out of range.
+    ``clear`` are those of `StressModes.of`. A ValueError if there is no such body, or a number is
+    out of range.
     """
     validation.instance("worst_stress: evaluation", evaluation, Evaluation, "an Evaluation")
     validation.instance("worst_stress: body", body, FlexibleBody, "a FlexibleBody")
@@ -244,7 +244,7 @@ def _told(
     times: Array,
     case: str,
 ) -> StressEnvelope:
-    """The envelope of stresses, steps and points (cells,) as of `_worst`; collective."""
+    """The envelope of stresses, steps and points (cells,) as of `_worst`."""
     stress, step, place = worst
     positions = points[np.arange(domain.n_cells), place]
     mine = (0.0, 0, np.zeros(domain.dimension))

@@ -130,11 +130,11 @@ class DesignedBodies:
         }
 
     def reduce(self, densities: Mapping[str, Array]) -> dict[str, ReducedBody]:
-        """Shape functions and integrals at densities that have been checked; collective."""
+        """Shape functions and integrals at densities that have been checked."""
         return {name: body.reduce_checked(densities[name]) for name, body in self.flexible.items()}
 
     def volume(self, reduced: Reduced) -> dict[str, float]:
-        """The filled share of each body; collective."""
+        """The filled share of each body."""
         domains = {name: self.flexible[name].domain for name in reduced}
         return {
             name: domain.sum(reduced[name].density * (domain.cell_volumes / domain.area))

@@ -133,7 +133,7 @@ class Evaluation(Shown):
         """The trajectory of the only load case.
 
         Raises:
-            ValueError: On every rank, if nothing was simulated, or there are several load cases.
+            ValueError: If nothing was simulated, or there are several load cases.
         """
         self.check_simulated()
         found = only_case(self.load_cases, "evaluation.alone({!r}).trajectory").trajectory
@@ -141,7 +141,7 @@ class Evaluation(Shown):
         return found
 
     def check_simulated(self) -> None:
-        """Refuse, on every rank, an evaluation for which nothing was simulated."""
+        """Refuse an evaluation for which nothing was simulated."""
         if not self.moves:
             raise ValueError(
                 "there is no trajectory: nothing was simulated, because neither the objective nor "

@@ -77,7 +77,7 @@ class Problem(LoadCases):
         TypeError: If an argument is of a wrong kind.
         ValueError: If there are neither densities nor parameters, two constraints have the same
             name, or an objective depends on the density of a body that has none.
-        MemoryError: On every rank, if the trajectory would take more memory than a machine has.
+        MemoryError: If the trajectory would take more memory than a machine has.
     """
 
     def __init__(
@@ -117,8 +117,7 @@ class Problem(LoadCases):
             TypeError: If an argument is of a wrong kind.
             ValueError: As for one load case; and if a mechanism names a body that is not there, or
                 the weights do not fit the load cases.
-            MemoryError: On every rank, if the trajectories would take more memory than a machine
-                has.
+            MemoryError: If the trajectories would take more memory than a machine has.
         """
         problem = cls.__new__(cls)
         problem._set(bodies, lambda: load_cases, WeightedSum() if combine is None else combine)
@@ -208,7 +207,7 @@ class Problem(LoadCases):
         Those that are not named stay. The problem itself without parameters, or at its own values.
 
         Raises:
-            ValueError: On every rank, as `Parameters.at` and `Parameters.mechanism`; if a mechanism
+            ValueError: As `Parameters.at` and `Parameters.mechanism`; if a mechanism
                 has other joints or forces at these values; or if there are no parameters.
         """
         with on_every_rank(self.comm, WORK):
@@ -228,12 +227,12 @@ class Problem(LoadCases):
         return self if evaluation.at is None else self.at(evaluation.at.values)
 
     def refuse_foreign(self, evaluation: Evaluation) -> None:
-        """Refuse, by a ValueError, an ``evaluation`` of other bodies or mechanisms; collective."""
+        """Refuse, by a ValueError, an ``evaluation`` of other bodies or mechanisms."""
         self._designed.refuse_foreign(evaluation.bodies)
         self.at_evaluation(evaluation).refuse_foreign_load_cases(evaluation)
 
     def refuse_other_psi(self, evaluation: Evaluation) -> None:
-        """Refuse, on every rank, an ``evaluation`` whose psi this problem would not have found.
+        """Refuse an ``evaluation`` whose psi this problem would not have found.
 
         Nothing is simulated. It serves what compares psi of an evaluation with others.
         """
@@ -253,7 +252,7 @@ class Problem(LoadCases):
             )
 
     def check_influence(self) -> None:
-        """Refuse, on every rank, parameters on which nothing depends; bodies are reduced once."""
+        """Refuse parameters on which nothing depends; bodies are reduced once."""
         if self.parameters is not None:
             given = self._designed.response(self._designed.reduce(self._designed.filled(1.0)))
             with on_every_rank(self.comm, WORK):
@@ -350,7 +349,7 @@ class Problem(LoadCases):
         return self.adapted(evaluation, MechanicalProblem.calibrated_at)
 
     def adapted(self, evaluation: Evaluation, changed: Change) -> tuple[Problem, Evaluation]:
-        """The problem with load cases ``changed`` at an ``evaluation``, and theirs; collective."""
+        """The problem with load cases ``changed`` at an ``evaluation``, and theirs."""
         responses = self._responses(evaluation)
         with on_every_rank(self.comm, WORK):
             cases = {n: changed(m, responses[n]) for n, m in self.load_cases.items()}
@@ -377,11 +376,11 @@ class Problem(LoadCases):
                 problem count (see `at`).
 
         Raises:
-            TypeError: On every rank, if a density holds something else than real numbers.
-            ValueError: On every rank, if a density has the wrong size, is NaN or leaves [0, 1], or
-                if a body has no mass.
-            SimulationError: On every rank, if the trajectory cannot be computed, or there is no
-                mechanism with the parameters of ``x``.
+            TypeError: If a density holds something else than real numbers.
+            ValueError: If a density has the wrong size, is NaN or leaves [0, 1], or if a body has
+                no mass.
+            SimulationError: If the trajectory cannot be computed, or there is no mechanism with the
+                parameters of ``x``.
         """
         bodies = self._designed
         with on_every_rank(self.comm, WORK):
@@ -445,9 +444,9 @@ class Problem(LoadCases):
             densities: Whether those by densities are wanted; else ``gradient`` is None.
 
         Raises:
-            MemoryError: On every rank, if that would take more memory than a machine has.
-            RuntimeError: On every rank, if an adjoint system cannot be solved.
-            ValueError: On every rank, with ``nodes`` if a length that is not given depends on them.
+            MemoryError: If that would take more memory than a machine has.
+            RuntimeError: If an adjoint system cannot be solved.
+            ValueError: With ``nodes`` if a length that is not given depends on them.
         """
         if nodes:
             mechanisms = [case.mechanism for case in self.load_cases.values()]

@@ -66,7 +66,7 @@ def owners(costs: Mapping[Key, float], ranks: int) -> dict[Key, int]:
 def trajectories(
     comm: MPI.Comm, cases: Mapping[str, MechanicalProblem], bodies: Bodies, *, warn: bool = True
 ) -> dict[str, Trajectory | None]:
-    """The trajectories of load cases of the same ``bodies``, alike on every rank; collective.
+    """The trajectories of load cases of the same ``bodies``, alike on every rank.
 
     None where nothing depends on a trajectory. With ``warn`` their limits are warned of. Errors of
     the simulation are raised on every rank, of several load cases the first one's.
@@ -116,7 +116,7 @@ def trajectories(
 def adjoints(
     comm: MPI.Comm, responses: Mapping[str, Response], direct: Mapping[Job, Derivatives]
 ) -> dict[Job, Derivatives]:
-    """The derivatives by all integrals and by parameters through the trajectories; collective.
+    """The derivatives by all integrals and by parameters through the trajectories.
 
     The ``responses`` are given by load case, the partial derivatives ``direct`` by load case and
     label.
@@ -178,7 +178,7 @@ def _recorded(case: str, said: dict[str, list[tuple[type[Warning], str]]]) -> It
 
 
 def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjoint: bool) -> None:
-    """Refuse, on every rank, trajectories that take more than the memory ``available`` [bytes]."""
+    """Refuse trajectories that take more than the memory ``available`` [bytes]."""
     modes, space = bodies.modes.values(), bodies.space
     needed = {n: m.integrator for n, m in cases.items() if m.needs_trajectory}
     with on_every_rank(bodies.comm, WORK):
@@ -190,7 +190,7 @@ def checked_memory(bodies: DesignedBodies, cases: Cases, available: int, *, adjo
 
 
 def chosen_before(bodies: DesignedBodies, cases: Cases) -> dict[str, MechanicalProblem]:
-    """The load cases with method and steps in the place of time intervals; collective.
+    """The load cases with method and steps in the place of time intervals.
 
     Half filled and full bodies are judged, and the costlier choice counts.
     """

@@ -115,9 +115,9 @@ def reduce_matrices(
         comm: Ranks that share the result, by default all; they call with the same arguments.
 
     Raises:
-        ValueError: On every rank, if a node set is not there or lies on a line, two share nodes,
-            frame or modes do not fit, or the mass differs.
-        RuntimeError: On every rank, if a solver fails.
+        ValueError: If a node set is not there or lies on a line, two share nodes, frame or modes do
+            not fit, or the mass differs.
+        RuntimeError: If a solver fails.
     """
     world = MPI.COMM_WORLD if comm is None else comm
     needed = "AssembledMatrices, as from read_calculix(...)"

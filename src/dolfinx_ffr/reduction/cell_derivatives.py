@@ -51,7 +51,7 @@ class ShapeSlopes:
 
     @staticmethod
     def of(reduction: CraigBampton, factored: FactoredBody, basis: ReducedBasis) -> ShapeSlopes:
-        """Those of a body; RuntimeError on every rank where two frequencies are not apart."""
+        """Those of a body; RuntimeError where two frequencies are not apart."""
         reduction.check_apart(factored, basis)
         elasticity, fields = reduction.elasticity, [reduction.unit_translations[:, :1]]
         fields += [reduction.reference[:, None], basis.shapes]

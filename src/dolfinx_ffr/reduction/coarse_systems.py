@@ -61,7 +61,7 @@ class CoarseSystems(ABC):
 
 
 def coarse_systems(elasticity: Elasticity, clamped: Mask) -> CoarseSystems:
-    """Those of boxes where nodes stand on a lattice, else of aggregates; collective."""
+    """Those of boxes where nodes stand on a lattice, else of aggregates."""
     found = interpolations(elasticity, clamped)
     return NestedBoxes(elasticity, found) if found else Aggregates(elasticity, clamped)
 

@@ -122,8 +122,8 @@ class CraigBampton:
         solver: ``"direct"`` or ``"iterative"``, as for `FlexibleBody`.
 
     Raises:
-        ValueError: On every rank, if the frame names an interface that is not there or leaves the
-            frame undetermined, or if there are more modes than interior degrees of freedom.
+        ValueError: If the frame names an interface that is not there or leaves the frame
+            undetermined, or if there are more modes than interior degrees of freedom.
     """
 
     def __init__(
@@ -288,7 +288,7 @@ class CraigBampton:
         """The ``matrices`` of a density with all interfaces clamped, and the factor of K.
 
         Raises:
-            RuntimeError: On every rank, if the clamped stiffness is singular.
+            RuntimeError: If the clamped stiffness is singular.
         """
         try:
             clamped = self._filled(matrices)
@@ -316,7 +316,7 @@ class CraigBampton:
                     raise
 
     def release(self) -> None:
-        """Free what is kept for the next density; collective."""
+        """Free what is kept for the next density."""
         while self._spare:
             self._spare.pop().destroy()
 
@@ -327,7 +327,7 @@ class CraigBampton:
             UserWarning: If the number of modes cuts through a cluster of frequencies.
 
         Raises:
-            RuntimeError: On every rank, if a solver fails.
+            RuntimeError: If a solver fails.
         """
         load = self.elasticity.apply(factored.matrices.stiffness, self._lifted)
         load[self.clamped] = 0.0
@@ -399,7 +399,7 @@ class CraigBampton:
         gradient is wrong by r / g^2 of its size, and below g = sqrt(r) it has no digit.
 
         Raises:
-            RuntimeError: On every rank, if a truncated mode has the frequency of a retained one.
+            RuntimeError: If a truncated mode has the frequency of a retained one.
         """
         if basis.spectral_gap >= CLUSTER:
             return
@@ -427,7 +427,7 @@ class CraigBampton:
         """Refuse a ``basis`` whose single modes have no derivative, for its ``factored`` body.
 
         Raises:
-            RuntimeError: On every rank, if two modes have the same frequency.
+            RuntimeError: If two modes have the same frequency.
         """
         self.check_gap(factored, basis)
         values = basis.eigenvalues
@@ -460,7 +460,7 @@ class CraigBampton:
         fields z, shape (dofs, r), and the number of blocks of the Krylov space or of iterations.
 
         Raises:
-            RuntimeError: On every rank, without convergence, or as `check_gap` does.
+            RuntimeError: Without convergence, or as `check_gap` does.
         """
         self.check_gap(factored, basis)
         right = -shapes_bar
@@ -495,7 +495,7 @@ class CraigBampton:
         that bounds the error of the gradient relative to its largest part.
 
         Raises:
-            RuntimeError: On every rank, without convergence.
+            RuntimeError: Without convergence.
         """
         inner = self.elasticity.inner
         static = right[:, :0] if static is None else static

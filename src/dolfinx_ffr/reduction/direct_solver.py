@@ -62,11 +62,7 @@ class LinearSolver(ABC):
 
 
 def direct_solver(elasticity: Elasticity, matrix: PETSc.Mat) -> LinearSolver:
-    """The solver for the matrices of a body, all like ``matrix``; collective.
-
-    Raises:
-        ValueError: On every rank, if the memory of the machine does not hold a factor.
-    """
+    """The solver for the matrices of a body, all like ``matrix``."""
     comm = elasticity.comm
     check_memory(elasticity, matrix, 'take solver="iterative" for the body, or fewer elements')
     if comm.size > 1 and cholmod.is_known():
@@ -109,7 +105,7 @@ def factor_entries(elasticity: Elasticity, matrix: PETSc.Mat, most: float = math
 
 
 def check_memory(elasticity: Elasticity, matrix: PETSc.Mat, remedy: str) -> None:
-    """Refuse a factor that the memory of all ranks does not hold: ValueError on every rank."""
+    """Refuse a factor that the memory of all ranks does not hold: ValueError."""
     comm = matrix.comm.tompi4py()
     room = comm.size * agreed_memory(comm)
     check_count(

@@ -154,15 +154,14 @@ class FlexibleBody:
         solver: ``"direct"`` factors the stiffness (CHOLMOD, MUMPS). ``"iterative"`` takes conjugate
             gradients with multigrid to a hundredth of ``tolerance``, for bodies in space whose
             factor is too large for the memory: by nested boxes where the nodes stand on a lattice
-            (`Domain.rectangle`, `Domain.box`), else by aggregates (PETSc's GAMG). It takes half
-            the memory, and less time from some 200,000 unknowns on boxes on, more below; it does
-            not certify by a count that no mode is missing.
-            Where it stalls it warns and goes on with a factor. A factor that the memory does not
-            hold is refused with the first density (ValueError on every rank).
+            (`Domain.rectangle`, `Domain.box`), else by aggregates (PETSc's GAMG). It takes half the
+            memory, and less time from some 200,000 unknowns on boxes on, more below; it does not
+            certify by a count that no mode is missing. Where it stalls it warns and goes on with a
+            factor. A factor that the memory does not hold is refused with the first density
+            (ValueError).
 
     Raises:
-        ValueError: On every rank, if frame, modes or markers do not fit the domain, or a number is
-            out of range.
+        ValueError: If frame, modes or markers do not fit the domain, or a number is out of range.
     """
 
     def __init__(
@@ -284,10 +283,10 @@ class FlexibleBody:
             x: One density for each cell owned by this rank, shape (cells,), in [0, 1].
 
         Raises:
-            TypeError: On every rank, if the density holds something else than real numbers.
-            ValueError: On every rank, if the density has the wrong size, is NaN or leaves [0, 1],
-                or if the body has no mass.
-            RuntimeError: On every rank, if a solver fails.
+            TypeError: If the density holds something else than real numbers.
+            ValueError: If the density has the wrong size, is NaN or leaves [0, 1], or if the body
+                has no mass.
+            RuntimeError: If a solver fails.
         """
         return self.reduce_checked(self.domain.check_density(x))
 
@@ -340,7 +339,7 @@ class FlexibleBody:
         is worked at another one. Collective, in the same order on all ranks.
 
         Raises:
-            RuntimeError: On every rank, if a solver fails.
+            RuntimeError: If a solver fails.
             ValueError: If another body was reduced.
         """
         self.refuse_foreign(reduced)
@@ -355,7 +354,7 @@ class FlexibleBody:
         """How many fixed-interface eigenvalues of a ``reduced`` body lie below a ``limit``.
 
         Raises:
-            RuntimeError: On every rank, if they cannot be counted.
+            RuntimeError: If they cannot be counted.
         """
         with self._working:
             return self.factored(reduced).count_below(limit)
@@ -373,7 +372,7 @@ class FlexibleBody:
             self._release()
 
     def check_memory(self, what: str, remedy: str) -> None:
-        """Refuse a body whose modes and stress the memory does not hold: ValueError on every rank.
+        """Refuse a body whose modes and stress the memory does not hold: ValueError.
 
         Counted are a factor, if it is solved by one, six matrices, and blocks of fields, beside
         what the processes hold. The error names ``what`` is too large and the ``remedy``.
@@ -392,7 +391,7 @@ class FlexibleBody:
         check_count(what, entries, "numbers", remedy, available=room, **how)
 
     def release(self) -> None:
-        """Free matrices and factor, which are made again where they are needed; collective."""
+        """Free matrices and factor, which are made again where they are needed."""
         with self._working:
             self._release()
             self.reduction.release()
@@ -416,7 +415,7 @@ class FlexibleBody:
         """The integrals of a ``reduced`` body in space, as programs for space take it.
 
         A body in the plane lies in z = 0 and has the thickness of its material, see
-        `VolumeIntegrals.extruded`. Collective.
+        `VolumeIntegrals.extruded`.
 
         Raises:
             ValueError: If the material has no thickness.
@@ -449,7 +448,7 @@ class FlexibleBody:
         the n cells of the mesh, as it was made; ``phi``, ``psi`` and ``origin`` of node 1 are
         ``node1.phi.m0``. ``centroids`` (n, dimension) [m] and ``density`` (n,) say which cell is
         where. Modes keep modal mass one and their signs, and must have frequencies of their own.
-        Collective; rank 0 writes.
+        Rank 0 writes.
 
         Args:
             path: Of the file; an older one is replaced.
@@ -459,10 +458,10 @@ class FlexibleBody:
                 Oe it is cheaper by far.
 
         Raises:
-            ValueError: On every rank, if a term is not known, if the material has no thickness, or
-                if the derivatives need more memory than there is.
-            RuntimeError: On every rank, if two modes have the same frequency, or a solver fails.
-            OSError: On every rank, if the file cannot be written.
+            ValueError: If a term is not known, if the material has no thickness, or if the
+                derivatives need more memory than there is.
+            RuntimeError: If two modes have the same frequency, or a solver fails.
+            OSError: If the file cannot be written.
         """
         path = validation.path("save_derivatives: path", path)
         for term in validation.names("save_derivatives: terms", terms):
@@ -577,7 +576,7 @@ class FlexibleBody:
         return _Adjoint((w, y, phi, kappa), bar, parts, adjoint, direct, iterations, seconds)
 
     def struts(self, reduced: ReducedBody, bar: VolumeIntegrals) -> Struts:
-        """What struts of a ``reduced`` body carry, others would, and holes change; collective.
+        """What struts of a ``reduced`` body carry, others would, and holes change.
 
         The body is of full density, and ``bar`` the derivative by the integrals, as for `pullback`.
         """
@@ -622,7 +621,7 @@ class FlexibleBody:
         return self.elasticity.nodes.collected(moved)
 
     def stress_modes(self, reduced: ReducedBody, *, correction: bool) -> Array:
-        """Stress of the solid for unit coordinates of a ``reduced`` body; collective.
+        """Stress of the solid for unit coordinates of a ``reduced`` body.
 
         With ``correction`` the fields of the static correction follow the shape functions. For this
         rank's cells, shape (cells, points, components, coordinates) [Pa].
@@ -631,7 +630,7 @@ class FlexibleBody:
             return self.stress_recovery(self.stress_fields(reduced, correction=correction))
 
     def stress_fields(self, reduced: ReducedBody, *, correction: bool) -> Block:
-        """The displacements of `stress_modes`, shape (dofs, coordinates); collective.
+        """The displacements of `stress_modes`, shape (dofs, coordinates).
 
         Of the ``reduced`` body, with the static ``correction`` or without it.
         """
@@ -643,7 +642,7 @@ class FlexibleBody:
             return np.hstack(fields)
 
     def stress_pullback(self, reduced: ReducedBody, bar: Array) -> ShapesBar:
-        """The transpose of the derivative of `stress_modes`, for `pullback`; collective.
+        """The transpose of the derivative of `stress_modes`, for `pullback`.
 
         ``bar`` is the derivative by the stress of the ``reduced`` body, with or without correction.
         """

@@ -60,7 +60,7 @@ class MultigridSolver(LinearSolver):
         self._levels = [_Level(*level, self._elasticity.sum) for level in levels]
 
     def solve(self, block: Block) -> Block:
-        """The inverse times right-hand sides, or RuntimeError on every rank."""
+        """The inverse times right-hand sides, or RuntimeError."""
         result = np.array(block, dtype=np.float64)  # one on the diagonal of clamped rows
         if block.shape[1] == 0:
             return result

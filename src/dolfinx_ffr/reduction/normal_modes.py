@@ -73,8 +73,8 @@ class EigenSolver:
         """The ``number`` lowest modes, and more to the end of the last one's cluster and beyond.
 
         With the `cluster` of the last mode asked for, and K^-1 times ``loads`` (dofs, columns), for
-        which the factor is not read once more. RuntimeError on every rank if modes do not converge
-        or remain missing.
+        which the factor is not read once more. RuntimeError if modes do not converge or remain
+        missing.
         """
         iterative = isinstance(factored.clamped.solver, MultigridSolver)
         # where solutions are approximate, a Krylov space loses its recurrence

@@ -40,7 +40,7 @@ class PointMarker:
 
     @staticmethod
     def at(domain: Domain, position: Sequence[float], name: str = "marker") -> PointMarker:
-        """The marker at a point (dimension,) [m] of the mesh; ValueError on every rank outside."""
+        """The marker at a point (dimension,) [m] of the mesh; ValueError outside."""
         d = domain.dimension
         expected = "two components" if d == 2 else "three components"
         what = f"marker {name!r}: position"

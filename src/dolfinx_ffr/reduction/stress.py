@@ -46,7 +46,7 @@ class BodyStress:
 
     @cached_property
     def interface_distance(self) -> Array:
-        """From each point to the nearest node of an interface, (cells, points) [m]; collective."""
+        """From each point to the nearest node of an interface, (cells, points) [m]."""
         domain, points = self.body.domain, self.points
         nodes = domain.space.tabulate_dof_coordinates()[:, : domain.dimension]
         own = np.unique(np.concatenate([each.dofs for each in domain.interfaces.values()]))
@@ -68,17 +68,17 @@ class BodyStress:
         return d * (d + 1) // 2
 
     def in_blocks(self, correction: bool) -> Iterator[tuple[slice, Array]]:
-        """`modes` of some cells at a time, with their places; collective."""
+        """`modes` of some cells at a time, with their places."""
         announce(self.body.domain.comm, "the stress of a body")
         fields = self.body.stress_fields(self.reduced, correction=correction)
         return self.body.stress_recovery.in_blocks(fields)
 
     def sum(self, local: Array) -> Array:
-        """The sum over the ranks of an array, bit-identical on every rank; collective."""
+        """The sum over the ranks of an array, bit-identical on every rank."""
         announce(self.body.domain.comm, "a sum over the stresses of a body")
         return self.body.elasticity.sum(np.ascontiguousarray(local))
 
     def gathered(self, value: Kept) -> list[Kept]:
-        """The values of all ranks, alike on every one of them; collective."""
+        """The values of all ranks, alike on every one of them."""
         found: list[Any] = gathered(self.body.domain.comm, "the stresses of a body", value)
         return found

@@ -19,7 +19,7 @@ _HOLE = 3.0
 
 
 class Struts:
-    """The derivatives of psi by struts of a full body, and by holes in it; collective.
+    """The derivatives of psi by struts of a full body, and by holes in it.
 
     A strut that is not there yet is a bar between two nodes, and moves as these do: it strains
     along itself, and its mass moves linearly from end to end.

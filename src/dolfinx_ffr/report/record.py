@@ -99,7 +99,7 @@ def run_record(
     references: Mapping[str, float] | None = None,
     volume: float | Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """The entries of summary.json for the report of a run, for `write_summary`; collective.
+    """The entries of summary.json for the report of a run, for `write_summary`.
 
     It is about the parts, where boundaries were moved, else about the densities. It estimates the
     errors of the model and recovers the stress, which takes a few simulations; where the estimate

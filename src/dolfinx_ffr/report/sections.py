@@ -284,7 +284,7 @@ _BUILT: tuple[tuple[str, str, Callable[[Run], Any], Any], ...] = (
 def write_report(
     comm: MPI.Comm, folder: str | Path, *, output: str | Path | None = None, title: str = ""
 ) -> Path:
-    """Write the report of a run as one HTML file; collective, rank 0 reads and writes.
+    """Write the report of a run as one HTML file; rank 0 reads and writes.
 
     All that it shows stands in the folder: ``summary.json`` (`run_record` lists the keys),
     ``history.csv``, the pictures, and ``part.svg`` with the outline of the part. What is missing is
@@ -300,9 +300,9 @@ def write_report(
         The file, on every rank.
 
     Raises:
-        FileNotFoundError: On every rank, if the folder holds no run.
-        ValueError: On every rank, if summary or history are damaged.
-        OSError: On every rank, if a file cannot be read or written.
+        FileNotFoundError: If the folder holds no run.
+        ValueError: If summary or history are damaged.
+        OSError: If a file cannot be read or written.
     """
     validation.instance("write_report: comm", comm, MPI.Comm, "an MPI communicator")
     place = validation.path("write_report: folder", folder)

@@ -53,7 +53,7 @@ class Maker:
     _made: dict[int, Any] = field(default_factory=dict)
 
     def __call__(self, node: Any) -> Any:
-        """The object of a call; collective, a SceneError where the package refuses something."""
+        """The object of a call; a SceneError where the package refuses something."""
         if isinstance(node, Name):
             return node.value
         if isinstance(node, list | tuple):

@@ -201,7 +201,7 @@ def _first(problem: Problem, evaluation: Evaluation) -> tuple[Problem, Evaluatio
 
 
 def _draw(result: Result, folder: Path) -> None:
-    """Draw densities, history, scene and film; collective."""
+    """Draw densities, history, scene and film."""
     alone = len(result.densities) == 1
     for name, x in result.densities.items():
         domain, file = result.problem.flexible[name].domain, "design" if alone else name

@@ -72,10 +72,10 @@ class Scene:
     cases: dict[str, dict[str, Call]]  #: By load case, what the bodies do not matter for
 
     def made(self) -> tuple[Problem, Maker]:
-        """The problem, and what makes the rest of it; collective.
+        """The problem, and what makes the rest of it.
 
-        Mechanisms come first, as meshes take time, and designs last. A SceneError, on every rank,
-        where the package refuses something.
+        Mechanisms come first, as meshes take time, and designs last. A SceneError where the package
+        refuses something.
         """
         maker = Maker()
         maker(self.cases)
@@ -84,11 +84,11 @@ class Scene:
         return problem, maker
 
     def check_run(self, maker: Maker) -> None:
-        """Refuse settings of `optimize` with which a design could not begin; collective."""
+        """Refuse settings of `optimize` with which a design could not begin."""
         maker(replace(self.run, target=check_run))
 
     def optimized(self, maker: Maker, *, output: Path, resume: bool) -> Result:
-        """What `optimize` makes of the scene; collective."""
+        """What `optimize` makes of the scene."""
         given = {"output": str(output), "resume": resume}
         return maker(replace(self.run, arguments=self.run.arguments | given))
 

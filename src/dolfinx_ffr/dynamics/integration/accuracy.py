@@ -74,11 +74,6 @@ def run_to_tolerance(integrator: Integrator, tolerance: float, run: Run) -> Traj
     prescribed have no error, however long the steps: forces in joints reach the square root of the
     tolerance, too, unless they do not converge, as where they jump at times that nobody named; the
     trajectory's ``force_error`` tells.
-
-    Raises:
-        ValueError: If the tolerance is out of range.
-        SimulationError: If the tolerance is not reached; it says what was reached, and keeps that
-            trajectory.
     """
     validation.number("tolerance", tolerance, least=TIGHTEST, most=LOOSEST)
     integrator = integrator.toward(tolerance)

@@ -221,11 +221,7 @@ def restored_method(text: str) -> Integrator:
 def refined(
     integrators: Sequence[Integrator], run: Run, judge: Judge, exact: Certificate, tolerance: float
 ) -> StepChoice:
-    """The cheapest of some methods with steps divided, or tolerance lowered, to an accuracy.
-
-    Raises:
-        ValueError: If it begins with more steps than are ever taken.
-    """
+    """The cheapest of some methods with steps divided, or tolerance lowered, to an accuracy."""
     begun = [integrator.toward(tolerance) for integrator in integrators]
     for first in begun:
         if not first.adaptive and _cost(first) > COST * MOST_STEPS:

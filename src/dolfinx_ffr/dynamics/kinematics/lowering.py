@@ -94,9 +94,6 @@ class Lowering:
         """Take all rows and forces, with the names of their joints and forces.
 
         Vectors that are alike become one, unless they are not in the twin of the mechanism.
-
-        Raises:
-            ValueError: If one has no counterpart in the plane; the message names it.
         """
         springs, self._loads = _springs_and_loads(elements)
         other_rows, other_elements = twins or (rows, elements)
