@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -121,11 +120,3 @@ def test_gmsh_file_with_a_bore(comm: MPI.Intracomm, shared_tmp_path: Path) -> No
     assert_allclose(left.center, turn @ [-0.5, 0.0, 0.1], atol=1e-9)
     with pytest.raises(ValueError, match=r"no physical surface named 'eye'.*\['bore', 'left'\]"):
         Domain.from_gmsh(comm, path, interfaces=["eye"])
-
-
-def test_a_mesh_in_space_is_pickled() -> None:
-    """A domain of one rank goes to another process as it is."""
-    domain = box(MPI.COMM_SELF, "hexahedron", 1)
-    again = pickle.loads(pickle.dumps(domain))
-    np.testing.assert_array_equal(again.centroids, domain.centroids)
-    np.testing.assert_array_equal(again.solid_cells, domain.solid_cells)

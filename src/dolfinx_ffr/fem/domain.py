@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from mpi4py import MPI
 
@@ -41,7 +41,7 @@ from .mesh_checks import (
     facet_nodes,
     facet_points,
 )
-from .mesh_file import KINDS, MeshCopy, TaggedMesh, read_gmsh, read_gmsh_model
+from .mesh_file import KINDS, TaggedMesh, read_gmsh, read_gmsh_model
 from .outline import Sheet, mesh_outline
 from .rod import rod_mesh
 
@@ -399,16 +399,12 @@ class Domain:
 
     # ------------------------------------------------------------------ copies
 
-    def __reduce__(self) -> tuple[Callable[..., Domain], tuple[Any, ...]]:
-        """How pickle makes the domain anew in another process, on its own communicator."""
-        facets = {name: part.facets for name, part in self.interfaces.items()}
-        centers = {name: part.center for name, part in self.interfaces.items()}
-        options = {"void": self.void_cells, "order": self.order, "centers": centers}
-        return _rebuilt, (type(self), MeshCopy.of(self.mesh), facets, self.solid_cells, options)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Domain:
-        """The domain itself, as it never changes; on several ranks a mesh has no other copy."""
-        return self
+    def __reduce__(self) -> NoReturn:
+        """Refuse `pickle` and `copy.deepcopy`, for everything that holds a mesh."""
+        raise TypeError(
+            "a Domain, and the Problem, body, design or Result that holds one, cannot be pickled "
+            "or copied; make it anew in the other process, from densities and an Evaluation"
+        )
 
     def with_center(self, name: str, center: Array) -> Domain:
         """The same domain with the ``center`` (dimension,) [m] of the interface ``name``."""
@@ -677,10 +673,3 @@ def quadrature(domain: Domain, degree: int) -> tuple[tuple[Array, Array], Array,
         for expression in (ufl.SpatialCoordinate, ufl.JacobianDeterminant)
     )
     return (points, weights), where, weights * np.abs(jacobian[:, :, 0])
-
-
-def _rebuilt(
-    kind: Callable[..., Domain], copy: MeshCopy, facets: Any, solid: Any, options: dict[str, Any]
-) -> Domain:
-    """A domain as it was before it was pickled."""
-    return kind(copy.build(), facets, solid, **options)

@@ -136,10 +136,6 @@ class Elasticity:
     def _pairing(self, w: Expr, y: Expr, phi: Expr, kappa: Expr) -> ufl.Form:
         return (self._mass_density(w, y) + self._stiffness_density(phi, kappa)) * self._dx
 
-    def __reduce__(self) -> tuple[type[Elasticity], tuple[Any, ...]]:
-        """Pickle and copy make it anew: forms and matrices cannot be handed on."""
-        return type(self), (self.domain, self._material, self._interpolation)
-
     def assemble(self, density: Array) -> Matrices:
         """Stiffness and mass matrix at a ``density`` (cells,) from `Domain.check_density`."""
         self.set_density(density)

@@ -367,8 +367,7 @@ def _by_body(problem: Problem, design: Variables | Mapping[str, Variables]) -> d
         if part.domain is not problem.flexible[name].domain:
             raise ValueError(
                 f"optimize: the design of {name!r} is not on the domain of the problem's body; "
-                f"make it on problem.bodies[{name!r}].domain (what is pickled apart has a domain "
-                "of its own each: pickle problem and design together, as one tuple)"
+                f"make it on problem.bodies[{name!r}].domain"
             )
         undefended = part.domain.designed_interfaces
         if part.hole_rim:

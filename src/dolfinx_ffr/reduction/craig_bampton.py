@@ -15,10 +15,8 @@ References:
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any
 
 from petsc4py import PETSc
 
@@ -167,11 +165,6 @@ class CraigBampton:
             raise ValueError("reduction: no shape functions at all; take at least one normal mode")
         coordinates = elasticity.coordinates()
         self.reference = (coordinates - self.origin).ravel()  #: w_0 of this rank's dofs [m]
-
-    def __reduce__(self) -> tuple[Callable[..., CraigBampton], tuple[Any, ...]]:
-        """How pickle and copy make it anew."""
-        made = partial(type(self), tolerance=self.tolerance, solver=self.solver)
-        return made, (self.elasticity, self.frame, self.modes)
 
     def _lift(self, domain: Domain, retained: Mapping[str, Array]) -> Block:
         """The retained interface motions as fields that vanish off their interface."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from threading import RLock
@@ -206,7 +206,7 @@ class FlexibleBody:
         self._latest: list[FactoredBody] = kept_by(self, domain.comm)
         #: One thread at a time works with the matrices and with the forms that fill them.
         self._working = RLock()
-        #: Tells what this body has reduced from what others have, also after both were pickled
+        #: Tells what this body has reduced from what others have
         self.mark = uuid4().hex
 
     def with_modes(self, modes: int) -> FlexibleBody:
@@ -240,11 +240,6 @@ class FlexibleBody:
         if cut is None:
             return self
         return self.with_interpolation(cut(cut_exponent(self.domain.cell, self.domain.order)))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """How pickle and copy make the body anew, without matrices of a density."""
-        make = partial(type(self), **self._options)
-        return make, (self.domain, self.material), {"mark": self.mark}
 
     @property
     def modes(self) -> int:
