@@ -71,20 +71,34 @@ def read_dxf(path: Path, scale: float | None, layers: Collection[str] | None) ->
 def _check_vertices(path: Path) -> None:
     """Refuse more vertices of polylines than curves are allowed, before the file is parsed.
 
-    A text file is a list of pairs of lines, a code and a value: code 0 begins an entity, code 10
-    is the first coordinate of a point.
+    Code 0 begins an entity, code 10 is the first coordinate of a point.
     """
-    lines = path.read_bytes().splitlines()
-    vertices, polyline = 0, False
-    for code, value in zip(lines[::2], lines[1::2], strict=False):
-        if (number := code.strip()) == b"0":
-            kind = value.strip()
-            polyline = kind == b"LWPOLYLINE"
-            vertices += kind == b"VERTEX"
-        elif polyline and number == b"10":
+    vertices = 0
+    in_polyline = False
+    for code, value in _tags(path.read_bytes()):
+        if code == b"0":
+            in_polyline = value == b"LWPOLYLINE"
+            vertices += value == b"VERTEX"
+        elif code == b"10" and in_polyline:
             vertices += 1
     what, remedy = f"outline {path}: the vertices of polylines", "simplify the polylines"
     check_count(what, vertices, "vertices", remedy, most=MOST_CURVES)
+
+
+def _tags(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """The pairs of a code and a value of which a DXF file consists, as texts."""
+    from ezdxf.lldxf.tagger import binary_tags_loader
+
+    if content.startswith(b"AutoCAD Binary DXF"):
+        try:
+            for tag in binary_tags_loader(content):
+                yield str(tag.code).encode(), str(tag.value).encode()
+        except Exception:  # whatever is damaged, the reader of the whole file says
+            return
+    else:
+        lines = content.splitlines()
+        for code, value in zip(lines[::2], lines[1::2], strict=False):
+            yield code.strip(), value.strip()
 
 
 def _refuse_paper(path: Path, drawing: Any, visible: _Visible) -> None:
