@@ -71,7 +71,6 @@ _FOLDERS = _lists(
 #: Names for specialists, by the folder through which they are reached: `dynamics.Trajectory`.
 _BY_FOLDER = _lists(
     {
-        "body": "save_derivatives",
         "boundary": "Surface",
         "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
         "dynamics": "GearFlankWarning Trajectory",

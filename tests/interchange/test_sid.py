@@ -100,31 +100,6 @@ def test_equations_of_motion_from_the_file_alone(tmp_path: Path, state: int) -> 
     np.testing.assert_allclose(marker.position + phi @ q, marker.position + marker.shift(q))
 
 
-def test_derivatives_of_the_terms_by_a_design(tmp_path: Path) -> None:
-    """Those by the step along a direction are the differences of the entries of files."""
-    body, other = (stiffened_cloud(2, seed) for seed in (0, 1))
-    mixed = {"a": other, "b": other + body.scaled(-1.0)}
-    ffr.body.save_derivatives(tmp_path / "slopes.npz", mixed)
-    slopes = np.load(tmp_path / "slopes.npz")
-    assert slopes["variables"].tolist() == ["a", "b"]
-    read = []
-    for name, each in (("one", body), ("other", other)):
-        each.save(tmp_path / f"{name}.SID_FEM")
-        read.append(ffr.interchange.read_terms(tmp_path / f"{name}.SID_FEM"))
-    one, two = read
-    for name in set(one) & set(ffr.interchange.DERIVED):
-        for order in range(2):
-            parts = [terms[name][order] for terms in (one, two)]
-            if any(part is not None for part in parts):
-                found = slopes[f"{name}.m{order}"]
-                np.testing.assert_allclose(found[0], parts[1], atol=1e-12)
-                np.testing.assert_allclose(found[1], parts[1] - parts[0], atol=1e-11)
-    moved = other.markers["tip"].displacement - body.markers["tip"].displacement
-    np.testing.assert_allclose(slopes["node2.phi.m0"][1], moved, rtol=1e-12)
-    with pytest.raises(ValueError, match="of a body in space"):
-        ffr.body.save_derivatives(tmp_path / "slopes.npz", {})
-
-
 def test_files_that_contradict_themselves(tmp_path: Path) -> None:
     """One is read with a warning where Gr differs, and refused where no mass moves so."""
     path = tmp_path / "body.SID_FEM"

@@ -9,6 +9,5 @@ from ..interchange import theta as theta
 from .marker import LOADS
 from .marker import BodyMarker as BodyMarker
 from .parametric import ParametricBody as ParametricBody
-from .parametric import save_derivatives as save_derivatives
 from .volume_integrals import QUARTER_TURN
 from .volume_integrals import VolumeIntegrals as VolumeIntegrals

@@ -21,7 +21,5 @@ from .format import InterchangeWarning as InterchangeWarning
 from .format import axial, cross_matrix, theta
 from .nastran import read_nastran as read_nastran
 from .numpy_file import MARKERS, STIFFENING, write_all
-from .sid import DERIVED as DERIVED
-from .sid import derived_terms
 from .sid import read_terms as read_terms
 from .sid import sid_terms as sid_terms

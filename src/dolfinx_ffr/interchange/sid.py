@@ -34,7 +34,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -159,34 +159,6 @@ def sid_terms(arrays: Arrays) -> dict[str, Taylor]:
         "Ke": (K, None),
         "De": (arrays.get("damping", np.zeros((r, r))), None),
     }
-
-
-#: Terms whose derivatives are offered: De is linear in Me and Ke, and ksigma is zero
-DERIVED = ("mass", "mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe", "Ke", "origin", "phi", "psi")
-
-
-def derived_terms(
-    derivatives: Iterable[Arrays], wanted: Collection[str] = DERIVED
-) -> dict[str, Array]:
-    """The derivatives of the ``wanted`` terms of `DERIVED` from those of the arrays, stacked.
-
-    The terms are linear in the arrays. Nodes are numbered: ``node1.phi.m0``.
-    """
-    stacked: dict[str, list[Array]] = {}
-    for arrays in derivatives:
-        terms, (_, at) = sid_terms(arrays), markers(arrays)
-        terms["mass"] = np.asarray(arrays["mass"]), None
-        for k, own in enumerate(zip(*at.values(), strict=True), 1):
-            node = _node_terms(*own)
-            if "marker_stiffening" in arrays:  # zero for a few of the variables only
-                node["phi"] = node["phi"][0], -own[3]
-            terms |= {f"node{k}.{name}": term for name, term in node.items()}
-        for name, term in terms.items():
-            for order, part in enumerate(term if name.split(".")[-1] in wanted else ()):
-                if part is not None:
-                    key = "mass" if name == "mass" else f"{name}.m{order}"
-                    stacked.setdefault(key, []).append(part)
-    return {key: np.array(parts) for key, parts in stacked.items()}
 
 
 def _node_terms(x: Array, phi: Array, psi: Array, bent: Array, axes: Array) -> dict[str, Taylor]:

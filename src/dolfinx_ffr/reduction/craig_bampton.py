@@ -416,25 +416,6 @@ class CraigBampton:
         off = np.abs(self.elasticity.inner(pair, image) - np.diag(values)) / values[0]
         return float(np.sqrt(max(float(np.max(off)), ROUND_OFF)))
 
-    def check_apart(self, factored: FactoredBody, basis: ReducedBasis) -> None:
-        """Refuse a ``basis`` whose single modes have no derivative, for its ``factored`` body.
-
-        Raises:
-            RuntimeError: If two modes have the same frequency.
-        """
-        self.check_gap(factored, basis)
-        values = basis.eigenvalues
-        for i in np.flatnonzero(np.diff(values) < CLUSTER * values[:-1]):
-            pair = slice(i, i + 2)
-            gap = values[i + 1] / values[i] - 1.0
-            if gap < self._reach(factored, values[pair], basis.normal[:, pair]):
-                raise RuntimeError(
-                    f"reduction: normal modes {i + 1} and {i + 2} have the same frequency "
-                    f"({basis.frequencies[i]:.6g} Hz, relative gap {gap:.1e}): single modes, and "
-                    "terms that depend on them, have no derivative; take fewer modes, or a body "
-                    "without that symmetry. Problem.gradient has what depends on their span alone"
-                )
-
     # ------------------------------------------------------------------ pullback
 
     def pullback(

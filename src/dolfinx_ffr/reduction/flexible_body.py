@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
-from pathlib import Path
 from threading import RLock
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -35,10 +33,8 @@ from ..fem import (
     cut_exponent,
     kept_by,
 )
-from ..interchange import DERIVED, derived_terms, write_all
 from ..limits import check_count, give_back_memory, held_memory
-from ..parallel import agreed_memory, check_alike, in_words, on_rank_0
-from .cell_derivatives import CellDerivatives, ShapeSlopes
+from ..parallel import agreed_memory, check_alike, in_words
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .direct_solver import DIRECT, factor_entries
 from .factored_body import FactoredBody
@@ -48,9 +44,6 @@ from .integrals import second_moments, volume_integrals, volume_integrals_pullba
 from .point_marker import PointMarker
 from .static_correction import static_correction, static_correction_pullback
 from .struts import Struts
-
-#: Terms of standard input data with moments of pairs of shape functions, and with stiffening
-OF_PAIRS, BENT = {"Cr", "Me", "Gr", "Ge", "Oe"}, {"Ct", "Cr", "Oe", "phi"}
 
 
 @dataclass(frozen=True, repr=False)
@@ -417,80 +410,15 @@ class FlexibleBody:
         """
         if self.domain.dimension == 3:
             return reduced.integrals
-        thickness = self._thickness_in_space
-        with self._working:
-            matrices = self.factored(reduced).matrices
-            moments = second_moments(self.reduction, matrices, reduced.basis)
-        return reduced.integrals.extruded(thickness, moments)
-
-    @property
-    def _thickness_in_space(self) -> float:
-        """Of a body in the plane; a ValueError where its material has none."""
         if self.material.thickness is None:
             raise ValueError(
                 f"body: the material {type(self.material).__name__} has no thickness, which a body "
                 "in space has; give it one"
             )
-        return float(self.material.thickness)
-
-    def save_derivatives(
-        self, path: str | Path, reduced: ReducedBody, terms: Sequence[str] = DERIVED
-    ) -> None:
-        """Write the derivatives of terms of standard input data by the density of every cell.
-
-        The file .npz belongs beside that of `in_space`, whose terms it names: for each, as ``Ct``,
-        arrays ``Ct.m0`` and ``Ct.m1`` of shape (n, rows, columns) and (n, rows, modes, columns) for
-        the n cells of the mesh, as it was made; ``phi``, ``psi`` and ``origin`` of node 1 are
-        ``node1.phi.m0``. ``centroids`` (n, dimension) [m] and ``density`` (n,) say which cell is
-        where. Modes keep modal mass one and their signs, and must have frequencies of their own.
-        Rank 0 writes.
-
-        Args:
-            path: Of the file; an older one is replaced.
-            reduced: What `reduce` returned, at any time.
-            terms: Names of the terms that are wanted, some of `interchange.DERIVED`: all but De,
-                which follows from Me and Ke, and ksigma, which is zero. Without Cr, Me, Gr, Ge and
-                Oe it is cheaper by far.
-
-        Raises:
-            ValueError: If a term is not known, if the material has no thickness, or if the
-                derivatives need more memory than there is.
-            RuntimeError: If two modes have the same frequency, or a solver fails.
-            OSError: If the file cannot be written.
-        """
-        path = validation.path("save_derivatives: path", path)
-        for term in validation.names("save_derivatives: terms", terms):
-            validation.choice("save_derivatives: term", term, DERIVED)
-        domain, integrals = self.domain, reduced.integrals
-        thickness = self._thickness_in_space if domain.dimension == 2 else 0.0
-
-        def in_space(own: VolumeIntegrals, moments: Array) -> dict[str, Any]:
-            return (own.extruded(thickness, moments) if thickness else own).by_key
-
-        n, d = integrals.modes + 1, domain.dimension
-        nothing = in_space(integrals.zeros_like(), np.zeros((n, n, d, d)))
-        numbers = sum(part.size for part in derived_terms([nothing], terms).values())
-        check_count(
-            "save_derivatives",
-            domain.n_cells_global,
-            "cells",
-            "ask for fewer terms",
-            each=8.0 * (3 * numbers + n * n * d * d),  # lists, arrays of a rank and of all
-            most=np.inf,
-            available=agreed_memory(domain.comm),
-        )
         with self._working:
-            slopes = ShapeSlopes.of(self.reduction, self.factored(reduced), reduced.basis)
-            found = CellDerivatives.of(slopes, self.markers, moments=bool({*terms} & OF_PAIRS))
-            if self.stiffening is not None and {*terms} & BENT:
-                found = replace(found, stiffening=self.stiffening.by_cells(slopes))
-        # the first one, zero, has the shapes where a rank owns no cell
-        of_cells = (in_space(found.of_cell(c, integrals), P) for c, P in enumerate(found.P))
-        arrays = derived_terms(chain([nothing], of_cells), terms)
-        held = {key: domain.on_rank_0(array[1:]) for key, array in arrays.items()}
-        held["centroids"] = domain.on_rank_0(domain.centroids)
-        held["density"] = domain.on_rank_0(reduced.density)
-        on_rank_0(domain.comm, lambda: write_all(path, held))
+            matrices = self.factored(reduced).matrices
+            moments = second_moments(self.reduction, matrices, reduced.basis)
+        return reduced.integrals.extruded(float(self.material.thickness), moments)
 
     def pullback(
         self,

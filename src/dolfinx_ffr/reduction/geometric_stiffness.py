@@ -47,7 +47,6 @@ from dolfinx import fem
 
 from ..body import LOADS, VolumeIntegrals
 from ..fem import Array, Block, add_ghosts
-from .cell_derivatives import ShapeSlopes
 from .craig_bampton import CraigBampton, ReducedBasis, ShapesBar
 from .factored_body import FactoredBody
 from .krylov import projected, symmetric
@@ -170,53 +169,6 @@ class GeometricStiffening:
             of_interfaces = zip(self._interfaces, held.transpose(1, 2, 0), strict=False)
             found = replace(found, reference=reference, lifted=lifted, loads=dict(of_interfaces))
         return found, direct[: elasticity.domain.n_cells]
-
-    def by_cells(self, slopes: ShapeSlopes) -> tuple[dict[str, Array], dict[str, Array]]:
-        """The derivatives by the density of each cell of this rank.
-
-        By load of the inertia, (cells, *shape, r, r), and by marker, (cells, dimension, r, r).
-        """
-        elasticity, factored, basis = self.elasticity, slopes.factored, slopes.basis
-        density, shapes, r = factored.matrices.density, basis.shapes, basis.shapes.shape[1]
-        elasticity.set_density(density)
-        displacements = self._displacements(factored, basis)
-        images = [elasticity.apply(self._assembled(u), shapes) for u in displacements.T]
-        n, b = elasticity.domain.n_cells, len(images)
-        found = slopes.along(np.hstack(images)).reshape(n, r, b, r).swapaxes(1, 2)
-        found = found + found.swapaxes(2, 3)
-        loads = np.zeros_like(displacements)
-        inertia = self._load_fields()
-        loads[:, : inertia.shape[1]] = inertia
-        at_mass, at_stiffness = elasticity.cell_derivatives(density, loads, displacements)
-        size = math.prod(at_mass.shape[1:3])
-        forces = (at_mass - at_stiffness).reshape(n, size, b).swapaxes(1, 2)
-        for i, j in zip(*np.tril_indices(r), strict=True):
-            elasticity.set(self._fields[1], shapes[:, i])
-            elasticity.set(self._fields[2], shapes[:, j])
-            self._force.x.array[:] = 0.0
-            fem.assemble_vector(self._force.x.array, self._load_form)
-            add_ghosts(self._force)
-            force = self._force.x.array[: len(shapes), None]
-            # as of the work of a force on the static displacements, which follow the density
-            adjoint = elasticity.at_cells(self._static(factored, basis, force)).reshape(n, size, 1)
-            share = (forces @ adjoint)[..., 0]
-            for k, u in enumerate(displacements.T):
-                elasticity.set(self._fields[0], u)
-                direct = elasticity.cell_zeros()
-                fem.assemble_vector(direct, self._density_form)
-                share[:, k] += direct[:n]
-            found[:, :, i, j] += share
-            if i != j:
-                found[:, :, j, i] += share
-        by_load: dict[str, Array] = {}
-        by_marker: dict[str, Array] = {}
-        wanted = [(by_load, load, self._shapes[load]) for load in self._inertia]
-        names = [*self._interfaces, *self._markers]
-        wanted += [(by_marker, name, (elasticity.dimension,)) for name in names]
-        for kind, name, shape in wanted:
-            part, found = np.split(found, [math.prod(shape)], axis=1)
-            kind[name] = part.reshape(n, *shape, r, r)
-        return by_load, by_marker
 
     def _reference(self, factored: FactoredBody, adjoints: Block) -> Array:
         """The derivative of sum_b m_x(F_b, z_b) with respect to the reference position, (dofs,)."""
