@@ -49,9 +49,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     of["design"].add_argument(
         "--overwrite", action="store_true", help="replace the results of an earlier run"
     )
-    of["design"].add_argument(
-        "--python", action="store_true", help="write the scene as a program instead, to the screen"
-    )
     of["report"].add_argument("folder", help="of the run, for example results/slider_crank")
     of["report"].add_argument("--output", help="file to write (default: report.html in the folder)")
     of["report"].add_argument("--title", default="", help="heading (default: the recorded one)")
@@ -77,9 +74,6 @@ def with_scene(given: argparse.Namespace) -> int:
             return scene_file.new(given.name, Path())
         if given.command == "check":
             return scene_file.check(given.file, output=given.output)
-        if given.python:
-            print(scene_file.read_scene(given.file).program(given.output), end="")
-            return 0
         how = {"resume": given.resume, "overwrite": given.overwrite}
         return scene_file.design(given.file, output=given.output, **how)
     except KeyboardInterrupt:

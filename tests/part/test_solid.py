@@ -88,27 +88,6 @@ def test_block_with_a_cavity(comm: MPI.Comm, cell: str) -> None:
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_cavities_are_opened(comm: MPI.Comm) -> None:
-    """By a channel each, through the thinnest wall that is designed."""
-    domain = ffr.Domain.box(comm, 0.8, 0.4, 0.4, elements=(16, 8, 8), solid_layers=1)
-
-    def field(x: np.ndarray) -> np.ndarray:
-        apart = [np.linalg.norm(x - center, axis=1) for center in ([0.25, 0, 0], [0.55, 0.02, 0])]
-        return np.minimum(apart[0] - 0.12, apart[1] - 0.12)
-
-    with pytest.warns(ffr.PartWarning, match="enclosed cavities: 2,"):
-        solid = Solid(domain, field)
-    opened = solid.opened(0.08)
-    assert not opened.cavities
-    assert opened.pieces == 1
-    assert faults(opened.triangles) == 0
-    channels = np.pi * 0.04**2 * (0.08 + 0.06)
-    assert solid.volume - opened.volume == pytest.approx(channels, rel=0.2)
-    assert opened.opened(0.08) is opened
-    with pytest.raises(ValueError, match=r"with channels of 0\.001 m cavities stay closed: 2,"):
-        solid.opened(1e-3)
-
-
 def test_pieces(comm: MPI.Comm, shared_tmp_path: Path) -> None:
     """A piece that nothing holds is left out and said, and the rest is written and read back."""
     domain = ffr.Domain.box(comm, 0.8, 0.2, 0.2, elements=(16, 4, 4), solid_layers=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The commands on scene files: design, check, new, and the programs that they write."""
+"""The commands on scene files: design, check and new."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -67,31 +66,25 @@ def example(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 @pytest.mark.filterwarnings("ignore")
-def test_examples_and_their_programs(
+def test_examples_can_be_checked(
     name: str, example: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each is checked and drawn, and is the same problem as the program that it becomes."""
+    """Each is checked and drawn."""
     file = example(name)
     assert scene_file.check(file, output=None) == 0
     assert "; a design about " in capsys.readouterr().out
     assert Path("results", name, "check.png").stat().st_size > 5_000
-    scene = scene_file.read_scene(file)
-    problem = scene.made()[0]
-    names: dict[str, Any] = {}
-    exec(scene.program().partition("with ffr.")[0], names)
-    full = {n: np.ones(body.domain.n_cells) for n, body in problem.flexible.items()}
-    assert names["problem"].value(full).psi == problem.value(full).psi > 0.0
 
 
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore")
-def test_design_interrupted_and_resumed_and_its_program_on_several_ranks(
+def test_design_interrupted_and_resumed_on_several_ranks(
     comm: MPI.Intracomm,
     example: Callable[[str], Path],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Ctrl-C ends with 130 and a checkpoint; all files in the end; the program has the same psi."""
+    """Ctrl-C ends with 130 and a checkpoint; all files in the end."""
     file, folder = example("slider_crank"), Path("results", "slider_crank")
 
     def interrupt(iteration: int, x: np.ndarray, evaluation: ffr.Evaluation) -> None:
@@ -122,11 +115,7 @@ def test_design_interrupted_and_resumed_and_its_program_on_several_ranks(
     names = "part.step part.dxf part.svg part.stl report.html motion.gif scene.png design.png"
     assert set(names.split()) <= {path.name for path in folder.iterdir()}
     found = json.loads((folder / "summary.json").read_text())
-    exec(scene_file.read_scene(file).program(Path("again")), {})
-    again = json.loads(Path("again", "summary.json").read_text())
-    assert again["psi"] == pytest.approx(found["psi"], rel=1e-6)
-    assert again["verification"]["part"] == pytest.approx(found["verification"]["part"], rel=1e-6)
-    assert found["references"]["full"] > 0.0 and found["title"] == again["title"]
+    assert found["references"]["full"] > 0.0
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -11,19 +11,16 @@ The cells of the body are cut into tetrahedra, and these along the zero surface
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .. import validation
-from ..arrays import Array, Integers, Mask
+from ..arrays import Array, Integers
 from ..fem import (
-    DESIGNED,
     Domain,
     ElasticMaterial,
     GatheredMesh,
@@ -38,7 +35,7 @@ from .ball_widths import Balls, surface_balls
 from .export import UNITS
 from .field import Field
 from .tetrahedral_cut import SIDES, cut_tetrahedra, outer_faces, touching, volumes
-from .verify import Enclosed, Found, PartWarning
+from .verify import Enclosed, Found
 from .widths import Width
 
 #: Files that can be written
@@ -68,8 +65,6 @@ class _Found(Found):
     volume: float  #: [m^3]
     loose: list[float]  #: Volumes of what is left out [m^3]
     cavities: list[Cavity]
-    inner: Integers  #: (points,) number of the cavity on which a point lies, -1 on none
-    designed: Mask  #: (points,) of a designed part
 
 
 class Solid(Enclosed):
@@ -116,7 +111,6 @@ class Solid(Enclosed):
         for what, given, most in (("size", size, np.inf), ("surface", surface, size or np.inf)):
             if given is not None:
                 validation.number(f"solid: {what}", given, above=0.0, most=most, unit="m")
-        self._sizes = {"size": size, "surface": surface}
         self._first = 0 if size is None else self._finer(size)
         seen = surface or size
         self._kept: dict[int, Tetrahedra] = {}  # cut once for the surface and the mesh
@@ -136,51 +130,6 @@ class Solid(Enclosed):
     def cavities(self) -> list[Cavity]:
         """The voids that are enclosed, the largest first."""
         return self._found.cavities
-
-    def opened(self, diameter: float) -> Solid:
-        """The solid with a straight channel from each of its cavities to the outside.
-
-        It goes where the wall is thinnest, but not to a region that stays solid.
-
-        Args:
-            diameter: Of the channels [m].
-
-        Raises:
-            ValueError: If the diameter is not positive, or a cavity stays closed.
-        """
-        validation.number("solid: diameter", diameter, above=0.0, unit="m")
-        if not self.cavities:
-            return self
-        outside = np.flatnonzero((self._found.inner < 0) & self._found.designed)
-        ends = []
-        for number in range(len(self.cavities)):
-            inside = np.flatnonzero(self._found.inner == number)
-            if len(outside):
-                away, which = cKDTree(self.points[outside]).query(self.points[inside])
-                at = int(np.argmin(away))
-                ends.append(self.points[[inside[at], outside[which[at]]]])
-        field = self.field
-
-        def drilled(x: Array) -> Array:
-            found = field(x)
-            for a, b in ends:
-                length = float(np.linalg.norm(b - a))
-                along = (b - a) / length
-                # it begins within the cavity and ends outside
-                s = np.clip((x - a) @ along, -0.5 * diameter, length + 0.5 * diameter)
-                across = np.linalg.norm(x - a - s[:, None] * along, axis=1)
-                found = np.minimum(found, across - 0.5 * diameter)
-            return found
-
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "solid: enclosed", PartWarning)
-            solid = Solid(self.body, drilled, material=self.material, **self._sizes)
-        if left := solid.cavities:
-            raise ValueError(
-                f"solid: with channels of {diameter:.4g} m cavities stay closed: {len(left)}, "
-                f"{_told(left)}; give a larger diameter, or keep solid regions away from them"
-            )
-        return solid
 
     @property
     def volume(self) -> float:
@@ -321,11 +270,11 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
             f"({x:.4g}, {y:.4g}, {z:.4g}) m, where parts of the solid region or of the body meet "
             "in an edge or a point only; join them, or keep them apart by a cell"
         )
-    cavities, inner = _cavities(surface, corners)
+    cavities = _cavities(surface, corners)
     if cavities:
         said.append(
-            f"enclosed cavities: {len(cavities)}, {_told(cavities)}; powder stays in them, open "
-            "them by channels (Solid.opened)"
+            f"enclosed cavities: {len(cavities)}, {_told(cavities)}; powder stays in them; "
+            "drill a channel to each in CAD"
         )
     if lost:
         said.append(f"the interfaces {lost} have no material; keep the cells along them solid")
@@ -336,8 +285,6 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
         pieces=int(np.count_nonzero(touches)),
         loose=loose,
         cavities=cavities,
-        inner=inner,
-        designed=np.isin(seen, cells[left.regions == DESIGNED]),
         lost=lost,
         left_out=left_out,
         warnings=said,
@@ -345,8 +292,8 @@ def _attached(cut: Tetrahedra, names: list[str]) -> tuple[Tetrahedra, _Found]:
     return left, found
 
 
-def _cavities(points: Array, triangles: Integers) -> tuple[list[Cavity], Any]:
-    """Pieces of a closed surface that are turned inwards, and on which of them each point lies."""
+def _cavities(points: Array, triangles: Integers) -> list[Cavity]:
+    """Pieces of a closed surface that are turned inwards."""
     piece = connected(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2), len(points))
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     size = np.einsum("td,td->t", a, np.cross(b, c)) / 6.0
@@ -356,10 +303,7 @@ def _cavities(points: Array, triangles: Integers) -> tuple[list[Cavity], Any]:
     chosen = chosen[np.argsort(enclosed[chosen], kind="stable")]
     moment = [np.bincount(of, size * x)[chosen] for x in ((a + b + c) / 4.0).T]
     centers = np.column_stack(moment) / enclosed[chosen, None]
-    number = np.full(len(enclosed), -1)
-    number[chosen] = np.arange(len(chosen))
-    found = [Cavity(-float(v), x) for v, x in zip(enclosed[chosen], centers, strict=True)]
-    return found, number[piece]
+    return [Cavity(-float(v), x) for v, x in zip(enclosed[chosen], centers, strict=True)]
 
 
 def _told(cavities: list[Cavity]) -> str:

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Calls of the public API with checked arguments, which are made, or written as a program."""
+"""Calls of the public API with checked arguments, from which objects are made."""
 
 from __future__ import annotations
 
-import json
-import keyword
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -15,20 +12,10 @@ from ..program import refused
 
 #: The package, whose names programs use
 PACKAGE = import_module(__package__.partition(".")[0])
-#: Columns of a program
-_WIDTH = 96
 
 
 class SceneError(ValueError):
     """What is wrong in a scene file: file, table, key and remedy, in one line."""
-
-
-@dataclass(frozen=True, eq=False)
-class Name:
-    """A variable of the program, and its value."""
-
-    text: str
-    value: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +25,6 @@ class Call:
     target: Callable[..., Any]
     arguments: dict[str, Any]
     where: str  #: File and table, for messages
-    variable: str = ""  #: Its name where several use it, "" where it stands in the call of its user
 
 
 def total(motions: list[Any]) -> Any:
@@ -54,8 +40,6 @@ class Maker:
 
     def __call__(self, node: Any) -> Any:
         """The object of a call; a SceneError where the package refuses something."""
-        if isinstance(node, Name):
-            return node.value
         if isinstance(node, list | tuple):
             return type(node)(map(self, node))
         if isinstance(node, dict):
@@ -73,65 +57,6 @@ class Maker:
         return self._made[id(node)]
 
 
-class Writer:
-    """Writes calls as a program of the public API."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self._known: dict[int, str] = {}
-
-    def __call__(self, node: Any, indent: int = 0, before: int = 0) -> str:
-        """The text of a call; variables that it uses are assigned in ``lines`` above it."""
-        if isinstance(node, Name):
-            return node.text
-        if isinstance(node, Call) and node.variable:
-            if id(node) not in self._known:
-                text = self._call(node, 0, len(node.variable) + 3)
-                self.lines.append(f"{node.variable} = {text}")
-                self._known[id(node)] = node.variable
-            return self._known[id(node)]
-        if isinstance(node, Call):
-            return self._call(node, indent, before)
-        if isinstance(node, dict):
-            entries = [(f"{_plain(key)}: ", part) for key, part in node.items()]
-            return self._several("{", entries, "}", indent, before)
-        if isinstance(node, list):
-            return self._several("[", [("", part) for part in node], "]", indent, before)
-        if isinstance(node, tuple):
-            right = ",)" if len(node) == 1 else ")"
-            return self._several("(", [("", part) for part in node], right, indent, before)
-        return _plain(node)
-
-    def _call(self, call: Call, indent: int, before: int) -> str:
-        if call.target is total:
-            return " + ".join(self(part) for part in call.arguments["motions"])
-        entries = [(f"{name}=", part) for name, part in call.arguments.items()]
-        left = f"{public_name(call.target)}("
-        return self._several(left, entries, ")", indent, before)
-
-    def _several(
-        self, left: str, entries: list[tuple[str, Any]], right: str, indent: int, before: int
-    ) -> str:
-        """Entries on one line, or on one line each."""
-        parts = [begin + self(part, indent + 4, len(begin)) for begin, part in entries]
-        line = f"{left}{', '.join(parts)}{right}"
-        if not parts or (indent + before + len(line) < _WIDTH and "\n" not in line):
-            return line
-        margin = " " * (indent + 4)
-        body = "".join(f"{margin}{part},\n" for part in parts)
-        return f"{left}\n{body}{' ' * indent}{right.lstrip(',')}"
-
-
-def _plain(value: Any) -> str:
-    """A number or a text."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, float) and abs(value) >= 1e6:
-        short = f"{value:g}".replace("e+", "e")
-        return short if float(short) == value else repr(value)
-    return repr(value)
-
-
 def public_name(target: Callable[..., Any]) -> str:
     """How a program that has imported the package as ffr calls a class or function."""
     name = target.__qualname__
@@ -146,25 +71,3 @@ def is_public(kind: type) -> bool:
     folder = kind.__module__.split(".")[1:2]
     offered = [*PACKAGE.__all__, *PACKAGE._BY_FOLDER.get(folder[0], ())] if folder else []
     return kind.__name__ in offered
-
-
-def variables(taken: set[str]) -> Callable[[str], str]:
-    """A function that makes of a text a variable's name that is not yet taken."""
-
-    def made(text: str) -> str:
-        name = re.sub(r"\W+", "_", text).strip("_") or "x"
-        name = f"{name}_" if keyword.iskeyword(name) or name[0].isdigit() else name
-        name = f"_{name}" if name[0].isdigit() else name
-        found = next(n for n in _numbered(name) if n not in taken)
-        taken.add(found)
-        return found
-
-    return made
-
-
-def _numbered(name: str) -> Iterator[str]:
-    yield name
-    k = 2
-    while True:
-        yield f"{name}_{k}"
-        k += 1

@@ -13,7 +13,7 @@ import tomllib
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
@@ -30,7 +30,7 @@ from .. import validation
 from ..fem import ElasticMaterial
 from ..mechanism import Ground, Motion, Moving
 from ..objective import Constraint
-from .calls import PACKAGE, Call, Name, SceneError, is_public, public_name, total
+from .calls import PACKAGE, Call, SceneError, is_public, public_name, total
 
 Table = dict[str, Any]
 #: Objects with names that other tables use, by the table in which they stand
@@ -43,7 +43,6 @@ NAMED: dict[str, tuple[type, ...]] = {
 SOLIDS: dict[str, Table] = tomllib.loads(
     (files(__package__) / "materials.toml").read_text(encoding="utf-8")
 )
-COMM = Name("comm", MPI.COMM_WORLD)
 _ARRAYS = set(typing.get_args(ArrayLike)) or {ArrayLike}
 #: Stands for arrays among what a hint allows
 _ARRAY = "array"
@@ -121,9 +120,8 @@ class Reader:
         file: Path,
         named: Mapping[str, Table],
         bodies: Iterable[str],
-        variable: Callable[[str], str],
     ) -> None:
-        self.file, self.named, self.bodies, self.variable = file, named, list(bodies), variable
+        self.file, self.named, self.bodies = file, named, list(bodies)
         self._made: dict[tuple[str, str, tuple[str, ...]], Call | None] = {}
 
     def refuse(self, where: str, problem: str) -> NoReturn:
@@ -175,7 +173,7 @@ class Reader:
         found = {}
         for name, parameter in parameters.items():
             if parameter.hint is MPI.Comm:
-                found[name] = COMM
+                found[name] = MPI.COMM_WORLD
             elif name in given:
                 found[name] = given[name]
             elif name in keys:
@@ -331,8 +329,7 @@ class Reader:
         if key not in self._made:
             self._made[key] = None
             hint = functools.reduce(operator.or_, NAMED[table])
-            found = self.value(hint, self.named[table][name], where, key[2])
-            self._made[key] = replace(found, variable=self.variable(name))
+            self._made[key] = self.value(hint, self.named[table][name], where, key[2])
         known = self._made[key]
         if known is None:
             self.refuse(where, "it needs itself")

@@ -22,7 +22,7 @@ from ..mechanism import Mechanism
 from ..optimization import Result, check_run, optimize
 from ..problem import Problem
 from ..reduction import FlexibleBody
-from .calls import Call, Maker, Name, SceneError, Writer, variables
+from .calls import Call, Maker, SceneError
 from .reading import Reader, Table, alternatives, arguments_of, kinds_of, near
 
 #: Tables beside those of `Mechanism` and `MechanicalProblem`
@@ -30,34 +30,6 @@ _OWN = ("title", "output", "bodies", "designs", "optimize", "load_cases", "combi
 _NAMES = ("motions", "markers")
 #: Arguments of `optimize` that the scene or the command gives
 _GIVEN = ("problem", "design", "output", "resume", "progress", "callback")
-_PROGRAM = '''\
-"""{title}
-
-Written by `dolfinx_ffr design --python {file}`.
-"""
-
-from mpi4py import MPI
-
-import dolfinx_ffr as ffr
-from dolfinx_ffr import plotting
-
-comm = MPI.COMM_WORLD
-output = {output}
-
-{lines}
-
-with ffr.recorded_warnings() as warnings:
-    result = {run}
-    part = result.finish(output)
-title = {heading}
-record = ffr.run_record(result, title=title, verification=part, warnings=warnings)
-plotting.plot_scene(*result.told, f"{{output}}/scene.png")
-plotting.animate_motion(*result.told, f"{{output}}/motion.gif")
-ffr.write_summary(comm, f"{{output}}/summary.json", record)
-ffr.write_report(comm, output)
-if comm.rank == 0:
-    print(part)
-'''
 
 
 @dataclass(frozen=True)
@@ -92,14 +64,6 @@ class Scene:
         given = {"output": str(output), "resume": resume}
         return maker(replace(self.run, arguments=self.run.arguments | given))
 
-    def program(self, output: Path | None = None) -> str:
-        """The scene as a program of the public API, which writes into a folder."""
-        writer = Writer()
-        run = writer(self.run, 4, 9)
-        texts = {"output": writer(str(output or self.output)), "heading": writer(self.title)}
-        lines = "\n".join(writer.lines)
-        return _PROGRAM.format(title=self.title, file=self.file, lines=lines, run=run, **texts)
-
 
 def read_scene(file: Path) -> Scene:
     """The scene of a file; a SceneError says what is wrong in it, and where."""
@@ -124,7 +88,6 @@ class _Tables:
 
     def __init__(self, file: Path, data: Table) -> None:
         self.file, self.data = file, data
-        self.variable = variables({"comm", "ffr", "plotting", "output", "warnings", "result"})
         bodies = data.get("bodies")
         self.reader = self._reader(data, bodies if isinstance(bodies, dict) else {})
         self.reader.check_keys("the file", data, [*_OWN, *_NAMES, *_case_keys()], "a scene")
@@ -132,7 +95,7 @@ class _Tables:
 
     def _reader(self, data: Table, bodies: Mapping[str, Any]) -> Reader:
         named = {n: self._table(data, n) for n in (*_NAMES, "materials")}
-        return Reader(self.file, named, bodies, self.variable)
+        return Reader(self.file, named, bodies)
 
     def _table(self, data: Table, name: str) -> Table:
         found = data.get(name, {})
@@ -149,11 +112,7 @@ class _Tables:
             self.reader.refuse("bodies", "the scene has none; give a table [bodies.NAME] for each")
         kinds, found = kinds_of(alternatives(typing.get_args(_hint(Problem, "bodies"))[1])), {}
         for name, table in tables.items():
-            body = self.reader.call(kinds, table, f"bodies.{name}")
-            if body.target is FlexibleBody:
-                domain = self.variable(f"{name} domain")
-                body.arguments["domain"] = replace(body.arguments["domain"], variable=domain)
-            found[name] = replace(body, variable=self.variable(name))
+            found[name] = self.reader.call(kinds, table, f"bodies.{name}")
         return found
 
     def scene(self) -> Scene:
@@ -179,7 +138,7 @@ class _Tables:
             cases = {"": self._case("", {})}
             given |= cases[""]
         target: Any = Problem.of_load_cases if overrides else Problem
-        problem = Call(target, given, f"{self.file}", self.variable("problem"))
+        problem = Call(target, given, f"{self.file}")
         return Scene(self.file, title, output, problem, self._run(problem), cases)
 
     def _case(self, name: str, table: object) -> dict[str, Call]:
@@ -193,7 +152,7 @@ class _Tables:
         reader = self._reader(self.data | data, self.bodies) if own else self.reader
         parts = {n: data[n] for n in arguments_of(Mechanism) if n in data}
         mechanism = reader.call({"Mechanism": Mechanism}, parts, where if name else "")
-        found = {"mechanism": replace(mechanism, variable=self.variable(f"{name} mechanism"))}
+        found = {"mechanism": mechanism}
         for key, parameter in arguments_of(MechanicalProblem).items():
             if key in data:
                 found[key] = reader.value(parameter.hint, data[key], key)
@@ -229,7 +188,7 @@ class _Tables:
         self.reader.check_keys("optimize", settings, known, "optimize")
         if settings.get("iterations") == 0:
             self.reader.refuse("optimize.iterations", "0 iterations design nothing; give some")
-        given: Table = {"problem": problem, "design": designs, "output": Name("output", None)}
+        given: Table = {"problem": problem, "design": designs, "output": None}
         return self.reader.call({"optimize": optimize}, settings, "optimize", **given)
 
 
