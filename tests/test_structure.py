@@ -28,6 +28,7 @@ FLOORS = (
     "boundary",
     "plotting",
     "part",
+    "lower_bound",
     "postprocessing",
     "problem",
     "mechanical_problem",

@@ -36,10 +36,11 @@ _FOLDERS = _lists(
         ),
         "dynamics": (
             "GeneralizedAlpha LargeDeformationWarning RadauIIA SimulationError SofteningWarning "
-            "TiltedAxisWarning TimeInterval TimeStepWarning simulate"
+            "TimeInterval TimeStepWarning simulate"
         ),
         "fem": "Domain Isotropic LinearMass PlaneStrain PlaneStress RAMP SIMP SuppressedVoidMass",
         "io": "CheckpointError read_history write_density write_fields write_summary",
+        "lower_bound": "bound",
         "mechanical_problem": "MechanicalProblem",
         "mechanism": (
             "Assembled Bushing Cylindrical Distance Force Gear Ground LinearDrive Mechanism Motion "
@@ -73,12 +74,13 @@ _BY_FOLDER = _lists(
     {
         "boundary": "Surface",
         "design": ("DensityFilter Design Evolution HeavisideProjection VelocityExtension"),
-        "dynamics": "GearFlankWarning Trajectory",
+        "dynamics": "GearFlankWarning TiltedAxisWarning Trajectory",
         "fem": "Bore Box ElasticMaterial Elasticity Interface",
         "interchange": (
             "AssembledMatrices Format InterchangeWarning read_abaqus read_body read_calculix "
             "read_nastran read_terms sid_terms write_body"
         ),
+        "lower_bound": "LowerBound",
         "mechanical_problem": "ConstraintValue MechanicalEvaluation",
         "mechanism": "AngleCoupling Parameter ParametricMechanism",
         "objective": (

@@ -22,7 +22,7 @@ from dolfinx_ffr.reduction.point_marker import PointMarker, _shape_functions
 # forty steps damp what a thrown rod excites, and its mount tilts; the derivative is that of this
 pytestmark = [
     pytest.mark.filterwarnings("ignore::dolfinx_ffr.TimeStepWarning"),
-    pytest.mark.filterwarnings("ignore::dolfinx_ffr.TiltedAxisWarning"),
+    pytest.mark.filterwarnings("ignore::dolfinx_ffr.dynamics.TiltedAxisWarning"),
 ]
 
 ELEMENTS = (12, 3)

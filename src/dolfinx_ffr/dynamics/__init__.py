@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from .adjoint import Bars as Bars
 from .adjoint import adjoint
+from .equations import ACCELERATIONS, CONSTRAINTS, FORCES
 from .failures import SimulationError as SimulationError
 from .integration.certificate import Certificate as Certificate
 from .integration.certificate import Judge as Judge
@@ -26,6 +27,7 @@ from .integration.time_interval import refined as refined
 from .integration.time_interval import restored_method as restored_method
 from .kinematics import (
     IN_SPACE,
+    Kinematics,
     MarkerMotion,
     State,
     columns_in_space,

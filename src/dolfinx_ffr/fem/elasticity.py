@@ -378,6 +378,34 @@ class Elasticity:
         own = nodes[nodes < self.n_dofs // self.dimension].astype(np.int64)
         return np.asarray(self.dimension * own[:, None] + np.arange(self.dimension)).ravel()
 
+    def solid_pairing(self, points: Array) -> Callable[..., Array]:
+        """A function to sum rho w . y + sigma(phi) : eps(kappa) of the solid at points of cells.
+
+        The ``points`` are in the reference cell, shape (points, dimension). Of the four blocks w
+        and y have as many columns, phi and kappa too. It gives the sums, shape (cells, points),
+        and is collective.
+        """
+        w, y, phi, kappa = self._fields
+        mass, stiffness = self._solid_mass(w, y), self._solid_stiffness(phi, kappa)
+        evaluate = [
+            _compat.compiled_expression(ufl.as_vector([part]), points, self.domain.mesh)
+            for part in (mass, stiffness)
+        ]
+        cells = np.arange(self.domain.n_cells, dtype=np.int32)
+
+        def paired(*blocks: Block) -> Array:
+            total = np.zeros((len(cells), len(points)))
+            for part, own, pair in zip(
+                evaluate, ((w, y), (phi, kappa)), (blocks[:2], blocks[2:]), strict=True
+            ):
+                for columns in zip(*(block.T for block in pair), strict=True):
+                    for function, column in zip(own, columns, strict=True):
+                        self.set(function, column)
+                    total += part(cells)[..., 0]
+            return total
+
+        return paired
+
     def strain_energy(self, x: ArrayLike, field: Array) -> Array:
         """Energies 1/2 k_x(u, u) of cells (cells,) [J] at ``x`` (cells,), ``field`` u (dofs,)."""
         return self._energy(self._stiffness_density, x, field)

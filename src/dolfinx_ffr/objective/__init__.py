@@ -36,3 +36,4 @@ from .properties import Volume as Volume
 from .stress import PeakStress as PeakStress
 from .stress import is_stress, von_mises_root
 from .stress_coordinates import stress_coordinates
+from .time_average import time_weights

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: MIT
+"""Loads on the bodies of a machine whose drives leave no freedom, while nothing deforms.
+
+Its rigid motion does not depend on the masses of its bodies, and the forces in its joints follow
+from these: they are affine in the density of every body. With the virtual displacement u of a body
+in its own axes its quasi-static load does the work
+
+    - int rho a . u dX  +  sum_markers F . u,        F = F_0 + sum_bodies H int rho a . E dX
+
+where a is the acceleration of its points less gravity, F are forces and moments at its markers, and
+E unit motions of a rigid body. The same H takes displacements of markers to rigid motions of all
+bodies that keep the joints closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..body import BodyMarker, VolumeIntegrals
+from ..dynamics import (
+    ACCELERATIONS,
+    CONSTRAINTS,
+    FORCES,
+    FlatModel,
+    Integrator,
+    Kinematics,
+    Trajectory,
+    assemble_model,
+    integrate,
+)
+from ..mechanism import Mechanism
+
+#: Largest condition of the joints' equations, their rows of unit length, that still holds the rigid
+#: motion: beyond it a machine stands in a singular position, where forces are not determined
+_SINGULAR = 1e10
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenLoads:
+    """Loads on one body of a driven machine over time, in the axes of the body."""
+
+    #: Factors of the fields `acceleration_fields` in the acceleration less gravity, shape
+    #: (instants, 4), in space (instants, 12) [m/s^2, 1/s^2]
+    accelerations: Array
+    #: Forces and moments at the markers, one marker after the other, that do not depend on the
+    #: designed bodies, shape (instants, 3 markers), in space (instants, 6 markers) [N, N m]
+    forces: Array
+    #: By designed body, of what its inertia adds to them: H, shape (instants, 3 markers, 3), in
+    #: space (instants, 6 markers, 6)
+    reactions: dict[str, Array]
+
+
+def rigid_motions(dimension: int) -> Array:
+    """Unit motions of a rigid body as sums of the fields of its acceleration.
+
+    These fields are unit translations, and in the plane w_0 and J w_0, in space the products
+    w_0^l e_k, k first; the motions are translations and rotations. Shape (4, 3), in space (12, 6).
+    """
+    if dimension == 2:
+        return np.eye(4)[:, [0, 1, 3]]
+    found = np.zeros((12, 6))
+    found[:3, :3] = np.eye(3)
+    for axis in range(3):  # e_axis x w_0, whose matrix is that of the cross product
+        found[3:, 3 + axis] = np.cross(np.eye(3)[axis], np.eye(3)).T.ravel()
+    return found
+
+
+def rigid_trajectory(
+    mechanism: Mechanism, bodies: Mapping[str, VolumeIntegrals], integrator: Integrator
+) -> Trajectory:
+    """The motion of the ``mechanism`` with all ``bodies`` rigid; errors are those of `simulate`."""
+    rigid = {name: body.leading(0) for name, body in bodies.items()}
+    return integrate(_of_rigid_bodies(mechanism, rigid), rigid, integrator)
+
+
+def driven_loads(trajectory: Trajectory, designed: Sequence[str]) -> dict[str, DrivenLoads]:
+    """Loads on the ``designed`` bodies of a `rigid_trajectory`, by name.
+
+    Raises:
+        ValueError: If the drives leave a freedom, or the machine passes a singular position.
+    """
+    model = trajectory.model
+    if model.rows != model.size:
+        raise ValueError(
+            f"bound: the rigid motion depends on the parts: {model.rows} rows of joints and drives "
+            f"hold {model.size} coordinates of the bodies; there is a bound for driven machines"
+        )
+    probing = _probing(model, designed)
+    kinematics = Kinematics(probing.arrays, trajectory.turns)
+    eq, rigid = kinematics.equations, probing.rigid
+    places = {name: probing.coordinates(name) for name in designed}
+    states = []
+    for k in range(trajectory.t.size):
+        y, v, w = np.zeros((3, probing.size))
+        y[rigid], v[rigid] = trajectory.y[k], trajectory.v[k]
+        kinematics.set(y, v)
+        kinematics.evaluate(k, CONSTRAINTS | ACCELERATIONS)
+        across = eq.C[:, rigid].copy()
+        _refuse_singular(model, across, trajectory.t[k])
+        w[rigid] = np.linalg.solve(across, -eq.acceleration)
+        kinematics.set(y, v, w)
+        kinematics.evaluate(k, CONSTRAINTS | FORCES)
+        carried = np.linalg.solve(across.T, np.eye(model.rows))  # multipliers by forces
+        states.append((w[rigid], eq.r.copy(), eq.C.copy(), carried))
+    w, forces, rows, carried = (np.array(each) for each in zip(*states, strict=True))
+
+    fields = {name: _accelerations(trajectory, w, name) for name in designed}
+    # the inertia of the designed bodies is no part of the forces that do not depend on it
+    for name in designed:
+        inertia = _inertia(model.bodies[name])
+        at, turn = places[name], trajectory.rotation(name)
+        own = np.einsum("tk,kl,le->te", fields[name], inertia, rigid_motions(model.dimension))
+        forces[:, at.rigid] -= _with_translations(own, turn)
+    multipliers = -np.einsum("trc,tc->tr", carried, forces[:, rigid])
+    found = {}
+    for name in designed:
+        at = places[name]
+        probes = rows[:, :, at.elastic]
+        fixed = -forces[:, at.elastic] - np.einsum("trp,tr->tp", probes, multipliers)
+        reactions = {}
+        for other in designed:
+            of_rigid = model.coordinates(other).rigid
+            by_force = np.einsum("trp,trc->tpc", probes, carried[:, :, of_rigid])
+            turn = np.swapaxes(trajectory.rotation(other), 1, 2)
+            reactions[other] = _with_translations(by_force, turn)
+        found[name] = DrivenLoads(fields[name], fixed, reactions)
+    return found
+
+
+def _of_rigid_bodies(mechanism: Mechanism, rigid: Mapping[str, VolumeIntegrals]) -> Mechanism:
+    """The ``mechanism`` of ``rigid`` bodies, which have no deformation to begin with or to damp."""
+    start = mechanism.start.resized({name: 0 for name in rigid})
+    return replace(mechanism, start=start, damping={})
+
+
+def _probing(model: FlatModel, designed: Sequence[str]) -> FlatModel:
+    """The ``model`` with one shape function without inertia for each motion of each marker.
+
+    So the forces of these elastic coordinates are those at the markers.
+    """
+    bodies = {n: _probed(b) if n in designed else b for n, b in model.bodies.items()}
+    probing = assemble_model(model.mechanism, bodies, model.times, checked=True)
+    return replace(probing, arrays=probing.arrays._replace(start_angles=model.arrays.start_angles))
+
+
+def _probed(body: VolumeIntegrals) -> VolumeIntegrals:
+    """A rigid ``body`` with a shape function for each motion of each marker."""
+    d = body.dimension
+    motions = 3 * d - 3
+    n = motions * len(body.markers)
+    S = np.vstack([body.S, np.zeros((n, d))])
+    markers = {}
+    for number, (name, point) in enumerate(body.markers.items()):
+        shapes = np.eye(motions, n, motions * number)
+        rotation = shapes[d] if d == 2 else shapes[d:]
+        markers[name] = BodyMarker(point.position, shapes[:d], rotation, None, point.axes)
+    if body.P is not None:
+        P = np.zeros((n + 1, n + 1, d, d))
+        P[0, 0] = body.P[0, 0]
+        P[range(1, n + 1), range(1, n + 1)] = np.eye(d)
+        return VolumeIntegrals.in_space(body.mass, S, P, np.eye(n), markers)
+    G = np.eye(n + 1)
+    G[0, 0] = body.G[0, 0]
+    return VolumeIntegrals(body.mass, S, G, np.zeros((n + 1, n + 1)), np.eye(n), markers)
+
+
+def _refuse_singular(model: FlatModel, rows: Array, time: float) -> None:
+    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+    if not np.linalg.cond(rows / np.maximum(lengths, np.finfo(float).tiny)) < _SINGULAR:
+        raise ValueError(
+            f"bound: the machine is in a singular position at t = {time:.6g} s, where its drives "
+            "do not determine the forces on the parts"
+        )
+
+
+def _accelerations(trajectory: Trajectory, w: Array, name: str) -> Array:
+    """Factors of the fields of acceleration less gravity of a body, shape (instants, fields)."""
+    model = trajectory.model
+    at, d = model.coordinates(name), model.dimension
+    gravity = model.arrays.gravity[: trajectory.t.size]
+    turn = trajectory.rotation(name)
+    moved = np.einsum("tji,tj->ti", turn, w[:, at.position] - gravity)
+    speed, growth = trajectory.v[:, at.rotation], w[:, at.rotation]
+    if d == 2:
+        return np.column_stack([moved, -(speed**2), growth])
+    spins = np.cross(np.eye(3), speed[:, None, :])  # rows of the matrix of the cross product
+    gradient = np.cross(np.eye(3), growth[:, None, :]) + spins @ spins
+    return np.column_stack([moved, gradient.reshape(len(moved), 9)])
+
+
+def _inertia(body: VolumeIntegrals) -> Array:
+    """Int rho F_k . F_l of the fields of acceleration of a rigid ``body``, symmetric."""
+    d = body.dimension
+    first = body.S[0]
+    if d == 2:
+        turned = np.array([-first[1], first[0]])
+        second = body.G[0, 0] * np.eye(2)
+        across = np.column_stack([first, turned])
+    else:
+        assert body.P is not None
+        across = np.kron(np.eye(3), first)
+        second = np.kron(np.eye(3), body.P[0, 0])
+    return np.block([[body.mass * np.eye(d), across], [across.T, second]])
+
+
+def _with_translations(columns: Array, turn: Array) -> Array:
+    """The last axis of ``columns``, (instants, ..., motions), with its translations turned."""
+    d = turn.shape[-1]
+    turned = np.einsum("tij,t...j->t...i", turn, columns[..., :d])
+    return np.concatenate([turned, columns[..., d:]], axis=-1)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: MIT
+"""How much psi every part must have that could stand in the place of a design."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from .. import validation
+from ..arrays import Array
+from ..body import VolumeIntegrals
+from ..documentation import Shown
+from ..objective import IntegralCompliance, PowerMean, WeightedSum, WorstCase
+from ..parallel import on_every_rank
+from ..problem import Problem
+from .certificate import certified
+from .quasi_static import Driven, QuasiStatic, StaticBody
+from .sheet import best_sheet
+
+#: Difference of the sheet's psi and its bound over densities of cells at which the search ends,
+#: relative to psi: integration over points takes three times as much on 200 x 20 elements
+_TOLERANCE = 4e-3
+#: Steps of a search at most; rods take 20 to 60
+_STEPS = 200
+#: Relative difference of psi with and without vibrations from which on these count
+_VIBRATIONS = 0.02
+WORK = "a lower bound"  #: The name of the sections in messages
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LowerBound(Shown):
+    """A value of psi that no part of the same material within the same outline can fall below.
+
+    It holds for all parts, of whatever shape and topology, also with pockets, which keep what stays
+    solid and the bound of the volume, in the model of the problem and without vibrations.
+    """
+
+    psi: float  #: No part has less [unit of the objective]
+    full: float  #: Psi of the full bodies without vibrations
+    #: Density of this rank's cells of the best sheet of variable thickness, by body, shape (cells,)
+    sheet: dict[str, Array] = field(repr=False)
+    sheet_psi: float  #: Of the sheet without vibrations, on its mesh
+    sheet_volume: dict[str, float]  #: Filled share of each body's area that the sheet has
+    volume: dict[str, float]  #: Upper bounds of the filled shares that it holds for, by body
+    vibrations: float  #: Relative change of the full bodies' psi by vibrations
+
+    def _shown(self) -> list[tuple[str, str, str]]:
+        shares = ", ".join(f"{share:.1%} of {name}" for name, share in self.sheet_volume.items())
+        return [
+            ("no part has less than", f"{self.psi:.6g}", f"{self.psi / self.full:.3f} of full"),
+            ("best sheet", f"{self.sheet_psi:.6g}", f"{self.sheet_psi / self.full:.3f} of full"),
+            ("volume of the sheet", shares, ""),
+            ("vibrations", f"{self.vibrations:+.1e}", "of the full bodies' psi"),
+        ]
+
+    def gap(self, psi: float) -> float:
+        """How far a value ``psi`` of a part is above the bound at most, relative to it."""
+        return psi / self.psi - 1.0
+
+    def sentence(self, psi: float) -> str:
+        """What the bound says of a part with the value ``psi``."""
+        names = list(self.sheet)
+        one = len(names) == 1
+        parts = "no part of this material within this outline has"
+        if not one:
+            parts = "no parts of these materials within these outlines have"
+        whose = f"full {names[0]}'s" if one else "full bodies'"
+        return (
+            f"{parts} less than {self.psi / self.full:.3f} of the {whose} psi: "
+            f"{'this one is' if one else 'these are'} at most {100.0 * self.gap(psi):.2g} % above"
+        )
+
+
+def bound(problem: Problem, *, volume: float | Mapping[str, float] | None = None) -> LowerBound:
+    """The least psi that any parts could have in the place of the flexible bodies; collective.
+
+    It takes a fraction of the time of a design: the best sheet of variable thickness is a convex
+    problem, and its displacements give a bound for every point, not only for cells of the mesh.
+    Constraints leave it valid, as they only exclude parts.
+
+    Args:
+        problem: Of a driven machine, whose objectives are `IntegralCompliance`.
+        volume: Upper bound of the filled share of the body, in (0, 1], as for `optimize`; for
+            several bodies one for all or a mapping by name. None is no bound.
+
+    Raises:
+        ValueError: On every rank, where the reasoning does not hold: the rigid motion depends on
+            the parts, vibrations count, an objective is another one, a body has geometric
+            stiffness, or a mesh has curved cells.
+    """
+    validation.instance("bound: the problem", problem, Problem, "a Problem")
+    with on_every_rank(problem.comm, WORK):
+        shares = _shares(problem, volume)
+        _refuse(problem)
+    full = problem.value({n: 1.0 - b.domain.void_cells for n, b in problem.flexible.items()})
+    with on_every_rank(problem.comm, WORK):
+        cases = {name: Driven(problem, full, name) for name in problem.load_cases}
+    bodies = {name: StaticBody.sheet(body) for name, body in problem.flexible.items()}
+    solid = QuasiStatic.at(bodies, cases, {n: part.density for n, part in full.bodies.items()})
+    static = problem.combine.value(solid.psi)
+    vibrations = full.psi / static - 1.0
+    if abs(vibrations) > _VIBRATIONS:
+        raise ValueError(
+            f"bound: vibrations count: with them psi of the full bodies is {full.psi:.4g}, and "
+            f"without them {static:.4g}, for which alone there is a bound"
+        )
+    sheet, support = best_sheet(bodies, cases, shares, problem.combine, _TOLERANCE, _STEPS)
+    return LowerBound(
+        psi=certified(support, bodies, shares),
+        full=static,
+        sheet=dict(sheet.densities),
+        sheet_psi=problem.combine.value(sheet.psi),
+        sheet_volume={n: b.body.volume(sheet.densities[n])[0] for n, b in bodies.items()},
+        volume=shares,
+        vibrations=vibrations,
+    )
+
+
+def _shares(problem: Problem, volume: float | Mapping[str, float] | None) -> dict[str, float]:
+    """The bounds of the volume by body, checked."""
+    if volume is None:
+        return {}
+    by_body = volume if isinstance(volume, Mapping) else dict.fromkeys(problem.flexible, volume)
+    shares = {}
+    for name, share in validation.by_name("bound: volume", by_body, "shares").items():
+        validation.choice("bound: volume of body", name, problem.flexible)
+        what = f"bound: volume of {name!r}"
+        shares[name] = validation.number(what, share, above=0.0, most=1.0)
+        domain = problem.flexible[name].domain
+        least = domain.sum(domain.cell_volumes * domain.solid_cells) / domain.area
+        if shares[name] < least:
+            raise ValueError(f"{what} is {share:g}, and what stays solid takes {least:.3g}")
+    return shares
+
+
+def _refuse(problem: Problem) -> None:
+    """Refuse, by a ValueError, problems for which the bound does not hold."""
+    if problem.parameters is not None:
+        raise ValueError(
+            "bound: the mechanism has parameters, so that the rigid motion is designed, too, and "
+            "psi is not convex; make the mechanism with their values"
+        )
+    if not isinstance(problem.combine, WeightedSum | PowerMean | WorstCase):
+        raise ValueError(
+            f"bound: {type(problem.combine).__name__} need not be convex; there is a bound for "
+            "WeightedSum, PowerMean and WorstCase"
+        )
+    for name, body in problem.flexible.items():
+        if body.stiffening is not None:
+            raise ValueError(
+                f"bound: body {name!r} has geometric stiffness, which changes with the forces in "
+                "it, so that psi is not convex; there is a bound without stiffening"
+            )
+    for case in problem.load_cases.values():
+        objective = case.objective
+        if type(objective) is not IntegralCompliance:
+            raise ValueError(
+                f"bound: the objective is {type(objective).__name__}; there is a bound for "
+                "IntegralCompliance alone"
+            )
+        for name in objective.bodies or problem.bodies:
+            given = problem.bodies[name]
+            if isinstance(given, VolumeIntegrals) and given.modes:
+                raise ValueError(
+                    f"bound: the compliance of {name!r} counts, whose arrays tell no stiffness by "
+                    "points; leave it out of the objective, by bodies=[...]"
+                )

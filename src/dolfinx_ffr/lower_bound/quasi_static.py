@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: MIT
+"""Quasi-static compliance of the flexible bodies of a driven machine, and bounds from below.
+
+Stiffness K and load f of a body are affine in the densities x of all bodies, so that
+
+    psi(x) = sum_bodies int f(x) . K(x)^-1 f(x) dt  >=  sum_bodies int (2 f(x) . u - u . K(x) u) dt
+
+for any displacements u(t). The right side is affine in x: a constant, and for each body the
+integral of x g over it, with
+
+    g = - 2 rho sum_k F_k . y_k  -  sum_l sigma(w_l) : eps(w_l)
+
+where F_k are the fields of its acceleration, y_k displacements that also move the body as joints
+carry the deformation of all bodies on, and w_l displacements whose squares are the history of u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import Array
+from ..fem import SIMP, Block, LinearMass
+from ..objective import IntegralCompliance, time_weights
+from ..problem import Evaluation, Problem
+from ..reduction import FlexibleBody
+from .driven_loads import DrivenLoads, driven_loads, rigid_motions, rigid_trajectory
+
+#: Stiffness of void relative to the solid in sheets, whose densities stay far above it
+_VOID = 1e-9
+#: Parts of a history whose energy is less than this share of the largest are round-off
+_RANK = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Displacements of one body at one density by each of its unit loads."""
+
+    displacements: Block  #: (dofs of this rank, loads): fields of acceleration, then markers
+    work: Array  #: Of each load in the displacement by each other one, (loads, loads)
+    inertia: Array  #: Int rho x F_k . F_l of the fields of acceleration, (fields, fields)
+
+
+class StaticBody:
+    """A body under its inertia and forces at its markers, stiffness and mass by its density."""
+
+    def __init__(self, body: FlexibleBody) -> None:
+        self.body = body
+        reduction = body.reduction
+        #: Fields of acceleration, (dofs, fields)
+        self.fields = np.hstack([reduction.unit_translations, reduction.unit_gradients])
+        #: Motions of the rigid body as sums of these fields
+        self.rigid = rigid_motions(body.domain.dimension)
+
+    @staticmethod
+    def sheet(body: FlexibleBody) -> StaticBody:
+        """The ``body`` with stiffness and mass proportional to its density."""
+        law = SIMP(exponent=1.0, floor=_VOID, mass=LinearMass())
+        # a frame that retains no motion of an interface needs one mode, which is not looked at
+        modes = 0 if body.reduction.n_constraint else 1
+        return StaticBody(body.with_interpolation(law).with_modes(modes))
+
+    def respond(self, density: Array) -> Response:
+        """What unit loads do at a ``density``, shape (cells,); collective."""
+        body, d = self.body, self.body.domain.dimension
+        reduced = body.reduce(density)
+        factored = body.factored(reduced)
+        of, clamped = body.elasticity, body.reduction.clamped
+        inertia = of.apply(factored.matrices.mass, self.fields)
+        constraint = reduced.basis.constraint
+        inside, projected = [-inertia], [-of.inner(constraint, inertia)]
+        for name, marker in reduced.integrals.markers.items():
+            at = np.vstack([marker.displacement, np.atleast_2d(marker.rotation)])
+            projected.append(at[:, : constraint.shape[1]].T)
+            units = np.eye(3 * d - 3)
+            if name in body.markers:
+                inside.append(body.markers[name].pullback(units[:d], units[d:]))
+            else:  # an interface, of which only the motion that the frame retains matters
+                inside.append(np.zeros((len(inertia), len(units))))
+        loads, on_constraint = np.hstack(inside), np.hstack(projected)
+        loads[clamped] = 0.0
+        static = factored.solve(loads)
+        stiffness = reduced.integrals.K[: len(on_constraint), : len(on_constraint)]
+        motion = np.linalg.solve(stiffness, on_constraint)
+        work = of.inner(loads, static) + on_constraint.T @ motion
+        return Response(
+            static + constraint @ motion,
+            0.5 * (work + work.T),
+            of.inner(self.fields, inertia),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyHistory:
+    """The displacement history of one body, as far as a bound depends on it."""
+
+    loads: Block  #: y_k for each field F_k, (dofs, fields)
+    strains: Block  #: w_l, (dofs, l)
+
+
+class Driven:
+    """Loads of one load case on the designed bodies."""
+
+    def __init__(self, problem: Problem, evaluation: Evaluation, name: str) -> None:
+        case = problem.load_cases[name]
+        bodies = problem.integrals(evaluation)
+        objective = case.objective
+        assert isinstance(objective, IntegralCompliance)
+        counted = bodies if objective.bodies is None else objective.bodies
+        own = objective.weights or {}
+        #: Weights of the compliance of designed bodies
+        self.weights = {n: float(own.get(n, 1.0)) * (n in counted) for n in problem.flexible}
+        trajectory = rigid_trajectory(case.mechanism, bodies, case.integrator)
+        self.loads: dict[str, DrivenLoads] = driven_loads(trajectory, list(problem.flexible))
+        self.time_weights = time_weights(trajectory)
+
+    def histories(self, responses: Mapping[str, Response]) -> dict[str, Array]:
+        """Factors of the unit loads of each body over time, (instants, loads)."""
+        resultants = {}
+        for name, of in self.loads.items():
+            inertia = responses[name].inertia
+            rigid = rigid_motions(2 if len(inertia) == 4 else 3)
+            resultants[name] = of.accelerations @ inertia @ rigid
+        factors = {}
+        for name, of in self.loads.items():
+            forces = of.forces.copy()
+            for other, reaction in of.reactions.items():
+                forces += np.einsum("tpe,te->tp", reaction, resultants[other])
+            factors[name] = np.hstack([of.accelerations, forces])
+        return factors
+
+
+@dataclass(frozen=True, eq=False)
+class QuasiStatic:
+    """Displacement histories of all load cases at one density of each body."""
+
+    bodies: Mapping[str, StaticBody]
+    cases: Mapping[str, Driven]
+    densities: Mapping[str, Array]
+    responses: Mapping[str, Response]
+
+    @staticmethod
+    def at(
+        bodies: Mapping[str, StaticBody],
+        cases: Mapping[str, Driven],
+        densities: Mapping[str, Array],
+    ) -> QuasiStatic:
+        """The histories at ``densities`` by body; collective."""
+        responses = {name: body.respond(densities[name]) for name, body in bodies.items()}
+        return QuasiStatic(bodies, cases, densities, responses)
+
+    @cached_property
+    def histories(self) -> dict[str, dict[str, Array]]:
+        """Factors of the unit loads, by load case and body."""
+        return {name: case.histories(self.responses) for name, case in self.cases.items()}
+
+    @cached_property
+    def psi(self) -> dict[str, float]:
+        """Integral compliance by load case."""
+        found = {}
+        for label, case in self.cases.items():
+            found[label] = 0.0
+            for name, s in self.histories[label].items():
+                works = np.sum(s @ self.responses[name].work * s, axis=1)
+                found[label] += case.weights[name] * float(case.time_weights @ works)
+        return found
+
+    def support(self, weights: Mapping[str, float]) -> tuple[float, dict[str, BodyHistory]]:
+        """The bound that is affine in x of the load cases with ``weights``: constant, fields."""
+        constant, squares, moved, closing = 0.0, {}, {}, {}
+        for name, body in self.bodies.items():
+            loads, fields = len(self.responses[name].work), len(body.rigid)
+            squares[name] = np.zeros((loads, loads))
+            moved[name] = np.zeros((fields, loads))
+            closing[name] = np.zeros((fields, body.rigid.shape[1]))
+        for label, case in self.cases.items():
+            for name, s in self.histories[label].items():
+                of, body = case.loads[name], self.bodies[name]
+                over_time = weights[label] * case.weights[name] * case.time_weights
+                weighted = over_time[:, None] * s
+                squares[name] += s.T @ weighted
+                moved[name] += of.accelerations.T @ weighted
+                at_markers = weighted @ self.responses[name].work[:, len(body.rigid) :]
+                constant += 2.0 * float(np.sum(of.forces * at_markers))
+                for other, reaction in of.reactions.items():
+                    motions = np.einsum("tpe,tp->te", reaction, at_markers)
+                    closing[other] += case.loads[other].accelerations.T @ motions
+        found = {}
+        for name, body in self.bodies.items():
+            displacements = self.responses[name].displacements
+            rigid = body.fields @ body.rigid
+            # loads have different units, and their energies have the same
+            unit = np.sqrt(np.maximum(np.diag(self.responses[name].work), 0.0))
+            values, vectors = np.linalg.eigh(unit[:, None] * squares[name] * unit)
+            large = values > _RANK * values[-1]
+            scale = np.divide(1.0, unit, out=np.zeros_like(unit), where=unit > 0.0)
+            found[name] = BodyHistory(
+                displacements @ moved[name].T - rigid @ closing[name].T,
+                displacements @ (scale[:, None] * vectors[:, large] * np.sqrt(values[large])),
+            )
+        return constant, found
+
+    def slopes(self, histories: Mapping[str, BodyHistory]) -> dict[str, tuple[Array, Array]]:
+        """Integrals over each cell of the two parts of g, by body; each of shape (cells,)."""
+        found = {}
+        for name, history in histories.items():
+            of, fields = self.bodies[name].body.elasticity, self.bodies[name].fields
+            none = np.zeros((len(fields), 0))
+            x = self.densities[name]
+            by_mass = of.density_gradient(x, fields, -2.0 * history.loads, none, none)
+            energy = of.density_gradient(x, none, none, history.strains, history.strains)
+            found[name] = by_mass, -energy / (1.0 - _VOID)
+        return found

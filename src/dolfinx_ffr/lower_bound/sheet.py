@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: MIT
+"""The best sheet of variable thickness: a convex problem, solved by separable approximations.
+
+Of the derivative m - e of psi by a density, e comes from its stiffness. Were the forces in the body
+fixed, its energy would change with x^2 e / y from the density x to y, which gives the step
+
+    y = x sqrt(e / (m + lambda)),      or 1 where m + lambda <= 0,
+
+with the multiplier lambda of the volume. It leads downhill, and is shortened until psi falls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..fem import Domain
+from ..objective import Combination
+from .quasi_static import BodyHistory, Driven, QuasiStatic, StaticBody
+
+#: Least density of a designed cell while a sheet is sought, so that nothing of it falls apart
+LEAST = 1e-3
+#: Bisections for a multiplier, which halve the logarithm of its range
+_BISECTIONS = 60
+#: Shortest step, as a share of the full one: below it round-off decides
+_SHORTEST = 1.0 / 64.0
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """A bound that is affine in the densities, from one history of displacements."""
+
+    weights: dict[str, float]  #: Of the load cases
+    constant: float
+    histories: dict[str, BodyHistory]
+    slopes: dict[str, tuple[Array, Array]]  #: Of each cell by mass and by stiffness, by body
+    value: float  #: Least value over all densities that are constant in cells
+
+
+def best_sheet(
+    bodies: Mapping[str, StaticBody],
+    cases: Mapping[str, Driven],
+    volume: Mapping[str, float],
+    combine: Combination,
+    tolerance: float,
+    iterations: int,
+) -> tuple[QuasiStatic, Support]:
+    """The sheet with the least psi, and the highest bound that was found on the way; collective.
+
+    It ends where both differ by less than the ``tolerance``, relative to psi.
+    """
+    domains = {name: body.body.domain for name, body in bodies.items()}
+    state = QuasiStatic.at(
+        bodies, cases, {n: _filled(d, volume.get(n)) for n, d in domains.items()}
+    )
+    weights = combine.slopes(state.psi)
+    best: Support | None = None
+    for _ in range(iterations):
+        support = supporting(state, weights, volume)
+        best = support if best is None or support.value > best.value else best
+        psi = combine.value(state.psi)
+        if psi - best.value <= tolerance * psi:
+            break
+        target = {
+            name: stepped(domains[name], x, *support.slopes[name], volume.get(name))
+            for name, x in state.densities.items()
+        }
+        state, moved = _downhill(state, target, weights)
+        if not moved:
+            break
+        weights = _weights(combine, state.psi, weights)
+    assert best is not None
+    return state, best
+
+
+def supporting(
+    state: QuasiStatic, weights: Mapping[str, float], volume: Mapping[str, float]
+) -> Support:
+    """The affine bound of the displacements at a ``state``, and its least value over cells."""
+    constant, histories = state.support(weights)
+    slopes = state.slopes(histories)
+    value = constant
+    for name, parts in slopes.items():
+        domain = state.bodies[name].body.domain
+        integrals = np.sum(parts, axis=0)
+        solid = domain.sum(np.where(domain.solid_cells, integrals, 0.0))
+        designed = domain.design_cells
+        sizes, room = domain.cell_volumes, room_of(domain, volume.get(name))
+        g = np.where(designed, integrals / sizes, np.inf)
+        cost = multiplier(domain.everywhere(g), domain.everywhere(sizes), room)
+        value += solid + domain.sum(np.minimum(g + cost, 0.0) * sizes)
+        value -= cost * room if cost else 0.0
+    return Support(dict(weights), constant, histories, slopes, value)
+
+
+def room_of(domain: Domain, share: float | None) -> float:
+    """Volume that designed cells may have besides those that stay solid; inf without a bound."""
+    if share is None:
+        return np.inf
+    return share * domain.area - domain.sum(domain.cell_volumes * domain.solid_cells)
+
+
+def multiplier(g: Array, sizes: Array, room: float) -> float:
+    """The multiplier of the volume at the densities in [0, 1] with the least sum of x g sizes.
+
+    For densities of cells whose volumes are ``sizes``, of at most ``room`` in all.
+    """
+    order = np.argsort(g)
+    full = np.cumsum(sizes[order]) > room
+    return max(0.0, -float(g[order][np.argmax(full)])) if np.any(full) else 0.0
+
+
+def stepped(domain: Domain, x: Array, mass: Array, stiffness: Array, share: float | None) -> Array:
+    """The density to which the separable approximation leads from ``x``, by the slopes of psi."""
+    sizes, designed = domain.cell_volumes, domain.design_cells
+    m, e = mass / sizes, np.maximum(-stiffness / sizes, 0.0)
+    room = room_of(domain, share)
+
+    def at(multiplier: float) -> Array:
+        cost = m + multiplier
+        y = np.ones_like(x)
+        np.divide(e, cost, out=y, where=cost > 0.0)
+        y = np.clip(x * np.sqrt(y), LEAST, 1.0)
+        return np.where(designed, np.where(cost > 0.0, y, 1.0), domain.passive_density)
+
+    def filled(y: Array) -> float:
+        return domain.sum(np.where(designed, y * sizes, 0.0))
+
+    y = at(0.0)
+    if filled(y) <= room:
+        return y
+    largest = max(domain.everywhere(e + np.abs(m))) / LEAST**2
+    low, high = np.log(largest) - 60.0, np.log(largest)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if filled(at(np.exp(middle))) > room else (low, middle)
+    return at(np.exp(high))
+
+
+def _filled(domain: Domain, share: float | None) -> Array:
+    """Designed cells of one density that the volume allows."""
+    size = domain.sum(domain.cell_volumes * domain.design_cells)
+    density = 0.5 if share is None else min(room_of(domain, share) / size, 1.0)
+    return np.where(domain.design_cells, max(density, LEAST), domain.passive_density)
+
+
+def _downhill(
+    state: QuasiStatic, target: Mapping[str, Array], weights: Mapping[str, float]
+) -> tuple[QuasiStatic, bool]:
+    """The state on the way to the ``target`` densities where psi is less, and whether it is."""
+    before = _weighted(state.psi, weights)
+    share = 1.0
+    while share >= _SHORTEST:
+        x = {n: y + share * (target[n] - y) for n, y in state.densities.items()}
+        trial = QuasiStatic.at(state.bodies, state.cases, x)
+        if _weighted(trial.psi, weights) < before:
+            return trial, True
+        share *= 0.5
+    return state, False
+
+
+def _weighted(psi: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    return sum(weights[name] * value for name, value in psi.items())
+
+
+def _weights(
+    combine: Combination, psi: Mapping[str, float], before: Mapping[str, float]
+) -> dict[str, float]:
+    """Weights of the load cases with which to go on: of a worst case those that even it out."""
+    if not combine.bounds:
+        return combine.slopes(psi)
+    weighted = combine.weighted(psi)
+    largest = max(weighted.values())
+    # each load case begins with a share, as the first one had all of it
+    shares = {n: before[n] / combine.weight(n) + 1e-2 for n in weighted}
+    shares = {n: share * weighted[n] / largest for n, share in shares.items()}
+    total = sum(shares.values())
+    return {n: combine.weight(n) * shares.get(n, 0.0) / total for n in psi}

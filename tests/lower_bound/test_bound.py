@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""No part passes the bound, and where the optimum is known it comes near."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from shared.problems import crank_motion, four_bar, slider_crank, three_load_cases
+
+import dolfinx_ffr as ffr
+from dolfinx_ffr.lower_bound.certificate import Bernstein
+from dolfinx_ffr.lower_bound.quasi_static import Driven, QuasiStatic, StaticBody
+
+COMPLIANCE = ffr.IntegralCompliance()
+
+
+def bar(mechanism: dict[str, Any], integrator: ffr.dynamics.Integrator) -> ffr.Problem:
+    """A bar that is welded at its left end and pulled along its axis."""
+    domain = ffr.Domain.rectangle(MPI.COMM_SELF, 1.0, 0.05, elements=(400, 1), solid_columns=0)
+    steel = ffr.PlaneStress(210e9, 0.0, 7850.0, 0.01)
+    body = ffr.FlexibleBody(domain, steel, frame=ffr.TangentFrame("left"), modes=12)
+    return ffr.Problem({"bar": body}, ffr.Mechanism(**mechanism), integrator, COMPLIANCE)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.25, 1.0])
+def test_a_hanging_bar(ratio: float) -> None:
+    """Its optimum is (m g)^2 L / (E A) ratio (1 + ratio), see `test_known_optima.py`."""
+    mean = 0.9 * ratio / (1.0 + ratio)  # the density at the left end is 0.9
+    mass, gravity, stiffness = 3.925 * mean, 9.81, 210e9 * 0.05 * 0.01 * mean
+    hanging = {
+        "placements": {"bar": ffr.Placement()},
+        "joints": [ffr.Weld(("bar", "left"), ffr.Ground())],
+        "point_masses": [ffr.PointMass(("bar", "right"), ratio * mass)],
+        "gravity": (gravity, 0.0),
+        "start": ffr.StaticEquilibrium(),
+    }
+    found = ffr.bound(bar(hanging, ffr.GeneralizedAlpha(1.0, 4)), volume=mean)
+    optimum = (mass * gravity) ** 2 / stiffness * ratio * (1.0 + ratio)
+    assert 0.99 * optimum < found.psi < optimum
+    assert found.sheet_volume["bar"] < mean * (1.0 + 1e-9)
+
+
+# the steps damp the vibrations away that the sudden start excites
+@pytest.mark.filterwarnings("ignore:the start excites vibrations")
+@pytest.mark.parametrize(
+    ("ratio", "share", "largest"),
+    [(0.1, 0.303225, 3.010274), (0.5, 0.766893, 1.685980), (1.0, 0.901510, 1.397143)],
+)
+def test_a_spinning_bar(ratio: float, share: float, largest: float) -> None:
+    """The bar of least energy in its turning axes, as a ``share`` of that of the even bar.
+
+    The affine bound has the same slope by the area everywhere: with s from 0 to 1 the displacement
+    u has u'^2 = lambda + 2 s u. The area is N / u' with the force N, whose derivative is -s N / u'
+    and which is that of the end mass at s = 1; lambda makes its mean one. Both equations were
+    integrated to 1e-10. The ``largest`` area is that at s = 0.
+    """
+    mean = 0.9 / largest
+    mass, speed, stiffness = 3.925 * mean, 10.0, 210e9 * 0.05 * 0.01 * mean
+    turning = {
+        "placements": {"bar": ffr.Placement()},
+        "joints": [
+            ffr.Revolute(("bar", "left"), ffr.Ground()),
+            ffr.PrescribedAngle(("bar", "left"), ffr.Motion.polynomial([0.0, speed])),
+        ],
+        "point_masses": [ffr.PointMass(("bar", "right"), ratio * mass)],
+    }
+    problem = bar(turning, ffr.GeneralizedAlpha(1.0, 400, spectral_radius=0.0))
+    found = ffr.bound(problem, volume=mean)
+    even = (mass * speed**2) ** 2 / stiffness * (ratio**2 + 2.0 * ratio / 3.0 + 2.0 / 15.0)
+    assert 0.99 * share * even < found.psi < share * even
+
+
+@pytest.fixture(scope="module")
+def rod() -> ffr.Problem:
+    """The slider-crank of the demo on a coarse mesh."""
+    return slider_crank(MPI.COMM_SELF, (40, 4))
+
+
+def test_a_hundred_random_parts_on_a_finer_mesh_are_above(rod: ffr.Problem) -> None:
+    """They are solid where the sheet is thick, but for waves: torn ones and ones that come near."""
+    found = ffr.bound(rod)
+    fine = slider_crank(MPI.COMM_SELF, (80, 8), modes=1)
+    domain, coarse = fine.flexible["rod"].domain, rod.flexible["rod"].domain
+    thick = found.sheet["rod"][cKDTree(coarse.centroids).query(domain.centroids)[1]]
+    full = fine.value(np.ones(domain.n_cells))
+    bodies = {"rod": StaticBody(fine.flexible["rod"])}
+    cases = {name: Driven(fine, full, name) for name in fine.load_cases}
+    random = np.random.default_rng(1)
+    values = []
+    for _ in range(100):
+        waves = random.normal(size=(6, 2)) * (20.0, 100.0)
+        phases = random.uniform(0.0, 6.3, size=6)
+        level = np.sin(domain.centroids @ waves.T + phases).sum(axis=1)
+        level = thick + random.uniform(0.0, 0.2) * level
+        solid = (level > random.uniform(0.0, 0.6)) | domain.solid_cells
+        state = QuasiStatic.at(bodies, cases, {"rod": solid.astype(np.float64)})
+        values += state.psi.values()
+    assert found.psi < min(values) < 2.0 * found.psi
+
+
+def test_sheet_and_bound_close_up_as_meshes_are_refined() -> None:
+    gaps = []
+    for elements in ((20, 2), (40, 4), (80, 8)):
+        found = ffr.bound(slider_crank(MPI.COMM_SELF, elements, modes=2))
+        gaps.append(found.sheet_psi / found.psi - 1.0)
+    assert 0.0 < gaps[2] < 0.6 * gaps[1] < 0.36 * gaps[0]
+
+
+@pytest.mark.mpi
+def test_ranks_find_the_same(comm: MPI.Intracomm) -> None:
+    one, several = (
+        ffr.bound(three_load_cases_of_compliance(each), volume=0.4)
+        for each in (MPI.COMM_SELF, comm)
+    )
+    assert several.psi == pytest.approx(one.psi, rel=1e-6)
+    assert several.sheet_psi == pytest.approx(one.sheet_psi, rel=1e-6)
+
+
+def three_load_cases_of_compliance(
+    comm: MPI.Intracomm, combine: ffr.Combination | None = None
+) -> ffr.Problem:
+    """Three load cases whose objectives are the integral compliance."""
+    problem = three_load_cases(comm, None, (24, 4), constraints=False)
+    cases = {name: replace(case, objective=COMPLIANCE) for name, case in problem.load_cases.items()}
+    weights = ffr.WeightedSum({"slow": 1.0, "fast": 0.5, "lever": 0.1})
+    return ffr.Problem.of_load_cases(problem.bodies, cases, combine or weights)
+
+
+@pytest.mark.parametrize("combine", [ffr.WeightedSum(), ffr.PowerMean(p=4.0), ffr.WorstCase()])
+def test_several_load_cases(combine: ffr.Combination) -> None:
+    """The bound of all together is below the sheet's psi, and near it, whatever combines them."""
+    found = ffr.bound(three_load_cases_of_compliance(MPI.COMM_SELF, combine))
+    assert 0.9 * found.sheet_psi < found.psi < found.sheet_psi
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_divided_cells_have_the_same_polynomial(cell: str) -> None:
+    """And their coefficients' mean is the mean of the polynomial: positive ones that add to one."""
+    basis = Bernstein(cell, 3)
+    coefficients = np.random.default_rng(2).normal(size=(1, len(basis.exponents)))
+    parts = np.concatenate([coefficients @ part.T for part in basis.divided])
+    assert parts.mean() == pytest.approx(coefficients.mean(), abs=1e-13)
+    origin, edges = basis._parts()[-1]
+    point = np.full(basis.dimension, 0.2)
+    inside = basis((origin + point @ edges)[None])[0]
+    assert basis(point[None])[0] @ parts[-1] == pytest.approx(inside @ coefficients[0], abs=1e-13)
+    assert inside.min() > 0.0
+    assert inside.sum() == pytest.approx(1.0)
+
+
+def test_what_stays_solid_and_the_volume_raise_the_bound(rod: ffr.Problem) -> None:
+    free = slider_crank(
+        MPI.COMM_SELF,
+        domain=ffr.Domain.rectangle(MPI.COMM_SELF, 0.4, 0.04, elements=(40, 4), solid_columns=0),
+        frame=ffr.ChordFrame("left", "right"),
+    )
+    found = ffr.bound(rod)
+    assert found.psi > ffr.bound(free).psi
+    less = ffr.bound(rod, volume=0.3)
+    assert less.psi > found.psi
+    assert less.sheet_volume["rod"] <= 0.3 * (1.0 + 1e-9) < found.sheet_volume["rod"]
+
+
+def refused(case: str) -> ffr.Problem:
+    """A problem for which the reasoning does not hold."""
+    plain = slider_crank(MPI.COMM_SELF, (20, 2), modes=2)
+    mechanism, integrator, objective = plain.mechanism, plain.integrator, plain.objective
+    if case == "a freedom":
+        joints = [ffr.Revolute(("rod", "left"), ffr.Ground())]
+        placements = {"rod": ffr.Placement()}
+        mechanism = ffr.Mechanism(placements=placements, joints=joints, gravity=(0.0, -9.81))
+    elif case == "another objective":
+        objective = ffr.PeakCompliance()
+    elif case == "stiffening":
+        return four_bar(MPI.COMM_SELF, COMPLIANCE)
+    elif case == "vibrations":
+        mechanism, integrator = crank_motion(0.05), ffr.GeneralizedAlpha(0.05, 800)
+    return ffr.Problem(plain.bodies, mechanism, integrator, objective)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize(
+    ("case", "reason"),
+    [
+        ("a freedom", "the rigid motion depends on the parts: 2 rows"),
+        ("another objective", "the objective is PeakCompliance"),
+        ("stiffening", "'coupler' has geometric stiffness"),
+        ("vibrations", "vibrations count"),
+    ],
+)
+def test_refused_with_the_reason(case: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=f"bound: .*{reason}"):
+        ffr.bound(refused(case))
