@@ -41,16 +41,20 @@ _SINGULAR = 1e10
 
 @dataclass(frozen=True, eq=False)
 class DrivenLoads:
-    """Loads on one body of a driven machine over time, in the axes of the body."""
+    """Loads on one body of a driven machine over time, in the axes of the body.
 
-    #: Factors of the fields `acceleration_fields` in the acceleration less gravity, shape
-    #: (instants, 4), in space (instants, 12) [m/s^2, 1/s^2]
+    Attributes:
+        accelerations: Factors of the fields of acceleration (`rigid_motions`) in the acceleration
+            less gravity, shape (instants, 4), in space (instants, 12) [m/s^2, 1/s^2].
+        forces: Forces and moments at the markers, one marker after the other, that do not depend
+            on the designed bodies, shape (instants, 3 markers), in space (instants, 6 markers)
+            [N, N m].
+        reactions: H by designed body, of what its inertia adds to these forces, shape (instants,
+            3 markers, 3), in space (instants, 6 markers, 6).
+    """
+
     accelerations: Array
-    #: Forces and moments at the markers, one marker after the other, that do not depend on the
-    #: designed bodies, shape (instants, 3 markers), in space (instants, 6 markers) [N, N m]
     forces: Array
-    #: By designed body, of what its inertia adds to them: H, shape (instants, 3 markers, 3), in
-    #: space (instants, 6 markers, 6)
     reactions: dict[str, Array]
 
 

@@ -33,16 +33,25 @@ class LowerBound(Shown):
 
     It holds for all parts, of whatever shape and topology, also with pockets, which keep what stays
     solid and the bound of the volume, in the model of the problem and without vibrations.
+
+    Attributes:
+        psi: No part has less [unit of the objective].
+        full: Psi of the full bodies without vibrations.
+        sheet: Density of this rank's cells of the best sheet of variable thickness, by body, shape
+            (cells,).
+        sheet_psi: Of this sheet without vibrations, on its mesh.
+        sheet_volume: Filled share of each body's area that the sheet has.
+        volume: Upper bounds of the filled shares that it holds for, by body.
+        vibrations: Relative change of the full bodies' psi by vibrations.
     """
 
-    psi: float  #: No part has less [unit of the objective]
-    full: float  #: Psi of the full bodies without vibrations
-    #: Density of this rank's cells of the best sheet of variable thickness, by body, shape (cells,)
+    psi: float
+    full: float
     sheet: dict[str, Array] = field(repr=False)
-    sheet_psi: float  #: Of the sheet without vibrations, on its mesh
-    sheet_volume: dict[str, float]  #: Filled share of each body's area that the sheet has
-    volume: dict[str, float]  #: Upper bounds of the filled shares that it holds for, by body
-    vibrations: float  #: Relative change of the full bodies' psi by vibrations
+    sheet_psi: float
+    sheet_volume: dict[str, float]
+    volume: dict[str, float]
+    vibrations: float
 
     def _shown(self) -> list[tuple[str, str, str]]:
         shares = ", ".join(f"{share:.1%} of {name}" for name, share in self.sheet_volume.items())

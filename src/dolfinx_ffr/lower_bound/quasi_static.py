@@ -36,12 +36,20 @@ _RANK = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
-    """Displacements of one body at one density by each of its unit loads."""
+class UnitResponse:
+    """Displacements of one body at one density by each of its unit loads.
 
-    displacements: Block  #: (dofs of this rank, loads): fields of acceleration, then markers
-    work: Array  #: Of each load in the displacement by each other one, (loads, loads)
-    inertia: Array  #: Int rho x F_k . F_l of the fields of acceleration, (fields, fields)
+    The loads are those of the fields of acceleration, then forces and moments at the markers.
+
+    Attributes:
+        displacements: Of this rank's dofs by each load, shape (dofs, loads).
+        work: Of each load in the displacement by each other one, shape (loads, loads).
+        inertia: Int rho x F_k . F_l of the fields of acceleration, shape (fields, fields).
+    """
+
+    displacements: Block
+    work: Array
+    inertia: Array
 
 
 class StaticBody:
@@ -63,7 +71,7 @@ class StaticBody:
         modes = 0 if body.reduction.n_constraint else 1
         return StaticBody(body.with_interpolation(law).with_modes(modes))
 
-    def respond(self, density: Array) -> Response:
+    def respond(self, density: Array) -> UnitResponse:
         """What unit loads do at a ``density``, shape (cells,); collective."""
         body, d = self.body, self.body.domain.dimension
         reduced = body.reduce(density)
@@ -86,7 +94,7 @@ class StaticBody:
         stiffness = reduced.integrals.K[: len(on_constraint), : len(on_constraint)]
         motion = np.linalg.solve(stiffness, on_constraint)
         work = of.inner(loads, static) + on_constraint.T @ motion
-        return Response(
+        return UnitResponse(
             static + constraint @ motion,
             0.5 * (work + work.T),
             of.inner(self.fields, inertia),
@@ -95,10 +103,15 @@ class StaticBody:
 
 @dataclass(frozen=True, eq=False)
 class BodyHistory:
-    """The displacement history of one body, as far as a bound depends on it."""
+    """The displacement history of one body, as far as a bound depends on it.
 
-    loads: Block  #: y_k for each field F_k, (dofs, fields)
-    strains: Block  #: w_l, (dofs, l)
+    Attributes:
+        loads: y_k for each field F_k, shape (dofs, fields).
+        strains: w_l, shape (dofs, l).
+    """
+
+    loads: Block
+    strains: Block
 
 
 class Driven:
@@ -117,7 +130,7 @@ class Driven:
         self.loads: dict[str, DrivenLoads] = driven_loads(trajectory, list(problem.flexible))
         self.time_weights = time_weights(trajectory)
 
-    def histories(self, responses: Mapping[str, Response]) -> dict[str, Array]:
+    def histories(self, responses: Mapping[str, UnitResponse]) -> dict[str, Array]:
         """Factors of the unit loads of each body over time, (instants, loads)."""
         resultants = {}
         for name, of in self.loads.items():
@@ -140,7 +153,7 @@ class QuasiStatic:
     bodies: Mapping[str, StaticBody]
     cases: Mapping[str, Driven]
     densities: Mapping[str, Array]
-    responses: Mapping[str, Response]
+    responses: Mapping[str, UnitResponse]
 
     @staticmethod
     def at(

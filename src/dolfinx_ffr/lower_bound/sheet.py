@@ -31,13 +31,21 @@ _SHORTEST = 1.0 / 64.0
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """A bound that is affine in the densities, from one history of displacements."""
+    """A bound that is affine in the densities, from one history of displacements.
 
-    weights: dict[str, float]  #: Of the load cases
+    Attributes:
+        weights: Of the load cases.
+        constant: Its value without any material.
+        histories: By body.
+        slopes: Of each cell by its mass and by its stiffness, by body.
+        value: Least value over all densities that are constant in cells.
+    """
+
+    weights: dict[str, float]
     constant: float
     histories: dict[str, BodyHistory]
-    slopes: dict[str, tuple[Array, Array]]  #: Of each cell by mass and by stiffness, by body
-    value: float  #: Least value over all densities that are constant in cells
+    slopes: dict[str, tuple[Array, Array]]
+    value: float
 
 
 def best_sheet(
