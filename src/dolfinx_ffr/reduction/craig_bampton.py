@@ -25,7 +25,7 @@ import numpy as np
 from .. import validation
 from ..body import BodyMarker
 from ..documentation import Shown
-from ..fem import Array, Block, Domain, Elasticity, Matrices, kept_by, rigid_fields, rotated
+from ..fem import Array, Block, Domain, Elasticity, Matrices, rigid_fields, rotated
 from .direct_solver import DIRECT, SOLVERS
 from .factored_body import ClampedMatrices, FactoredBody
 from .frame import Frame
@@ -149,8 +149,6 @@ class CraigBampton:
         self.clamped = np.zeros(elasticity.n_dofs, dtype=bool)
         for interface in domain.interfaces.values():
             self.clamped[elasticity.dofs_of(interface.dofs)] = True
-        #: Of a density before, for the next one: at most one
-        self._spare: list[ClampedMatrices] = kept_by(self, elasticity.comm)
         self._eigensolver = EigenSolver(elasticity, self.clamped, tolerance)
         free = self._eigensolver.freedoms
         self.most_modes = free - 1  #: Normal modes that the body can have at most
@@ -277,41 +275,34 @@ class CraigBampton:
 
     # ------------------------------------------------------------------ forward
 
-    def factor(self, matrices: Matrices) -> FactoredBody:
+    def factor(self, matrices: Matrices, recycled: ClampedMatrices | None = None) -> FactoredBody:
         """The ``matrices`` of a density with all interfaces clamped, and the factor of K.
+
+        The ``recycled`` matrices of another density, from `FactoredBody.recycle`, are used up:
+        their pattern and their ordering serve again.
 
         Raises:
             RuntimeError: If the clamped stiffness is singular.
         """
+        rows = np.flatnonzero(self.clamped).astype(np.int32)
+        if recycled is not None:
+            try:
+                recycled.fill(matrices, rows)
+                return FactoredBody(self.elasticity, matrices, recycled)
+            except PETSc.Error:  # a new ordering may do
+                recycled.destroy()
+
+        clamped = ClampedMatrices.of(self.elasticity, self.clamped, self.solver, self.tolerance)
         try:
-            clamped = self._filled(matrices)
+            clamped.fill(matrices, rows)
         except PETSc.Error as error:
+            clamped.destroy()
             matrices.destroy()
             raise RuntimeError(
                 "reduction: the stiffness with clamped interfaces is singular: a part of the body "
                 "can move without strain (nodes joined in one point only, or a void without floor)"
             ) from error
-        return FactoredBody(self.elasticity, matrices, [clamped], self._spare)
-
-    def _filled(self, matrices: Matrices) -> ClampedMatrices:
-        """The matrices with all interfaces clamped, with an earlier ordering if there is one."""
-        rows = np.flatnonzero(self.clamped).astype(np.int32)
-        made = self.elasticity, self.clamped, self.solver, self.tolerance
-        while True:
-            used = bool(self._spare)
-            clamped = self._spare.pop() if used else ClampedMatrices.of(*made)
-            try:
-                clamped.fill(matrices, rows)
-                return clamped
-            except PETSc.Error:
-                clamped.destroy()
-                if not used:  # else a new ordering may do
-                    raise
-
-    def release(self) -> None:
-        """Free what is kept for the next density."""
-        while self._spare:
-            self._spare.pop().destroy()
+        return FactoredBody(self.elasticity, matrices, clamped)
 
     def basis(self, factored: FactoredBody) -> ReducedBasis:
         """The shape functions of a ``factored`` body.

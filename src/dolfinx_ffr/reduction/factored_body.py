@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
@@ -85,24 +85,33 @@ class ClampedMatrices:
             item.destroy()
 
 
-@dataclass(frozen=True, eq=False)
 class FactoredBody:
-    """Matrices of a body at one density, and the factor of its stiffness, interfaces clamped."""
+    """Matrices of a body at one density, and the factor of its stiffness with clamped interfaces.
 
-    elasticity: Elasticity = field(repr=False)  #: The body
-    matrices: Matrices  #: Of the body that floats freely
-    _clamped: list[ClampedMatrices] = field(repr=False)  #: Of this density; empty once freed
-    _spare: list[ClampedMatrices] = field(repr=False)  #: Where the next density finds them
+    `CraigBampton.factor` returns it. It belongs to whoever asked for it, and lives until it is
+    destroyed or recycled for another density.
+
+    Args:
+        elasticity: The body.
+        matrices: Stiffness and mass of the body that floats freely.
+        clamped: The same with all interfaces clamped, and the factor.
+    """
+
+    def __init__(
+        self, elasticity: Elasticity, matrices: Matrices, clamped: ClampedMatrices
+    ) -> None:
+        self.elasticity, self.matrices = elasticity, matrices
+        self._clamped: ClampedMatrices | None = clamped
 
     @property
     def clamped(self) -> ClampedMatrices:
         """The matrices with all interfaces clamped; RuntimeError if they have been freed."""
-        if not self._clamped:
+        if self._clamped is None:
             raise RuntimeError(
                 "reduction: the matrices of this density are freed, as the body has been worked at "
                 "another one since; ask FlexibleBody.factored for them again"
             )
-        return self._clamped[0]
+        return self._clamped
 
     @property
     def clamped_stiffness(self) -> PETSc.Mat:
@@ -124,20 +133,19 @@ class FactoredBody:
 
     def count_last(self, limit: float) -> int:
         """`count_below` in the end: factor and matrices are freed, as both take most memory."""
-        clamped = self.clamped
-        self._clamped.clear()
-        self.matrices.destroy()
+        clamped = self.recycle()
         try:
             return clamped.count_below(limit, last=True)
         finally:
             clamped.destroy()
 
-    def destroy(self) -> None:
-        """Free the memory on all ranks together, or leave it to the next density."""
-        while self._clamped:
-            clamped = self._clamped.pop()
-            if self._spare:
-                clamped.destroy()
-            else:
-                self._spare.append(clamped)
+    def recycle(self) -> ClampedMatrices:
+        """Free the matrices of this density; return the clamped ones, to be filled by another."""
+        clamped, self._clamped = self.clamped, None
         self.matrices.destroy()
+        return clamped
+
+    def destroy(self) -> None:
+        """Free the memory on all ranks together, unless it has been freed."""
+        if self._clamped is not None:
+            self.recycle().destroy()

@@ -284,23 +284,13 @@ class FlexibleBody:
         density.setflags(write=False)
         with self._working:
             start = perf_counter()
-            self._release()
-            matrices = self.elasticity.assemble(density)
-            if not matrices.mass.norm() > 0.0:
-                matrices.destroy()
-                raise ValueError(
-                    "body: the design is empty: no cell has a mass, with densities up to "
-                    f"{self.elasticity.largest(density):.3g}; give at least a part of it material"
-                )
-            assembled = perf_counter()
-            factored = self.reduction.factor(matrices)
-            self._latest.append(factored)
+            factored, assembly = self._factor(density)
             basis = self.reduction.basis(factored)
             reduced = perf_counter()
             integrals = self.integrals(factored, basis)
         seconds = {
-            "assembly": assembled - start,
-            "reduction": reduced - assembled,
+            "assembly": assembly,
+            "reduction": reduced - start - assembly,
             "integrals": perf_counter() - reduced,
         }
         law = in_words(self.interpolation)
@@ -333,10 +323,25 @@ class FlexibleBody:
         self.refuse_foreign(reduced)
         # The array itself is the mark, not its values: all ranks decide alike without asking.
         if not self._latest or self._latest[0].matrices.density is not reduced.density:
-            self._release()
-            matrices = self.elasticity.assemble(reduced.density)
-            self._latest.append(self.reduction.factor(matrices))
+            self._factor(reduced.density)
         return self._latest[0]
+
+    def _factor(self, density: Array) -> tuple[FactoredBody, float]:
+        """Matrices and factor of a density in the place of the last ones, and the assembly [s]."""
+        start = perf_counter()
+        recycled = self._latest.pop().recycle() if self._latest else None
+        matrices = self.elasticity.assemble(density)
+        assembly = perf_counter() - start
+        if not matrices.mass.norm() > 0.0:
+            for item in (matrices, recycled):
+                if item is not None:
+                    item.destroy()
+            raise ValueError(
+                "body: the design is empty: no cell has a mass, with densities up to "
+                f"{self.elasticity.largest(density):.3g}; give at least a part of it material"
+            )
+        self._latest.append(self.reduction.factor(matrices, recycled))
+        return self._latest[0], assembly
 
     def count_below(self, reduced: ReducedBody, limit: float) -> int:
         """How many fixed-interface eigenvalues of a ``reduced`` body lie below a ``limit``.
@@ -382,7 +387,6 @@ class FlexibleBody:
         """Free matrices and factor, which are made again where they are needed."""
         with self._working:
             self._release()
-            self.reduction.release()
             self.elasticity.release()
             self.__dict__.pop("stress_recovery", None)
         give_back_memory()
